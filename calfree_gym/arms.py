@@ -1,0 +1,282 @@
+"""N stereo arms, each in its own world and at its own trial: what both environments are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym import streams
+from calfree_gym.cameras import MOUNTS
+from calfree_gym.geometry import Array, Rows
+from calfree_gym.perturbations import Perturbation
+from calfree_gym.schedule import parse_schedule
+from calfree_gym.simulation import DYNAMICS, Simulation
+from calfree_gym.tasks import reach
+from calfree_gym.workspace import ATTEMPTS, Workspaces, first_in_view, in_view
+from calfree_gym.world import IMAGE_SIZE, World, WorldDistribution, near_misses
+
+MOTORS = 3
+HALF = IMAGE_SIZE / 2
+"""Pixels in one image unit."""
+JOINT_SPEED = 0.7
+"""Assumed speed (rad/s) of the joint that travels furthest, for robot time."""
+SETTLING_AND_LOOK = 1.5
+"""Assumed seconds in which the arm settles and the vision system delivers still image points: so
+that the paper's test motions and steps add up to about its 50 s a grasp."""
+NOISE_BLOCK = 16
+CANDIDATE_BLOCK = 32
+
+WorldChoice = str | World | WorldDistribution
+
+
+class StereoArms:
+    """N arms with stereo cameras, stepped together.
+
+    Attributes:
+        worlds: The world of each row.
+        registers: Executed sums of control words since home (N, 3).
+        points: Image points (N, 8) as last seen: gripper left, right, object left, right.
+        visible: Which of the four points (N, 4) the last look saw.
+        true_points: Where noise-free cameras would see them now (N, 8); not clipped to the image.
+        motions: Motions since reset with a seed (N,).
+        trials: Trials begun since reset with a seed (N,).
+
+    Args:
+        rows: N.
+        world: A `World`, a distribution or its name, or a sequence of N of them.
+        camera_mount: "waist" or "stand".
+        dynamics: "physics" or "kinematic".
+        tolerance_px: Image distance of the rendezvous; no object starts nearer.
+        perturbations: A schedule, see `schedule.parse_schedule`.
+        threads: Threads of the simulation; they change no number.
+
+    Raises:
+        ValueError: An argument is unknown, or a given world is not in view.
+    """
+
+    def __init__(
+        self,
+        rows: int,
+        *,
+        world: WorldChoice | Sequence[WorldChoice],
+        camera_mount: str,
+        dynamics: str,
+        tolerance_px: float,
+        perturbations: Any,
+        threads: int,
+    ) -> None:
+        _check_choice("camera_mount", camera_mount, MOUNTS)
+        _check_choice("dynamics", dynamics, DYNAMICS)
+        if not (isinstance(tolerance_px, int | float) and 0 < tolerance_px < IMAGE_SIZE):
+            raise ValueError(
+                f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})"
+            )
+        self.rows = rows
+        self.mount = camera_mount
+        self.tolerance = np.float32(tolerance_px / HALF)
+        self.simulation = Simulation(rows, camera_mount, dynamics, threads)
+        self._workspaces = Workspaces(rows, camera_mount)
+        self._schedule = parse_schedule(perturbations)
+        self._choices = _choices(world, rows)
+        for choice in self._choices:
+            if isinstance(choice, World):
+                self._check_in_view(choice)
+        self.worlds: list[World] = []
+        self.registers = np.zeros((rows, MOTORS))
+        self.points = np.zeros((rows, 8))
+        self.visible = np.zeros((rows, 4), bool)
+        self.true_points = np.zeros((rows, 8))
+        self.motions = np.zeros(rows, np.int64)
+        self.trials = np.zeros(rows, np.int64)
+        self._motion_of_trial = np.zeros(rows, np.int64)
+        self._seeds = [0] * rows
+        self._noise_keys = np.zeros((rows, 2), np.uint64)
+        self._object_keys = np.zeros((rows, 2), np.uint64)
+        self._counter_streams = streams.CounterStreams()
+        self._noise_block = np.zeros((rows, NOISE_BLOCK, 8))
+        self._noise = np.zeros((rows, 1))
+        self._center = np.zeros((rows, 8))
+        self._focal = np.ones((rows, 8))
+        self._principal = np.zeros((rows, 8))
+        self._k1 = np.zeros((rows, 4))
+        self._all = np.arange(rows)
+
+    def seed(self, row: int, seed: int) -> None:
+        """Starts `row` anew from `seed`: its world, where that is to be drawn, objects and noise."""
+        choice = self._choices[row]
+        if isinstance(choice, WorldDistribution):
+            choice = first_in_view(
+                lambda attempt: choice.sample(seed, attempt), self.mount, f"a {choice.name} world"
+            )
+        self._seeds[row] = seed
+        self._noise_keys[row] = streams.key(seed, "noise")
+        self._object_keys[row] = streams.key(seed, "objects")
+        self.motions[row] = self.trials[row] = 0
+        self._enter(row, choice)
+
+    def set_world(self, row: int, world: World) -> None:
+        """Puts `row` into `world` from now on; seeds then draw objects and noise only.
+
+        Raises:
+            ValueError: The world is not in view.
+            TypeError: It is no `World`.
+        """
+        if not isinstance(world, World):
+            raise TypeError(f"set_world got {type(world).__name__}; it takes a calfree_gym.World")
+        self._check_in_view(world)
+        self._choices[row] = world
+        self._enter(row, world)
+
+    def begin_trial(self, rows: Rows, objects: Array | None = None) -> list[Perturbed]:
+        """Sends the arms of `rows` home and places the next objects, or the given ones (n, 3)."""
+        indices = self._all[rows]
+        struck = self._strike("trial", self.trials, indices)
+        self.registers[rows] = 0.0
+        if objects is None:
+            objects = self._draw_objects(indices)
+        self.simulation.place(rows, self.registers[rows], objects)
+        self.trials[rows] += 1
+        self._motion_of_trial[rows] = 0
+        self.points[rows] = 0.0
+        self._look(rows)
+        return struck
+
+    def move(self, rows: Rows, words: Array) -> tuple[Array, list[Perturbed]]:
+        """Executes one motion of control words (n, 3) in `rows`.
+
+        Returns:
+            Robot time of the motions (n,) in seconds, and the perturbations that struck before them.
+        """
+        struck = self._strike("motion", self.motions, self._all[rows])
+        motors = self.simulation.motors
+        registers = self.registers[rows] + words
+        registers = np.minimum(np.maximum(registers, motors.lowest[rows]), motors.highest[rows])
+        self.registers[rows] = registers
+        travel = self.simulation.move(rows, registers)
+        self.motions[rows] += 1
+        self._motion_of_trial[rows] += 1
+        self._look(rows)
+        return travel / JOINT_SPEED + SETTLING_AND_LOOK, struck
+
+    def error_px(self) -> Array:
+        """Noise-free image distances (N,) in pixels, of the camera that sees the larger one."""
+        distances = reach.image_distances(self.true_points[:, :4], self.true_points[:, 4:])
+        return np.maximum(distances[:, 0], distances[:, 1]) * HALF
+
+    def _enter(self, row: int, world: World) -> None:
+        if len(self.worlds) <= row:
+            self.worlds.append(world)
+        self.worlds[row] = world
+        self.simulation.set_world(row, world)
+        self._workspaces.set_world(row, world)
+        principal = np.tile(world.principal_point.ravel(), 2)
+        self._center[row] = HALF + principal
+        self._principal[row] = principal / HALF
+        self._focal[row] = np.tile(np.repeat(world.focal_length, 2), 2)
+        self._k1[row] = np.tile(world.lens_k1, 2)
+        self._noise[row] = world.point_noise / HALF
+
+    def _check_in_view(self, world: World) -> None:
+        if not in_view(world, self.mount):
+            raise ValueError(
+                f"the given world is not in view on the {self.mount!r} mount: both cameras must see "
+                "the gripper at home and half of the work space, which the motors must reach"
+            )
+
+    def _strike(self, clock: str, counts: NDArray[np.int64], rows: Any) -> list[Perturbed]:
+        """Applies the events that are due in `rows`; a struck arm's stops may have moved."""
+        struck = []
+        for number, event in enumerate(self._schedule):
+            for row in rows:
+                count = int(counts[row])
+                if event.strikes(clock, count):
+                    self._perturb(row, event.perturbation, number, count)
+                    struck.append((int(row), event.perturbation))
+        return struck
+
+    def _perturb(self, row: int, perturbation: Perturbation, event: int, count: int) -> None:
+        world, seed = self.worlds[row], self._seeds[row]
+        perturbed = first_in_view(
+            lambda attempt: perturbation.apply(
+                world, streams.stream(seed, "perturbation", event, count, attempt)
+            ),
+            self.mount,
+            f"the world after {perturbation.to_dict()}",
+        )
+        self._enter(row, perturbed)
+
+    def _draw_objects(self, rows: NDArray[np.intp]) -> Array:
+        """The next trial's objects (n, 3): the first candidates that are seen and not yet reached."""
+        objects = np.empty((len(rows), 3))
+        open_ = np.arange(len(rows))
+        for block in range(ATTEMPTS):
+            draws = np.empty((len(open_), CANDIDATE_BLOCK, 3))
+            for i, row in enumerate(rows[open_]):
+                keyed = self._counter_streams.at(self._object_keys[row], self.trials[row], block)
+                keyed.random(out=draws[i])
+            points, within, seen = self._workspaces.candidates(draws, rows[open_])
+            good = within & seen
+            found = good.any(1)
+            objects[open_[found]] = points[found, good[found].argmax(1)]
+            open_ = open_[~found]
+            if not len(open_):
+                return objects
+        raise ValueError(
+            f"no object in {ATTEMPTS * CANDIDATE_BLOCK} candidates is within reach and in view of both "
+            f"cameras; the world is {self.worlds[int(rows[open_[0]])].to_dict()}"
+        )
+
+    def _look(self, rows: Rows) -> None:
+        """Updates what the cameras see and what is true."""
+        self.simulation.look()
+        pixels, depth = self.simulation.pinhole_pixels()
+        flat = (pixels - self._center) / self._focal
+        squares = flat * flat
+        bend = self._k1 * (squares[:, 0::2] + squares[:, 1::2])
+        true = flat * np.repeat(1 + bend, 2, 1) * (self._focal / HALF) + self._principal
+        far = np.abs(true)
+        visible = (depth > 0) & (bend > -1 / 3) & (np.maximum(far[:, 0::2], far[:, 1::2]) <= 1)
+        self.true_points = true
+        measured = true[rows] + self._noise[rows] * self._next_noise(rows)
+        shown = visible[rows]
+        self.visible[rows] = shown
+        self.points[rows] = np.where(
+            np.repeat(shown, 2, 1), np.minimum(np.maximum(measured, -1), 1), self.points[rows]
+        )
+
+    def _next_noise(self, rows: Rows) -> Array:
+        """Standard normals (n, 8): a pure function of seed, trial and motion."""
+        number = self._motion_of_trial[rows] % NOISE_BLOCK
+        for row in self._all[rows][number == 0]:
+            block = self._motion_of_trial[row] // NOISE_BLOCK
+            keyed = self._counter_streams.at(self._noise_keys[row], self.trials[row], block)
+            keyed.standard_normal(out=self._noise_block[row])
+        return self._noise_block[self._all[rows], number]
+
+
+Perturbed = tuple[int, Perturbation]
+"""A row, and the perturbation that struck it."""
+
+
+def _choices(world: Any, rows: int) -> list[World | WorldDistribution]:
+    if not isinstance(world, list | tuple):
+        return [_choice(world)] * rows
+    if len(world) != rows:
+        raise ValueError(f"world is a list of {len(world)}; it must have {rows}, one an environment")
+    return [_choice(w) for w in world]
+
+
+def _choice(world: Any) -> World | WorldDistribution:
+    if isinstance(world, World | WorldDistribution):
+        return world
+    return WorldDistribution(world)
+
+
+def _check_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise ValueError(
+            f"unknown {name} {value!r}{near_misses(value, allowed)}; allowed: {', '.join(allowed)}"
+        )

@@ -1,0 +1,63 @@
+"""The stereo pair: pinhole projection, lens, image units, and what is in view."""
+
+import numpy as np
+
+from calfree_gym.geometry import Array
+from calfree_gym.world import IMAGE_SIZE
+
+MOUNTS = ("waist", "stand")
+"""Where the cameras are fixed: on the arm's first link, turning with it, or in the room."""
+
+
+def pinhole(points: Array, position: Array, rotation: Array) -> tuple[Array, Array]:
+    """Pinhole coordinates in focal lengths (..., 2), x right and y down, and depths (...) in m.
+
+    Args:
+        points: In m (..., 3), in the frame of the cameras' mount.
+        position: Optical centres (..., 3).
+        rotation: Camera axes as columns (..., 3, 3).
+    """
+    seen = ((points - position)[..., None] * rotation).sum(-2)
+    depth = -seen[..., 2]
+    safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
+    return seen[..., :2] * [1.0, -1.0] / safe[..., None], depth
+
+
+def lens(pinhole_points: Array, k1: Array) -> tuple[Array, Array]:
+    """Points (..., 2) as the lens shows them, and which of them (...) it shows at all.
+
+    A lens with k1 < 0 shows nothing beyond the radius at which its image folds back.
+    """
+    radius2 = (pinhole_points * pinhole_points).sum(-1)
+    shown = 1 + 3 * k1 * radius2 > 0
+    return pinhole_points * (1 + k1 * radius2)[..., None], shown
+
+
+def undistort(distorted: Array, k1: Array) -> Array:
+    """Pinhole points (..., 2) that the lens shows at `distorted`, by Newton's method."""
+    radius = np.sqrt((distorted * distorted).sum(-1))
+    found = radius / (1 + np.maximum(k1, 0) * radius**2)
+    for _ in range(30):
+        slope = np.maximum(1 + 3 * k1 * found**2, 1e-3)
+        found = found - (found * (1 + k1 * found**2) - radius) / slope
+    return distorted * np.where(radius > 0, found / np.maximum(radius, 1e-12), 1.0)[..., None]
+
+
+def image_points(
+    pinhole_points: Array, focal_length: Array, principal_point: Array, k1: Array
+) -> tuple[Array, Array]:
+    """Image points (..., 2) in [-1, 1] units, unclipped, and which of them the lens shows (...).
+
+    Args:
+        pinhole_points: In focal lengths (..., 2).
+        focal_length: In pixels (...).
+        principal_point: In pixels (..., 2).
+        k1: Radial distortion (...).
+    """
+    bent, shown = lens(pinhole_points, k1)
+    return (bent * focal_length[..., None] + principal_point) * (2 / IMAGE_SIZE), shown
+
+
+def inside(points: Array, margin_px: float = 0.0) -> Array:
+    """Which image points (..., 2) lie at least `margin_px` inside the image."""
+    return (np.abs(points) <= 1 - margin_px * 2 / IMAGE_SIZE).all(-1)

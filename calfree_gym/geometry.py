@@ -1,0 +1,45 @@
+"""Rotations as unit quaternions (w, x, y, z), computed by MuJoCo's own functions."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Rows = slice | NDArray[np.intp]
+"""Some of N worlds that stand side by side."""
+
+
+def quaternion_product(first: Array, second: Array) -> Array:
+    """Hamilton product (4,): a body turned by `first` turns by `second` about its own axes."""
+    product = np.empty(4)
+    mujoco.mju_mulQuat(product, first, second)
+    return product
+
+
+def quaternion_about(axis: Array, angle: float) -> Array:
+    """Rotation (4,) by `angle` (rad) about `axis` (3,), which needs no unit length."""
+    quaternion = np.empty(4)
+    mujoco.mju_axisAngle2Quat(quaternion, np.asarray(axis, float) / np.linalg.norm(axis), angle)
+    return quaternion
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Rotation matrix (3, 3) of a unit quaternion; its columns are the turned axes."""
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
+
+
+def looking_at(position: Array, target: Array) -> Array:
+    """Quaternion (4,) of an upright camera at `position` (3,) that looks at `target` (3,).
+
+    A camera looks along its -z axis; x is right and y is up, as in MuJoCo and OpenGL.
+    """
+    backward = np.asarray(position, float) - target
+    backward = backward / np.linalg.norm(backward)
+    right = np.cross([0.0, 0.0, 1.0], backward)
+    right = right / np.linalg.norm(right)
+    quaternion = np.empty(4)
+    axes = np.stack([right, np.cross(backward, right), backward], -1)
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    return quaternion

@@ -1,0 +1,143 @@
+"""N arms in N worlds, stepped together by MuJoCo: the only file that touches MuJoCo's state."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from calfree_gym.geometry import Array, Rows
+from calfree_gym.motors import MotorMap
+from calfree_gym.world import CAMERAS, IMAGE_SIZE, World
+
+SUBSTEPS = 100
+"""Physics substeps in a motion, of 5 ms each."""
+RAMP = 60
+"""Substeps in which the joint targets travel; in the rest the arm settles."""
+DYNAMICS = ("physics", "kinematic")
+POINTS = ("gripper", "object")
+
+_SENSOR_SIZE = 0.01
+_TO_END = np.minimum(np.arange(1, SUBSTEPS + 1) / RAMP, 1.0)
+_PROFILE = _TO_END**3 * (10 - 15 * _TO_END + 6 * _TO_END**2)
+_HAND_TO_GRIPPER_POINT = 0.18
+_POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
+
+
+def build_model(mount: str) -> mujoco.MjModel:
+    """The arm with two cameras on thin rods, fixed to its first link or in the room."""
+    spec = mujoco.MjSpec.from_file(str(files("calfree_gym") / "assets" / "arm.xml"))
+    fixed_to = spec.body("waist") if mount == "waist" else spec.worldbody
+    for name in CAMERAS:
+        fixed_to.add_camera(
+            name=name,
+            resolution=[IMAGE_SIZE, IMAGE_SIZE],
+            sensor_size=[_SENSOR_SIZE, _SENSOR_SIZE],
+            focal_length=[_SENSOR_SIZE, _SENSOR_SIZE],
+        )
+    for kind in (mujoco.mjtSensor.mjSENS_CAMPROJECTION, mujoco.mjtSensor.mjSENS_FRAMEPOS):
+        for point in POINTS:
+            for camera in CAMERAS:
+                spec.add_sensor(
+                    type=kind,
+                    objtype=mujoco.mjtObj.mjOBJ_SITE,
+                    objname=point + "_point",
+                    reftype=mujoco.mjtObj.mjOBJ_CAMERA,
+                    refname=camera,
+                )
+    return spec.compile()
+
+
+class Simulation:
+    """N arms in N worlds.
+
+    Args:
+        rows: N.
+        mount: Where the cameras are fixed, see `cameras.MOUNTS`.
+        dynamics: "physics", or "kinematic": the arm is put where physics would settle.
+        threads: Threads that step the worlds; they change no number.
+    """
+
+    def __init__(self, rows: int, mount: str, dynamics: str, threads: int) -> None:
+        self._model = build_model(mount)
+        self._batch = Batch(self._model, rows, nthread=threads)
+        self._kinematic = dynamics == "kinematic"
+        self.motors = MotorMap(rows)
+        self._camera_position = self._batch.expand("cam_pos")
+        self._camera_orientation = self._batch.expand("cam_quat")
+        self._intrinsic = self._batch.expand("cam_intrinsic")
+        self._body_position = self._batch.expand("body_pos")
+        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
+        self._ctrl, self._object = self._batch.bind("ctrl"), self._batch.bind("mocap_pos")
+        self._sensors = self._batch.bind("sensordata")
+        self._sites = self._batch.bind("site_xpos")
+        bodies = [self._model.body(name).id for name in ("upper_arm", "forearm", "hand", "gripper")]
+        self._upper_arm, self._forearm, self._hand, self._gripper = bodies
+        self._site = [self._model.site(point + "_point").id for point in POINTS]
+
+    def set_world(self, row: int, world: World) -> None:
+        """Puts `row` into `world`; its joints stay where they are until it moves or goes home."""
+        self.motors.set_world(row, world)
+        self._camera_position[row] = world.camera_position
+        self._camera_orientation[row] = world.camera_orientation
+        pixel = _SENSOR_SIZE / IMAGE_SIZE
+        self._intrinsic[row, :, 0] = self._intrinsic[row, :, 1] = world.focal_length * pixel
+        self._intrinsic[row, :, 2:] = -world.principal_point * pixel
+        base, shoulder, upper_arm, forearm, hand = world.link_lengths
+        self._body_position[row, self._upper_arm] = (shoulder, 0, base)
+        self._body_position[row, self._forearm] = (upper_arm, 0, 0)
+        self._body_position[row, self._hand] = (forearm, 0, 0)
+        self._body_position[row, self._gripper] = (hand - _HAND_TO_GRIPPER_POINT, 0, 0)
+
+    def place(self, rows: Rows, registers: Array, objects: Array) -> None:
+        """Puts the arms of `rows` at rest at `registers` (n, 3), and their objects (n, 3) in m."""
+        self._qpos[rows] = self._ctrl[rows] = self.motors.joints(registers, rows)
+        self._qvel[rows] = 0.0
+        self._object[rows, 0] = objects
+
+    def move(self, rows: Rows, registers: Array) -> Array:
+        """Moves the arms of `rows` until they have settled at `registers` (n, 3).
+
+        Returns:
+            The largest joint angle travelled (n,) in rad.
+        """
+        start, end = self._ctrl[rows], self.motors.joints(registers, rows)
+        travel = end - start
+        if self._kinematic:
+            self._qpos[rows] = self._ctrl[rows] = end
+        else:
+            control = start[:, None] + travel[:, None] * _PROFILE[:, None]
+            ids = None if isinstance(rows, slice) else rows
+            self._batch.rollout(SUBSTEPS, control, record=(), ids=ids)
+            self._ctrl[rows] = end
+        return np.abs(travel).max(-1)
+
+    def look(self) -> None:
+        """Brings image points and positions up to date with where everything is."""
+        self._batch.forward(stage=_POSITION_STAGE)
+
+    def pinhole_pixels(self) -> tuple[Array, Array]:
+        """What lensless cameras would see at the last look.
+
+        Returns:
+            pixels: (N, 8), from the image's upper left corner, x right and y down, of the gripper left
+                and right, and of the object left and right.
+            depth: (N, 4) in m; positive before the camera.
+        """
+        return self._sensors[:, :8], -self._sensors[:, 10::3]
+
+    def positions(self) -> tuple[Array, Array]:
+        """Gripper points and object points (N, 3) in m at the last look."""
+        return self._sites[:, self._site[0]].copy(), self._sites[:, self._site[1]].copy()
+
+    def joints(self) -> Array:
+        """True joint angles (N, 5) of J1-J5 in rad."""
+        return self._qpos.copy()
+
+    def snapshot(self, row: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        """Model and data of one row, for rendering."""
+        model, data = self._batch.get_model(row), self._batch.get_data(row)
+        mujoco.mj_forward(model, data)
+        return model, data

@@ -1,0 +1,30 @@
+"""Reaching: bring the gripper point to the object point in both images, and so in the world (paper, 3.1)."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[Any]
+
+
+def image_distances(achieved: Floats, desired: Floats) -> Floats:
+    """Distances (..., 2) in image units, per camera, between sensor vectors (..., 4)."""
+    d = achieved - desired
+    squares = d * d
+    return np.sqrt(squares[..., 0::2] + squares[..., 1::2])
+
+
+def rendezvous(distances: Floats, tolerance: float) -> Floats:
+    """Whether (...) both cameras see gripper and object within `tolerance`, in image units."""
+    return (distances[..., 0] <= tolerance) & (distances[..., 1] <= tolerance)
+
+
+def sparse_reward(distances: Floats, tolerance: float) -> Floats:
+    """0 at the rendezvous and -1 anywhere else (...)."""
+    return rendezvous(distances, tolerance) - 1.0
+
+
+def dense_reward(distances: Floats, tolerance: float) -> Floats:
+    """Minus the mean of both distances (...), in image units."""
+    return -0.5 * (distances[..., 0] + distances[..., 1]).astype(np.float64)

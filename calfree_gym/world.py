@@ -1,0 +1,260 @@
+"""World: everything that the controller does not know, as one value; and how to draw one."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from calfree_gym.geometry import Array, looking_at, quaternion_about, quaternion_product
+from calfree_gym.streams import stream
+
+CAMERAS = ("left", "right")
+LINKS = ("base", "shoulder", "upper_arm", "forearm", "hand")
+LENGTHS = np.array([0.40, 0.12, 0.25, 0.20, 0.25])
+"""Nominal link lengths in m: base to shoulder (up), base to shoulder (forward), shoulder to elbow,
+elbow to wrist, wrist to gripper point."""
+IMAGE_SIZE = 512
+"""Width and height of an image in pixels."""
+FOCAL_LENGTH = IMAGE_SIZE / 2 / np.tan(np.radians(40.0))
+"""Nominal focal length in pixels: a field of view of 80 degrees."""
+CAMERA_POSITION = np.array([[0.05, 0.35, 0.60], [0.05, -0.35, 0.60]])
+"""Nominal optical centres in m, left and right of the work plane, in the frame of their mount."""
+AIM = np.array([0.42, 0.0, 0.12])
+"""Where the built robot's cameras look (m)."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Cameras, arm, motors and sensing of one robot. Compares by value; arrays are read-only.
+
+    Attributes:
+        camera_position: Optical centres (2, 3) in m, left then right, in the frame of their mount.
+        camera_orientation: Quaternions (2, 4); a camera looks along its -z axis, y up.
+        focal_length: In pixels of the 512-pixel image (2,).
+        principal_point: Offset from the image centre in pixels (2, 2), x right, y down.
+        lens_k1: Radial distortion (2,): a pinhole point at radius r from the axis, in focal lengths,
+            appears at r * (1 + k1 * r**2).
+        link_lengths: In m (5,), in the order of `LINKS`.
+        joint_zeros: True minus believed angle of J1-J4 in rad (4,).
+        motor_sign: +1 or -1 (3,), waist, shoulder, elbow.
+        motor_gain: Relative to the built robot's (3,), positive.
+        motor_curvature: Of the map from register to angle (3,), see `motors`.
+        point_noise: Standard deviation of an image coordinate in pixels ().
+    """
+
+    camera_position: Array
+    camera_orientation: Array
+    focal_length: Array
+    principal_point: Array
+    lens_k1: Array
+    link_lengths: Array
+    joint_zeros: Array
+    motor_sign: Array
+    motor_gain: Array
+    motor_curvature: Array
+    point_noise: Array
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            array = np.array(getattr(self, field.name), dtype=np.float64)
+            shape = _SHAPES[field.name]
+            if array.shape != shape:
+                raise ValueError(
+                    f"World.{field.name} has shape {array.shape}; it must be {shape}"
+                )
+            if not np.isfinite(array).all():
+                raise ValueError(f"World.{field.name} must be finite, found {array.tolist()}")
+            array.flags.writeable = False
+            object.__setattr__(self, field.name, array)
+        self._check_ranges()
+
+    def _check_ranges(self) -> None:
+        for name in ("focal_length", "link_lengths", "motor_gain"):
+            if (getattr(self, name) <= 0).any():
+                raise ValueError(f"World.{name} must be positive, found {getattr(self, name)}")
+        if (np.abs(self.motor_sign) != 1).any():
+            raise ValueError(f"World.motor_sign must be +1 or -1, found {self.motor_sign}")
+        if (np.abs(self.motor_curvature) > 0.45).any():
+            raise ValueError(
+                f"World.motor_curvature must be within +-0.45, found {self.motor_curvature}"
+            )
+        if self.point_noise < 0:
+            raise ValueError(f"World.point_noise must not be negative, found {self.point_noise}")
+        norms = np.linalg.norm(self.camera_orientation, axis=1)
+        if (np.abs(norms - 1) > 1e-6).any():
+            raise ValueError(
+                f"World.camera_orientation must be unit quaternions, found norms {norms}"
+            )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, World):
+            return NotImplemented
+        return all(np.array_equal(getattr(self, f), getattr(other, f)) for f in _SHAPES)
+
+    def __hash__(self) -> int:
+        return hash(tuple(getattr(self, name).tobytes() for name in _SHAPES))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists and floats under the names of the fields; `from_dict` gets them back exactly."""
+        return {name: getattr(self, name).tolist() for name in _SHAPES}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> World:
+        """The world that `to_dict` wrote.
+
+        Raises:
+            ValueError: A field is missing, unknown, or of the wrong shape.
+        """
+        if missing := sorted(_SHAPES.keys() - values.keys()):
+            raise ValueError(f"a World lacks {', '.join(missing)}")
+        if unknown := sorted(values.keys() - _SHAPES.keys()):
+            raise ValueError(
+                f"a World has no field {', '.join(unknown)}; it has {', '.join(_SHAPES)}"
+            )
+        return cls(**values)
+
+
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "camera_position": (2, 3),
+    "camera_orientation": (2, 4),
+    "focal_length": (2,),
+    "principal_point": (2, 2),
+    "lens_k1": (2,),
+    "link_lengths": (5,),
+    "joint_zeros": (4,),
+    "motor_sign": (3,),
+    "motor_gain": (3,),
+    "motor_curvature": (3,),
+    "point_noise": (),
+}
+
+
+def nominal() -> World:
+    """The built robot, perfectly calibrated, with image points of 0.5 px noise."""
+    return World(
+        camera_position=CAMERA_POSITION,
+        camera_orientation=np.stack([looking_at(p, AIM) for p in CAMERA_POSITION]),
+        focal_length=np.full(2, FOCAL_LENGTH),
+        principal_point=np.zeros((2, 2)),
+        lens_k1=np.zeros(2),
+        link_lengths=LENGTHS,
+        joint_zeros=np.zeros(4),
+        motor_sign=np.ones(3),
+        motor_gain=np.ones(3),
+        motor_curvature=np.zeros(3),
+        point_noise=np.array(0.5),
+    )
+
+
+Draw = Callable[[str], np.random.Generator]
+"""Gives the random stream of one group of world fields."""
+
+
+def _nominal(draw: Draw) -> World:
+    return nominal()
+
+
+def _coarse(draw: Draw) -> World:
+    """The paper's coarsely calibrated robot: cameras up to 20 degrees off in any direction."""
+    built = nominal()
+    orientation = np.stack(
+        [
+            quaternion_product(
+                q, quaternion_about(rng.standard_normal(3), np.radians(rng.uniform(0, 20)))
+            )
+            for q, rng in zip(built.camera_orientation, [draw("aim")] * 2, strict=True)
+        ]
+    )
+    return World(
+        camera_position=built.camera_position,
+        camera_orientation=orientation,
+        focal_length=built.focal_length * draw("focal_length").uniform(0.8, 1.2, 2),
+        principal_point=built.principal_point,
+        lens_k1=built.lens_k1,
+        link_lengths=built.link_lengths * draw("link_lengths").uniform(0.98, 1.02, 5),
+        joint_zeros=np.radians(draw("joint_zeros").uniform(-2, 2, 4)),
+        motor_sign=built.motor_sign,
+        motor_gain=draw("motor_gain").uniform(0.98, 1.02, 3),
+        motor_curvature=built.motor_curvature,
+        point_noise=built.point_noise,
+    )
+
+
+def _wild(draw: Draw) -> World:
+    """Cameras mounted by someone in a hurry on an arm that nobody measured."""
+    built = nominal()
+    cameras = [wild_camera(draw("cameras_" + side), i) for i, side in enumerate(CAMERAS)]
+    return World(
+        camera_position=np.stack([c["camera_position"] for c in cameras]),
+        camera_orientation=np.stack([c["camera_orientation"] for c in cameras]),
+        focal_length=np.array([c["focal_length"] for c in cameras]),
+        principal_point=built.principal_point,
+        lens_k1=np.array([c["lens_k1"] for c in cameras]),
+        link_lengths=built.link_lengths * draw("link_lengths").uniform(0.9, 1.1, 5),
+        joint_zeros=np.radians(draw("joint_zeros").uniform(-10, 10, 4)),
+        motor_sign=draw("motor_sign").choice([-1.0, 1.0], 3),
+        motor_gain=_log_uniform(draw("motor_gain"), 0.5, 2.0, 3),
+        motor_curvature=draw("motor_curvature").uniform(-0.3, 0.4, 3),
+        point_noise=built.point_noise,
+    )
+
+
+def wild_camera(rng: np.random.Generator, camera: int) -> dict[str, Array]:
+    """One camera's fields: displaced by up to 10 cm, re-aimed, any roll, focal length x0.67-1.5."""
+    position = CAMERA_POSITION[camera] + random_direction(rng) * 0.10 * rng.uniform() ** (1 / 3)
+    aimed = looking_at(position, AIM + rng.uniform(-0.05, 0.05, 3))
+    roll = quaternion_about(np.array([0.0, 0.0, 1.0]), rng.uniform(-np.pi, np.pi))
+    return {
+        "camera_position": position,
+        "camera_orientation": quaternion_product(aimed, roll),
+        "focal_length": FOCAL_LENGTH * _log_uniform(rng, 0.67, 1.5),
+        "lens_k1": np.asarray(rng.uniform(-0.08, 0.08)),
+    }
+
+
+def random_direction(rng: np.random.Generator) -> Array:
+    """A unit vector (3,), uniform on the sphere."""
+    vector = rng.standard_normal(3)
+    return vector / np.linalg.norm(vector)
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float, size: int | None = None) -> Any:
+    return np.exp(rng.uniform(np.log(low), np.log(high), size))
+
+
+DISTRIBUTIONS: dict[str, Callable[[Draw], World]] = {
+    "nominal": _nominal,
+    "coarse": _coarse,
+    "wild": _wild,
+}
+
+
+@dataclass(frozen=True)
+class WorldDistribution:
+    """How to draw a world: "nominal", "coarse" or "wild".
+
+    Every group of fields has a random stream of its own, so that a new field moves no other.
+    """
+
+    name: str
+
+    def __post_init__(self) -> None:
+        if self.name not in DISTRIBUTIONS:
+            raise ValueError(
+                f"unknown world {self.name!r}{near_misses(self.name, DISTRIBUTIONS)}; a world is a "
+                f"calfree_gym.World or one of {', '.join(DISTRIBUTIONS)}"
+            )
+
+    def sample(self, seed: int, attempt: int = 0) -> World:
+        """The world of `seed`; `attempt` counts those drawn before it and found out of view."""
+        return DISTRIBUTIONS[self.name](lambda group: stream(seed, "world_" + group, attempt))
+
+
+def near_misses(name: object, known: Iterable[str]) -> str:
+    """A hint such as `" (did you mean wild?)"`, or nothing."""
+    close = difflib.get_close_matches(str(name), list(known))
+    return f" (did you mean {' or '.join(close)}?)" if close else ""
