@@ -1,0 +1,72 @@
+"""Controllers of the black box, made by name: `agents.make("grid_table", env, cells=8)`."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+
+from agents.agent import Agent
+from agents.knowledge.grid_table import GridTable
+from agents.learning_servo import LearningServo
+from agents.random_agent import RandomAgent
+from agents.servo.unified import UnifiedServo
+from agents.servo_agent import ServoAgent
+
+__all__ = ["Agent", "make", "names"]
+
+Environment = gym.Env[Any, Any]
+
+
+def _unified_servo(env: Environment, seed: int = 0, **servo: Any) -> Agent:
+    return ServoAgent(env, UnifiedServo(**servo), seed)
+
+
+def _grid_table(
+    env: Environment, seed: int = 0, cells: int = 8, rate: float = 0.7, **servo: Any
+) -> Agent:
+    motors = env.action_space.shape[0]  # type: ignore[index]
+    return LearningServo(env, GridTable(motors, cells, rate), UnifiedServo(**servo), seed)
+
+
+def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:
+    from agents.neural.sb3 import SacAgent
+
+    return SacAgent(env, seed, **settings)
+
+
+_MAKERS: dict[str, Callable[..., Agent]] = {
+    "random": RandomAgent,
+    "unified_servo": _unified_servo,
+    "grid_table": _grid_table,
+    "sac": _sac,
+}
+
+
+def names() -> tuple[str, ...]:
+    """The names that `make` knows."""
+    return tuple(_MAKERS)
+
+
+def make(name: str, env: Environment, **settings: Any) -> Agent:
+    """Makes the agent `name` for `env`.
+
+    Args:
+        name: One of `names()`.
+        env: The environment that it learns in, and whose spaces it acts in.
+        **settings: Of the agent; `seed` for all.
+
+    Raises:
+        ValueError: An unknown name, with the near misses, or a setting that is not allowed.
+    """
+    if name not in _MAKERS:
+        close = difflib.get_close_matches(name, _MAKERS)
+        hint = f" (did you mean {' or '.join(close)}?)" if close else ""
+        raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(_MAKERS)}")
+    try:
+        return _MAKERS[name](env, **settings)
+    except TypeError as error:
+        raise ValueError(f"agent {name!r}: {error}") from error

@@ -1,0 +1,54 @@
+"""Recall, move, correct, learn: any knowledge base over any servo (paper, section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import gymnasium as gym
+
+from agents import storage
+from agents.agent import Look, Procedure, ProcedureAgent
+from agents.knowledge.knowledge import Knowledge
+from agents.servo import Servo
+
+
+class LearningServo(ProcedureAgent):
+    """Moves at once to where it remembers; corrects by `servo`; remembers where it succeeded.
+
+    Knowledge is keyed by the object's sensor vector as seen from home and holds registers: that is well
+    defined also where the cameras turn with the waist.
+    """
+
+    def __init__(
+        self, env: gym.Env[Any, Any], knowledge: Knowledge, servo: Servo, seed: int = 0
+    ) -> None:
+        super().__init__(env, seed)
+        self.knowledge = knowledge
+        self.servo = servo
+
+    def procedure(self, look: Look) -> Procedure:
+        """See `ProcedureAgent`."""
+        registers = self.knowledge.recall(look.object)
+        if registers is not None:
+            home, look = look, (yield registers - look.registers)
+            if not look.visible.all():
+                look = yield home.registers - look.registers
+        yield from self.servo(look)
+
+    def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
+        """See `ProcedureAgent`."""
+        if ended:
+            self.knowledge.learn(looks[0].object, looks[-1].registers)
+
+    def save(self, path: str | Path) -> None:
+        """See `Agent`."""
+        kind = type(self.knowledge).__name__
+        storage.save(path, kind, self.knowledge.arrays(), self.num_timesteps)
+
+    def load(self, path: str | Path) -> Self:
+        """See `Agent`."""
+        arrays, self.num_timesteps = storage.load(path, type(self.knowledge).__name__)
+        self.knowledge.restore(arrays)
+        return self

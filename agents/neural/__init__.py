@@ -1,0 +1,1 @@
+"""Neural learners. These load torch, and only when they are made."""

@@ -1,0 +1,41 @@
+"""Random control words: the floor of every comparison."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Self
+
+import gymnasium as gym
+import numpy as np
+
+from agents import storage
+from agents.agent import Look, Procedure, ProcedureAgent
+
+
+class RandomAgent(ProcedureAgent):
+    """Sends words drawn uniformly within `limit`.
+
+    Args:
+        limit: Largest magnitude of a word.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], limit: float = 0.25, seed: int = 0) -> None:
+        super().__init__(env, seed)
+        if not 0 < limit <= 1:
+            raise ValueError(f"limit is {limit}; it must be in (0, 1]")
+        self.limit = limit
+
+    def procedure(self, look: Look) -> Procedure:
+        """See `ProcedureAgent`. Every trial has a stream of its own, so that `predict` changes nothing."""
+        rng = np.random.default_rng([self.seed, *np.frombuffer(look.object.tobytes(), np.uint32)])
+        while True:
+            yield rng.uniform(-self.limit, self.limit, len(look.registers))
+
+    def save(self, path: str | Path) -> None:
+        """See `Agent`."""
+        storage.save(path, "random", {}, self.num_timesteps)
+
+    def load(self, path: str | Path) -> Self:
+        """See `Agent`."""
+        _, self.num_timesteps = storage.load(path, "random")
+        return self
