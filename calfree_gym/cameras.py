@@ -33,14 +33,20 @@ def lens(pinhole_points: Array, k1: Array) -> tuple[Array, Array]:
     return pinhole_points * (1 + k1 * radius2)[..., None], shown
 
 
-def undistort(distorted: Array, k1: Array) -> Array:
-    """Pinhole points (..., 2) that the lens shows at `distorted`, by Newton's method."""
+def undistort(distorted: Array, k1: float) -> tuple[Array, Array]:
+    """Pinhole points (..., 2) that a lens shows at `distorted` (..., 2), by Newton's method.
+
+    Returns:
+        Them, and whether (...) the lens shows anything there at all.
+    """
     radius = np.sqrt((distorted * distorted).sum(-1))
-    found = radius / (1 + np.maximum(k1, 0) * radius**2)
+    fold = 1 / np.sqrt(-3 * k1) if k1 < 0 else np.inf
+    found = np.minimum(radius, fold)
     for _ in range(30):
-        slope = np.maximum(1 + 3 * k1 * found**2, 1e-3)
-        found = found - (found * (1 + k1 * found**2) - radius) / slope
-    return distorted * np.where(radius > 0, found / np.maximum(radius, 1e-12), 1.0)[..., None]
+        slope = np.maximum(1 + 3 * k1 * found**2, 1e-9)
+        found = np.minimum(found - (found * (1 + k1 * found**2) - radius) / slope, fold)
+    shown = np.abs(found * (1 + k1 * found**2) - radius) < 1e-9
+    return distorted * (found / np.maximum(radius, 1e-12))[..., None], shown
 
 
 def image_points(

@@ -18,6 +18,8 @@ RAMP = 60
 """Substeps in which the joint targets travel; in the rest the arm settles."""
 DYNAMICS = ("physics", "kinematic")
 POINTS = ("gripper", "object")
+RIG_GROUP = 2
+"""Group of the cameras' rods and housings, which their own images leave out."""
 
 _SENSOR_SIZE = 0.01
 _TO_END = np.minimum(np.arange(1, SUBSTEPS + 1) / RAMP, 1.0)
@@ -37,6 +39,20 @@ def build_model(mount: str) -> mujoco.MjModel:
             sensor_size=[_SENSOR_SIZE, _SENSOR_SIZE],
             focal_length=[_SENSOR_SIZE, _SENSOR_SIZE],
         )
+        for part, kind in (
+            ("rod", mujoco.mjtGeom.mjGEOM_CAPSULE),
+            ("housing", mujoco.mjtGeom.mjGEOM_BOX),
+        ):
+            fixed_to.add_geom(
+                name=f"{name}_{part}",
+                type=kind,
+                size=[0.006, 0.1, 0.1],
+                rgba=[0.25, 0.27, 0.30, 1],
+                group=RIG_GROUP,
+                mass=0.0,
+                contype=0,
+                conaffinity=0,
+            )
     for kind in (mujoco.mjtSensor.mjSENS_CAMPROJECTION, mujoco.mjtSensor.mjSENS_FRAMEPOS):
         for point in POINTS:
             for camera in CAMERAS:
