@@ -27,7 +27,7 @@ SETTLING_AND_LOOK = 1.5
 """Assumed seconds in which the arm settles and the vision system delivers still image points: so
 that the paper's test motions and steps add up to about its 50 s a grasp."""
 NOISE_BLOCK = 16
-CANDIDATE_BLOCK = 32
+CANDIDATE_BLOCK = 8
 
 WorldChoice = str | World | WorldDistribution
 
@@ -38,9 +38,9 @@ class StereoArms:
     Attributes:
         worlds: The world of each row.
         registers: Executed sums of control words since home (N, 3).
-        points: Image points (N, 8) as last seen: gripper left, right, object left, right.
+        points: Image points (N, 4, 2) as last seen: gripper left, right, object left, right.
         visible: Which of the four points (N, 4) the last look saw.
-        true_points: Where noise-free cameras would see them now (N, 8); not clipped to the image.
+        true_points: Where noise-free cameras would see them now (N, 4, 2); not clipped to the image.
         motions: Motions since reset with a seed (N,).
         trials: Trials begun since reset with a seed (N,).
 
@@ -86,9 +86,9 @@ class StereoArms:
                 self._check_in_view(choice)
         self.worlds: list[World] = []
         self.registers = np.zeros((rows, MOTORS))
-        self.points = np.zeros((rows, 8))
+        self.points = np.zeros((rows, 4, 2))
         self.visible = np.zeros((rows, 4), bool)
-        self.true_points = np.zeros((rows, 8))
+        self.true_points = np.zeros((rows, 4, 2))
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
         self._motion_of_trial = np.zeros(rows, np.int64)
@@ -96,11 +96,12 @@ class StereoArms:
         self._noise_keys = np.zeros((rows, 2), np.uint64)
         self._object_keys = np.zeros((rows, 2), np.uint64)
         self._counter_streams = streams.CounterStreams()
-        self._noise_block = np.zeros((rows, NOISE_BLOCK, 8))
-        self._noise = np.zeros((rows, 1))
-        self._center = np.zeros((rows, 8))
-        self._focal = np.ones((rows, 8))
-        self._principal = np.zeros((rows, 8))
+        self._noise_block = np.zeros((rows, NOISE_BLOCK, 4, 2))
+        self._noise = np.zeros((rows, 1, 1))
+        self._center = np.zeros((rows, 4, 2))
+        self._principal = np.zeros((rows, 4, 2))
+        self._focal = np.ones((rows, 4, 1))
+        self._focal_units = np.ones((rows, 4, 1))
         self._k1 = np.zeros((rows, 4))
         self._all = np.arange(rows)
 
@@ -131,9 +132,13 @@ class StereoArms:
         self._enter(row, world)
 
     def begin_trial(self, rows: Rows, objects: Array | None = None) -> list[Perturbed]:
-        """Sends the arms of `rows` home and places the next objects, or the given ones (n, 3)."""
+        """Sends the arms of `rows` home and places the next objects, or the given ones (n, 3).
+
+        Returns:
+            The perturbations that struck before; `look` shows what is seen now.
+        """
         indices = self._all[rows]
-        struck = self._strike("trial", self.trials, indices)
+        struck = self._strike("trial", self.trials, rows)
         self.registers[rows] = 0.0
         if objects is None:
             objects = self._draw_objects(indices)
@@ -141,7 +146,6 @@ class StereoArms:
         self.trials[rows] += 1
         self._motion_of_trial[rows] = 0
         self.points[rows] = 0.0
-        self._look(rows)
         return struck
 
     def move(self, rows: Rows, words: Array) -> tuple[Array, list[Perturbed]]:
@@ -150,7 +154,7 @@ class StereoArms:
         Returns:
             Robot time of the motions (n,) in seconds, and the perturbations that struck before them.
         """
-        struck = self._strike("motion", self.motions, self._all[rows])
+        struck = self._strike("motion", self.motions, rows)
         motors = self.simulation.motors
         registers = self.registers[rows] + words
         registers = np.minimum(np.maximum(registers, motors.lowest[rows]), motors.highest[rows])
@@ -158,13 +162,29 @@ class StereoArms:
         travel = self.simulation.move(rows, registers)
         self.motions[rows] += 1
         self._motion_of_trial[rows] += 1
-        self._look(rows)
         return travel / JOINT_SPEED + SETTLING_AND_LOOK, struck
+
+    def look(self) -> None:
+        """Updates what the cameras see, after every row has moved or begun a trial."""
+        self.simulation.look()
+        pixels, depth = self.simulation.pinhole_pixels()
+        flat = (pixels - self._center) / self._focal
+        squares = flat * flat
+        bend = self._k1 * (squares[..., 0] + squares[..., 1])
+        true = flat * (1 + bend)[..., None] * self._focal_units + self._principal
+        far = np.abs(true)
+        visible = (depth > 0) & (bend > -1 / 3) & (np.maximum(far[..., 0], far[..., 1]) <= 1)
+        self.true_points = true
+        self.visible = visible
+        measured = np.minimum(np.maximum(true + self._noise * self._next_noise(), -1), 1)
+        self.points = np.where(visible[..., None], measured, self.points)
 
     def error_px(self) -> Array:
         """Noise-free image distances (N,) in pixels, of the camera that sees the larger one."""
-        distances = reach.image_distances(self.true_points[:, :4], self.true_points[:, 4:])
-        return np.maximum(distances[:, 0], distances[:, 1]) * HALF
+        d = self.true_points[:, :2] - self.true_points[:, 2:]
+        squares = d * d
+        squared = squares[..., 0] + squares[..., 1]
+        return HALF * np.sqrt(np.maximum(squared[:, 0], squared[:, 1]))
 
     def _enter(self, row: int, world: World) -> None:
         if len(self.worlds) <= row:
@@ -172,10 +192,11 @@ class StereoArms:
         self.worlds[row] = world
         self.simulation.set_world(row, world)
         self._workspaces.set_world(row, world)
-        principal = np.tile(world.principal_point.ravel(), 2)
+        principal = np.tile(world.principal_point, (2, 1))
         self._center[row] = HALF + principal
         self._principal[row] = principal / HALF
-        self._focal[row] = np.tile(np.repeat(world.focal_length, 2), 2)
+        self._focal[row, :, 0] = np.tile(world.focal_length, 2)
+        self._focal_units[row] = self._focal[row] / HALF
         self._k1[row] = np.tile(world.lens_k1, 2)
         self._noise[row] = world.point_noise / HALF
 
@@ -186,11 +207,11 @@ class StereoArms:
                 "the gripper at home and half of the work space, which the motors must reach"
             )
 
-    def _strike(self, clock: str, counts: NDArray[np.int64], rows: Any) -> list[Perturbed]:
+    def _strike(self, clock: str, counts: NDArray[np.int64], rows: Rows) -> list[Perturbed]:
         """Applies the events that are due in `rows`; a struck arm's stops may have moved."""
-        struck = []
+        struck: list[Perturbed] = []
         for number, event in enumerate(self._schedule):
-            for row in rows:
+            for row in self._all[rows]:
                 count = int(counts[row])
                 if event.strikes(clock, count):
                     self._perturb(row, event.perturbation, number, count)
@@ -229,32 +250,14 @@ class StereoArms:
             f"cameras; the world is {self.worlds[int(rows[open_[0]])].to_dict()}"
         )
 
-    def _look(self, rows: Rows) -> None:
-        """Updates what the cameras see and what is true."""
-        self.simulation.look()
-        pixels, depth = self.simulation.pinhole_pixels()
-        flat = (pixels - self._center) / self._focal
-        squares = flat * flat
-        bend = self._k1 * (squares[:, 0::2] + squares[:, 1::2])
-        true = flat * np.repeat(1 + bend, 2, 1) * (self._focal / HALF) + self._principal
-        far = np.abs(true)
-        visible = (depth > 0) & (bend > -1 / 3) & (np.maximum(far[:, 0::2], far[:, 1::2]) <= 1)
-        self.true_points = true
-        measured = true[rows] + self._noise[rows] * self._next_noise(rows)
-        shown = visible[rows]
-        self.visible[rows] = shown
-        self.points[rows] = np.where(
-            np.repeat(shown, 2, 1), np.minimum(np.maximum(measured, -1), 1), self.points[rows]
-        )
-
-    def _next_noise(self, rows: Rows) -> Array:
-        """Standard normals (n, 8): a pure function of seed, trial and motion."""
-        number = self._motion_of_trial[rows] % NOISE_BLOCK
-        for row in self._all[rows][number == 0]:
+    def _next_noise(self) -> Array:
+        """Standard normals (N, 4, 2): a pure function of seed, trial and motion."""
+        number = self._motion_of_trial % NOISE_BLOCK
+        for row in (number == 0).nonzero()[0]:
             block = self._motion_of_trial[row] // NOISE_BLOCK
             keyed = self._counter_streams.at(self._noise_keys[row], self.trials[row], block)
             keyed.standard_normal(out=self._noise_block[row])
-        return self._noise_block[self._all[rows], number]
+        return self._noise_block[self._all, number]
 
 
 Perturbed = tuple[int, Perturbation]

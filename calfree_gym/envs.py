@@ -46,9 +46,11 @@ def _words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     words = np.asarray(action, np.float64)
     if words.shape != shape:
         raise ValueError(f"the action has shape {words.shape}; it must be {shape}, one word a motor")
+    if np.abs(words).max() <= 1:
+        return words
     if not np.isfinite(words).all():
         raise ValueError(f"the action is {words.tolist()}; control words must be finite, in [-1, 1]")
-    return np.minimum(np.maximum(words, -1.0), 1.0)
+    return np.clip(words, -1.0, 1.0)
 
 
 class _StereoArmGoal:
@@ -68,7 +70,7 @@ class _StereoArmGoal:
         self._seen = np.zeros((rows, 4 + MOTORS), np.float32)
 
     def _goals(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        points = self.arms.points.astype(np.float32)
+        points = self.arms.points.astype(np.float32).reshape(-1, 8)
         return points[:, :4], points[:, 4:]
 
     def _flags_and_registers(self) -> NDArray[np.float32]:
@@ -80,7 +82,7 @@ class _StereoArmGoal:
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """The reward (...) for sensor vectors (..., 4); pure, and what `step` returns."""
         distances = reach.image_distances(achieved_goal, desired_goal)
-        return self._reward(distances, self.arms.tolerance)
+        return self._reward(distances, reach.rendezvous(distances, self.arms.tolerance))
 
     def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """Whether a trial ends (...) at sensor vectors (..., 4); pure, and what `step` returns."""
@@ -98,7 +100,7 @@ class _StereoArmGoal:
         return {
             "error_px": self.arms.error_px(),
             "distance_mm": 1000.0 * np.sqrt((apart * apart).sum(-1)),
-            "points": self.arms.true_points,
+            "points": self.arms.true_points.reshape(-1, 8),
             "gripper": gripper,
             "object": object_,
             "joints": self.arms.simulation.joints(),
@@ -237,6 +239,7 @@ class StereoArmEnv(_StereoArmGoal, gym.Env[Observation, NDArray[np.float32]]):
             self.arms.seed(0, seed)
             self._seeded = True
         struck = self.arms.begin_trial(slice(None), _placed(options, 1))
+        self.arms.look()
         achieved, desired = self._goals()
         distances = reach.image_distances(achieved, desired)
         ended = reach.rendezvous(distances, self.arms.tolerance)
@@ -248,10 +251,12 @@ class StereoArmEnv(_StereoArmGoal, gym.Env[Observation, NDArray[np.float32]]):
         """Executes one motion, see the class."""
         words = _words(action, (MOTORS,))
         seconds, struck = self.arms.move(slice(None), words)
+        self.arms.look()
         achieved, desired = self._goals()
         distances = reach.image_distances(achieved, desired)
-        success = bool(reach.rendezvous(distances, self.arms.tolerance)[0])
-        reward = float(self._reward(distances, self.arms.tolerance)[0])
+        rendezvous = reach.rendezvous(distances, self.arms.tolerance)
+        reward = float(self._reward(distances, rendezvous)[0])
+        success = bool(rendezvous[0])
         return (
             self._observation(achieved, desired),
             reward,
@@ -372,6 +377,7 @@ class StereoArmVectorEnv(_StereoArmGoal, VectorEnv[Any, Any, Any]):
         self._steps[:] = 0
         self._over[:] = False
         struck = self.arms.begin_trial(slice(None), _placed(options, self.num_envs))
+        self.arms.look()
         achieved, desired = self._goals()
         distances = reach.image_distances(achieved, desired)
         success = reach.rendezvous(distances, self.arms.tolerance)
@@ -392,11 +398,12 @@ class StereoArmVectorEnv(_StereoArmGoal, VectorEnv[Any, Any, Any]):
                 struck += more
         else:
             seconds, struck = self.arms.move(slice(None), words)
+        self.arms.look()
         self._steps += 1
         achieved, desired = self._goals()
         distances = reach.image_distances(achieved, desired)
         success = reach.rendezvous(distances, self.arms.tolerance)
-        rewards = np.where(over, 0.0, self._reward(distances, self.arms.tolerance))
+        rewards = np.where(over, 0.0, self._reward(distances, success))
         terminated = success & ~over if self._ends else np.zeros(self.num_envs, bool)
         truncated = self._steps >= self._max_episode_steps
         self._over = terminated | truncated
@@ -429,9 +436,8 @@ class StereoArmVectorEnv(_StereoArmGoal, VectorEnv[Any, Any, Any]):
         truth = self._truth()
         truth |= {"_" + key: every for key in truth}
         perturbed = np.empty(self.num_envs, object)
-        perturbed[:] = [[] for _ in range(self.num_envs)]
         for row, perturbation in struck:
-            perturbed[row].append(perturbation)
+            perturbed[row] = [*(perturbed[row] or ()), perturbation]
         infos = {
             "is_success": success,
             "robot_seconds": seconds,

@@ -25,17 +25,12 @@ STOP_MARGIN = 0.01
 """A motor stops this far (rad) before the joint's mechanical stop."""
 
 
-def curve(registers: Array, curvature: Array) -> Array:
-    """The motors' curve: 0 at home, +-1 at the end stops, elementwise."""
-    return registers * (1 + curvature * (registers * registers - 1))
-
-
 def curve_inverse(values: Array, curvature: Array) -> Array:
-    """Registers in [-1, 1] at which `curve` takes `values`, elementwise; beyond the ends, the end."""
+    """Registers in [-1, 1] at which r + curvature * r * (r**2 - 1) is `values`; beyond the ends, the end."""
     low, high = np.full_like(values, -1.0), np.full_like(values, 1.0)
     for _ in range(60):
         middle = (low + high) / 2
-        above = curve(middle, curvature) > values
+        above = middle + curvature * middle * (middle**2 - 1) > values
         low, high = np.where(above, low, middle), np.where(above, middle, high)
     return (low + high) / 2
 
@@ -49,41 +44,39 @@ class MotorMap:
 
     def __init__(self, rows: int) -> None:
         self._rest = np.zeros((rows, 3))
-        self._scale = np.ones((rows, 3))
-        self._curvature = np.zeros((rows, 3))
+        self._linear = np.ones((rows, 3))
+        self._cubic = np.zeros((rows, 3))
         self._wrist_rest = np.zeros(rows)
         self.lowest = np.full((rows, 3), -1.0)
         self.highest = np.full((rows, 3), 1.0)
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the motors of `world`."""
+        scale = world.motor_sign * world.motor_gain * SPAN
         self._rest[row] = HOME + world.joint_zeros[:3]
-        self._scale[row] = world.motor_sign * world.motor_gain * SPAN
-        self._curvature[row] = world.motor_curvature
+        self._linear[row] = scale * (1 - world.motor_curvature)
+        self._cubic[row] = scale * world.motor_curvature
         self._wrist_rest[row] = -np.pi / 2 + world.joint_zeros[1:4].sum()
         stops = JOINT_LIMITS[:3] + [STOP_MARGIN, -STOP_MARGIN]
-        reach = (stops - self._rest[row][:, None]) / self._scale[row][:, None]
+        reach = (stops - self._rest[row][:, None]) / scale[:, None]
         ends = curve_inverse(reach, world.motor_curvature[:, None])
         self.lowest[row], self.highest[row] = ends.min(-1), ends.max(-1)
 
-    def joints(self, registers: Array, rows: Rows = slice(None)) -> Array:
+    def joints(self, registers: Array, rows: Rows) -> Array:
         """Angles (n, 5) of J1-J5 in rad at `registers` (n, 3) of the given rows."""
         angles = np.zeros((len(registers), 5))
-        curved = curve(registers, self._curvature[rows])
-        angles[:, :3] = self._rest[rows] + self._scale[rows] * curved
+        slope = self._linear[rows] + self._cubic[rows] * (registers * registers)
+        angles[:, :3] = self._rest[rows] + registers * slope
         angles[:, 3] = self.wrist(angles[:, 1], angles[:, 2], rows)
         return angles
 
-    def wrist(self, shoulder: Array, elbow: Array, rows: Rows = slice(None)) -> Array:
-        """Angles of J4 in rad (n, ...) that the arm takes for vertical, at J2 and J3 (n, ...)."""
-        rest = self._wrist_rest[rows].reshape(-1, *[1] * (shoulder.ndim - 1))
-        wrist = rest - shoulder - elbow
+    def wrist(self, shoulder: Array, elbow: Array, rows: Rows) -> Array:
+        """Angles of J4 in rad that the arm takes for vertical, at J2 and J3 of the given rows."""
+        wrist = self._wrist_rest[rows] - shoulder - elbow
         return np.minimum(np.maximum(wrist, JOINT_LIMITS[3, 0]), JOINT_LIMITS[3, 1])
 
-    def reaches(self, joints: Array, register: float, rows: Rows = slice(None)) -> Array:
-        """Which `joints` (n, k, 3) J1-J3 registers of at most this magnitude reach (n, k)."""
-        curved = (joints - self._rest[rows][:, None]) / self._scale[rows][:, None]
-        ends = curve(np.full(3, register), self._curvature[rows])
-        return (np.abs(curved) <= ends[:, None]).all(-1)
-
-
+    def reaches(self, joints: Array, register: float, rows: Rows) -> Array:
+        """Which angles (n, k, 3) of J1-J3 registers of at most this magnitude reach (n, k)."""
+        travel = np.abs(joints - self._rest[rows][:, None])
+        furthest = np.abs(register * (self._linear[rows] + self._cubic[rows] * register**2))
+        return (travel <= furthest[:, None]).all(-1)

@@ -13,17 +13,13 @@ from calfree_gym.motors import MotorMap
 from calfree_gym.world import CAMERAS, IMAGE_SIZE, World
 
 SUBSTEPS = 100
-"""Physics substeps in a motion, of 5 ms each."""
-RAMP = 60
-"""Substeps in which the joint targets travel; in the rest the arm settles."""
+"""Physics substeps in a motion, of 5 ms each: enough to settle (a test says to what)."""
 DYNAMICS = ("physics", "kinematic")
 POINTS = ("gripper", "object")
 RIG_GROUP = 2
 """Group of the cameras' rods and housings, which their own images leave out."""
 
 _SENSOR_SIZE = 0.01
-_TO_END = np.minimum(np.arange(1, SUBSTEPS + 1) / RAMP, 1.0)
-_PROFILE = _TO_END**3 * (10 - 15 * _TO_END + 6 * _TO_END**2)
 _HAND_TO_GRIPPER_POINT = 0.18
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 
@@ -80,14 +76,18 @@ class Simulation:
         self._model = build_model(mount)
         self._batch = Batch(self._model, rows, nthread=threads)
         self._kinematic = dynamics == "kinematic"
+        self._current = False
         self.motors = MotorMap(rows)
         self._camera_position = self._batch.expand("cam_pos")
         self._camera_orientation = self._batch.expand("cam_quat")
         self._intrinsic = self._batch.expand("cam_intrinsic")
         self._body_position = self._batch.expand("body_pos")
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._ctrl, self._object = self._batch.bind("ctrl"), self._batch.bind("mocap_pos")
-        self._sensors = self._batch.bind("sensordata")
+        self._ctrl, self._act = self._batch.bind("ctrl"), self._batch.bind("act")
+        self._object = self._batch.bind("mocap_pos")
+        sensors = self._batch.bind("sensordata")
+        self._pixels = sensors[:, :8].reshape(rows, 4, 2)
+        self._minus_depth = sensors[:, 10::3]
         self._sites = self._batch.bind("site_xpos")
         bodies = [self._model.body(name).id for name in ("upper_arm", "forearm", "hand", "gripper")]
         self._upper_arm, self._forearm, self._hand, self._gripper = bodies
@@ -95,6 +95,7 @@ class Simulation:
 
     def set_world(self, row: int, world: World) -> None:
         """Puts `row` into `world`; its joints stay where they are until it moves or goes home."""
+        self._current = False
         self.motors.set_world(row, world)
         self._camera_position[row] = world.camera_position
         self._camera_orientation[row] = world.camera_orientation
@@ -109,8 +110,7 @@ class Simulation:
 
     def place(self, rows: Rows, registers: Array, objects: Array) -> None:
         """Puts the arms of `rows` at rest at `registers` (n, 3), and their objects (n, 3) in m."""
-        self._qpos[rows] = self._ctrl[rows] = self.motors.joints(registers, rows)
-        self._qvel[rows] = 0.0
+        self._rest_at(rows, self.motors.joints(registers, rows))
         self._object[rows, 0] = objects
 
     def move(self, rows: Rows, registers: Array) -> Array:
@@ -119,30 +119,35 @@ class Simulation:
         Returns:
             The largest joint angle travelled (n,) in rad.
         """
-        start, end = self._ctrl[rows], self.motors.joints(registers, rows)
-        travel = end - start
+        joints = self.motors.joints(registers, rows)
+        travel = np.abs(joints - self._ctrl[rows]).max(-1)
         if self._kinematic:
-            self._qpos[rows] = self._ctrl[rows] = end
+            self._rest_at(rows, joints)
         else:
-            control = start[:, None] + travel[:, None] * _PROFILE[:, None]
-            ids = None if isinstance(rows, slice) else rows
-            self._batch.rollout(SUBSTEPS, control, record=(), ids=ids)
-            self._ctrl[rows] = end
-        return np.abs(travel).max(-1)
+            self._ctrl[rows] = joints
+            self._current = isinstance(rows, slice)
+            self._batch.step(None if self._current else rows, SUBSTEPS, _POSITION_STAGE)
+        return travel
 
     def look(self) -> None:
         """Brings image points and positions up to date with where everything is."""
-        self._batch.forward(stage=_POSITION_STAGE)
+        if not self._current:
+            self._batch.forward(stage=_POSITION_STAGE)
+
+    def _rest_at(self, rows: Rows, joints: Array) -> None:
+        self._qpos[rows] = self._ctrl[rows] = self._act[rows] = joints
+        self._qvel[rows] = 0.0
+        self._current = False
 
     def pinhole_pixels(self) -> tuple[Array, Array]:
         """What lensless cameras would see at the last look.
 
         Returns:
-            pixels: (N, 8), from the image's upper left corner, x right and y down, of the gripper left
+            pixels: (N, 4, 2), from the image's upper left corner, x right and y down, of the gripper left
                 and right, and of the object left and right.
             depth: (N, 4) in m; positive before the camera.
         """
-        return self._sensors[:, :8], -self._sensors[:, 10::3]
+        return self._pixels, -self._minus_depth
 
     def positions(self) -> tuple[Array, Array]:
         """Gripper points and object points (N, 3) in m at the last look."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.arm import gripper_position
 from calfree_gym.cameras import image_points, inside, pinhole
-from calfree_gym.geometry import Array, Rows, rotation_matrix
+from calfree_gym.geometry import Array, rotation_matrix
 from calfree_gym.motors import JOINT_LIMITS, MotorMap
 from calfree_gym.world import World
 
@@ -38,6 +38,7 @@ _LOWEST[0], _HIGHEST[0] = -WAIST, WAIST
 _JUDGING = np.random.default_rng(0).random((1, 20 * CHECKED, 3))
 
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 
 class Workspaces:
@@ -57,6 +58,7 @@ class Workspaces:
         self._principal_point = np.zeros((rows, 2, 2))
         self._k1 = np.zeros((rows, 2))
         self._lengths = np.ones((rows, 5))
+        self._home = np.zeros(rows)
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the arm and the cameras of `world`."""
@@ -67,8 +69,9 @@ class Workspaces:
         self._principal_point[row] = world.principal_point
         self._k1[row] = world.lens_k1
         self._lengths[row] = world.link_lengths
+        self._home[row] = self._motors.joints(np.zeros((1, 3)), np.array([row]))[0, 0]
 
-    def candidates(self, draws: Array, rows: Rows = slice(None)) -> tuple[Array, Flags, Flags]:
+    def candidates(self, draws: Array, rows: Indices) -> tuple[Array, Flags, Flags]:
         """Turns uniform draws into candidate objects.
 
         Args:
@@ -78,10 +81,10 @@ class Workspaces:
         Returns:
             points: In m (n, k, 3).
             within: Which of them (n, k) lie in the work space, within reach of the motors.
-            seen: Which of them (n, k) both cameras see, from home and with the gripper there.
+            seen: Which of those (n, k) both cameras see, from home and with the gripper there.
         """
         joints = _LOWEST + draws * (_HIGHEST - _LOWEST)
-        wrist = self._motors.wrist(joints[..., 1], joints[..., 2], rows)
+        wrist = self._motors.wrist(joints[..., 1], joints[..., 2], rows[:, None])
         lengths = self._lengths[rows][:, None]
         points = gripper_position(np.concatenate([joints, wrist[..., None]], -1), lengths)
         height, distance = points[..., 2], np.hypot(points[..., 0], points[..., 1])
@@ -92,35 +95,30 @@ class Workspaces:
             & (distance <= DISTANCE[1])
             & self._motors.reaches(joints, MAX_REGISTER, rows)
         )
-        home = self._home(rows)[:, None, 0]
-        seen = self._seen(points, home, rows)
+        of, _ = np.nonzero(within)
+        judged = self._seen(points[within], self._home[rows[of]], rows[of])
         if self._turning:
-            seen &= self._seen(points, joints[..., 0], rows)
+            judged &= self._seen(points[within], joints[within][:, 0], rows[of])
+        seen = np.zeros_like(within)
+        seen[within] = judged
         return points, within, seen
 
-    def gripper_seen_at_home(self, rows: Rows = slice(None)) -> Flags:
-        """Where both cameras see the gripper at home (n,)."""
-        home = self._home(rows)
+    def gripper_seen_at_home(self, row: int) -> bool:
+        """Whether both cameras see the gripper at home."""
+        rows = np.array([row])
+        home = self._motors.joints(np.zeros((1, 3)), rows)
         point = gripper_position(home[:, :4], self._lengths[rows])
-        return self._seen(point[:, None], home[:, None, 0], rows)[:, 0]
+        return bool(self._seen(point, home[:, 0], rows)[0])
 
-    def _home(self, rows: Rows) -> Array:
-        return self._motors.joints(np.zeros((len(self._k1[rows]), 3)), rows)
-
-    def _seen(self, points: Array, waist: Array, rows: Rows) -> Flags:
-        """Which points (n, k, 3) both cameras see, well inside, while J1 stands at `waist` (n, k)."""
+    def _seen(self, points: Array, waist: Array, rows: Indices) -> Flags:
+        """Which points (k, 3) both cameras of their rows (k,) see, well inside, with J1 at `waist` (k,)."""
         if self._turning:
             c, s = np.cos(waist), np.sin(waist)
-            x, y, z = np.moveaxis(points, -1, 0)
+            x, y, z = points.T
             points = np.stack([c * x + s * y, c * y - s * x, z], -1)
-        flat, depth = pinhole(
-            points[:, :, None], self._position[rows][:, None], self._rotation[rows][:, None]
-        )
+        flat, depth = pinhole(points[:, None], self._position[rows], self._rotation[rows])
         images, shown = image_points(
-            flat,
-            self._focal_length[rows][:, None],
-            self._principal_point[rows][:, None],
-            self._k1[rows][:, None],
+            flat, self._focal_length[rows], self._principal_point[rows], self._k1[rows]
         )
         return (shown & (depth > 0) & inside(images, BORDER_PX)).all(-1)
 
@@ -132,9 +130,9 @@ def in_view(world: World, mount: str) -> bool:
     """
     workspace = Workspaces(1, mount)
     workspace.set_world(0, world)
-    if not workspace.gripper_seen_at_home()[0]:
+    if not workspace.gripper_seen_at_home(0):
         return False
-    _, within, seen = workspace.candidates(_JUDGING)
+    _, within, seen = workspace.candidates(_JUDGING, np.array([0]))
     judged = seen[within][:CHECKED]
     return len(judged) == CHECKED and bool(judged.mean() >= MIN_IN_VIEW)
 

@@ -20,11 +20,11 @@ def rendezvous(distances: Floats, tolerance: float) -> Floats:
     return (distances[..., 0] <= tolerance) & (distances[..., 1] <= tolerance)
 
 
-def sparse_reward(distances: Floats, tolerance: float) -> Floats:
+def sparse_reward(distances: Floats, success: Floats) -> Floats:
     """0 at the rendezvous and -1 anywhere else (...)."""
-    return rendezvous(distances, tolerance) - 1.0
+    return success - 1.0
 
 
-def dense_reward(distances: Floats, tolerance: float) -> Floats:
+def dense_reward(distances: Floats, success: Floats) -> Floats:
     """Minus the mean of both distances (...), in image units."""
     return -0.5 * (distances[..., 0] + distances[..., 1]).astype(np.float64)
