@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -25,9 +24,7 @@ def _unified_servo(env: Environment, seed: int = 0, **servo: Any) -> Agent:
     return ServoAgent(env, UnifiedServo(**servo), seed)
 
 
-def _grid_table(
-    env: Environment, seed: int = 0, cells: int = 8, rate: float = 0.7, **servo: Any
-) -> Agent:
+def _grid_table(env: Environment, seed: int = 0, cells: int = 8, rate: float = 0.7, **servo: Any) -> Agent:
     motors = env.action_space.shape[0]  # type: ignore[index]
     return LearningServo(env, GridTable(motors, cells, rate), UnifiedServo(**servo), seed)
 

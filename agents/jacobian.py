@@ -25,9 +25,7 @@ def solve(jacobian: Array, distance: Array, damping: float) -> Array:
     return np.asarray(-np.linalg.solve(normal, scaled.T @ distance) / scale)
 
 
-def solve_within(
-    jacobian: Array, distance: Array, damping: float, lowest: Array, highest: Array
-) -> Array:
+def solve_within(jacobian: Array, distance: Array, damping: float, lowest: Array, highest: Array) -> Array:
     """As `solve`, but with words (m,) within bounds: a motor held back leaves its part to the others."""
     words = solve(jacobian, distance, damping)
     free = np.ones(len(words), bool)

@@ -21,9 +21,7 @@ class LearningServo(ProcedureAgent):
     defined also where the cameras turn with the waist.
     """
 
-    def __init__(
-        self, env: gym.Env[Any, Any], knowledge: Knowledge, servo: Servo, seed: int = 0
-    ) -> None:
+    def __init__(self, env: gym.Env[Any, Any], knowledge: Knowledge, servo: Servo, seed: int = 0) -> None:
         super().__init__(env, seed)
         self.knowledge = knowledge
         self.servo = servo

@@ -20,7 +20,7 @@ for _id, _reward in _REWARDS.items():
     gymnasium.register(
         _id,
         entry_point="calfree_gym.envs:StereoArmEnv",
-        vector_entry_point="calfree_gym.envs:StereoArmVectorEnv",
+        vector_entry_point="calfree_gym.vector_env:StereoArmVectorEnv",
         max_episode_steps=60,
         kwargs=_arguments,
     )

@@ -14,7 +14,6 @@ from calfree_gym.geometry import Array, Rows
 from calfree_gym.perturbations import Perturbation
 from calfree_gym.schedule import parse_schedule
 from calfree_gym.simulation import DYNAMICS, Simulation
-from calfree_gym.tasks import reach
 from calfree_gym.workspace import ATTEMPTS, Workspaces, first_in_view, in_view
 from calfree_gym.world import IMAGE_SIZE, World, WorldDistribution, near_misses
 
@@ -68,12 +67,10 @@ class StereoArms:
         perturbations: Any,
         threads: int,
     ) -> None:
-        _check_choice("camera_mount", camera_mount, MOUNTS)
-        _check_choice("dynamics", dynamics, DYNAMICS)
+        check_choice("camera_mount", camera_mount, MOUNTS)
+        check_choice("dynamics", dynamics, DYNAMICS)
         if not (isinstance(tolerance_px, int | float) and 0 < tolerance_px < IMAGE_SIZE):
-            raise ValueError(
-                f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})"
-            )
+            raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
         self.rows = rows
         self.mount = camera_mount
         self.tolerance = np.float32(tolerance_px / HALF)
@@ -98,7 +95,6 @@ class StereoArms:
         self._counter_streams = streams.CounterStreams()
         self._noise_block = np.zeros((rows, NOISE_BLOCK, 4, 2))
         self._noise = np.zeros((rows, 1, 1))
-        self._center = np.zeros((rows, 4, 2))
         self._principal = np.zeros((rows, 4, 2))
         self._focal = np.ones((rows, 4, 1))
         self._focal_units = np.ones((rows, 4, 1))
@@ -168,7 +164,7 @@ class StereoArms:
         """Updates what the cameras see, after every row has moved or begun a trial."""
         self.simulation.look()
         pixels, depth = self.simulation.pinhole_pixels()
-        flat = (pixels - self._center) / self._focal
+        flat = (pixels - HALF) / self._focal
         squares = flat * flat
         bend = self._k1 * (squares[..., 0] + squares[..., 1])
         true = flat * (1 + bend)[..., None] * self._focal_units + self._principal
@@ -192,9 +188,7 @@ class StereoArms:
         self.worlds[row] = world
         self.simulation.set_world(row, world)
         self._workspaces.set_world(row, world)
-        principal = np.tile(world.principal_point, (2, 1))
-        self._center[row] = HALF + principal
-        self._principal[row] = principal / HALF
+        self._principal[row] = np.tile(world.principal_point, (2, 1)) / HALF
         self._focal[row, :, 0] = np.tile(world.focal_length, 2)
         self._focal_units[row] = self._focal[row] / HALF
         self._k1[row] = np.tile(world.lens_k1, 2)
@@ -278,7 +272,8 @@ def _choice(world: Any) -> World | WorldDistribution:
     return WorldDistribution(world)
 
 
-def _check_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
+def check_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
+    """Raises ValueError, with near misses, where an argument is none of those allowed."""
     if value not in allowed:
         raise ValueError(
             f"unknown {name} {value!r}{near_misses(value, allowed)}; allowed: {', '.join(allowed)}"

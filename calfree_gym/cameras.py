@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calfree_gym.geometry import Array
+from calfree_gym.geometry import Array, Flags
 from calfree_gym.world import IMAGE_SIZE
 
 MOUNTS = ("waist", "stand")
@@ -23,7 +23,7 @@ def pinhole(points: Array, position: Array, rotation: Array) -> tuple[Array, Arr
     return seen[..., :2] * [1.0, -1.0] / safe[..., None], depth
 
 
-def lens(pinhole_points: Array, k1: Array) -> tuple[Array, Array]:
+def lens(pinhole_points: Array, k1: Array) -> tuple[Array, Flags]:
     """Points (..., 2) as the lens shows them, and which of them (...) it shows at all.
 
     A lens with k1 < 0 shows nothing beyond the radius at which its image folds back.
@@ -33,7 +33,7 @@ def lens(pinhole_points: Array, k1: Array) -> tuple[Array, Array]:
     return pinhole_points * (1 + k1 * radius2)[..., None], shown
 
 
-def undistort(distorted: Array, k1: float) -> tuple[Array, Array]:
+def undistort(distorted: Array, k1: float) -> tuple[Array, Flags]:
     """Pinhole points (..., 2) that a lens shows at `distorted` (..., 2), by Newton's method.
 
     Returns:
@@ -51,7 +51,7 @@ def undistort(distorted: Array, k1: float) -> tuple[Array, Array]:
 
 def image_points(
     pinhole_points: Array, focal_length: Array, principal_point: Array, k1: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, Flags]:
     """Image points (..., 2) in [-1, 1] units, unclipped, and which of them the lens shows (...).
 
     Args:
@@ -64,6 +64,6 @@ def image_points(
     return (bent * focal_length[..., None] + principal_point) * (2 / IMAGE_SIZE), shown
 
 
-def inside(points: Array, margin_px: float = 0.0) -> Array:
+def inside(points: Array, margin_px: float) -> Flags:
     """Which image points (..., 2) lie at least `margin_px` inside the image."""
-    return (np.abs(points) <= 1 - margin_px * 2 / IMAGE_SIZE).all(-1)
+    return np.all(np.abs(points) <= 1 - margin_px * 2 / IMAGE_SIZE, axis=-1)

@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Rows = slice | NDArray[np.intp]
 """Some of N worlds that stand side by side."""
 

@@ -11,7 +11,7 @@ section 2.1, from its own joint angles, and so tilts it where its joint zeros ar
 
 import numpy as np
 
-from calfree_gym.geometry import Array, Rows
+from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.world import World
 
 MOTORS = ("waist", "shoulder", "elbow")
@@ -57,7 +57,7 @@ class MotorMap:
         self._linear[row] = scale * (1 - world.motor_curvature)
         self._cubic[row] = scale * world.motor_curvature
         self._wrist_rest[row] = -np.pi / 2 + world.joint_zeros[1:4].sum()
-        stops = JOINT_LIMITS[:3] + [STOP_MARGIN, -STOP_MARGIN]
+        stops = JOINT_LIMITS[:3] + np.array([STOP_MARGIN, -STOP_MARGIN])
         reach = (stops - self._rest[row][:, None]) / scale[:, None]
         ends = curve_inverse(reach, world.motor_curvature[:, None])
         self.lowest[row], self.highest[row] = ends.min(-1), ends.max(-1)
@@ -75,8 +75,8 @@ class MotorMap:
         wrist = self._wrist_rest[rows] - shoulder - elbow
         return np.minimum(np.maximum(wrist, JOINT_LIMITS[3, 0]), JOINT_LIMITS[3, 1])
 
-    def reaches(self, joints: Array, register: float, rows: Rows) -> Array:
+    def reaches(self, joints: Array, register: float, rows: Rows) -> Flags:
         """Which angles (n, k, 3) of J1-J3 registers of at most this magnitude reach (n, k)."""
         travel = np.abs(joints - self._rest[rows][:, None])
         furthest = np.abs(register * (self._linear[rows] + self._cubic[rows] * register**2))
-        return (travel <= furthest[:, None]).all(-1)
+        return np.all(travel <= furthest[:, None], axis=-1)

@@ -102,7 +102,7 @@ class CameraRoll(Perturbation):
 class CameraAim(Perturbation):
     """Turns a camera's viewing direction by `degrees` (else 3-15), towards `direction`.
 
-    `direction` is the angle in degrees, from the image's x axis to its y axis, in which the view moves; else any.
+    `direction` is the angle in degrees, from the image's x to its y axis, in which the view moves; else any.
     """
 
     type: ClassVar[str] = "camera_aim"

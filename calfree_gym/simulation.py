@@ -101,7 +101,6 @@ class Simulation:
         self._camera_orientation[row] = world.camera_orientation
         pixel = _SENSOR_SIZE / IMAGE_SIZE
         self._intrinsic[row, :, 0] = self._intrinsic[row, :, 1] = world.focal_length * pixel
-        self._intrinsic[row, :, 2:] = -world.principal_point * pixel
         base, shoulder, upper_arm, forearm, hand = world.link_lengths
         self._body_position[row, self._upper_arm] = (shoulder, 0, base)
         self._body_position[row, self._forearm] = (upper_arm, 0, 0)
@@ -140,7 +139,7 @@ class Simulation:
         self._current = False
 
     def pinhole_pixels(self) -> tuple[Array, Array]:
-        """What lensless cameras would see at the last look.
+        """What cameras with neither lens nor offset of the principal point would see at the last look.
 
         Returns:
             pixels: (N, 4, 2), from the image's upper left corner, x right and y down, of the gripper left

@@ -27,7 +27,7 @@ def stream(seed: int, name: str, *indices: int) -> np.random.Generator:
 
 def key(seed: int, name: str) -> Key:
     """The key (2,) of the counter-based streams that belong to `name` under `seed`."""
-    return _sequence(seed, name).generate_state(2, np.uint64)
+    return _sequence(seed, name).generate_state(2, np.uint64).astype(np.uint64)
 
 
 class CounterStreams:

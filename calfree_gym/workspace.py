@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.arm import gripper_position
 from calfree_gym.cameras import image_points, inside, pinhole
-from calfree_gym.geometry import Array, rotation_matrix
+from calfree_gym.geometry import Array, Flags, rotation_matrix
 from calfree_gym.motors import JOINT_LIMITS, MotorMap
 from calfree_gym.world import World
 
@@ -37,7 +37,6 @@ _HIGHEST = JOINT_LIMITS[:3, 1] - LIMIT_MARGIN
 _LOWEST[0], _HIGHEST[0] = -WAIST, WAIST
 _JUDGING = np.random.default_rng(0).random((1, 20 * CHECKED, 3))
 
-Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 
@@ -120,7 +119,7 @@ class Workspaces:
         images, shown = image_points(
             flat, self._focal_length[rows], self._principal_point[rows], self._k1[rows]
         )
-        return (shown & (depth > 0) & inside(images, BORDER_PX)).all(-1)
+        return np.asarray((shown & (depth > 0) & inside(images, BORDER_PX)).all(-1))
 
 
 def in_view(world: World, mount: str) -> bool:

@@ -63,9 +63,7 @@ class World:
             array = np.array(getattr(self, field.name), dtype=np.float64)
             shape = _SHAPES[field.name]
             if array.shape != shape:
-                raise ValueError(
-                    f"World.{field.name} has shape {array.shape}; it must be {shape}"
-                )
+                raise ValueError(f"World.{field.name} has shape {array.shape}; it must be {shape}")
             if not np.isfinite(array).all():
                 raise ValueError(f"World.{field.name} must be finite, found {array.tolist()}")
             array.flags.writeable = False
@@ -79,16 +77,12 @@ class World:
         if (np.abs(self.motor_sign) != 1).any():
             raise ValueError(f"World.motor_sign must be +1 or -1, found {self.motor_sign}")
         if (np.abs(self.motor_curvature) > 0.45).any():
-            raise ValueError(
-                f"World.motor_curvature must be within +-0.45, found {self.motor_curvature}"
-            )
+            raise ValueError(f"World.motor_curvature must be within +-0.45, found {self.motor_curvature}")
         if self.point_noise < 0:
             raise ValueError(f"World.point_noise must not be negative, found {self.point_noise}")
         norms = np.linalg.norm(self.camera_orientation, axis=1)
         if (np.abs(norms - 1) > 1e-6).any():
-            raise ValueError(
-                f"World.camera_orientation must be unit quaternions, found norms {norms}"
-            )
+            raise ValueError(f"World.camera_orientation must be unit quaternions, found norms {norms}")
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, World):
@@ -112,9 +106,7 @@ class World:
         if missing := sorted(_SHAPES.keys() - values.keys()):
             raise ValueError(f"a World lacks {', '.join(missing)}")
         if unknown := sorted(values.keys() - _SHAPES.keys()):
-            raise ValueError(
-                f"a World has no field {', '.join(unknown)}; it has {', '.join(_SHAPES)}"
-            )
+            raise ValueError(f"a World has no field {', '.join(unknown)}; it has {', '.join(_SHAPES)}")
         return cls(**values)
 
 
@@ -163,9 +155,7 @@ def _coarse(draw: Draw) -> World:
     built = nominal()
     orientation = np.stack(
         [
-            quaternion_product(
-                q, quaternion_about(rng.standard_normal(3), np.radians(rng.uniform(0, 20)))
-            )
+            quaternion_product(q, quaternion_about(rng.standard_normal(3), np.radians(rng.uniform(0, 20))))
             for q, rng in zip(built.camera_orientation, [draw("aim")] * 2, strict=True)
         ]
     )

@@ -1,4 +1,4 @@
-"""The paper's table: control words at the corners of a grid in sensor space (section 4.2; Xie et al. 1997)."""
+"""The paper's table: registers at the corners of a grid in sensor space (section 4.2; Xie et al. 1997)."""
 
 from __future__ import annotations
 
@@ -62,9 +62,7 @@ class GridTable:
         """See `Knowledge`."""
         records = arrays["records"]
         if records.shape != self.records.shape:
-            raise ValueError(
-                f"the saved table has shape {records.shape}, this one {self.records.shape}"
-            )
+            raise ValueError(f"the saved table has shape {records.shape}, this one {self.records.shape}")
         self.records = records.copy()
 
     def _cell(self, sensors: Array) -> tuple[tuple[NDArray[np.intp], ...], Array]:

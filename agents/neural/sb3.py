@@ -33,9 +33,7 @@ class ScaledWords(gym.ActionWrapper[Any, Any, Any]):
 
     def action(self, action: NDArray[Any]) -> NDArray[Any]:
         """Control words from a learner's action."""
-        return np.asarray(
-            self.limit * np.sign(action) * np.abs(action) ** self.curvature, np.float32
-        )
+        return np.asarray(self.limit * np.sign(action) * np.abs(action) ** self.curvature, np.float32)
 
 
 class SacAgent(Agent):
@@ -63,7 +61,12 @@ class SacAgent(Agent):
         self._scaled = ScaledWords(env, word_limit, word_curvature)
         policy = {"net_arch": list(net_arch)}
         self._sac = SAC(
-            "MultiInputPolicy", self._scaled, policy_kwargs=policy, seed=seed, device="cpu", **settings
+            "MultiInputPolicy",
+            self._scaled,
+            policy_kwargs=policy,
+            seed=seed,
+            device="cpu",
+            **settings,
         )
 
     def predict(

@@ -77,9 +77,7 @@ class UnifiedServo:
     def _step(self, look: Look, jacobian: Array, motors: Motors) -> Array:
         """Control words (m,) of one step towards the object, bounded in what they are to do."""
         lowest, highest = motors.lowest - look.registers, motors.highest - look.registers
-        words = solve_within(
-            distance_jacobian(jacobian), look.distance, self.damping, lowest, highest
-        )
+        words = solve_within(distance_jacobian(jacobian), look.distance, self.damping, lowest, highest)
         moved = jacobian @ words
         shares = [self.step_px / max(displacement_px(moved), 1e-9), 1.0]
         points = both_points(look)

@@ -15,7 +15,7 @@ def image_distances(achieved: Floats, desired: Floats) -> Floats:
     return np.sqrt(squares[..., 0::2] + squares[..., 1::2])
 
 
-def rendezvous(distances: Floats, tolerance: float) -> Floats:
+def rendezvous(distances: Floats, tolerance: float | np.float32) -> Floats:
     """Whether (...) both cameras see gripper and object within `tolerance`, in image units."""
     return (distances[..., 0] <= tolerance) & (distances[..., 1] <= tolerance)
 

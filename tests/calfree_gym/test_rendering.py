@@ -1,4 +1,6 @@
-"""Geometry against pixels: where the marks are in rendered images, and where the environment says they are."""
+"""Geometry against pixels: where rendered marks are, and where the environment says they are."""
+
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -37,6 +39,9 @@ def test_image_points_are_where_the_rendered_marks_are(renderer, mount):
     compared, worst = 0, 0.0
     for seed in range(50):
         env.reset(seed=seed)
+        off_center = np.random.default_rng(seed).uniform(-10, 10, (2, 2))
+        env.set_world(replace(env.world, principal_point=off_center))
+        env.reset()
         model, data = env.arms.simulation.snapshot(0)
         points = env.arms.true_points[0].reshape(2, 2, 2)
         for camera in range(2):
@@ -55,7 +60,8 @@ def test_frame_shows_the_scene_and_both_images(renderer):
     env = gym.make("CalFree/Reach-v0", world="nominal", render_mode="rgb_array")
     env.reset(seed=0)
     frame = env.render()
-    assert frame.shape == (720, 1080, 3) and frame.dtype == np.uint8
+    assert frame.shape == (720, 1080, 3)
+    assert frame.dtype == np.uint8
     for panel in (frame[:, :720], frame[:360, 720:], frame[360:, 720:]):
         assert panel.std() > 20
     env.close()
