@@ -1,4 +1,4 @@
-"""Speed as ratios to bare MuJoCo, measured in turns within one run, so that a drifting machine cancels out."""
+"""Speed as ratios to bare MuJoCo, measured in turns within one run, so that a drifting machine cancels."""
 
 from __future__ import annotations
 
@@ -121,9 +121,7 @@ def _words(steps: int, rows: int) -> np.ndarray:
     return words
 
 
-def _ratio(
-    name: str, wanted: float, ours: Callable[[], None], bare: Callable[[], None], steps: int
-) -> Ratio:
+def _ratio(name: str, wanted: float, ours: Callable[[], None], bare: Callable[[], None], steps: int) -> Ratio:
     seconds = np.empty((ROUNDS, 2))
     for row in seconds:
         for i, function in enumerate((ours, bare)):

@@ -52,7 +52,7 @@ class GridTable:
         records = np.where(np.isnan(records), registers, records)
         missed = registers - weights @ records
         gain = self.rate * weights / (weights @ weights)
-        self.records[corners] = np.clip(records + gain[:, None] * missed, -1, 1)
+        self.records[corners] = records + gain[:, None] * missed
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""

@@ -1,0 +1,28 @@
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/up-to-date
+JOBS ?= 2
+
+.PHONY: venv lint test test-all compare
+
+venv: $(STAMP)
+
+$(STAMP): constraints.txt pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		-c constraints.txt -e '.[agents,experiments,dev]'
+	touch $@
+
+lint: venv
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+
+test: lint
+	$(BIN)/pytest -n $(JOBS) -m 'not slow'
+
+test-all: lint
+	$(BIN)/pytest -n $(JOBS)
+
+compare: venv
+	$(BIN)/python -m experiments run configs/quick.yaml --out runs/quick --jobs $(JOBS)

@@ -1,0 +1,131 @@
+"""What is compared with what: a suite, read from YAML into frozen models."""
+
+import difflib
+from typing import Annotated, Any, Literal
+
+import gymnasium
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+import agents
+import calfree_gym
+from calfree_gym.schedule import parse_schedule
+from calfree_gym.world import DISTRIBUTIONS
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+
+
+def _one_of(found: str, allowed: tuple[str, ...]) -> str:
+    if found in allowed:
+        return found
+    near = difflib.get_close_matches(found, allowed, n=3)
+    hint = f" (did you mean {' or '.join(near)}?)" if near else ""
+    raise ValueError(f"unknown{hint}; allowed: {', '.join(allowed)}")
+
+
+class Model(BaseModel):
+    """A frozen value that knows all its keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class EnvironmentConfig(Model):
+    """The arguments of `gymnasium.make`."""
+
+    id: str
+    world: str
+    camera_mount: str = "waist"
+    tolerance_px: float = Field(4.0, gt=0)
+    dynamics: Literal["physics", "kinematic"] = "physics"
+    max_episode_steps: int = Field(60, gt=0)
+
+    @field_validator("id")
+    @classmethod
+    def _known_id(cls, value: str) -> str:
+        return _one_of(value, tuple(k for k in gymnasium.registry if k.startswith("CalFree/")))
+
+    @field_validator("world")
+    @classmethod
+    def _known_world(cls, value: str) -> str:
+        return _one_of(value, tuple(DISTRIBUTIONS))
+
+    @field_validator("camera_mount")
+    @classmethod
+    def _known_mount(cls, value: str) -> str:
+        return _one_of(value, calfree_gym.MOUNTS)
+
+    def make(self, perturbations: tuple[dict[str, Any], ...] = ()) -> gymnasium.Env[Any, Any]:
+        """Builds the environment."""
+        arguments = self.model_dump(exclude={"id"})
+        return gymnasium.make(self.id, perturbations=list(perturbations) or None, **arguments)
+
+
+class ScenarioConfig(Model):
+    """The life that every agent leads: where, for how long, and what befalls it."""
+
+    name: Name
+    env: EnvironmentConfig
+    motions: int = Field(gt=0)
+    perturbations: tuple[dict[str, Any], ...] = Field((), strict=False)
+
+    @field_validator("perturbations")
+    @classmethod
+    def _parsed(cls, value: tuple[dict[str, Any], ...]) -> tuple[dict[str, Any], ...]:
+        parse_schedule(list(value))
+        return value
+
+
+class EvaluationConfig(Model):
+    """Held-out trials, every so many lifetime motions and right after a perturbation."""
+
+    every: int = Field(gt=0)
+    trials: int = Field(gt=0)
+
+
+class AgentConfig(Model):
+    """An agent by name, with its settings; `label` tells apart two of the same name."""
+
+    name: str
+    label: Name
+    settings: dict[str, Any] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _label_defaults_to_name(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "name" in data:
+            return {"label": data["name"], **data}
+        return data
+
+    @field_validator("name")
+    @classmethod
+    def _known_name(cls, value: str) -> str:
+        return _one_of(value, agents.names())
+
+
+class Suite(Model):
+    """A question, and the runs that answer it: every agent in every scenario and world."""
+
+    name: Name
+    question: str
+    seed: int = Field(0, ge=0)
+    worlds: int = Field(gt=0)
+    scenarios: tuple[ScenarioConfig, ...] = Field(min_length=1, strict=False)
+    evaluation: EvaluationConfig
+    agents: tuple[AgentConfig, ...] = Field(min_length=1, strict=False)
+
+    @field_validator("scenarios")
+    @classmethod
+    def _distinct_scenarios(cls, value: tuple[ScenarioConfig, ...]) -> tuple[ScenarioConfig, ...]:
+        _distinct([scenario.name for scenario in value], "name")
+        return value
+
+    @field_validator("agents")
+    @classmethod
+    def _distinct_agents(cls, value: tuple[AgentConfig, ...]) -> tuple[AgentConfig, ...]:
+        _distinct([agent.label for agent in value], "label")
+        return value
+
+
+def _distinct(values: list[str], key: str) -> None:
+    twice = sorted({value for value in values if values.count(value) > 1})
+    if twice:
+        raise ValueError(f"{key} {', '.join(twice)} stands twice; give each its own {key}")

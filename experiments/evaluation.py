@@ -1,0 +1,136 @@
+"""Scoring an agent on held-out trials, without changing it."""
+
+import random
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import gymnasium
+import numpy as np
+
+THRESHOLDS_PX = (2, 4, 8, 16)
+PX_PER_IMAGE_UNIT = 256
+
+
+class Predictor(Protocol):
+    """The part of an agent that evaluation needs."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[Any, Any]:
+        """Returns the control words and the state to pass to the next call."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrialRecord:
+    """What one trial came to, by the noise-free truth.
+
+    Attributes:
+        trial: Index of the trial, from 0.
+        motions: Motions made, test motions and looks included.
+        robot_seconds: What the real arm would have needed, in seconds.
+        success: Whether the true error at the end is within the tolerance plus 3σ of the noise.
+        error_px: True image error at the end: the larger of both cameras', in pixels of 512.
+        distance_mm: True distance of gripper and object at the end, in millimetres.
+        motions_to: For 2, 4, 8 and 16 px: the first motion within it, or None if there was none.
+    """
+
+    trial: int
+    motions: int
+    robot_seconds: float
+    success: bool
+    error_px: float
+    distance_mm: float
+    motions_to: Mapping[int, int | None]
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self.__slots__:
+            raise KeyError(f"no field {name!r}; allowed: {', '.join(self.__slots__)}")
+        return getattr(self, name)
+
+
+class TrialMeter:
+    """Turns the infos of one trial's motions into its TrialRecord."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any], trial: int, info: Mapping[str, Any]):
+        self._env: Any = env.unwrapped
+        self._trial = trial
+        self._truth = info["truth"]
+        self._robot_seconds = 0.0
+        self._motions_to: dict[int, int | None] = dict.fromkeys(THRESHOLDS_PX)
+        self.motions = 0
+
+    def add(self, info: Mapping[str, Any]) -> None:
+        """Counts one motion, given the info that `step` returned."""
+        self.motions += 1
+        self._truth = info["truth"]
+        self._robot_seconds += float(info["robot_seconds"])
+        for threshold, first in self._motions_to.items():
+            if first is None and self._truth["error_px"] <= threshold:
+                self._motions_to[threshold] = self.motions
+
+    def record(self) -> TrialRecord:
+        """The record of the trial as it stands."""
+        tolerance_px = float(self._env.arms.tolerance) * PX_PER_IMAGE_UNIT
+        noise_px = float(self._env.world.point_noise)
+        error_px = float(self._truth["error_px"])
+        return TrialRecord(
+            trial=self._trial,
+            motions=self.motions,
+            robot_seconds=self._robot_seconds,
+            success=error_px <= tolerance_px + 3 * noise_px,
+            error_px=error_px,
+            distance_mm=float(self._truth["distance_mm"]),
+            motions_to=dict(self._motions_to),
+        )
+
+
+def evaluate(agent: Predictor, env: gymnasium.Env[Any, Any], trials: int, seed: int) -> list[TrialRecord]:
+    """Lets an agent make some trials, and changes nothing in it.
+
+    Global random states are restored afterwards; `predict` itself changes no knowledge.
+
+    Args:
+        agent: Anything with `predict`; its state is threaded through each trial.
+        env: A reach environment with a time limit. It is reset with `seed` once, then without.
+        trials: How many trials to make.
+        seed: Seeds the objects and the noise (and the world, where `env` draws worlds).
+
+    Returns:
+        One record a trial, in order.
+    """
+    with _random_state_preserved():
+        return [_make_trial(agent, env, trial, seed if trial == 0 else None) for trial in range(trials)]
+
+
+def _make_trial(agent: Predictor, env: gymnasium.Env[Any, Any], trial: int, seed: int | None) -> TrialRecord:
+    observation, info = env.reset(seed=seed)
+    meter = TrialMeter(env, trial, info)
+    state, over = None, False
+    while not over:
+        words, state = agent.predict(observation, state=state, deterministic=True)
+        observation, _, terminated, truncated, info = env.step(words)
+        meter.add(info)
+        over = terminated or truncated
+    return meter.record()
+
+
+@contextmanager
+def _random_state_preserved() -> Iterator[None]:
+    torch = sys.modules.get("torch")
+    python_state = random.getstate()
+    numpy_state = np.random.get_state()  # noqa: NPY002
+    torch_state = torch.get_rng_state() if torch else None
+    try:
+        yield
+    finally:
+        random.setstate(python_state)
+        np.random.set_state(numpy_state)  # noqa: NPY002
+        if torch:
+            torch.set_rng_state(torch_state)

@@ -1,0 +1,69 @@
+"""One agent's life, as its environment sees it: motions counted, trials and perturbations noted."""
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+
+from experiments.evaluation import TrialMeter, TrialRecord
+
+
+class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Counts every motion in the environment, where no agent can miscount it.
+
+    The world belongs to the run: the first reset is seeded with `seed`, and a seed that an agent
+    passes later is ignored. A reset of a trial in which nothing has moved repeats that trial's
+    first look, so that trial t is the same trial for every agent, however often it resets.
+
+    Args:
+        env: The environment to live in, with its schedule of perturbations.
+        seed: Seeds world, objects and noise.
+        on_trial: Called with the record of each finished trial. A trial cut off by a reset is none.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        seed: int,
+        on_trial: Callable[[TrialRecord], None] = lambda record: None,
+    ):
+        super().__init__(env)
+        self._on_trial = on_trial
+        self._trial = 0
+        self.motions = 0
+        self.perturbations: list[tuple[int, dict[str, Any]]] = []
+        self._begin(*env.reset(seed=seed))
+
+    @property
+    def since_perturbation(self) -> int | None:
+        """Motions since the last perturbation, the one it preceded included; None before any."""
+        return self.motions - self.perturbations[-1][0] if self.perturbations else None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Places the next object, unless the present trial has not begun."""
+        if self._meter.motions:
+            self._trial += 1
+            self._begin(*self.env.reset(options=options))
+        return copy.deepcopy(self._first_look)
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Makes one motion, and counts it."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._note(info)
+        self.motions += 1
+        self._meter.add(info)
+        if terminated or truncated:
+            self._on_trial(self._meter.record())
+        return observation, reward, terminated, truncated, info
+
+    def _begin(self, observation: Any, info: dict[str, Any]) -> None:
+        self._note(info)
+        self._first_look = observation, info
+        self._meter = TrialMeter(self.env, self._trial, info)
+
+    def _note(self, info: dict[str, Any]) -> None:
+        for perturbation in info.get("perturbed", ()):
+            self.perturbations.append((self.motions, perturbation.to_dict()))

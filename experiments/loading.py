@@ -1,0 +1,93 @@
+"""Reading a suite from a YAML file, with errors that say where, what and what else."""
+
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from experiments.config import Suite
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used; the message is for the person who wrote it."""
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """`yaml.SafeLoader`, except that a key that stands twice is an error."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        for (key_node, _), key in zip(node.value, keys, strict=True):
+            if keys.count(key) > 1:
+                line = key_node.start_mark.line + 1
+                raise yaml.YAMLError(f"line {line}: the key {key!r} stands twice")
+        return super().construct_mapping(node, deep)
+
+
+def load(path: Path) -> Suite:
+    """Reads and validates a suite.
+
+    Args:
+        path: A YAML file. An agent's `settings` may name a YAML file, relative to this one.
+
+    Raises:
+        ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
+    """
+    data = _read(path)
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
+    try:
+        return Suite.model_validate(_with_settings_files(data, path.parent))
+    except ValidationError as error:
+        lines = [f"  {_describe(dict(details))}" for details in error.errors()]
+        raise ConfigError("\n".join([f"{path}:", *lines])) from None
+
+
+def _read(path: Path) -> Any:
+    try:
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from None
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: is not valid YAML: {error}") from None
+
+
+def _with_settings_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    if not isinstance(data.get("agents"), list):
+        return data
+    return {**data, "agents": [_with_settings_file(agent, folder) for agent in data["agents"]]}
+
+
+def _with_settings_file(agent: Any, folder: Path) -> Any:
+    if isinstance(agent, dict) and isinstance(agent.get("settings"), str):
+        return {**agent, "settings": _read(folder / agent["settings"])}
+    return agent
+
+
+def _describe(error: dict[str, Any]) -> str:
+    where = ".".join(str(part) for part in error["loc"])
+    message = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "missing":
+        return f"{where}: missing"
+    if error["type"] == "extra_forbidden":
+        return f"{where}: unknown key; allowed: {', '.join(_siblings(error['loc']))}"
+    found = repr(error["input"])
+    if len(found) > 200:
+        found = found[:200] + "…"
+    return f"{where}: found {found}: {message}"
+
+
+def _siblings(location: tuple[str | int, ...]) -> list[str]:
+    """The keys that are allowed beside the one at `location`."""
+    model: type[BaseModel] = Suite
+    for part in location[:-1]:
+        if isinstance(part, str):
+            model = _model_in(model.model_fields[part].annotation)
+    return list(model.model_fields)
+
+
+def _model_in(annotation: Any) -> type[BaseModel]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(_model_in(argument) for argument in get_args(annotation) if argument is not ...)

@@ -1,0 +1,233 @@
+"""A finished suite as one HTML page, one Markdown page and figures."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import yaml
+
+from experiments import figures, worker
+from experiments.config import ScenarioConfig, Suite
+from experiments.loading import ConfigError
+from experiments.pages import Section, Table, html_page, markdown_page
+from experiments.plan import RunSpec, runs_of
+from experiments.runner import FAILED, LOG, SUITE, VERSIONS, folder_of, is_done
+from experiments.summary import Cell, held_out_curve, moments, training_curve, with_cost
+
+_MOMENTS = ("before", "right after", "at the end")
+
+_HOW_TO_READ = (
+    "Before: the last held-out trials before the first perturbation. Right after: in the perturbed "
+    "world, one motion later. Success: all trials of all worlds, with the 95 % Wilson interval of "
+    "trials in these very worlds. Motions per reach: each world's mean, a failed trial counting as "
+    "the cap; interquartile mean over worlds, with a 95 % bootstrap over worlds. Distance: median "
+    "true distance at the end of a trial."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A suite's folder, read back."""
+
+    out: Path
+    suite: Suite
+    command: str
+    runs: list[RunSpec]
+    outcomes: dict[str, dict[str, Any]]
+    results: pd.DataFrame
+
+
+def write_report(out: Path) -> Path:
+    """Writes `report.html`, `report.md` and `figures/` into a suite's folder.
+
+    Returns:
+        The path of the HTML page.
+
+    Raises:
+        ConfigError: Where the folder holds no results.
+    """
+    finished = _read(out)
+    sections = [_failures(finished)] if _failed(finished) else []
+    for scenario in finished.suite.scenarios:
+        sections.append(_scenario_section(finished, scenario))
+    sections += [_told(finished), _versions(finished), _provenance(finished)]
+    title, question = finished.suite.name, finished.suite.question
+    page = out / "report.html"
+    page.write_text(html_page(title, question, sections), encoding="utf-8")
+    (out / "report.md").write_text(markdown_page(title, question, sections), encoding="utf-8")
+    return page
+
+
+def _read(out: Path) -> Finished:
+    try:
+        about = json.loads((out / SUITE).read_text(encoding="utf-8"))
+        results = pd.read_parquet(out / "results.parquet")
+    except FileNotFoundError as error:
+        raise ConfigError(f"{out}: no results here ({error.filename} is missing)") from None
+    suite = Suite.model_validate(about["suite"])
+    runs = runs_of(suite)
+    outcomes = {
+        spec.id: json.loads((folder / worker.DONE).read_text(encoding="utf-8"))
+        for spec in runs
+        if is_done(folder := folder_of(out, spec.id))
+    }
+    return Finished(out, suite, about["command"], runs, outcomes, results)
+
+
+def _failed(finished: Finished) -> list[RunSpec]:
+    return [spec for spec in finished.runs if spec.id not in finished.outcomes]
+
+
+def _failures(finished: Finished) -> Section:
+    failed = _failed(finished)
+    tails = []
+    for spec in failed:
+        folder = folder_of(finished.out, spec.id)
+        report = folder / FAILED
+        tail = ["(never finished)"]
+        if report.exists():
+            tail = json.loads(report.read_text(encoding="utf-8"))["log_tail"]
+        tails.append("\n".join([f"{spec.id}  ({folder / LOG})", *tail]))
+    return Section(
+        title=f"{len(failed)} of {len(finished.runs)} runs FAILED",
+        text="They count as the worst score in every curve and table below.",
+        code="\n\n".join(tails),
+        alarming=True,
+    )
+
+
+def _scenario_section(finished: Finished, scenario: ScenarioConfig) -> Section:
+    rows = with_cost(finished.results, scenario)
+    suite, cap = finished.suite, scenario.env.max_episode_steps
+    labels = tuple(agent.label for agent in suite.agents)
+    width = max(suite.evaluation.every, 2 * cap)
+    struck = _perturbations(finished, scenario)
+    held_out = figures.learning_curves(
+        f"{scenario.name}: held-out trials, {suite.evaluation.trials} at each examination",
+        lambda agent, measure: held_out_curve(rows, agent, measure, suite.worlds, scenario),
+        labels,
+        cap,
+        struck,
+    )
+    training = figures.learning_curves(
+        f"{scenario.name}: the agents' own trials, mean of each {width:,} motions",
+        lambda agent, measure: training_curve(rows, agent, measure, suite.worlds, scenario, width),
+        labels,
+        cap,
+        struck,
+    )
+    folder = finished.out / "figures"
+    return Section(
+        title=f"Scenario {scenario.name}",
+        text=_about(suite, scenario),
+        figures={
+            f"{scenario.name}-{what}": figures.save(figure, folder, f"{scenario.name}-{what}")
+            for what, figure in (("held-out", held_out), ("training", training))
+        },
+        table=_summary_table(finished, scenario, rows),
+        note=_HOW_TO_READ,
+    )
+
+
+def _about(suite: Suite, scenario: ScenarioConfig) -> str:
+    env = scenario.env
+    return (
+        f"{env.id}, {env.world} worlds, cameras on the {env.camera_mount}, tolerance "
+        f"{env.tolerance_px:g} px, {env.dynamics} dynamics, at most {env.max_episode_steps} "
+        f"motions a trial, {scenario.motions:,} motions a life, {suite.worlds} worlds, the same "
+        f"for every agent. Lines: mean over worlds; bands: 95 % bootstrap over worlds."
+    )
+
+
+def _perturbations(finished: Finished, scenario: ScenarioConfig) -> tuple[figures.Perturbation, ...]:
+    struck = {
+        figures.Perturbation(motions, _in_words(what))
+        for spec in finished.runs
+        if spec.scenario == scenario
+        for motions, what in finished.outcomes.get(spec.id, {}).get("perturbations", ())
+    }
+    return tuple(sorted(struck, key=lambda perturbation: perturbation.motions))
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _in_words(perturbation: dict[str, Any]) -> str:
+    given = ", ".join(f"{key} {_short(value)}" for key, value in perturbation.items() if key != "type")
+    return f"{perturbation['type']} ({given})" if given else str(perturbation["type"])
+
+
+def _summary_table(finished: Finished, scenario: ScenarioConfig, rows: pd.DataFrame) -> Table:
+    suite, cap = finished.suite, scenario.env.max_episode_steps
+    table = Table(["agent", "when", "lifetime motions", "success", "motions per reach", "distance (mm)"], [])
+    for agent in suite.agents:
+        found = moments(rows, agent.label, suite.worlds, cap)
+        if not found:
+            table.rows.append([agent.label, "all runs failed", "–", "0 %", f"{cap}", "–"])
+        for name in _MOMENTS:
+            if name in found:
+                moment = found[name]
+                table.rows.append(
+                    [
+                        agent.label,
+                        name,
+                        f"{moment.lifetime_motions:,}",
+                        _percent(moment.success),
+                        _number(moment.motions_per_reach),
+                        f"{moment.distance_mm:.1f}",
+                    ]
+                )
+    return table
+
+
+def _percent(cell: Cell) -> str:
+    return f"{cell.value:.0%} [{cell.low:.0%}, {cell.high:.0%}]".replace("%", " %")
+
+
+def _number(cell: Cell) -> str:
+    return f"{cell.value:.1f} [{cell.low:.1f}, {cell.high:.1f}]"
+
+
+def _told(finished: Finished) -> Section:
+    told: dict[str, str] = {}
+    seconds: dict[str, float] = {}
+    for spec in finished.runs:
+        if outcome := finished.outcomes.get(spec.id):
+            told[spec.agent.label] = ", ".join(outcome["told"]) or "nothing"
+            spent = seconds.get(spec.agent.label, 0.0)
+            seconds[spec.agent.label] = spent + outcome["wall_seconds"]
+    rows = [
+        [
+            agent.label,
+            agent.name,
+            told.get(agent.label, "unknown: no run finished"),
+            json.dumps(agent.settings) if agent.settings else "defaults",
+            f"{seconds.get(agent.label, 0.0):,.0f}",
+        ]
+        for agent in finished.suite.agents
+    ]
+    header = ["agent", "kind", "told, beside the image points", "settings", "computing (s)"]
+    return Section(title="What each agent was told", table=Table(header, rows))
+
+
+def _versions(finished: Finished) -> Section:
+    found: dict[str, set[str]] = {}
+    for spec in finished.runs:
+        made_by = folder_of(finished.out, spec.id) / VERSIONS
+        if made_by.exists():
+            for name, version in json.loads(made_by.read_text(encoding="utf-8")).items():
+                found.setdefault(name, set()).add(version)
+    rows = [[name, ", ".join(sorted(versions))] for name, versions in found.items()]
+    return Section(title="Versions", table=Table(["what", "version"], rows))
+
+
+def _provenance(finished: Finished) -> Section:
+    config = yaml.safe_dump(finished.suite.model_dump(mode="json"), sort_keys=False)
+    return Section(
+        title="How this was made",
+        text="The command, and the whole configuration that it resolved to.",
+        code=f"$ {finished.command}\n\n{config}",
+    )

@@ -1,0 +1,111 @@
+"""The body of one run, in a process of its own: `python -m experiments.worker FOLDER`."""
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import agents
+from experiments.evaluation import TrialRecord, evaluate
+from experiments.life import Life
+from experiments.plan import RunSpec
+from experiments.records import TrialLog
+
+SPEC = "run.json"
+DONE = "DONE.json"
+
+
+class Examiner:
+    """Evaluates an agent in mid-life: on schedule, and right after a perturbation.
+
+    The extra examination is given once between two scheduled ones, so that a world that is
+    perturbed at every trial does not turn into one long examination.
+    """
+
+    def __init__(self, spec: RunSpec, life: Life, log: TrialLog):
+        self._spec = spec
+        self._life = life
+        self._log = log
+        self._env = spec.scenario.env.make()
+        self._next_checkpoint = 0
+        self._strikes_seen = 0
+        self._extra_given = False
+        self._examined_at = -1
+
+    def examine_if_due(self, agent: Any) -> None:
+        """Evaluates where a checkpoint is reached, or a perturbation has just struck."""
+        strikes = len(self._life.perturbations)
+        if self._life.motions >= self._next_checkpoint:
+            self._examine(agent)
+            self._next_checkpoint += self._spec.evaluation.every
+            self._strikes_seen, self._extra_given = strikes, False
+        elif strikes > self._strikes_seen and not self._extra_given:
+            self._examine(agent)
+            self._extra_given = True
+
+    def finish(self, agent: Any) -> None:
+        """Evaluates at the end of the life, unless that has just been done."""
+        if self._examined_at != self._life.motions:
+            self._examine(agent)
+
+    def _examine(self, agent: Any) -> None:
+        life: Any = self._life.unwrapped
+        exam: Any = self._env.unwrapped
+        exam.set_world(life.world)
+        trials = self._spec.evaluation.trials
+        records = evaluate(agent, self._env, trials, self._spec.exam_seed)
+        for record in records:
+            self._log.write("eval", self._life.motions, self._life.since_perturbation, record)
+        self._examined_at = self._life.motions
+        reached = sum(record.success for record in records)
+        print(
+            f"motions {self._life.motions}/{self._spec.scenario.motions}: "
+            f"{reached} of {trials} held-out trials reached",
+            flush=True,
+        )
+
+
+def live(spec: RunSpec, folder: Path) -> dict[str, Any]:
+    """Lets one agent live through its scenario, and logs every trial into `folder`.
+
+    Returns:
+        What the run says about itself: what the agent was told, and what befell it.
+    """
+    with TrialLog(folder) as log:
+
+        def log_trial(record: TrialRecord) -> None:
+            log.write("train", life.motions, life.since_perturbation, record)
+
+        env = spec.scenario.env.make(spec.scenario.perturbations)
+        life = Life(env, spec.world_seed, log_trial)
+        agent = agents.make(spec.agent.name, life, seed=spec.agent_seed, **spec.agent.settings)
+        examiner = Examiner(spec, life, log)
+        examiner.examine_if_due(agent)
+
+        def after_motion(progress: Any) -> bool:
+            examiner.examine_if_due(agent)
+            return True
+
+        agent.learn(spec.scenario.motions, callback=after_motion)
+        if life.motions != spec.scenario.motions:
+            raise RuntimeError(
+                f"{spec.agent.name} made {life.motions} motions; it was given {spec.scenario.motions}"
+            )
+        examiner.finish(agent)
+    return {"told": list(agent.told), "perturbations": life.perturbations}
+
+
+def main(folder: Path) -> None:
+    """Makes the run that `folder` describes; DONE.json is the last thing to appear in it."""
+    spec = RunSpec.model_validate_json((folder / SPEC).read_text(encoding="utf-8"))
+    start = time.monotonic()
+    outcome = live(spec, folder)
+    outcome["wall_seconds"] = round(time.monotonic() - start, 1)
+    partial = folder / "DONE.partial"
+    partial.write_text(json.dumps(outcome, indent=2), encoding="utf-8")
+    partial.replace(folder / DONE)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,148 @@
+"""The one surface: predict, learn, save and load, for every agent."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+import calfree_gym
+
+NAMES = agents.names()
+QUICK = {"sac": {"net_arch": [16], "learning_starts": 20, "buffer_size": 500}}
+
+
+def make(name, seed=0, **settings):
+    env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", max_episode_steps=30)
+    env.reset(seed=4)
+    return agents.make(name, env, seed=seed, **QUICK.get(name, {}), **settings), env
+
+
+def words_of(agent, env, motions=6):
+    """Words on a held-out trial."""
+    observation, _ = env.reset(seed=77)
+    state, found = None, []
+    for _ in range(motions):
+        words, state = agent.predict(observation, state)
+        found.append(words)
+        observation, _, terminated, truncated, _ = env.step(words)
+        if terminated or truncated:
+            break
+    return np.array(found)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_words_are_words(name):
+    agent, env = make(name)
+    words = words_of(agent, env)
+    assert words.dtype == np.float32
+    assert words.shape[1:] == (3,)
+    assert (np.abs(words) <= 1).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_predict_changes_nothing(name):
+    agent, env = make(name)
+    agent.learn(60)
+    held_out = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", world=env.unwrapped.world)
+    np.testing.assert_array_equal(words_of(agent, held_out), words_of(agent, held_out))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_saved_agent_loads_and_acts_alike(name, tmp_path):
+    agent, env = make(name)
+    agent.learn(80)
+    path = tmp_path / "agent.npz"
+    agent.save(path)
+    again = make(name)[0].load(path)
+    assert again.num_timesteps == agent.num_timesteps == 80
+    held_out = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", world=env.unwrapped.world)
+    np.testing.assert_array_equal(words_of(agent, held_out), words_of(again, held_out))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_learn_counts_motions_and_stops_when_told(name):
+    agent, _ = make(name)
+    seen = []
+    agent.learn(25, callback=lambda progress: seen.append(progress.num_timesteps) or True)
+    agent.learn(15, callback=lambda progress: seen.append(progress.num_timesteps) or True)
+    assert seen == list(range(1, 41))
+    agent.learn(100, callback=lambda progress: progress.num_timesteps < 50)
+    assert agent.num_timesteps == 50
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "sac"])
+def test_batched_observations_get_the_words_of_single_ones(name):
+    agent, _ = make(name)
+    batch = gym.make_vec("CalFree/Reach-v0", num_envs=3, dynamics="kinematic")
+    observations, _ = batch.reset(seed=20)
+    singles = [gym.make("CalFree/Reach-v0", dynamics="kinematic") for _ in range(3)]
+    looks = [env.reset(seed=20 + i)[0] for i, env in enumerate(singles)]
+    state, states = None, [None] * 3
+    for _ in range(5):
+        words, state = agent.predict(observations, state)
+        for i, env in enumerate(singles):
+            single, states[i] = agent.predict(looks[i], states[i])
+            np.testing.assert_array_equal(words[i], single)
+            looks[i], *_ = env.step(single)
+        observations, *_ = batch.step(words)
+
+
+def test_a_lost_state_is_an_error_that_says_what_to_do():
+    agent, env = make("unified_servo")
+    observation, _ = env.reset()
+    words, _ = agent.predict(observation)
+    observation, *_ = env.step(words)
+    with pytest.raises(ValueError, match="pass the state back"):
+        agent.predict(observation)
+
+
+def test_an_agent_goes_on_looking_after_it_has_arrived():
+    agent, _ = make("grid_table")
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", terminate_on_success=False, world="nominal")
+    observation, _ = env.reset(seed=0)
+    state = None
+    for _ in range(60):
+        words, state = agent.predict(observation, state)
+        observation, *_, info = env.step(words)
+    assert info["truth"]["error_px"] < 8
+
+
+def test_unknown_names_and_settings():
+    env = gym.make("CalFree/Reach-v0")
+    with pytest.raises(ValueError, match=r"'grid_tabel'.*did you mean grid_table"):
+        agents.make("grid_tabel", env)
+    for name in NAMES:
+        with pytest.raises(ValueError, match=rf"'{name}'.*no_such_setting"):
+            agents.make(name, env, no_such_setting=1)
+    for name, setting in (("random", {"limit": 2}), ("grid_table", {"cells": 0}), ("sac", {"word_limit": 0})):
+        with pytest.raises(ValueError, match=str(next(iter(setting.values())))):
+            agents.make(name, env, **setting)
+
+
+def test_damaged_and_foreign_files(tmp_path):
+    table, _ = make("grid_table")
+    servo, _ = make("unified_servo")
+    servo.save(tmp_path / "servo.npz")
+    with pytest.raises(ValueError, match=r"holds a UnifiedServo.*loads a GridTable"):
+        table.load(tmp_path / "servo.npz")
+    (tmp_path / "text.npz").write_text("no archive")
+    with pytest.raises(ValueError, match="damaged or no saved agent"):
+        table.load(tmp_path / "text.npz")
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    with pytest.raises(ValueError, match="no header"):
+        table.load(tmp_path / "other.npz")
+    saved = tmp_path / "table.npz"
+    table.save(saved)
+    saved.write_bytes(saved.read_bytes()[:-40])
+    with pytest.raises(ValueError, match="damaged"):
+        table.load(saved)
+    with pytest.raises(FileNotFoundError):
+        table.load(tmp_path / "nowhere.npz")
+    make("grid_table")[0].save(tmp_path / "eight.npz")
+    with pytest.raises(ValueError, match=r"shape \(9, 9, 9, 9, 3\)"):
+        make("grid_table", cells=4)[0].load(tmp_path / "eight.npz")
+
+
+def test_classical_agents_know_their_registry():
+    assert {"random", "unified_servo", "grid_table", "sac"} <= set(NAMES)
+    assert all(agents.make(n, gym.make(calfree_gym.ENV_IDS[0])).told == () for n in NAMES if n != "sac")

@@ -1,0 +1,106 @@
+"""The batched environment against single ones, bit by bit."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import calfree_gym
+
+ROWS, STEPS = 5, 14
+SCHEDULE = [
+    {"at": {"motion": 4}, "do": {"type": "camera_roll"}},
+    {"at": {"trial": 2}, "do": {"type": "motor_gain"}},
+    {"at": {"every": {"motion": 5}}, "do": {"type": "joint_zero"}},
+]
+
+
+def words():
+    return np.random.default_rng(1).uniform(-0.15, 0.15, (STEPS, ROWS, 3)).astype(np.float32)
+
+
+def singles(**arguments):
+    """What single environments with seeds 10, 11, ... give, stacked; reset a step after they ended."""
+    keys = ("achieved_goal", "desired_goal", "observation", "reward", "terminated", "truncated", "error_px")
+    out = {key: [] for key in keys}
+    for row in range(ROWS):
+        env = gym.make("CalFree/Reach-v0", max_episode_steps=6, disable_env_checker=True, **arguments)
+        observation, info = env.reset(seed=10 + row)
+        series, over = [], False
+        series.append((observation, 0.0, False, False, info))
+        for word in words()[:, row]:
+            if over:
+                observation, info = env.reset()
+                series.append((observation, 0.0, False, False, info))
+            else:
+                series.append(env.step(word))
+            over = series[-1][2] or series[-1][3]
+        for key in keys[:3]:
+            out[key].append([s[0][key] for s in series])
+        for i, key in enumerate(keys[3:6], 1):
+            out[key].append([s[i] for s in series])
+        out["error_px"].append([s[4]["truth"]["error_px"] for s in series])
+    return {key: np.array(value) for key, value in out.items()}
+
+
+def batched(threads, **arguments):
+    env = gym.make_vec(
+        "CalFree/Reach-v0", num_envs=ROWS, threads=threads, vector_kwargs={}, max_episode_steps=6, **arguments
+    )
+    observation, infos = env.reset(seed=10)
+    series = [(observation, np.zeros(ROWS), np.zeros(ROWS, bool), np.zeros(ROWS, bool), infos)]
+    series += [env.step(word) for word in words()]
+    out = {key: np.array([s[0][key] for s in series]).swapaxes(0, 1) for key in observation}
+    for i, key in enumerate(("reward", "terminated", "truncated"), 1):
+        out[key] = np.array([s[i] for s in series]).T
+    out["error_px"] = np.array([s[4]["truth"]["error_px"] for s in series]).T
+    return out
+
+
+@pytest.mark.parametrize("perturbations", [None, SCHEDULE], ids=["quiet", "perturbed"])
+@pytest.mark.parametrize("dynamics", ["physics", "kinematic"])
+@pytest.mark.parametrize("mount", calfree_gym.MOUNTS)
+def test_rows_are_bit_identical_to_single_environments_on_any_number_of_threads(
+    mount, dynamics, perturbations
+):
+    arguments = {
+        "camera_mount": mount,
+        "dynamics": dynamics,
+        "tolerance_px": 40.0,
+        "perturbations": perturbations,
+    }
+    alone, one, two = singles(**arguments), batched(1, **arguments), batched(2, **arguments)
+    assert alone["truncated"].any()
+    for key, value in alone.items():
+        np.testing.assert_array_equal(one[key], value, err_msg=key)
+        np.testing.assert_array_equal(two[key], value, err_msg=key)
+
+
+def test_many_rows_change_no_row():
+    few = gym.make_vec("CalFree/Reach-v0", num_envs=3, dynamics="kinematic")
+    many = gym.make_vec("CalFree/Reach-v0", num_envs=67, dynamics="kinematic")
+    few.reset(seed=0)
+    many.reset(seed=0)
+    for word in words()[:, 0]:
+        a, *_ = few.step(np.tile(word, (3, 1)))
+        b, *_ = many.step(np.tile(word, (67, 1)))
+        for key, value in a.items():
+            np.testing.assert_array_equal(value, b[key][:3])
+
+
+def test_worlds_may_differ_by_row():
+    env = gym.make_vec("CalFree/Reach-v0", num_envs=2, world=["nominal", "wild"])
+    env.reset(seed=0)
+    assert env.unwrapped.worlds[0] == calfree_gym.nominal()
+    env.unwrapped.set_world(calfree_gym.nominal(), row=1)
+    assert env.unwrapped.worlds[1] == calfree_gym.nominal()
+    with pytest.raises(ValueError, match="list of 3; it must have 2"):
+        gym.make_vec("CalFree/Reach-v0", num_envs=2, world=["wild"] * 3)
+
+
+def test_bad_actions_and_seeds():
+    env = gym.make_vec("CalFree/Reach-v0", num_envs=2)
+    with pytest.raises(ValueError, match="3 entries; it must have 2"):
+        env.reset(seed=[1, 2, 3])
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"shape \(3,\); it must be \(2, 3\)"):
+        env.step(np.zeros(3))

@@ -1,0 +1,129 @@
+"""Worlds as values, their distributions, and what is in view."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calfree_gym import DISTRIBUTIONS, MOUNTS, World, WorldDistribution, nominal
+from calfree_gym.cameras import lens, undistort
+from calfree_gym.motors import MotorMap, curve_inverse
+from calfree_gym.workspace import in_view
+from calfree_gym.world import CAMERA_POSITION, FOCAL_LENGTH, LENGTHS
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(sorted(DISTRIBUTIONS)), st.integers(0, 2**31), st.integers(0, 3))
+def test_a_world_goes_to_a_dict_and_back_exactly(name, seed, attempt):
+    world = WorldDistribution(name).sample(seed, attempt)
+    again = World.from_dict(world.to_dict())
+    assert again == world
+    assert hash(again) == hash(world)
+    assert WorldDistribution(name).sample(seed, attempt) == world
+
+
+def test_worlds_are_read_only():
+    with pytest.raises(ValueError, match="read-only"):
+        nominal().focal_length[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"focal_length": [300.0]}, r"focal_length has shape \(1,\); it must be \(2,\)"),
+        ({"focal_length": [300.0, -1.0]}, "focal_length must be positive"),
+        ({"joint_zeros": [0, 0, 0, np.nan]}, "joint_zeros must be finite"),
+        ({"motor_sign": [1, 1, 0]}, "motor_sign must be"),
+        ({"motor_curvature": [0.5, 0, 0]}, "motor_curvature must be within"),
+        ({"camera_orientation": np.ones((2, 4))}, "unit quaternions"),
+        ({"point_noise": -1}, "must not be negative"),
+    ],
+)
+def test_worlds_that_cannot_be(fields, message):
+    with pytest.raises(ValueError, match=message):
+        replace(nominal(), **fields)
+
+
+def test_damaged_dicts_name_the_field():
+    values = nominal().to_dict()
+    with pytest.raises(ValueError, match="lacks lens_k1"):
+        World.from_dict({k: v for k, v in values.items() if k != "lens_k1"})
+    with pytest.raises(ValueError, match="no field lens_k9"):
+        World.from_dict(values | {"lens_k9": 0})
+
+
+def test_wild_worlds_fill_the_ranges_they_are_said_to_have():
+    worlds = [WorldDistribution("wild").sample(seed) for seed in range(400)]
+
+    def spread(values, low, high):
+        assert low <= np.min(values) < low + 0.2 * (high - low)
+        assert high - 0.2 * (high - low) < np.max(values) <= high
+
+    spread([w.focal_length / FOCAL_LENGTH for w in worlds], 0.67, 1.5)
+    spread([w.link_lengths / LENGTHS for w in worlds], 0.9, 1.1)
+    spread(np.degrees([w.joint_zeros for w in worlds]), -10, 10)
+    spread([w.motor_gain for w in worlds], 0.5, 2.0)
+    displaced = [np.linalg.norm(w.camera_position - CAMERA_POSITION, axis=1) for w in worlds]
+    spread(displaced, 0.0, 0.1)
+    assert {tuple(w.motor_sign) for w in worlds} == {
+        (a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)
+    }
+
+
+def test_coarse_worlds_are_the_papers_coarsely_calibrated_robot():
+    built = nominal()
+    angles = []
+    for seed in range(200):
+        world = WorldDistribution("coarse").sample(seed)
+        cosines = np.abs((world.camera_orientation * built.camera_orientation).sum(1))
+        angles += list(np.degrees(2 * np.arccos(np.minimum(cosines, 1))))
+        assert (np.abs(world.link_lengths / LENGTHS - 1) <= 0.02).all()
+        assert (np.abs(world.focal_length / FOCAL_LENGTH - 1) <= 0.2).all()
+    assert 18 < max(angles) <= 20.0001
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_nominal_worlds_are_in_view_and_backward_cameras_are_not(mount):
+    assert in_view(nominal(), mount)
+    turned = nominal().camera_orientation[:, [2, 3, 0, 1]] * [1, -1, -1, 1]
+    assert not in_view(replace(nominal(), camera_orientation=turned), mount)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-0.45, 0.45), st.lists(st.floats(-1, 1), min_size=2, max_size=9))
+def test_motor_curve_is_monotone_and_inverts(curvature, registers):
+    registers = np.sort(np.array(registers))
+    values = registers + curvature * registers * (registers**2 - 1)
+    assert (np.diff(values) >= 0.09 * np.diff(registers) - 1e-15).all()
+    np.testing.assert_allclose(curve_inverse(values, np.array(curvature)), registers, atol=1e-9)
+
+
+def test_a_register_stops_where_its_joint_stops():
+    world = replace(nominal(), motor_gain=np.full(3, 2.0), joint_zeros=np.radians([8, -5, 6, 0]))
+    motors = MotorMap(1)
+    motors.set_world(0, world)
+    for registers, side in ((motors.lowest, 0), (motors.highest, 1)):
+        stops = np.degrees(motors.joints(registers, slice(None))[0, :3])
+        expected = [[-150, -30, -120], [150, 100, 0]][side]
+        np.testing.assert_allclose(stops, expected, atol=0.6)
+
+
+def test_the_wrist_is_vertical_where_joint_zeros_are_right_and_tilts_by_their_sum():
+    for zeros in ([0, 0, 0, 0], [5, 3, -2, 4]):
+        motors = MotorMap(1)
+        motors.set_world(0, replace(nominal(), joint_zeros=np.radians(zeros)))
+        joints = motors.joints(np.random.default_rng(0).uniform(-0.3, 0.3, (20, 3)), slice(0, 1))
+        tilt = np.degrees(joints[:, 1:4].sum(1)) + 90
+        np.testing.assert_allclose(tilt, sum(zeros[1:]), atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-0.08, 0.08), st.tuples(st.floats(-1.4, 1.4), st.floats(-1.4, 1.4)))
+def test_undistort_inverts_the_lens_wherever_it_shows_anything(k1, point):
+    shown_at, shown = lens(np.array(point), np.array(k1))
+    if shown:
+        found, there = undistort(shown_at, k1)
+        assert there
+        np.testing.assert_allclose(found, point, atol=1e-7)

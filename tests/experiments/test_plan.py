@@ -1,0 +1,38 @@
+from experiments.config import Suite
+from experiments.plan import runs_of
+
+
+def test_agents_meet_the_same_worlds_and_trials(suite_data):
+    runs = runs_of(Suite.model_validate(suite_data))
+    assert len(runs) == 4
+    seeds = {}
+    for run in runs:
+        seeds.setdefault(run.pair, set()).add((run.world_seed, run.exam_seed, run.agent_seed))
+    assert all(len(of_pair) == 1 for of_pair in seeds.values())
+    assert len({seed for of_pair in seeds.values() for triple in of_pair for seed in triple}) == 6
+
+
+def test_more_worlds_or_agents_move_no_seed(suite_data):
+    few = runs_of(Suite.model_validate(suite_data))
+    suite_data["worlds"] = 5
+    suite_data["agents"].append({"name": "grid_table"})
+    assert {run.id for run in few} < {run.id for run in runs_of(Suite.model_validate(suite_data))}
+
+
+def test_whatever_changes_a_run_changes_its_id(suite_data):
+    ids = {runs_of(Suite.model_validate(suite_data))[0].id}
+    for change in (
+        {"seed": 2},
+        {"evaluation": {"every": 41, "trials": 2}},
+        {"agents": [{"name": "random", "settings": {"a": 1}}]},
+        {"scenarios": [{**suite_data["scenarios"][0], "motions": 91}]},
+    ):
+        ids.add(runs_of(Suite.model_validate(suite_data | change))[0].id)
+    assert len(ids) == 5
+
+
+def test_the_order_of_settings_is_no_difference(suite_data):
+    suite_data["agents"] = [{"name": "random", "settings": {"a": 1, "b": 2}}]
+    one = runs_of(Suite.model_validate(suite_data))
+    suite_data["agents"] = [{"name": "random", "settings": {"b": 2, "a": 1}}]
+    assert [run.id for run in one] == [run.id for run in runs_of(Suite.model_validate(suite_data))]
