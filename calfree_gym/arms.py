@@ -166,20 +166,20 @@ class StereoArms:
         pixels, depth = self.simulation.pinhole_pixels()
         flat = (pixels - HALF) / self._focal
         squares = flat * flat
-        bend = self._k1 * (squares[..., 0] + squares[..., 1])
-        true = flat * (1 + bend)[..., None] * self._focal_units + self._principal
+        bend = self._k1 * (squares[:, :, 0] + squares[:, :, 1])
+        true = flat * (1 + bend)[:, :, None] * self._focal_units + self._principal
         far = np.abs(true)
-        visible = (depth > 0) & (bend > -1 / 3) & (np.maximum(far[..., 0], far[..., 1]) <= 1)
+        visible = (depth > 0) & (bend > -1 / 3) & (np.maximum(far[:, :, 0], far[:, :, 1]) <= 1)
         self.true_points = true
         self.visible = visible
         measured = np.minimum(np.maximum(true + self._noise * self._next_noise(), -1), 1)
-        self.points = np.where(visible[..., None], measured, self.points)
+        self.points = np.where(visible[:, :, None], measured, self.points)
 
     def error_px(self) -> Array:
         """Noise-free image distances (N,) in pixels, of the camera that sees the larger one."""
         d = self.true_points[:, :2] - self.true_points[:, 2:]
         squares = d * d
-        squared = squares[..., 0] + squares[..., 1]
+        squared = squares[:, :, 0] + squares[:, :, 1]
         return HALF * np.sqrt(np.maximum(squared[:, 0], squared[:, 1]))
 
     def _enter(self, row: int, world: World) -> None:

@@ -64,6 +64,7 @@ class StereoArmGoal:
         self.arms = StereoArms(rows, threads=threads, **arms)
         self.render_mode = render_mode
         self._ends = terminate_on_success
+        self.tolerance_px = float(arms["tolerance_px"])
         self._reward = REWARDS[reward]
         self._renderer: Any = None
         self._seen = np.zeros((rows, 4 + MOTORS), np.float32)

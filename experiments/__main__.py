@@ -1,4 +1,4 @@
-"""The command line: `python -m experiments {validate,run,report} ...`."""
+"""The command line: `python -m experiments {validate,run,report,benchmark} ...`."""
 
 import argparse
 import shlex
@@ -7,6 +7,8 @@ from pathlib import Path
 
 from experiments.loading import ConfigError, load
 from experiments.plan import runs_of
+
+BENCHMARKS = ("speed", "servo", "table", "sac")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -21,6 +23,8 @@ def main(arguments: list[str] | None = None) -> int:
             return _validate(options.config)
         if options.command == "run":
             return _run(options.config, options.out, options.jobs)
+        if options.command == "benchmark":
+            return _benchmark(options.parts)
         return _report(options.folder)
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -41,6 +45,15 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--jobs", type=_positive, default=1, help="runs at a time (default: 1)")
     report = commands.add_parser("report", help="write the report of a results folder again")
     report.add_argument("folder", type=Path)
+    benchmark = commands.add_parser("benchmark", help="measure speed, and what the agents reach")
+    benchmark.add_argument(
+        "parts",
+        nargs="*",
+        choices=BENCHMARKS,
+        default="speed",
+        metavar="PART",
+        help=f"of {', '.join(BENCHMARKS)} (default: speed)",
+    )
     return parser
 
 
@@ -80,6 +93,16 @@ def _report(folder: Path) -> int:
     from experiments.report import write_report
 
     print(f"report: {write_report(folder)}")
+    return 0
+
+
+def _benchmark(parts: list[str] | str) -> int:
+    from experiments import reaching
+    from experiments.speed import speed
+
+    measures = {"speed": speed, "servo": reaching.servo, "table": reaching.table, "sac": reaching.sac}
+    for part in [parts] if isinstance(parts, str) else parts:
+        print(measures[part](), flush=True)
     return 0
 
 

@@ -11,7 +11,6 @@ import gymnasium
 import numpy as np
 
 THRESHOLDS_PX = (2, 4, 8, 16)
-PX_PER_IMAGE_UNIT = 256
 
 
 class Predictor(Protocol):
@@ -77,7 +76,7 @@ class TrialMeter:
 
     def record(self) -> TrialRecord:
         """The record of the trial as it stands."""
-        tolerance_px = float(self._env.arms.tolerance) * PX_PER_IMAGE_UNIT
+        tolerance_px = self._env.tolerance_px
         noise_px = float(self._env.world.point_noise)
         error_px = float(self._truth["error_px"])
         return TrialRecord(

@@ -34,7 +34,7 @@ def load(path: Path) -> Suite:
     Raises:
         ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
     """
-    data = _read(path)
+    data = read_yaml(path)
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
     try:
@@ -44,7 +44,12 @@ def load(path: Path) -> Suite:
         raise ConfigError("\n".join([f"{path}:", *lines])) from None
 
 
-def _read(path: Path) -> Any:
+def read_yaml(path: Path) -> Any:
+    """The plain values in a YAML file.
+
+    Raises:
+        ConfigError: The file cannot be read, is no YAML, or has a key twice.
+    """
     try:
         return yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)
     except (OSError, UnicodeDecodeError) as error:
@@ -61,7 +66,7 @@ def _with_settings_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 def _with_settings_file(agent: Any, folder: Path) -> Any:
     if isinstance(agent, dict) and isinstance(agent.get("settings"), str):
-        return {**agent, "settings": _read(folder / agent["settings"])}
+        return {**agent, "settings": read_yaml(folder / agent["settings"])}
     return agent
 
 

@@ -15,7 +15,6 @@ class CountdownEnv(gymnasium.Env[Any, Any]):
     def __init__(self, strike_after: int | None = None):
         self.action_space = gymnasium.spaces.Box(0, 1, (1,), np.float32)
         self.observation_space = gymnasium.spaces.Box(0, 1, (1,), np.float32)
-        self.arms = SimpleNamespace(tolerance=self.tolerance_px / 256)
         self.world = SimpleNamespace(point_noise=0.5)
         self.motions = 0
         self.strike_after = strike_after

@@ -36,13 +36,9 @@ class Ratio:
     bare: float
 
 
-def measure() -> list[Ratio]:
-    """All ratios: single, batched and kinematic."""
-    return [_single(), _batched(), _kinematic()]
-
-
-def table(ratios: list[Ratio]) -> str:
-    """The ratios as lines of text."""
+def speed() -> str:
+    """Measures the single, the batched and the kinematic environment, as lines of text."""
+    ratios = [_single(), _batched(), _kinematic()]
     lines = [f"{'':44}{'ratio':>7}{'wanted':>8}{'ours/s':>12}{'bare/s':>12}"]
     for r in ratios:
         lines.append(f"{r.name:44}{r.ratio:7.2f}{r.wanted:8.2f}{r.ours:12,.0f}{r.bare:12,.0f}")
