@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +49,7 @@ def table(worlds: int = 10, trials: int = 400, struck: int = 250) -> str:
             records: list[TrialRecord] = []
             env = gym.make(REACH, camera_mount=mount, perturbations=schedule)
             agent = agents.make("grid_table", Life(env, seed, records.append))
-            while len(records) < trials:
-                agent.learn(trials * 60, callback=lambda _, done=records: len(done) < trials)
+            agent.learn(trials * 60, callback=_until(trials, records))
             lives.append(records)
         motions = np.array([[r.motions for r in life] for life in lives])
         success = np.array([[r.success for r in life] for life in lives])
@@ -57,9 +57,13 @@ def table(worlds: int = 10, trials: int = 400, struck: int = 250) -> str:
         lines.append(
             f"  {mount:6} trials 1-25: {first:.2f} motions   {struck - 49}-{struck}: {late:.2f}"
             f"   ratio {late / first:.2f} (wanted 0.70)"
-            f"   success before {success[:, :struck].mean():.1%}, after {success[:, struck:].mean():.1%} (98.0%)"
+            f"   success {success[:, :struck].mean():.1%}, then {success[:, struck:].mean():.1%} (98.0%)"
         )
     return "\n".join(lines)
+
+
+def _until(trials: int, records: list[TrialRecord]) -> Callable[[Any], bool]:
+    return lambda progress: len(records) < trials
 
 
 def sac(motions: int = 25_000, seeds: int = 2) -> str:
