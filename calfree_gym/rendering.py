@@ -144,7 +144,8 @@ class SceneRenderer:
             points = arms.points[row].reshape(2, 2, 2)[:, camera]
             seen = arms.visible[row].reshape(2, 2)[:, camera]
             _draw_points(image, points, seen, float(arms.tolerance) * IMAGE_SIZE / 2)
-            cv2.putText(image, name, (14, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.1, (30, 30, 30), 2, cv2.LINE_AA)
+            for colour, width in (((255, 255, 255), 5), ((30, 30, 30), 2)):
+                cv2.putText(image, name, (14, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.1, colour, width, cv2.LINE_AA)
             half = SCENE_SIZE // 2
             insets.append(cv2.resize(image, (half, half), interpolation=cv2.INTER_AREA))
         return np.hstack([scene, np.vstack(insets)])
