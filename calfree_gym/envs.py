@@ -50,7 +50,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     | desired_goal | (4,) | the object's sensor vector |
     | observation | (7,) | 1 where seen now: gripper left, right, object left, right; then 3 registers |
 
-    A point is seen where it is before a camera and inside its image; that the arm may hide it is not modelled.
+    A point is seen where it is before a camera and inside its image; that the arm may hide it is left out.
     A point that is not seen keeps its last seen value (the centre, where it never was seen).
 
     ## Rewards
