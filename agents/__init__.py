@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +13,7 @@ from agents.learning_servo import LearningServo
 from agents.random_agent import RandomAgent
 from agents.servo.unified import UnifiedServo
 from agents.servo_agent import ServoAgent
+from calfree_gym.world import near_misses
 
 __all__ = ["Agent", "make", "names"]
 
@@ -60,9 +60,11 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
         ValueError: An unknown name, with the near misses, or a setting that is not allowed.
     """
     if name not in _MAKERS:
-        close = difflib.get_close_matches(name, _MAKERS)
-        hint = f" (did you mean {' or '.join(close)}?)" if close else ""
+        hint = near_misses(name, _MAKERS)
         raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(_MAKERS)}")
+    shape = getattr(env.action_space, "shape", None)
+    if shape is None or len(shape) != 1:
+        raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
     try:
         return _MAKERS[name](env, **settings)
     except TypeError as error:

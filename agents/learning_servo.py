@@ -17,6 +17,9 @@ from agents.servo import Servo
 class LearningServo(ProcedureAgent):
     """Moves at once to where it remembers; corrects by `servo`; remembers where it succeeded.
 
+    It takes a trial for a success where the environment ends it, so it learns nothing from one with
+    `terminate_on_success=False`.
+
     Knowledge is keyed by the object's sensor vector as seen from home and holds registers: that is well
     defined also where the cameras turn with the waist.
     """
@@ -42,11 +45,13 @@ class LearningServo(ProcedureAgent):
 
     def save(self, path: str | Path) -> None:
         """See `Agent`."""
-        kind = type(self.knowledge).__name__
-        storage.save(path, kind, self.knowledge.arrays(), self.num_timesteps)
+        storage.save(path, self._kind(), self.knowledge.arrays(), self.num_timesteps)
 
     def load(self, path: str | Path) -> Self:
         """See `Agent`."""
-        arrays, self.num_timesteps = storage.load(path, type(self.knowledge).__name__)
+        arrays, self.num_timesteps = storage.load(path, self._kind())
         self.knowledge.restore(arrays)
         return self
+
+    def _kind(self) -> str:
+        return f"{self.knowledge!r} over {self.servo!r}"

@@ -25,6 +25,9 @@ class RandomAgent(ProcedureAgent):
             raise ValueError(f"limit is {limit}; it must be in (0, 1]")
         self.limit = limit
 
+    def __repr__(self) -> str:
+        return f"RandomAgent(limit={self.limit}, seed={self.seed})"
+
     def procedure(self, look: Look) -> Procedure:
         """See `ProcedureAgent`. Every trial has a stream of its own, so that `predict` changes nothing."""
         rng = np.random.default_rng([self.seed, *np.frombuffer(look.object.tobytes(), np.uint32)])
@@ -33,9 +36,9 @@ class RandomAgent(ProcedureAgent):
 
     def save(self, path: str | Path) -> None:
         """See `Agent`."""
-        storage.save(path, "random", {}, self.num_timesteps)
+        storage.save(path, repr(self), {}, self.num_timesteps)
 
     def load(self, path: str | Path) -> Self:
         """See `Agent`."""
-        _, self.num_timesteps = storage.load(path, "random")
+        _, self.num_timesteps = storage.load(path, repr(self))
         return self

@@ -25,9 +25,9 @@ class ServoAgent(ProcedureAgent):
 
     def save(self, path: str | Path) -> None:
         """See `Agent`."""
-        storage.save(path, type(self.servo).__name__, {}, self.num_timesteps)
+        storage.save(path, repr(self.servo), {}, self.num_timesteps)
 
     def load(self, path: str | Path) -> Self:
         """See `Agent`."""
-        _, self.num_timesteps = storage.load(path, type(self.servo).__name__)
+        _, self.num_timesteps = storage.load(path, repr(self.servo))
         return self

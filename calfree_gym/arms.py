@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym import streams
-from calfree_gym.cameras import MOUNTS
+from calfree_gym.cameras import MOUNTS, image_points
 from calfree_gym.geometry import Array, Rows
+from calfree_gym.motors import MOTORS
 from calfree_gym.perturbations import Perturbation
 from calfree_gym.schedule import parse_schedule
 from calfree_gym.simulation import DYNAMICS, Simulation
 from calfree_gym.workspace import ATTEMPTS, Workspaces, first_in_view, in_view
 from calfree_gym.world import IMAGE_SIZE, World, WorldDistribution, near_misses
 
-MOTORS = 3
 HALF = IMAGE_SIZE / 2
 """Pixels in one image unit."""
 JOINT_SPEED = 0.7
@@ -27,6 +28,8 @@ SETTLING_AND_LOOK = 1.5
 that the paper's test motions and steps add up to about its 50 s a grasp."""
 NOISE_BLOCK = 16
 CANDIDATE_BLOCK = 8
+APART_SIGMAS = 6
+"""An object starts further from the gripper than the tolerance, by this many times the noise."""
 
 WorldChoice = str | World | WorldDistribution
 
@@ -35,7 +38,6 @@ class StereoArms:
     """N arms with stereo cameras, stepped together.
 
     Attributes:
-        worlds: The world of each row.
         registers: Executed sums of control words since home (N, 3).
         points: Image points (N, 4, 2) as last seen: gripper left, right, object left, right.
         visible: Which of the four points (N, 4) the last look saw.
@@ -69,7 +71,7 @@ class StereoArms:
     ) -> None:
         check_choice("camera_mount", camera_mount, MOUNTS)
         check_choice("dynamics", dynamics, DYNAMICS)
-        if not (isinstance(tolerance_px, int | float) and 0 < tolerance_px < IMAGE_SIZE):
+        if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < IMAGE_SIZE):
             raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
         self.rows = rows
         self.mount = camera_mount
@@ -81,32 +83,49 @@ class StereoArms:
         for choice in self._choices:
             if isinstance(choice, World):
                 self._check_in_view(choice)
-        self.worlds: list[World] = []
-        self.registers = np.zeros((rows, MOTORS))
+        self._worlds: list[World | None] = [None] * rows
+        self.registers = np.zeros((rows, len(MOTORS)))
         self.points = np.zeros((rows, 4, 2))
         self.visible = np.zeros((rows, 4), bool)
         self.true_points = np.zeros((rows, 4, 2))
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
         self._motion_of_trial = np.zeros(rows, np.int64)
-        self._seeds = [0] * rows
+        self._seeds: list[int | None] = [None] * rows
         self._noise_keys = np.zeros((rows, 2), np.uint64)
         self._object_keys = np.zeros((rows, 2), np.uint64)
         self._counter_streams = streams.CounterStreams()
         self._noise_block = np.zeros((rows, NOISE_BLOCK, 4, 2))
         self._noise = np.zeros((rows, 1, 1))
+        self._apart = np.zeros((rows, 1))
         self._principal = np.zeros((rows, 4, 2))
         self._focal = np.ones((rows, 4, 1))
         self._focal_units = np.ones((rows, 4, 1))
         self._k1 = np.zeros((rows, 4))
         self._all = np.arange(rows)
+        self._begun = False
+
+    def world(self, row: int) -> World:
+        """The world of a row.
+
+        Raises:
+            gymnasium.error.ResetNeeded: There is none before the first reset.
+        """
+        world = self._worlds[row]
+        if world is None:
+            raise gym.error.ResetNeeded("there is no world before the first reset(); call it first")
+        return world
+
+    def needs_seed(self, row: int) -> bool:
+        """Whether `row` was never seeded."""
+        return self._seeds[row] is None
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`: its world, where that is to be drawn, objects and noise."""
         choice = self._choices[row]
         if isinstance(choice, WorldDistribution):
             choice = first_in_view(
-                lambda attempt: choice.sample(seed, attempt), self.mount, f"a {choice.name} world"
+                lambda attempt: choice.sample(seed, attempt), self.mount, f"a {choice.name} world", whole=True
             )
         self._seeds[row] = seed
         self._noise_keys[row] = streams.key(seed, "noise")
@@ -133,6 +152,7 @@ class StereoArms:
         Returns:
             The perturbations that struck before; `look` shows what is seen now.
         """
+        self._begun = True
         indices = self._all[rows]
         struck = self._strike("trial", self.trials, rows)
         self.registers[rows] = 0.0
@@ -149,7 +169,12 @@ class StereoArms:
 
         Returns:
             Robot time of the motions (n,) in seconds, and the perturbations that struck before them.
+
+        Raises:
+            gymnasium.error.ResetNeeded: No trial has begun.
         """
+        if not self._begun:
+            raise gym.error.ResetNeeded("no trial has begun: call reset() before step()")
         struck = self._strike("motion", self.motions, rows)
         motors = self.simulation.motors
         registers = self.registers[rows] + words
@@ -165,11 +190,9 @@ class StereoArms:
         self.simulation.look()
         pixels, depth = self.simulation.pinhole_pixels()
         flat = (pixels - HALF) / self._focal
-        squares = flat * flat
-        bend = self._k1 * (squares[:, :, 0] + squares[:, :, 1])
-        true = flat * (1 + bend)[:, :, None] * self._focal_units + self._principal
+        true, shown = image_points(flat, self._focal_units, self._principal, self._k1)
         far = np.abs(true)
-        visible = (depth > 0) & (bend > -1 / 3) & (np.maximum(far[:, :, 0], far[:, :, 1]) <= 1)
+        visible = shown & (depth > 0) & (np.maximum(far[:, :, 0], far[:, :, 1]) <= 1)
         self.true_points = true
         self.visible = visible
         measured = np.minimum(np.maximum(true + self._noise * self._next_noise(), -1), 1)
@@ -183,9 +206,7 @@ class StereoArms:
         return HALF * np.sqrt(np.maximum(squared[:, 0], squared[:, 1]))
 
     def _enter(self, row: int, world: World) -> None:
-        if len(self.worlds) <= row:
-            self.worlds.append(world)
-        self.worlds[row] = world
+        self._worlds[row] = world
         self.simulation.set_world(row, world)
         self._workspaces.set_world(row, world)
         self._principal[row] = np.tile(world.principal_point, (2, 1)) / HALF
@@ -193,6 +214,7 @@ class StereoArms:
         self._focal_units[row] = self._focal[row] / HALF
         self._k1[row] = np.tile(world.lens_k1, 2)
         self._noise[row] = world.point_noise / HALF
+        self._apart[row] = self.tolerance + APART_SIGMAS * world.point_noise / HALF
 
     def _check_in_view(self, world: World) -> None:
         if not in_view(world, self.mount):
@@ -213,7 +235,7 @@ class StereoArms:
         return struck
 
     def _perturb(self, row: int, perturbation: Perturbation, event: int, count: int) -> None:
-        world, seed = self.worlds[row], self._seeds[row]
+        world, seed = self.world(row), self._seeds[row] or 0
         perturbed = first_in_view(
             lambda attempt: perturbation.apply(
                 world, streams.stream(seed, "perturbation", event, count, attempt)
@@ -232,16 +254,16 @@ class StereoArms:
             for i, row in enumerate(rows[open_]):
                 keyed = self._counter_streams.at(self._object_keys[row], self.trials[row], block)
                 keyed.random(out=draws[i])
-            points, within, seen = self._workspaces.candidates(draws, rows[open_])
-            good = within & seen
+            at = self._workspaces.candidates(draws, rows[open_])
+            good = at.seen & at.reached & (at.apart > self._apart[rows[open_]])
             found = good.any(1)
-            objects[open_[found]] = points[found, good[found].argmax(1)]
+            objects[open_[found]] = at.points[found, good[found].argmax(1)]
             open_ = open_[~found]
             if not len(open_):
                 return objects
         raise ValueError(
             f"no object in {ATTEMPTS * CANDIDATE_BLOCK} candidates is within reach and in view of both "
-            f"cameras; the world is {self.worlds[int(rows[open_[0]])].to_dict()}"
+            f"cameras; the world is {self.world(int(rows[open_[0]])).to_dict()}"
         )
 
     def _next_noise(self) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from calfree_gym.geometry import Array, Flags
-from calfree_gym.world import IMAGE_SIZE
+from calfree_gym.world import IMAGE_UNIT
 
 MOUNTS = ("waist", "stand")
 """Where the cameras are fixed: on the arm's first link, turning with it, or in the room."""
@@ -23,16 +23,6 @@ def pinhole(points: Array, position: Array, rotation: Array) -> tuple[Array, Arr
     return seen[..., :2] * [1.0, -1.0] / safe[..., None], depth
 
 
-def lens(pinhole_points: Array, k1: Array) -> tuple[Array, Flags]:
-    """Points (..., 2) as the lens shows them, and which of them (...) it shows at all.
-
-    A lens with k1 < 0 shows nothing beyond the radius at which its image folds back.
-    """
-    radius2 = (pinhole_points * pinhole_points).sum(-1)
-    shown = 1 + 3 * k1 * radius2 > 0
-    return pinhole_points * (1 + k1 * radius2)[..., None], shown
-
-
 def undistort(distorted: Array, k1: float) -> tuple[Array, Flags]:
     """Pinhole points (..., 2) that a lens shows at `distorted` (..., 2), by Newton's method.
 
@@ -49,21 +39,22 @@ def undistort(distorted: Array, k1: float) -> tuple[Array, Flags]:
     return distorted * (found / np.maximum(radius, 1e-12))[..., None], shown
 
 
-def image_points(
-    pinhole_points: Array, focal_length: Array, principal_point: Array, k1: Array
-) -> tuple[Array, Flags]:
-    """Image points (..., 2) in [-1, 1] units, unclipped, and which of them the lens shows (...).
+def image_points(flat: Array, focal: Array, principal: Array, k1: Array) -> tuple[Array, Flags]:
+    """Where a lens shows pinhole points, in image units and unclipped (..., 2), and which it shows (...).
+
+    A lens with k1 < 0 shows nothing beyond the radius at which its image folds back.
 
     Args:
-        pinhole_points: In focal lengths (..., 2).
-        focal_length: In pixels (...).
-        principal_point: In pixels (..., 2).
+        flat: Pinhole points in focal lengths (..., 2).
+        focal: Focal length in image units (..., 1).
+        principal: Principal point in image units (..., 2).
         k1: Radial distortion (...).
     """
-    bent, shown = lens(pinhole_points, k1)
-    return (bent * focal_length[..., None] + principal_point) * (2 / IMAGE_SIZE), shown
+    squares = flat * flat
+    bend = k1 * (squares[..., 0] + squares[..., 1])
+    return flat * (1 + bend)[..., None] * focal + principal, bend > -1 / 3
 
 
 def inside(points: Array, margin_px: float) -> Flags:
     """Which image points (..., 2) lie at least `margin_px` inside the image."""
-    return np.all(np.abs(points) <= 1 - margin_px * 2 / IMAGE_SIZE, axis=-1)
+    return np.all(np.abs(points) <= 1 - margin_px * IMAGE_UNIT, axis=-1)

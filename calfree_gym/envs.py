@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.arms import MOTORS, Perturbed, WorldChoice
+from calfree_gym.arms import Perturbed, WorldChoice
 from calfree_gym.goal import (
     RENDER_MODES,
     Observation,
@@ -18,6 +18,7 @@ from calfree_gym.goal import (
     observation_space,
     placed_objects,
 )
+from calfree_gym.motors import MOTORS
 from calfree_gym.tasks import reach
 from calfree_gym.world import World
 
@@ -119,14 +120,13 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             dynamics=dynamics,
             perturbations=perturbations,
         )
-        self._seeded = False
         self.observation_space = observation_space()
         self.action_space = action_space()
 
     @property
     def world(self) -> World:
         """The hidden world. For experiments, not for controllers."""
-        return self.arms.worlds[0]
+        return self.arms.world(0)
 
     def set_world(self, world: World) -> None:
         """Puts the robot into `world`; later seeds draw objects and noise only."""
@@ -137,11 +137,10 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins a trial, see the class."""
         super().reset(seed=seed)
-        if seed is None and not self._seeded:
+        if seed is None and self.arms.needs_seed(0):
             seed = int(self.np_random.integers(2**31))
         if seed is not None:
             self.arms.seed(0, seed)
-            self._seeded = True
         struck = self.arms.begin_trial(slice(None), placed_objects(options, 1))
         self.arms.look()
         achieved, desired = self._goals()
@@ -151,7 +150,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Executes one motion, see the class."""
-        words = control_words(action, (MOTORS,))
+        words = control_words(action, (len(MOTORS),))
         seconds, struck = self.arms.move(slice(None), words)
         self.arms.look()
         achieved, desired = self._goals()

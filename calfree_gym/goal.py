@@ -8,7 +8,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from calfree_gym.arms import MOTORS, StereoArms, check_choice
+from calfree_gym.arms import StereoArms, check_choice
+from calfree_gym.motors import MOTORS
 from calfree_gym.tasks import reach
 
 Observation = dict[str, NDArray[np.float32]]
@@ -19,13 +20,13 @@ RENDER_MODES = ("rgb_array",)
 
 def observation_space() -> spaces.Dict[Any]:
     """The observations of one arm."""
-    sizes = {"achieved_goal": 4, "desired_goal": 4, "observation": 4 + MOTORS}
+    sizes = {"achieved_goal": 4, "desired_goal": 4, "observation": 4 + len(MOTORS)}
     return spaces.Dict({key: spaces.Box(-1.0, 1.0, (size,), np.float32) for key, size in sizes.items()})
 
 
 def action_space() -> spaces.Box[Any]:
     """The control words of one arm."""
-    return spaces.Box(-1.0, 1.0, (MOTORS,), np.float32)
+    return spaces.Box(-1.0, 1.0, (len(MOTORS),), np.float32)
 
 
 def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -67,14 +68,13 @@ class StereoArmGoal:
         self.tolerance_px = float(arms["tolerance_px"])
         self._reward = REWARDS[reward]
         self._renderer: Any = None
-        self._seen = np.zeros((rows, 4 + MOTORS), np.float32)
 
     def _goals(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         points = self.arms.points.astype(np.float32).reshape(-1, 8)
         return points[:, :4], points[:, 4:]
 
     def _flags_and_registers(self) -> NDArray[np.float32]:
-        seen = self._seen.copy()
+        seen = np.empty((self.arms.rows, 4 + len(MOTORS)), np.float32)
         seen[:, :4] = self.arms.visible
         seen[:, 4:] = self.arms.registers
         return seen

@@ -10,7 +10,16 @@ from typing import Any, ClassVar, Literal, get_args, get_type_hints
 import numpy as np
 
 from calfree_gym.geometry import quaternion_about, quaternion_product
-from calfree_gym.world import CAMERAS, LINKS, World, near_misses, random_direction, wild_camera
+from calfree_gym.motors import MOTORS
+from calfree_gym.world import (
+    CAMERAS,
+    LINKS,
+    World,
+    log_uniform,
+    near_misses,
+    random_direction,
+    wild_camera,
+)
 
 Camera = Literal["left", "right"]
 Joint = Literal["J1", "J2", "J3", "J4"]
@@ -18,7 +27,6 @@ Link = Literal["base", "shoulder", "upper_arm", "forearm", "hand"]
 Motor = Literal["waist", "shoulder", "elbow"]
 
 JOINTS: tuple[Joint, ...] = get_args(Joint)
-MOTOR_NAMES: tuple[Motor, ...] = get_args(Motor)
 OPTICAL_AXIS = np.array([0.0, 0.0, -1.0])
 
 
@@ -81,10 +89,6 @@ def _turned(world: World, camera: int, axis: Any, degrees: float) -> World:
     return _with(world, "camera_orientation", camera, turned)
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
 @dataclass(frozen=True)
 class CameraRoll(Perturbation):
     """Turns a camera about its optical axis by `degrees`, else by any angle."""
@@ -128,7 +132,7 @@ class CameraZoom(Perturbation):
 
     def apply(self, world: World, rng: np.random.Generator) -> World:
         camera = _pick(self.camera, CAMERAS, rng)
-        factor = _given(self.factor, _log_uniform(rng, 0.8, 1.25))
+        factor = _given(self.factor, log_uniform(rng, 0.8, 1.25))
         return _with(world, "focal_length", camera, world.focal_length[camera] * factor)
 
 
@@ -197,8 +201,8 @@ class MotorGain(Perturbation):
     factor: float | None = None
 
     def apply(self, world: World, rng: np.random.Generator) -> World:
-        motor = _pick(self.motor, MOTOR_NAMES, rng)
-        factor = _given(self.factor, _log_uniform(rng, 0.67, 1.5))
+        motor = _pick(self.motor, MOTORS, rng)
+        factor = _given(self.factor, log_uniform(rng, 0.67, 1.5))
         return _with(world, "motor_gain", motor, world.motor_gain[motor] * factor)
 
 
@@ -210,7 +214,7 @@ class MotorSign(Perturbation):
     motor: Motor | None = None
 
     def apply(self, world: World, rng: np.random.Generator) -> World:
-        motor = _pick(self.motor, MOTOR_NAMES, rng)
+        motor = _pick(self.motor, MOTORS, rng)
         return _with(world, "motor_sign", motor, -world.motor_sign[motor])
 
 
@@ -222,7 +226,7 @@ class PointNoise(Perturbation):
     px: float | None = None
 
     def apply(self, world: World, rng: np.random.Generator) -> World:
-        return replace(world, point_noise=np.array(_given(self.px, _log_uniform(rng, 0.5, 5))))
+        return replace(world, point_noise=np.array(_given(self.px, log_uniform(rng, 0.5, 5))))
 
 
 TYPES: dict[str, type[Perturbation]] = {
@@ -250,7 +254,7 @@ def parse_perturbation(value: Mapping[str, Any], where: str = "perturbation") ->
     """
     if not isinstance(value, Mapping) or "type" not in value:
         raise ValueError(f"{where} is {value!r}; it must be a mapping with a type")
-    cls = TYPES.get(value["type"])
+    cls = TYPES.get(str(value["type"]))
     if cls is None:
         raise ValueError(
             f"{where}.type is {value['type']!r}{near_misses(value['type'], TYPES)}; "

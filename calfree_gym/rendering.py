@@ -131,7 +131,7 @@ class SceneRenderer:
     def draw(self, arms: StereoArms, row: int) -> Image:
         """A frame (720, 1080, 3) of one row."""
         model, data = arms.simulation.snapshot(row)
-        world = arms.worlds[row]
+        world = arms.world(row)
         _dress_cameras(model, world, arms.mount)
         mujoco.mj_kinematics(model, data)
         view = mujoco.MjvCamera()

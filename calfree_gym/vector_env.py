@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from calfree_gym.arms import MOTORS, Perturbed, WorldChoice
+from calfree_gym.arms import Perturbed, WorldChoice
 from calfree_gym.goal import (
     RENDER_MODES,
     Observation,
@@ -20,6 +20,7 @@ from calfree_gym.goal import (
     observation_space,
     placed_objects,
 )
+from calfree_gym.motors import MOTORS
 from calfree_gym.tasks import reach
 from calfree_gym.world import World
 
@@ -73,19 +74,20 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             perturbations=perturbations,
         )
         self.num_envs = num_envs
+        if max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
         self._max_episode_steps = max_episode_steps
         self.single_observation_space = observation_space()
         self.single_action_space = action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._seeded = False
         self._steps = np.zeros(num_envs, np.int64)
         self._over = np.zeros(num_envs, bool)
 
     @property
     def worlds(self) -> list[World]:
         """The hidden world of each row. For experiments, not for controllers."""
-        return list(self.arms.worlds)
+        return [self.arms.world(row) for row in range(self.num_envs)]
 
     def set_world(self, world: World, row: int | None = None) -> None:
         """Puts one row, or every row, into `world`; later seeds draw objects and noise only."""
@@ -107,7 +109,6 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         for row, row_seed in enumerate(self._row_seeds(seed)):
             if row_seed is not None:
                 self.arms.seed(row, row_seed)
-        self._seeded = True
         self._steps[:] = 0
         self._over[:] = False
         struck = self.arms.begin_trial(slice(None), placed_objects(options, self.num_envs))
@@ -120,7 +121,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
 
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
         """Executes one motion in every row whose trial is not over; the others begin the next trial."""
-        words = control_words(actions, (self.num_envs, MOTORS))
+        words = control_words(actions, (self.num_envs, len(MOTORS)))
         over, seconds = self._over, np.zeros(self.num_envs)
         struck: list[Perturbed] = []
         if over.any():
@@ -149,14 +150,16 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         return tuple(self._frame(row) for row in range(self.num_envs))
 
     def _row_seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        rows = range(self.num_envs)
         if isinstance(seed, int | np.integer):
-            return [int(seed) + row for row in range(self.num_envs)]
-        if seed is None:
-            drawn = int(self.np_random.integers(2**31))
-            return [None if self._seeded else drawn + row for row in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(f"seed has {len(seed)} entries; it must have {self.num_envs}, one a row")
-        return seed
+            return [int(seed) + row for row in rows]
+        seeds = [None] * self.num_envs if seed is None else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed has {len(seeds)} entries; it must have {self.num_envs}, one a row")
+        drawn = int(self.np_random.integers(2**31))
+        return [
+            drawn + row if seeds[row] is None and self.arms.needs_seed(row) else seeds[row] for row in rows
+        ]
 
     def _observation(self, achieved: Any, desired: Any) -> Observation:
         return {
@@ -178,7 +181,8 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             "perturbed": perturbed,
             "truth": truth,
         }
-        return infos | {"_" + key: every for key in infos}
+        was_perturbed = np.array([what is not None for what in perturbed])
+        return infos | {"_" + key: every for key in infos} | {"_perturbed": was_perturbed}
 
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the renderer, if an image was ever asked for."""

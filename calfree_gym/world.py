@@ -19,6 +19,8 @@ LENGTHS = np.array([0.40, 0.12, 0.25, 0.20, 0.25])
 elbow to wrist, wrist to gripper point."""
 IMAGE_SIZE = 512
 """Width and height of an image in pixels."""
+IMAGE_UNIT = 2 / IMAGE_SIZE
+"""A pixel in image units: +-1 are the image's borders."""
 FOCAL_LENGTH = IMAGE_SIZE / 2 / np.tan(np.radians(40.0))
 """Nominal focal length in pixels: a field of view of 80 degrees."""
 CAMERA_POSITION = np.array([[0.05, 0.35, 0.60], [0.05, -0.35, 0.60]])
@@ -60,7 +62,7 @@ class World:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            array = np.array(getattr(self, field.name), dtype=np.float64)
+            array = np.array(np.asarray(getattr(self, field.name), np.float64) + 0.0)  # no negative zero
             shape = _SHAPES[field.name]
             if array.shape != shape:
                 raise ValueError(f"World.{field.name} has shape {array.shape}; it must be {shape}")
@@ -187,7 +189,7 @@ def _wild(draw: Draw) -> World:
         link_lengths=built.link_lengths * draw("link_lengths").uniform(0.9, 1.1, 5),
         joint_zeros=np.radians(draw("joint_zeros").uniform(-10, 10, 4)),
         motor_sign=draw("motor_sign").choice([-1.0, 1.0], 3),
-        motor_gain=_log_uniform(draw("motor_gain"), 0.5, 2.0, 3),
+        motor_gain=log_uniform(draw("motor_gain"), 0.5, 2.0, 3),
         motor_curvature=draw("motor_curvature").uniform(-0.3, 0.4, 3),
         point_noise=built.point_noise,
     )
@@ -201,7 +203,7 @@ def wild_camera(rng: np.random.Generator, camera: int) -> dict[str, Array]:
     return {
         "camera_position": position,
         "camera_orientation": quaternion_product(aimed, roll),
-        "focal_length": FOCAL_LENGTH * _log_uniform(rng, 0.67, 1.5),
+        "focal_length": FOCAL_LENGTH * log_uniform(rng, 0.67, 1.5),
         "lens_k1": np.asarray(rng.uniform(-0.08, 0.08)),
     }
 
@@ -212,7 +214,8 @@ def random_direction(rng: np.random.Generator) -> Array:
     return vector / np.linalg.norm(vector)
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float, size: int | None = None) -> Any:
+def log_uniform(rng: np.random.Generator, low: float, high: float, size: int | None = None) -> Any:
+    """Numbers whose logarithms are uniform between those of `low` and `high`."""
     return np.exp(rng.uniform(np.log(low), np.log(high), size))
 
 
@@ -233,7 +236,7 @@ class WorldDistribution:
     name: str
 
     def __post_init__(self) -> None:
-        if self.name not in DISTRIBUTIONS:
+        if not isinstance(self.name, str) or self.name not in DISTRIBUTIONS:
             raise ValueError(
                 f"unknown world {self.name!r}{near_misses(self.name, DISTRIBUTIONS)}; a world is a "
                 f"calfree_gym.World or one of {', '.join(DISTRIBUTIONS)}"

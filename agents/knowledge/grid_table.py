@@ -39,6 +39,9 @@ class GridTable:
         self.rate = rate
         self.records = np.full((*[cells + 1] * DIMENSIONS, motors), np.nan)
 
+    def __repr__(self) -> str:
+        return f"GridTable(cells={self.cells}, rate={self.rate})"
+
     def recall(self, sensors: Array) -> Array | None:
         """Interpolated registers (m,), or None where a corner of the cell has no record."""
         corners, weights = self._cell(sensors)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any, Self
+from zipfile import ZipFile
 
 import gymnasium as gym
 import numpy as np
@@ -11,8 +13,11 @@ import torch
 from numpy.typing import NDArray
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
 
 from agents.agent import Agent, Callback, Observation
+
+_WORDS = "calfree.json"
 
 
 class ScaledWords(gym.ActionWrapper[Any, Any, Any]):
@@ -60,14 +65,15 @@ class SacAgent(Agent):
         torch.set_num_threads(1)
         self._scaled = ScaledWords(env, word_limit, word_curvature)
         policy = {"net_arch": list(net_arch)}
-        self._sac = SAC(
-            "MultiInputPolicy",
-            self._scaled,
-            policy_kwargs=policy,
-            seed=seed,
-            device="cpu",
-            **settings,
+        self._adopt(
+            SAC("MultiInputPolicy", self._scaled, policy_kwargs=policy, seed=seed, device="cpu", **settings)
         )
+
+    def _adopt(self, sac: SAC) -> None:
+        """Takes over a learner, without the seed that it would draw a world from and without its logs."""
+        self._sac = sac
+        self._sac.get_env()._reset_seeds()  # type: ignore[union-attr]
+        self._sac.set_logger(Logger(folder=None, output_formats=[]))
 
     def predict(
         self,
@@ -93,13 +99,34 @@ class SacAgent(Agent):
         return self
 
     def save(self, path: str | Path) -> None:
-        """See `Agent`."""
-        self._sac.save(path)
+        """See `Agent`. The replay buffer is left out: learning goes on as from new, with trained networks."""
+        with Path(path).open("wb") as file:
+            self._sac.save(file)
+        words = {"word_limit": self._scaled.limit, "word_curvature": self._scaled.curvature}
+        with ZipFile(path, "a") as archive:
+            archive.writestr(_WORDS, json.dumps(words))
 
     def load(self, path: str | Path) -> Self:
-        """See `Agent`."""
-        self._sac = SAC.load(path, env=self._scaled, device="cpu")
-        self.num_timesteps = self._sac.num_timesteps
+        """See `Agent`.
+
+        Raises:
+            ValueError: The file is damaged, no saved agent, or of one that scaled its words otherwise.
+        """
+        mine = {"word_limit": self._scaled.limit, "word_curvature": self._scaled.curvature}
+        try:
+            with ZipFile(path) as archive:
+                saved = json.loads(archive.read(_WORDS))
+            sac = SAC.load(path, env=self._scaled, device="cpu")
+        except FileNotFoundError:
+            raise
+        except Exception as error:  # what is raised on a damaged file depends on where the damage is
+            raise ValueError(f"{path} is damaged or no saved sac: {error!r}") from error
+        if saved != mine:
+            raise ValueError(f"{path} holds a sac with {saved}; this one has {mine}")
+        warm_up = sac.learning_starts
+        self._adopt(sac)
+        self.num_timesteps = sac.num_timesteps
+        self._sac.learning_starts = self.num_timesteps + warm_up
         return self
 
 

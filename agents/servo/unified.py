@@ -32,6 +32,13 @@ class UnifiedServo:
     damping: float = 0.05
     border: float = 0.95
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
+                raise ValueError(f"{name} is {value!r}; it must be a number, 0 or more")
+        if not 0 < self.first_word <= 1 or self.test_px == 0 or self.step_px == 0 or self.border == 0:
+            raise ValueError(f"{self!r}: 0 < first_word <= 1; test_px, step_px and border above 0")
+
     def __call__(self, look: Look) -> Procedure:
         """Seeks the rendezvous from `look` on, for as long as it is asked."""
         motors = Motors(np.full(len(look.registers), self.first_word))

@@ -1,5 +1,8 @@
 """The one surface: predict, learn, save and load, for every agent."""
 
+import zipfile
+import zlib
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -40,11 +43,18 @@ def test_words_are_words(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_predict_changes_nothing(name):
+def test_predict_changes_nothing(name, tmp_path):
+    def knowledge():
+        agent.save(tmp_path / "agent.npz")
+        with zipfile.ZipFile(tmp_path / "agent.npz") as archive:
+            return {entry: zlib.crc32(archive.read(entry)) for entry in archive.namelist() if entry != "data"}
+
     agent, env = make(name)
     agent.learn(60)
+    before = knowledge()
     held_out = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", world=env.unwrapped.world)
     np.testing.assert_array_equal(words_of(agent, held_out), words_of(agent, held_out))
+    assert knowledge() == before
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -114,33 +124,69 @@ def test_unknown_names_and_settings():
     for name in NAMES:
         with pytest.raises(ValueError, match=rf"'{name}'.*no_such_setting"):
             agents.make(name, env, no_such_setting=1)
-    for name, setting in (("random", {"limit": 2}), ("grid_table", {"cells": 0}), ("sac", {"word_limit": 0})):
+    wrong = [("random", {"limit": 2}), ("grid_table", {"cells": 0}), ("sac", {"word_limit": 0})]
+    for name, setting in [*wrong, ("unified_servo", {"test_px": -3}), ("unified_servo", {"damping": "x"})]:
         with pytest.raises(ValueError, match=str(next(iter(setting.values())))):
             agents.make(name, env, **setting)
+
+
+def test_a_batched_environment_to_learn_in_is_refused():
+    batch = gym.make_vec("CalFree/Reach-v0", num_envs=2)
+    with pytest.raises(ValueError, match="one environment at a time"):
+        agents.make("grid_table", batch)
 
 
 def test_damaged_and_foreign_files(tmp_path):
     table, _ = make("grid_table")
     servo, _ = make("unified_servo")
     servo.save(tmp_path / "servo.npz")
-    with pytest.raises(ValueError, match=r"holds a UnifiedServo.*loads a GridTable"):
+    with pytest.raises(ValueError, match=r"holds UnifiedServo.*this agent is GridTable"):
         table.load(tmp_path / "servo.npz")
     (tmp_path / "text.npz").write_text("no archive")
     with pytest.raises(ValueError, match="damaged or no saved agent"):
         table.load(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
-    with pytest.raises(ValueError, match="no header"):
+    with pytest.raises(ValueError, match="no saved agent"):
         table.load(tmp_path / "other.npz")
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    with pytest.raises(ValueError, match="no saved agent"):
+        table.load(tmp_path / "array.npy")
     saved = tmp_path / "table.npz"
     table.save(saved)
-    saved.write_bytes(saved.read_bytes()[:-40])
-    with pytest.raises(ValueError, match="damaged"):
-        table.load(saved)
+    whole = saved.read_bytes()
+    for damaged in (whole[:-40], whole[:300] + b"\x00" * 60 + whole[360:], whole[:500]):
+        saved.write_bytes(damaged)
+        with pytest.raises(ValueError, match="damaged"):
+            table.load(saved)
     with pytest.raises(FileNotFoundError):
         table.load(tmp_path / "nowhere.npz")
     make("grid_table")[0].save(tmp_path / "eight.npz")
-    with pytest.raises(ValueError, match=r"shape \(9, 9, 9, 9, 3\)"):
+    with pytest.raises(ValueError, match=r"GridTable\(cells=8.*GridTable\(cells=4"):
         make("grid_table", cells=4)[0].load(tmp_path / "eight.npz")
+    with pytest.raises(ValueError, match=r"test_px=16.0.*test_px=9"):
+        make("unified_servo", test_px=9)[0].load(tmp_path / "servo.npz")
+
+
+def test_sac_refuses_what_it_did_not_save(tmp_path):
+    make("sac")[0].save(tmp_path / "sac.zip")
+    with pytest.raises(ValueError, match=r"'word_limit': 0.25.*'word_limit': 0.5"):
+        make("sac", word_limit=0.5)[0].load(tmp_path / "sac.zip")
+    (tmp_path / "sac.zip").write_bytes(b"no archive")
+    with pytest.raises(ValueError, match="damaged or no saved sac"):
+        make("sac")[0].load(tmp_path / "sac.zip")
+    with pytest.raises(FileNotFoundError):
+        make("sac")[0].load(tmp_path / "nowhere.zip")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_agent_stays_in_the_world_that_it_was_given(name, tmp_path):
+    agent, env = make(name, seed=1)
+    world = env.unwrapped.world
+    agent.learn(40)
+    agent.save(tmp_path / "agent")
+    again, its_env = make(name, seed=1)
+    again.load(tmp_path / "agent").learn(40)
+    assert env.unwrapped.world == its_env.unwrapped.world == world
 
 
 def test_classical_agents_know_their_registry():

@@ -106,12 +106,13 @@ def test_noise_has_the_worlds_standard_deviation_and_is_new_at_every_look():
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_every_trial_starts_at_home_with_all_points_seen_and_apart(mount):
-    env = gym.make("CalFree/Reach-v0", camera_mount=mount).unwrapped
-    for seed in range(10):
+    env = gym.make("CalFree/Reach-v0", camera_mount=mount, tolerance_px=60.0).unwrapped
+    for seed in range(20):
         observation, info = env.reset(seed=seed)
-        for _ in range(5):
+        for _ in range(10):
             np.testing.assert_array_equal(observation["observation"], [1, 1, 1, 1, 0, 0, 0])
-            assert info["truth"]["error_px"] > 4.0
+            assert info["truth"]["error_px"] > 60.0
+            assert not info["is_success"]
             assert np.abs(info["truth"]["points"][4:]).max() <= 1 - 16 / 256
             observation, info = env.reset()
 
@@ -209,6 +210,7 @@ def test_bad_actions(action, message):
     [
         ({"world": "wlid"}, "'wlid'.*did you mean wild.*nominal, coarse, wild"),
         ({"world": 3}, "unknown world 3"),
+        ({"world": nominal().to_dict()}, "unknown world"),
         ({"camera_mount": "wrist"}, "'wrist'.*waist, stand"),
         ({"dynamics": "quick"}, "'quick'.*physics, kinematic"),
         ({"tolerance_px": 0}, "tolerance_px is 0"),
@@ -222,6 +224,17 @@ def test_bad_actions(action, message):
 def test_bad_arguments(arguments, message):
     with pytest.raises(ValueError, match=message):
         calfree_gym.envs.StereoArmEnv(**arguments)
+
+
+def test_before_the_first_reset():
+    env = gym.make("CalFree/Reach-v0").unwrapped
+    for forbidden in (lambda: env.world, lambda: env.step(np.zeros(3))):
+        with pytest.raises(gym.error.ResetNeeded, match=r"reset\(\)"):
+            forbidden()
+
+
+def test_numbers_of_numpy_are_numbers():
+    assert gym.make("CalFree/Reach-v0", tolerance_px=np.int64(5)).unwrapped.tolerance_px == 5.0
 
 
 def test_bad_worlds_and_objects():

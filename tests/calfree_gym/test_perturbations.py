@@ -119,6 +119,7 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
         ({"type": "camera_roll", "degrees": float("nan")}, "must be finite"),
         ({"type": "camera_zoom", "factor": 0}, "factor is 0; it must be positive"),
         ({"degrees": 3}, "must be a mapping with a type"),
+        ({"type": ["camera_roll"]}, "allowed: camera_roll"),
     ],
 )
 def test_damaged_perturbations(entry, message):

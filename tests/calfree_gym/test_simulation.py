@@ -56,7 +56,7 @@ def test_image_points_follow_from_closed_form_kinematics_and_projection(pair):
             rotation = np.array([rotation_matrix(q) for q in world.camera_orientation])
             flat, closed_depth = pinhole(point, world.camera_position, rotation)
             np.testing.assert_allclose(closed_depth, depth[row, :2], atol=1e-9)
-            images, _ = image_points(flat, world.focal_length, np.zeros((2, 2)), np.zeros(2))
+            images, _ = image_points(flat, world.focal_length[:, None] / 256, np.zeros(2), np.zeros(2))
             before = closed_depth > 0.1
             np.testing.assert_allclose(
                 (images * 256 + 256)[before], pixels[row, :2][before], rtol=1e-6, atol=1e-3

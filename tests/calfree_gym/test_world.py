@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calfree_gym import DISTRIBUTIONS, MOUNTS, World, WorldDistribution, nominal
-from calfree_gym.cameras import lens, undistort
+from calfree_gym.cameras import image_points, undistort
 from calfree_gym.motors import MotorMap, curve_inverse
-from calfree_gym.workspace import in_view
+from calfree_gym.workspace import Workspaces, first_in_view, in_view
 from calfree_gym.world import CAMERA_POSITION, FOCAL_LENGTH, LENGTHS
 
 
@@ -22,6 +22,12 @@ def test_a_world_goes_to_a_dict_and_back_exactly(name, seed, attempt):
     assert again == world
     assert hash(again) == hash(world)
     assert WorldDistribution(name).sample(seed, attempt) == world
+
+
+def test_equal_worlds_hash_alike():
+    minus, plus = (replace(nominal(), joint_zeros=np.array([zero, 0, 0, 0])) for zero in (-0.0, 0.0))
+    assert minus == plus
+    assert hash(minus) == hash(plus)
 
 
 def test_worlds_are_read_only():
@@ -70,6 +76,19 @@ def test_wild_worlds_fill_the_ranges_they_are_said_to_have():
     assert {tuple(w.motor_sign) for w in worlds} == {
         (a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)
     }
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_registers_within_nine_tenths_reach_all_of_a_drawn_worlds_work_space(mount):
+    for seed in range(20):
+        world = first_in_view(
+            lambda a, s=seed: WorldDistribution("wild").sample(s, a), mount, "a world", whole=True
+        )
+        workspace = Workspaces(1, mount)
+        workspace.set_world(0, world)
+        found = workspace.candidates(np.random.default_rng(seed).random((1, 3000, 3)), np.array([0]))
+        assert found.within.sum() > 200
+        assert found.reached[found.within].mean() > 0.995
 
 
 def test_coarse_worlds_are_the_papers_coarsely_calibrated_robot():
@@ -122,7 +141,7 @@ def test_the_wrist_is_vertical_where_joint_zeros_are_right_and_tilts_by_their_su
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-0.08, 0.08), st.tuples(st.floats(-1.4, 1.4), st.floats(-1.4, 1.4)))
 def test_undistort_inverts_the_lens_wherever_it_shows_anything(k1, point):
-    shown_at, shown = lens(np.array(point), np.array(k1))
+    shown_at, shown = image_points(np.array(point), np.ones(1), np.zeros(2), np.array(k1))
     if shown:
         found, there = undistort(shown_at, k1)
         assert there
