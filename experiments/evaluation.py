@@ -93,7 +93,8 @@ class TrialMeter:
 def evaluate(agent: Predictor, env: gymnasium.Env[Any, Any], trials: int, seed: int) -> list[TrialRecord]:
     """Lets an agent make some trials, and changes nothing in it.
 
-    Global random states are restored afterwards; `predict` itself changes no knowledge.
+    The agent itself is evaluated, not a copy of its buffers and networks: `predict` changes no
+    knowledge, and global random states are restored afterwards.
 
     Args:
         agent: Anything with `predict`; its state is threaded through each trial.

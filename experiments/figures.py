@@ -40,9 +40,10 @@ _STYLE: Any = {
 
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """When the world changed, in lifetime motions, and how."""
+    """How the world changed, and between which lifetime motions it did so in the runs."""
 
-    motions: int
+    first: int
+    last: int
     what: str
 
 
@@ -60,7 +61,7 @@ def learning_curves(
         curve_of: From an agent's label and a measure to its curve.
         agents: The labels, in the order of their colours.
         cap: Motions after which a trial has failed.
-        perturbations: Each is marked by a line.
+        perturbations: Each is marked by a line, or by a span where runs were perturbed at different motions.
     """
     with plt.rc_context(_STYLE):
         figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.3), layout="constrained")
@@ -113,14 +114,17 @@ def _draw(axes: Axes, curve: Curve, agent: str, index: int) -> None:
 
 
 def _mark(axes: Axes, perturbations: tuple[Perturbation, ...]) -> None:
-    """Dotted lines, with words above the axes where there is room for them."""
+    """Dotted lines or grey spans, with words above the axes where there is room for them."""
     for perturbation in perturbations:
-        axes.axvline(perturbation.motions, color="#555555", linewidth=1, linestyle=":")
+        if perturbation.first == perturbation.last:
+            axes.axvline(perturbation.first, color="#555555", linewidth=1, linestyle=":")
+        else:
+            axes.axvspan(perturbation.first, perturbation.last, color="#555555", alpha=0.12, linewidth=0)
     if len(perturbations) <= _ROOM_FOR_WORDS:
         for perturbation in perturbations:
             axes.annotate(
                 perturbation.what,
-                (perturbation.motions, 1),
+                ((perturbation.first + perturbation.last) / 2, 1),
                 xycoords=("data", "axes fraction"),
                 xytext=(0, 3),
                 textcoords="offset points",

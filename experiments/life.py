@@ -16,6 +16,14 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
     passes later is ignored. A reset of a trial in which nothing has moved repeats that trial's
     first look, so that trial t is the same trial for every agent, however often it resets.
 
+    World and perturbations are those of the last motion: what a reset has changed belongs to the next
+    one. So it makes no difference whether an agent resets at once after a trial or only when it goes on.
+
+    Attributes:
+        motions: Lifetime motions.
+        world: The world in which the last motion was made (at first: the world to begin in).
+        perturbations: All up to the last motion: lifetime motions made before it, and what it was.
+
     Args:
         env: The environment to live in, with its schedule of perturbations.
         seed: Seeds world, objects and noise.
@@ -34,6 +42,7 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.motions = 0
         self.perturbations: list[tuple[int, dict[str, Any]]] = []
         self._begin(*env.reset(seed=seed))
+        self._note(())
 
     @property
     def since_perturbation(self) -> int | None:
@@ -43,16 +52,22 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Places the next object, unless the present trial has not begun."""
+        """Places the next object, unless the present trial has not begun.
+
+        Raises:
+            ValueError: Options are given.
+        """
+        if options:
+            raise ValueError(f"reset got options {options!r}; a run's trials are fixed, it takes none")
         if self._meter.motions:
             self._trial += 1
-            self._begin(*self.env.reset(options=options))
+            self._begin(*self.env.reset())
         return copy.deepcopy(self._first_look)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Makes one motion, and counts it."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        self._note(info)
+        self._note(info["perturbed"])
         self.motions += 1
         self._meter.add(info)
         if terminated or truncated:
@@ -60,10 +75,13 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
         return observation, reward, terminated, truncated, info
 
     def _begin(self, observation: Any, info: dict[str, Any]) -> None:
-        self._note(info)
+        self._perturbed_by_reset = info["perturbed"]
         self._first_look = observation, info
         self._meter = TrialMeter(self.env, self._trial, info)
 
-    def _note(self, info: dict[str, Any]) -> None:
-        for perturbation in info.get("perturbed", ()):
+    def _note(self, perturbed: Any) -> None:
+        for perturbation in (*self._perturbed_by_reset, *perturbed):
             self.perturbations.append((self.motions, perturbation.to_dict()))
+        self._perturbed_by_reset = ()
+        env: Any = self.env.unwrapped
+        self.world = env.world

@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.config import AgentConfig, EvaluationConfig, Model, ScenarioConfig, Suite
 
-_WORLD, _EXAM, _AGENT = range(3)
+_WORLD, _EVALUATION, _AGENT = range(3)
 
 
 class RunSpec(Model):
@@ -15,20 +15,20 @@ class RunSpec(Model):
 
     Attributes:
         agent: Which agent, with which settings.
-        scenario: Where it lives, and what befalls it.
-        evaluation: When it is examined.
-        pair: Index of the world; the same for all agents that are compared in it.
+        scenario: Where it lives, and how its world is perturbed.
+        evaluation: When it is evaluated.
+        world: Index of the world; the same for all agents that are compared in it.
         world_seed: Seeds the world, its objects and its noise.
-        exam_seed: Seeds the held-out trials.
+        evaluation_seed: Seeds the held-out trials.
         agent_seed: Seeds what the agent draws by itself.
     """
 
     agent: AgentConfig
     scenario: ScenarioConfig
     evaluation: EvaluationConfig
-    pair: int
+    world: int
     world_seed: int
-    exam_seed: int
+    evaluation_seed: int
     agent_seed: int
 
     @property
@@ -36,7 +36,7 @@ class RunSpec(Model):
         """A name for the run's folder: readable words, then the hash of the whole content."""
         content = json.dumps(self.model_dump(mode="json"), sort_keys=True)
         digest = hashlib.sha256(content.encode()).hexdigest()[:12]
-        return f"{self.scenario.name}-{self.agent.label}-{self.pair}-{digest}"
+        return f"{self.scenario.name}-{self.agent.label}-{self.world}-{digest}"
 
 
 def runs_of(suite: Suite) -> list[RunSpec]:
@@ -46,17 +46,17 @@ def runs_of(suite: Suite) -> list[RunSpec]:
             agent=agent,
             scenario=scenario,
             evaluation=suite.evaluation,
-            pair=pair,
-            world_seed=_seed(suite.seed, _WORLD, pair),
-            exam_seed=_seed(suite.seed, _EXAM, pair),
-            agent_seed=_seed(suite.seed, _AGENT, pair),
+            world=world,
+            world_seed=_seed(suite.seed, _WORLD, world),
+            evaluation_seed=_seed(suite.seed, _EVALUATION, world),
+            agent_seed=_seed(suite.seed, _AGENT, world),
         )
         for scenario in suite.scenarios
         for agent in suite.agents
-        for pair in range(suite.worlds)
+        for world in range(suite.worlds)
     ]
 
 
-def _seed(suite_seed: int, stream: int, pair: int) -> int:
-    sequence = np.random.SeedSequence(suite_seed, spawn_key=(stream, pair))
+def _seed(suite_seed: int, stream: int, world: int) -> int:
+    sequence = np.random.SeedSequence(suite_seed, spawn_key=(stream, world))
     return int(sequence.generate_state(1)[0])

@@ -37,11 +37,11 @@ def servo() -> str:
     return "\n".join(lines)
 
 
-def table(worlds: int = 10, trials: int = 400, struck: int = 250) -> str:
+def table(worlds: int = 10, trials: int = 400, before: int = 250) -> str:
     """grid_table, training trials in wild worlds, the left camera re-aimed by 20 degrees on the way."""
-    schedule = [{"at": {"trial": struck}, "do": {"type": "camera_aim", "camera": "left", "degrees": 20}}]
+    schedule = [{"at": {"trial": before}, "do": {"type": "camera_aim", "camera": "left", "degrees": 20}}]
     lines = [
-        f"grid_table, {worlds} wild worlds, {trials} training trials, re-aimed by 20 degrees at {struck}"
+        f"grid_table, {worlds} wild worlds, {trials} training trials, re-aimed by 20 degrees at {before}"
     ]
     for mount in calfree_gym.MOUNTS:
         lives = []
@@ -53,11 +53,11 @@ def table(worlds: int = 10, trials: int = 400, struck: int = 250) -> str:
             lives.append(records)
         motions = np.array([[r.motions for r in life] for life in lives])
         success = np.array([[r.success for r in life] for life in lives])
-        first, late = motions[:, :25].mean(), motions[:, struck - 50 : struck].mean()
+        first, late = motions[:, :25].mean(), motions[:, before - 50 : before].mean()
         lines.append(
-            f"  {mount:6} trials 1-25: {first:.2f} motions   {struck - 49}-{struck}: {late:.2f}"
+            f"  {mount:6} trials 1-25: {first:.2f} motions   {before - 49}-{before}: {late:.2f}"
             f"   ratio {late / first:.2f} (wanted 0.70)"
-            f"   success {success[:, :struck].mean():.1%}, then {success[:, struck:].mean():.1%} (98.0%)"
+            f"   success {success[:, :before].mean():.1%}, then {success[:, before:].mean():.1%} (98.0%)"
         )
     return "\n".join(lines)
 

@@ -18,7 +18,7 @@ SCHEMA = pa.schema(
         ("run", pa.string()),
         ("scenario", pa.string()),
         ("agent", pa.string()),
-        ("pair", pa.int64()),
+        ("world", pa.int64()),
         ("phase", pa.string()),  # "train": the agent's own trials; "eval": held-out ones
         ("lifetime_motions", pa.int64()),
         ("motions_since_perturbation", pa.int64()),  # null before the first one
@@ -78,7 +78,7 @@ def compact(folders: dict[Path, RunSpec], target: Path) -> None:
             "run": spec.id,
             "scenario": spec.scenario.name,
             "agent": spec.agent.label,
-            "pair": spec.pair,
+            "world": spec.world,
         }
         lines = (folder / TRIALS).read_text(encoding="utf-8").splitlines()
         rows.extend(of_run | json.loads(line) for line in lines)

@@ -1,6 +1,7 @@
 """A finished suite as one HTML page, one Markdown page and figures."""
 
 import json
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from experiments import figures, worker
+from experiments import figures, records, worker
 from experiments.config import ScenarioConfig, Suite
 from experiments.loading import ConfigError
 from experiments.pages import Section, Table, html_page, markdown_page
@@ -16,14 +17,18 @@ from experiments.plan import RunSpec, runs_of
 from experiments.runner import FAILED, LOG, SUITE, VERSIONS, folder_of, is_done
 from experiments.summary import Cell, held_out_curve, moments, training_curve, with_cost
 
+RESULTS = "results.parquet"
+
 _MOMENTS = ("before", "right after", "at the end")
 
 _HOW_TO_READ = (
-    "Before: the last held-out trials before the first perturbation. Right after: in the perturbed "
-    "world, one motion later. Success: all trials of all worlds, with the 95 % Wilson interval of "
-    "trials in these very worlds. Motions per reach: each world's mean, a failed trial counting as "
-    "the cap; interquartile mean over worlds, with a 95 % bootstrap over worlds. Distance: median "
-    "true distance at the end of a trial."
+    "Before: the last held-out trials before a run's first perturbation. Right after: the first ones in "
+    "the perturbed world. Worlds: runs that finished and came to that moment; lifetime motions: the "
+    "fewest and the most among them. Success: all their trials, with the 95 % Wilson interval of trials "
+    "in these very worlds. Motions per reach: each world's mean, a failed trial counting as the cap; "
+    "interquartile mean over worlds, with a 95 % bootstrap over worlds. Distance: median true distance "
+    "at the end of a trial. A run that did not finish counts as no success and as the cap; it has no "
+    "distance."
 )
 
 
@@ -40,16 +45,19 @@ class Finished:
 
 
 def write_report(out: Path) -> Path:
-    """Writes `report.html`, `report.md` and `figures/` into a suite's folder.
+    """Writes `results.parquet`, `report.html`, `report.md` and `figures/` into a suite's folder.
+
+    All are made from the finished runs of the suite that was run there last, so they are right also
+    where it was interrupted, or where runs of other suites lie beside its own.
 
     Returns:
         The path of the HTML page.
 
     Raises:
-        ConfigError: Where the folder holds no results.
+        ConfigError: Where no suite was run in the folder.
     """
     finished = _read(out)
-    sections = [_failures(finished)] if _failed(finished) else []
+    sections = [_failures(finished)] if _unfinished(finished) else []
     for scenario in finished.suite.scenarios:
         sections.append(_scenario_section(finished, scenario))
     sections += [_told(finished), _versions(finished), _provenance(finished)]
@@ -63,27 +71,27 @@ def write_report(out: Path) -> Path:
 def _read(out: Path) -> Finished:
     try:
         about = json.loads((out / SUITE).read_text(encoding="utf-8"))
-        results = pd.read_parquet(out / "results.parquet")
     except FileNotFoundError as error:
         raise ConfigError(f"{out}: no results here ({error.filename} is missing)") from None
     suite = Suite.model_validate(about["suite"])
     runs = runs_of(suite)
+    finished = {folder: spec for spec in runs if is_done(folder := folder_of(out, spec.id))}
     outcomes = {
         spec.id: json.loads((folder / worker.DONE).read_text(encoding="utf-8"))
-        for spec in runs
-        if is_done(folder := folder_of(out, spec.id))
+        for folder, spec in finished.items()
     }
-    return Finished(out, suite, about["command"], runs, outcomes, results)
+    records.compact(finished, out / RESULTS)
+    return Finished(out, suite, about["command"], runs, outcomes, pd.read_parquet(out / RESULTS))
 
 
-def _failed(finished: Finished) -> list[RunSpec]:
+def _unfinished(finished: Finished) -> list[RunSpec]:
     return [spec for spec in finished.runs if spec.id not in finished.outcomes]
 
 
 def _failures(finished: Finished) -> Section:
-    failed = _failed(finished)
+    unfinished = _unfinished(finished)
     tails = []
-    for spec in failed:
+    for spec in unfinished:
         folder = folder_of(finished.out, spec.id)
         report = folder / FAILED
         tail = ["(never finished)"]
@@ -91,8 +99,8 @@ def _failures(finished: Finished) -> Section:
             tail = json.loads(report.read_text(encoding="utf-8"))["log_tail"]
         tails.append("\n".join([f"{spec.id}  ({folder / LOG})", *tail]))
     return Section(
-        title=f"{len(failed)} of {len(finished.runs)} runs FAILED",
-        text="They count as the worst score in every curve and table below.",
+        title=f"{len(unfinished)} of {len(finished.runs)} runs FAILED or did not finish",
+        text="In every curve and table below they count as no success and as the most motions.",
         code="\n\n".join(tails),
         alarming=True,
     )
@@ -103,20 +111,20 @@ def _scenario_section(finished: Finished, scenario: ScenarioConfig) -> Section:
     suite, cap = finished.suite, scenario.env.max_episode_steps
     labels = tuple(agent.label for agent in suite.agents)
     width = max(suite.evaluation.every, 2 * cap)
-    struck = _perturbations(finished, scenario)
+    perturbations = _perturbations(finished, scenario)
     held_out = figures.learning_curves(
-        f"{scenario.name}: held-out trials, {suite.evaluation.trials} at each examination",
+        f"{scenario.name}: held-out trials, {suite.evaluation.trials} at each checkpoint",
         lambda agent, measure: held_out_curve(rows, agent, measure, suite.worlds, scenario),
         labels,
         cap,
-        struck,
+        perturbations,
     )
     training = figures.learning_curves(
         f"{scenario.name}: the agents' own trials, mean of each {width:,} motions",
         lambda agent, measure: training_curve(rows, agent, measure, suite.worlds, scenario, width),
         labels,
         cap,
-        struck,
+        perturbations,
     )
     folder = finished.out / "figures"
     return Section(
@@ -142,13 +150,25 @@ def _about(suite: Suite, scenario: ScenarioConfig) -> str:
 
 
 def _perturbations(finished: Finished, scenario: ScenarioConfig) -> tuple[figures.Perturbation, ...]:
-    struck = {
-        figures.Perturbation(motions, _in_words(what))
-        for spec in finished.runs
-        if spec.scenario == scenario
-        for motions, what in finished.outcomes.get(spec.id, {}).get("perturbations", ())
-    }
-    return tuple(sorted(struck, key=lambda perturbation: perturbation.motions))
+    """When the runs were perturbed, and how: a span where they were perturbed after different motions.
+
+    Spans of the same perturbation that overlap, as where it comes at every trial, are one.
+    """
+    met: dict[tuple[str, int], list[int]] = {}
+    for spec in finished.runs:
+        if spec.scenario == scenario and spec.id in finished.outcomes:
+            seen: Counter[str] = Counter()
+            for motions, perturbation in finished.outcomes[spec.id]["perturbations"]:
+                what = _in_words(perturbation)
+                met.setdefault((what, seen[what]), []).append(motions)
+                seen[what] += 1
+    spans: list[figures.Perturbation] = []
+    for (what, _), motions in sorted(met.items(), key=lambda item: (item[0][0], min(item[1]))):
+        first, last = min(motions), max(motions)
+        if spans and spans[-1].what == what and first <= spans[-1].last:
+            first, last = spans[-1].first, max(last, spans.pop().last)
+        spans.append(figures.Perturbation(first, last, what))
+    return tuple(sorted(spans, key=lambda span: span.first))
 
 
 def _short(value: Any) -> str:
@@ -162,11 +182,16 @@ def _in_words(perturbation: dict[str, Any]) -> str:
 
 def _summary_table(finished: Finished, scenario: ScenarioConfig, rows: pd.DataFrame) -> Table:
     suite, cap = finished.suite, scenario.env.max_episode_steps
-    table = Table(["agent", "when", "lifetime motions", "success", "motions per reach", "distance (mm)"], [])
+    columns = ["when", "worlds", "lifetime motions", "success", "motions per reach", "distance (mm)"]
+    table = Table(["agent", *columns], [])
+
+    def of_worlds(count: int) -> str:
+        return f"{count} of {suite.worlds}"
+
     for agent in suite.agents:
         found = moments(rows, agent.label, suite.worlds, cap)
         if not found:
-            table.rows.append([agent.label, "all runs failed", "–", "0 %", f"{cap}", "–"])
+            table.rows.append([agent.label, "no run finished", of_worlds(0), "–", "0 %", f"{cap}", "–"])
         for name in _MOMENTS:
             if name in found:
                 moment = found[name]
@@ -174,13 +199,18 @@ def _summary_table(finished: Finished, scenario: ScenarioConfig, rows: pd.DataFr
                     [
                         agent.label,
                         name,
-                        f"{moment.lifetime_motions:,}",
+                        of_worlds(moment.worlds),
+                        _range(*moment.lifetime_motions),
                         _percent(moment.success),
                         _number(moment.motions_per_reach),
                         f"{moment.distance_mm:.1f}",
                     ]
                 )
     return table
+
+
+def _range(low: int, high: int) -> str:
+    return f"{low:,}" if low == high else f"{low:,} – {high:,}"
 
 
 def _percent(cell: Cell) -> str:

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from experiments import records, worker
+from experiments import worker
 from experiments.config import Suite
 from experiments.plan import RunSpec, runs_of
 from experiments.progress import Display
@@ -40,7 +40,7 @@ class Runner:
         self._stopped = False
 
     def run(self, jobs: int, command: str) -> list[str]:
-        """Makes all runs that are not finished yet, then `results.parquet`.
+        """Makes all runs that are not finished yet.
 
         Args:
             jobs: How many runs to make at a time.
@@ -63,8 +63,6 @@ class Runner:
             raise
         finally:
             pool.shutdown(cancel_futures=True)
-        finished = {folder: spec for spec in runs if is_done(folder := folder_of(self._out, spec.id))}
-        records.compact(finished, self._out / "results.parquet")
         return [spec.id for spec in runs if not is_done(folder_of(self._out, spec.id))]
 
     def _is_finished(self, spec: RunSpec) -> bool:

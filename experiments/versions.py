@@ -19,8 +19,10 @@ PACKAGES = (
 _WHAT_MAKES_A_RESULT = (
     "calfree_gym",
     "agents",
+    "experiments/config.py",
     "experiments/evaluation.py",
     "experiments/life.py",
+    "experiments/plan.py",
     "experiments/records.py",
     "experiments/worker.py",
 )

@@ -16,11 +16,11 @@ SPEC = "run.json"
 DONE = "DONE.json"
 
 
-class Examiner:
+class Checkpoints:
     """Evaluates an agent in mid-life: on schedule, and right after a perturbation.
 
-    The extra examination is given once between two scheduled ones, so that a world that is
-    perturbed at every trial does not turn into one long examination.
+    Between two scheduled checkpoints there is one more at most, so that a world that is perturbed
+    at every trial does not turn into one long evaluation.
     """
 
     def __init__(self, spec: RunSpec, life: Life, log: TrialLog):
@@ -28,36 +28,35 @@ class Examiner:
         self._life = life
         self._log = log
         self._env = spec.scenario.env.make()
-        self._next_checkpoint = 0
-        self._strikes_seen = 0
-        self._extra_given = False
-        self._examined_at = -1
+        self._next_scheduled = 0
+        self._perturbations_seen = 0
+        self._one_more_made = False
+        self._last = -1
 
-    def examine_if_due(self, agent: Any) -> None:
-        """Evaluates where a checkpoint is reached, or a perturbation has just struck."""
-        strikes = len(self._life.perturbations)
-        if self._life.motions >= self._next_checkpoint:
-            self._examine(agent)
-            self._next_checkpoint += self._spec.evaluation.every
-            self._strikes_seen, self._extra_given = strikes, False
-        elif strikes > self._strikes_seen and not self._extra_given:
-            self._examine(agent)
-            self._extra_given = True
+    def evaluate_if_due(self, agent: Any) -> None:
+        """Evaluates where a scheduled checkpoint is reached, or the world has just been perturbed."""
+        perturbations = len(self._life.perturbations)
+        if self._life.motions >= self._next_scheduled:
+            self._evaluate(agent)
+            self._next_scheduled += self._spec.evaluation.every
+            self._perturbations_seen, self._one_more_made = perturbations, False
+        elif perturbations > self._perturbations_seen and not self._one_more_made:
+            self._evaluate(agent)
+            self._one_more_made = True
 
     def finish(self, agent: Any) -> None:
         """Evaluates at the end of the life, unless that has just been done."""
-        if self._examined_at != self._life.motions:
-            self._examine(agent)
+        if self._last != self._life.motions:
+            self._evaluate(agent)
 
-    def _examine(self, agent: Any) -> None:
-        life: Any = self._life.unwrapped
-        exam: Any = self._env.unwrapped
-        exam.set_world(life.world)
+    def _evaluate(self, agent: Any) -> None:
+        held_out: Any = self._env.unwrapped
+        held_out.set_world(self._life.world)
         trials = self._spec.evaluation.trials
-        records = evaluate(agent, self._env, trials, self._spec.exam_seed)
+        records = evaluate(agent, self._env, trials, self._spec.evaluation_seed)
         for record in records:
             self._log.write("eval", self._life.motions, self._life.since_perturbation, record)
-        self._examined_at = self._life.motions
+        self._last = self._life.motions
         reached = sum(record.success for record in records)
         print(
             f"motions {self._life.motions}/{self._spec.scenario.motions}: "
@@ -70,7 +69,7 @@ def live(spec: RunSpec, folder: Path) -> dict[str, Any]:
     """Lets one agent live through its scenario, and logs every trial into `folder`.
 
     Returns:
-        What the run says about itself: what the agent was told, and what befell it.
+        What the run says about itself: what the agent was told, and how its world was perturbed.
     """
     with TrialLog(folder) as log:
 
@@ -80,11 +79,11 @@ def live(spec: RunSpec, folder: Path) -> dict[str, Any]:
         env = spec.scenario.env.make(spec.scenario.perturbations)
         life = Life(env, spec.world_seed, log_trial)
         agent = agents.make(spec.agent.name, life, seed=spec.agent_seed, **spec.agent.settings)
-        examiner = Examiner(spec, life, log)
-        examiner.examine_if_due(agent)
+        checkpoints = Checkpoints(spec, life, log)
+        checkpoints.evaluate_if_due(agent)
 
         def after_motion(progress: Any) -> bool:
-            examiner.examine_if_due(agent)
+            checkpoints.evaluate_if_due(agent)
             return True
 
         agent.learn(spec.scenario.motions, callback=after_motion)
@@ -92,7 +91,7 @@ def live(spec: RunSpec, folder: Path) -> dict[str, Any]:
             raise RuntimeError(
                 f"{spec.agent.name} made {life.motions} motions; it was given {spec.scenario.motions}"
             )
-        examiner.finish(agent)
+        checkpoints.finish(agent)
     return {"told": list(agent.told), "perturbations": life.perturbations}
 
 

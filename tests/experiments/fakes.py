@@ -12,23 +12,25 @@ class CountdownEnv(gymnasium.Env[Any, Any]):
 
     tolerance_px = 4.0
 
-    def __init__(self, strike_after: int | None = None):
+    def __init__(self, perturb_motion: int | None = None, perturb_trial: int | None = None):
         self.action_space = gymnasium.spaces.Box(0, 1, (1,), np.float32)
         self.observation_space = gymnasium.spaces.Box(0, 1, (1,), np.float32)
         self.world = SimpleNamespace(point_noise=0.5)
         self.motions = 0
-        self.strike_after = strike_after
+        self.perturb_motion = perturb_motion
+        self.perturb_trial = perturb_trial
         self.seeds: list[int | None] = []
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
         super().reset(seed=seed)
+        perturbed = self._perturb(len(self.seeds) == self.perturb_trial)
         self.seeds.append(seed)
         self.error = float(self.np_random.uniform(20, 200))
         self.left = 10
-        return self._observation(), {"truth": self._truth(), "perturbed": ()}
+        return self._observation(), {"truth": self._truth(), "perturbed": perturbed}
 
     def step(self, action: Any) -> Any:
-        perturbed = (Shake(),) if self.motions == self.strike_after else ()
+        perturbed = self._perturb(self.motions == self.perturb_motion)
         self.motions += 1
         self.left -= 1
         self.error *= float(action[0])
@@ -40,6 +42,11 @@ class CountdownEnv(gymnasium.Env[Any, Any]):
             "is_success": arrived,
         }
         return self._observation(), 0.0, arrived, self.left == 0, info
+
+    def _perturb(self, due: bool) -> tuple[Any, ...]:
+        if due:
+            self.world = SimpleNamespace(point_noise=0.5, shaken=True)
+        return (Shake(),) if due else ()
 
     def _observation(self) -> Any:
         return np.array([self.error / 200], np.float32)

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from experiments.evaluation import TrialRecord
 from experiments.life import Life
@@ -45,7 +46,7 @@ def test_a_repeated_first_look_is_a_new_object():
 
 
 def test_motions_and_perturbations_are_counted_over_trials():
-    life = Life(CountdownEnv(strike_after=4), seed=5)
+    life = Life(CountdownEnv(perturb_motion=4), seed=5)
     since = [life.since_perturbation]
     for _ in range(6):
         _, _, terminated, _, _ = life.step(WORD)
@@ -64,3 +65,30 @@ def test_a_trial_that_is_cut_off_is_not_recorded():
     life.reset()
     make_trial(life)
     assert [record.trial for record in records] == [1]
+
+
+def test_what_a_reset_perturbs_belongs_to_the_next_motion():
+    env = CountdownEnv(perturb_trial=1)
+    life = Life(env, seed=5)
+    at_first = life.world
+    make_trial(life)
+    motions = life.motions
+    life.reset()
+    assert env.world is not at_first
+    assert (life.world, life.perturbations, life.since_perturbation) == (at_first, [], None)
+    life.step(WORD)
+    assert life.world is env.world
+    assert life.perturbations == [(motions, {"type": "shake", "degrees": 3.0})]
+    assert life.since_perturbation == 1
+
+
+def test_a_life_may_begin_perturbed():
+    life = Life(CountdownEnv(perturb_trial=0), seed=5)
+    assert life.perturbations == [(0, {"type": "shake", "degrees": 3.0})]
+    assert life.since_perturbation == 0
+
+
+def test_trials_take_no_options():
+    life = Life(CountdownEnv(), seed=5)
+    with pytest.raises(ValueError, match=r"got options \{'object': \(0, 0, 0\)\}"):
+        life.reset(options={"object": (0, 0, 0)})

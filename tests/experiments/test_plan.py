@@ -7,9 +7,9 @@ def test_agents_meet_the_same_worlds_and_trials(suite_data):
     assert len(runs) == 4
     seeds = {}
     for run in runs:
-        seeds.setdefault(run.pair, set()).add((run.world_seed, run.exam_seed, run.agent_seed))
-    assert all(len(of_pair) == 1 for of_pair in seeds.values())
-    assert len({seed for of_pair in seeds.values() for triple in of_pair for seed in triple}) == 6
+        seeds.setdefault(run.world, set()).add((run.world_seed, run.evaluation_seed, run.agent_seed))
+    assert all(len(of_world) == 1 for of_world in seeds.values())
+    assert len({seed for of_world in seeds.values() for triple in of_world for seed in triple}) == 6
 
 
 def test_more_worlds_or_agents_move_no_seed(suite_data):

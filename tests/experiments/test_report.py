@@ -1,0 +1,28 @@
+import pandas as pd
+import pytest
+
+from experiments.config import Suite
+from experiments.figures import Perturbation
+from experiments.plan import runs_of
+from experiments.report import Finished, _perturbations
+
+
+@pytest.mark.parametrize(
+    ("met", "spans"),
+    [
+        ([[50], [50], [50], [50]], [(50, 50)]),
+        ([[50], [70], [60], []], [(50, 70)]),
+        ([[50, 200], [70, 210]], [(50, 70), (200, 210)]),
+        ([[50, 60, 90], [70, 95, 100]], [(50, 100)]),  # overlapping: 50-70, 60-95, 90-100
+        ([], []),
+    ],
+)
+def test_perturbations_are_marked_where_the_runs_met_them(suite_data, tmp_path, met, spans):
+    suite = Suite.model_validate(suite_data)
+    runs = runs_of(suite)
+    outcomes = {
+        spec.id: {"perturbations": [(motions, {"type": "lens"}) for motions in of_run]}
+        for spec, of_run in zip(runs, met, strict=False)
+    }
+    finished = Finished(tmp_path, suite, "", runs, outcomes, pd.DataFrame())
+    assert _perturbations(finished, suite.scenarios[0]) == tuple(Perturbation(*s, "lens") for s in spans)
