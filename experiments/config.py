@@ -1,15 +1,15 @@
 """What is compared with what: a suite, read from YAML into frozen models."""
 
-import difflib
+import math
 from typing import Annotated, Any, Literal
 
 import gymnasium
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 import agents
 import calfree_gym
 from calfree_gym.schedule import parse_schedule
-from calfree_gym.world import DISTRIBUTIONS
+from calfree_gym.world import DISTRIBUTIONS, IMAGE_SIZE, near_misses
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 
@@ -17,9 +17,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 def _one_of(found: str, allowed: tuple[str, ...]) -> str:
     if found in allowed:
         return found
-    near = difflib.get_close_matches(found, allowed, n=3)
-    hint = f" (did you mean {' or '.join(near)}?)" if near else ""
-    raise ValueError(f"unknown{hint}; allowed: {', '.join(allowed)}")
+    raise ValueError(f"unknown{near_misses(found, allowed)}; allowed: {', '.join(allowed)}")
 
 
 class Model(BaseModel):
@@ -34,7 +32,7 @@ class EnvironmentConfig(Model):
     id: str
     world: str
     camera_mount: str = "waist"
-    tolerance_px: float = Field(4.0, gt=0)
+    tolerance_px: float = Field(4.0, gt=0, lt=IMAGE_SIZE)
     dynamics: Literal["physics", "kinematic"] = "physics"
     max_episode_steps: int = Field(60, gt=0)
 
@@ -60,7 +58,7 @@ class EnvironmentConfig(Model):
 
 
 class ScenarioConfig(Model):
-    """The life that every agent leads: where, for how long, and what befalls it."""
+    """The life that every agent leads: where, for how long, and how its world is perturbed."""
 
     name: Name
     env: EnvironmentConfig
@@ -69,8 +67,15 @@ class ScenarioConfig(Model):
 
     @field_validator("perturbations")
     @classmethod
-    def _parsed(cls, value: tuple[dict[str, Any], ...]) -> tuple[dict[str, Any], ...]:
-        parse_schedule(list(value))
+    def _within_the_life(
+        cls, value: tuple[dict[str, Any], ...], info: ValidationInfo
+    ) -> tuple[dict[str, Any], ...]:
+        motions = info.data.get("motions", math.inf)
+        for i, event in enumerate(parse_schedule(list(value))):
+            if event.clock == "motion" and event.at >= motions:
+                raise ValueError(
+                    f"perturbations[{i}] comes after {event.at} motions: never, in a life of {motions}"
+                )
         return value
 
 

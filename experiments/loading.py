@@ -6,6 +6,7 @@ from typing import Any, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 
+import agents
 from experiments.config import Suite
 
 
@@ -26,7 +27,7 @@ class _StrictLoader(yaml.SafeLoader):
 
 
 def load(path: Path) -> Suite:
-    """Reads and validates a suite.
+    """Reads and validates a suite; every environment, and every agent in it, is built once.
 
     Args:
         path: A YAML file. An agent's `settings` may name a YAML file, relative to this one.
@@ -38,10 +39,14 @@ def load(path: Path) -> Suite:
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
     try:
-        return Suite.model_validate(_with_settings_files(data, path.parent))
+        suite = Suite.model_validate(_with_settings_files(data, path.parent))
     except ValidationError as error:
-        lines = [f"  {_describe(dict(details))}" for details in error.errors()]
-        raise ConfigError("\n".join([f"{path}:", *lines])) from None
+        wrong = [_describe(dict(details)) for details in error.errors()]
+    else:
+        wrong = _unbuildable(suite)
+    if wrong:
+        raise ConfigError("\n".join([f"{path}:", *(f"  {line}" for line in wrong)]))
+    return suite
 
 
 def read_yaml(path: Path) -> Any:
@@ -70,6 +75,29 @@ def _with_settings_file(agent: Any, folder: Path) -> Any:
     return agent
 
 
+def _unbuildable(suite: Suite) -> list[str]:
+    """What is wrong with environments and settings, found by building each once."""
+    wrong = {}
+    for i, scenario in enumerate(suite.scenarios):
+        try:
+            env = scenario.env.make(scenario.perturbations)
+        except ValueError as error:
+            wrong[f"scenarios.{i}.env"] = f"{error}"
+            continue
+        for j, agent in enumerate(suite.agents):
+            try:
+                agents.make(agent.name, env, seed=0, **agent.settings)
+            except Exception as error:  # whatever a library raises at a setting that it cannot use
+                wrong[f"agents.{j}.settings"] = f"found {_short(agent.settings)}: {error}"
+        env.close()
+    return [f"{where}: {what}" for where, what in wrong.items()]
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 200 else text[:200] + "…"
+
+
 def _describe(error: dict[str, Any]) -> str:
     where = ".".join(str(part) for part in error["loc"])
     message = error["msg"].removeprefix("Value error, ")
@@ -77,10 +105,7 @@ def _describe(error: dict[str, Any]) -> str:
         return f"{where}: missing"
     if error["type"] == "extra_forbidden":
         return f"{where}: unknown key; allowed: {', '.join(_siblings(error['loc']))}"
-    found = repr(error["input"])
-    if len(found) > 200:
-        found = found[:200] + "…"
-    return f"{where}: found {found}: {message}"
+    return f"{where}: found {_short(error['input'])}: {message}"
 
 
 def _siblings(location: tuple[str | int, ...]) -> list[str]:

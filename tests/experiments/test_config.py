@@ -38,6 +38,7 @@ ENV = ("scenarios", 0, "env")
         ((*ENV, "id"), "CalFree/Reach-v9", "scenarios.0.env.id", "CalFree/Reach-v0"),
         ((*ENV, "dynamics"), "magic", "scenarios.0.env.dynamics", "'physics' or 'kinematic'"),
         ((*ENV, "tolerance_px"), -1.0, "scenarios.0.env.tolerance_px", "greater than 0"),
+        ((*ENV, "tolerance_px"), 900.0, "scenarios.0.env.tolerance_px", "less than 512"),
         (("scenarios", 0, "motions"), "1e6", "scenarios.0.motions", "found '1e6'"),
         (("scenarios", 0, "motions"), True, "scenarios.0.motions", "found True"),
         (("evaluation", "evry"), 5, "evaluation.evry", "allowed: every, trials"),
@@ -52,6 +53,16 @@ ENV = ("scenarios", 0, "env")
             "scenarios.0.perturbations",
             "camera_aim",
         ),
+        (
+            ("scenarios", 0, "perturbations", 0, "at", "motion"),
+            90,
+            "scenarios.0.perturbations",
+            "perturbations[0] comes after 90 motions: never, in a life of 90",
+        ),
+        (("agents", 1, "settings"), {"tset_px": 3}, "agents.1.settings", "tset_px"),
+        (("agents", 1, "settings"), {"test_px": -3.0}, "agents.1.settings", "test_px"),
+        (("agents", 1, "settings"), {"seed": 3}, "agents.1.settings", "seed"),
+        (("agents", 1), {"name": "sac", "settings": {"gama": 0.9}}, "agents.1.settings", "gama"),
     ],
 )
 def test_errors_say_where_what_and_what_else(suite_data, write_config, path, value, where, said):
@@ -90,6 +101,6 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 def test_settings_may_stand_in_a_file(suite_data, write_config, tmp_path):
-    (tmp_path / "words.yaml").write_text("scale: 0.25\n")
+    (tmp_path / "words.yaml").write_text("limit: 0.5\n")
     suite_data["agents"][0]["settings"] = "words.yaml"
-    assert load(write_config(suite_data)).agents[0].settings == {"scale": 0.25}
+    assert load(write_config(suite_data)).agents[0].settings == {"limit": 0.5}

@@ -7,6 +7,8 @@ import pandas as pd
 import pytest
 
 from experiments.__main__ import main
+from experiments.loading import load
+from experiments.plan import runs_of
 
 UNIQUE_PER_RUN = ["run", "phase", "lifetime_motions", "trial"]
 
@@ -30,7 +32,7 @@ def test_from_configuration_to_report(finished, capsys):
 
     held_out = results[results["phase"] == "eval"]
     for _, of_run in held_out.groupby("run"):
-        # On schedule at 0, 40, 80; right after the strike at 50; at the end.
+        # On schedule at 0, 40, 80; right after the perturbation at 50; at the end.
         assert list(of_run["lifetime_motions"].unique()) == [0, 40, 51, 80, 90]
         assert (of_run.groupby("lifetime_motions").size() == 2).all()
         since = of_run.groupby("lifetime_motions")["motions_since_perturbation"].first()
@@ -73,31 +75,39 @@ def test_results_of_other_code_are_set_aside(finished, capsys):
 
 
 def test_one_crash_fails_one_run_loudly(suite_data, write_config, tmp_path, capsys):
-    suite_data["worlds"] = 1
-    suite_data["agents"][0] = {"name": "random", "settings": {"nonsense": 1}}
+    aimed = suite_data["scenarios"][0]
+    away = {"type": "camera_aim", "camera": "left", "degrees": 180}
+    turned = {**aimed, "name": "turned", "perturbations": [{"at": {"motion": 50}, "do": away}]}
+    suite_data |= {"worlds": 1, "agents": [{"name": "random"}], "scenarios": [aimed, turned]}
     out = tmp_path / "out"
     assert run(write_config(suite_data), out) == 1
     printed = capsys.readouterr()
     assert "FAILED" in printed.out
-    assert "nonsense" in printed.out
+    assert "the world after" in printed.out
     assert "1 runs FAILED" in printed.err
     results = pd.read_parquet(out / "results.parquet")
-    assert set(results["agent"]) == {"unified_servo"}
+    assert set(results["scenario"]) == {"aimed"}
     page = (out / "report.html").read_text()
     assert page.index("1 of 2 runs FAILED") < page.index("Scenario aimed")
-    assert "nonsense" in page
+    assert "the world after" in page
+    assert "<td>random</td><td>no run finished</td><td>0 of 1</td>" in page
     assert main(["report", str(out)]) == 0
 
 
-def test_examinations_change_nothing_in_the_agent(suite_data, write_config, tmp_path):
-    curves = []
-    for every in (20, 1000):
-        suite_data["evaluation"]["every"] = every
-        out = tmp_path / str(every)
-        assert run(write_config(suite_data), out) == 0
-        results = pd.read_parquet(out / "results.parquet").drop(columns="run")
-        curves.append(results[results["phase"] == "train"].reset_index(drop=True))
-    pd.testing.assert_frame_equal(*curves)
+def test_a_report_is_of_the_last_suites_finished_runs_alone(finished, suite_data, write_config):
+    _, out = finished
+    config = write_config(suite_data | {"evaluation": {"every": 60, "trials": 2}})
+    assert run(config, out) == 0
+    newest = {spec.id for spec in runs_of(load(config))}
+    done = sorted(path for path in out.glob("runs/*/DONE.json") if path.parent.name in newest)
+    done[0].unlink()  # as an interrupt would have left it
+    assert main(["report", str(out)]) == 0
+    results = pd.read_parquet(out / "results.parquet")
+    assert set(results["run"]) == newest - {done[0].parent.name}
+    page = (out / "report.html").read_text()
+    assert "1 of 4 runs FAILED or did not finish" in page
+    assert f"{done[0].parent.name}  " in page
+    assert "(never finished)" in page
 
 
 def test_user_errors_are_one_message(capsys, tmp_path):
@@ -108,6 +118,7 @@ def test_user_errors_are_one_message(capsys, tmp_path):
     with pytest.raises(SystemExit) as error:
         main(["run", "a.yaml", "--out", "b", "--jobs", "0"])
     assert error.value.code == 2
+    assert "argument --jobs: found '0'; must be a whole number, 1 or more" in capsys.readouterr().err
 
 
 def test_validate_counts_the_work(suite_data, write_config, capsys):
