@@ -15,6 +15,7 @@ from calfree_gym.geometry import Array, Rows
 from calfree_gym.motors import MOTORS
 from calfree_gym.perturbations import Perturbation
 from calfree_gym.schedule import parse_schedule
+from calfree_gym.sensing import Sensing
 from calfree_gym.simulation import DYNAMICS, Simulation
 from calfree_gym.workspace import ATTEMPTS, Workspaces, first_in_view, in_view
 from calfree_gym.world import IMAGE_SIZE, World, WorldDistribution, near_misses
@@ -26,11 +27,11 @@ JOINT_SPEED = 0.7
 SETTLING_AND_LOOK = 1.5
 """Assumed seconds in which the arm settles and the vision system delivers still image points: so
 that the paper's test motions and steps add up to about its 50 s a grasp."""
-NOISE_BLOCK = 16
-CANDIDATE_BLOCK = 8
+CANDIDATE_BLOCK = 16
 APART_SIGMAS = 6
 """An object starts further from the gripper than the tolerance, by this many times the noise."""
 
+REDRAWS = ("never", "trial")
 WorldChoice = str | World | WorldDistribution
 
 
@@ -41,6 +42,8 @@ class StereoArms:
         registers: Executed sums of control words since home (N, 3).
         points: Image points (N, 4, 2) as last seen: gripper left, right, object left, right.
         visible: Which of the four points (N, 4) the last look saw.
+        delivered: Image points (N, 4, 2) and flags (N, 4) as the controller gets them: late, where
+            there is latency.
         true_points: Where noise-free cameras would see them now (N, 4, 2); not clipped to the image.
         motions: Motions since reset with a seed (N,).
         trials: Trials begun since reset with a seed (N,).
@@ -52,6 +55,8 @@ class StereoArms:
         dynamics: "physics" or "kinematic".
         tolerance_px: Image distance of the rendezvous; no object starts nearer.
         perturbations: A schedule, see `schedule.parse_schedule`.
+        redraw: "never", or "trial": every trial in a new world, where `world` is a distribution.
+        keep_in_view: Whether worlds and objects that the cameras do not see are drawn again.
         threads: Threads of the simulation; they change no number.
 
     Raises:
@@ -67,10 +72,13 @@ class StereoArms:
         dynamics: str,
         tolerance_px: float,
         perturbations: Any,
+        redraw: str,
+        keep_in_view: bool,
         threads: int,
     ) -> None:
         check_choice("camera_mount", camera_mount, MOUNTS)
         check_choice("dynamics", dynamics, DYNAMICS)
+        check_choice("redraw", redraw, REDRAWS)
         if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < IMAGE_SIZE):
             raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
         self.rows = rows
@@ -80,23 +88,26 @@ class StereoArms:
         self._workspaces = Workspaces(rows, camera_mount)
         self._schedule = parse_schedule(perturbations)
         self._choices = _choices(world, rows)
+        self._redraws = redraw == "trial"
+        self._keep_in_view = keep_in_view
         for choice in self._choices:
             if isinstance(choice, World):
                 self._check_in_view(choice)
+                if self._redraws:
+                    raise ValueError("redraw='trial' draws worlds: `world` must be a distribution")
         self._worlds: list[World | None] = [None] * rows
         self.registers = np.zeros((rows, len(MOTORS)))
         self.points = np.zeros((rows, 4, 2))
         self.visible = np.zeros((rows, 4), bool)
+        self.delivered = self.points, self.visible
         self.true_points = np.zeros((rows, 4, 2))
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
         self._motion_of_trial = np.zeros(rows, np.int64)
         self._seeds: list[int | None] = [None] * rows
-        self._noise_keys = np.zeros((rows, 2), np.uint64)
         self._object_keys = np.zeros((rows, 2), np.uint64)
         self._counter_streams = streams.CounterStreams()
-        self._noise_block = np.zeros((rows, NOISE_BLOCK, 4, 2))
-        self._noise = np.zeros((rows, 1, 1))
+        self._sensing = Sensing(rows)
         self._apart = np.zeros((rows, 1))
         self._principal = np.zeros((rows, 4, 2))
         self._focal = np.ones((rows, 4, 1))
@@ -122,16 +133,20 @@ class StereoArms:
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`: its world, where that is to be drawn, objects and noise."""
-        choice = self._choices[row]
-        if isinstance(choice, WorldDistribution):
-            choice = first_in_view(
-                lambda attempt: choice.sample(seed, attempt), self.mount, f"a {choice.name} world", whole=True
-            )
         self._seeds[row] = seed
-        self._noise_keys[row] = streams.key(seed, "noise")
+        self._sensing.seed(row, seed)
         self._object_keys[row] = streams.key(seed, "objects")
         self.motions[row] = self.trials[row] = 0
-        self._enter(row, choice)
+        choice = self._choices[row]
+        self._enter(row, choice if isinstance(choice, World) else self._draw_world(choice, seed, 0))
+
+    def _draw_world(self, distribution: WorldDistribution, seed: int, trial: int) -> World:
+        def draw(attempt: int) -> World:
+            return distribution.sample(seed, attempt, trial)
+
+        if not self._keep_in_view:
+            return draw(0)
+        return first_in_view(draw, self.mount, f"a {distribution.name} world", whole=True)
 
     def set_world(self, row: int, world: World) -> None:
         """Puts `row` into `world` from now on; seeds then draw objects and noise only.
@@ -154,6 +169,8 @@ class StereoArms:
         """
         self._begun = True
         indices = self._all[rows]
+        if self._redraws:
+            self._redraw(indices)
         struck = self._strike("trial", self.trials, rows)
         self.registers[rows] = 0.0
         if objects is None:
@@ -194,9 +211,9 @@ class StereoArms:
         far = np.abs(true)
         visible = shown & (depth > 0) & (np.maximum(far[:, :, 0], far[:, :, 1]) <= 1)
         self.true_points = true
-        self.visible = visible
-        measured = np.minimum(np.maximum(true + self._noise * self._next_noise(), -1), 1)
-        self.points = np.where(visible[:, :, None], measured, self.points)
+        measured, self.visible = self._sensing.measure(true, visible, self.trials, self._motion_of_trial)
+        self.points = np.where(self.visible[:, :, None], measured, self.points)
+        self.delivered = self._sensing.deliver(self.points, self.visible, self._motion_of_trial)
 
     def error_px(self) -> Array:
         """Noise-free image distances (N,) in pixels, of the camera that sees the larger one."""
@@ -213,11 +230,18 @@ class StereoArms:
         self._focal[row, :, 0] = np.tile(world.focal_length, 2)
         self._focal_units[row] = self._focal[row] / HALF
         self._k1[row] = np.tile(world.lens_k1, 2)
-        self._noise[row] = world.point_noise / HALF
+        self._sensing.set_world(row, world)
         self._apart[row] = self.tolerance + APART_SIGMAS * world.point_noise / HALF
 
+    def _redraw(self, rows: NDArray[np.intp]) -> None:
+        """Puts rows whose first trial is over into the next trial's world."""
+        for row in rows[self.trials[rows] > 0]:
+            choice, seed = self._choices[row], self._seeds[row] or 0
+            if isinstance(choice, WorldDistribution):
+                self._enter(row, self._draw_world(choice, seed, int(self.trials[row])))
+
     def _check_in_view(self, world: World) -> None:
-        if not in_view(world, self.mount):
+        if self._keep_in_view and not in_view(world, self.mount):
             raise ValueError(
                 f"the given world is not in view on the {self.mount!r} mount: both cameras must see "
                 "the gripper at home and half of the work space, which the motors must reach"
@@ -236,14 +260,16 @@ class StereoArms:
 
     def _perturb(self, row: int, perturbation: Perturbation, event: int, count: int) -> None:
         world, seed = self.world(row), self._seeds[row] or 0
-        perturbed = first_in_view(
-            lambda attempt: perturbation.apply(
-                world, streams.stream(seed, "perturbation", event, count, attempt)
-            ),
-            self.mount,
-            f"the world after {perturbation.to_dict()}",
-        )
-        self._enter(row, perturbed)
+
+        def perturbed(attempt: int) -> World:
+            rng = streams.stream(seed, "perturbation", event, count, attempt)
+            return perturbation.apply(world, rng)
+
+        if self._keep_in_view:
+            what = f"the world after {perturbation.to_dict()}"
+            self._enter(row, first_in_view(perturbed, self.mount, what))
+        else:
+            self._enter(row, perturbed(0))
 
     def _draw_objects(self, rows: NDArray[np.intp]) -> Array:
         """The next trial's objects (n, 3): the first candidates that are seen and not yet reached."""
@@ -256,6 +282,8 @@ class StereoArms:
                 keyed.random(out=draws[i])
             at = self._workspaces.candidates(draws, rows[open_])
             good = at.seen & at.reached & (at.apart > self._apart[rows[open_]])
+            if not self._keep_in_view:
+                good |= at.within & at.reached & ~at.seen
             found = good.any(1)
             objects[open_[found]] = at.points[found, good[found].argmax(1)]
             open_ = open_[~found]
@@ -265,15 +293,6 @@ class StereoArms:
             f"no object in {ATTEMPTS * CANDIDATE_BLOCK} candidates is within reach and in view of both "
             f"cameras; the world is {self.world(int(rows[open_[0]])).to_dict()}"
         )
-
-    def _next_noise(self) -> Array:
-        """Standard normals (N, 4, 2): a pure function of seed, trial and motion."""
-        number = self._motion_of_trial % NOISE_BLOCK
-        for row in (number == 0).nonzero()[0]:
-            block = self._motion_of_trial[row] // NOISE_BLOCK
-            keyed = self._counter_streams.at(self._noise_keys[row], self.trials[row], block)
-            keyed.standard_normal(out=self._noise_block[row])
-        return self._noise_block[self._all, number]
 
 
 Perturbed = tuple[int, Perturbation]

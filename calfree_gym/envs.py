@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -19,7 +20,6 @@ from calfree_gym.goal import (
     placed_objects,
 )
 from calfree_gym.motors import MOTORS
-from calfree_gym.tasks import reach
 from calfree_gym.world import World
 
 
@@ -81,7 +81,11 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         tolerance_px: Image distance of the rendezvous, in pixels of 512.
         dynamics: "physics", or "kinematic": the arm is put where physics would settle.
         perturbations: A schedule, `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`.
+        redraw: "never", or "trial": every trial in a new world, where `world` is a distribution.
         terminate_on_success: Whether the rendezvous ends the trial.
+        keep_in_view: Whether worlds, perturbations and objects that the cameras do not see are drawn again.
+        tell: What is told beside the image points, as further observation keys: "joint_angles" (5,) and
+            "joint_zeros" (4,) in rad, "gripper_position" (3,) in m.
         reward: "sparse" or "dense".
         render_mode: None or "rgb_array".
 
@@ -103,7 +107,10 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         tolerance_px: float = 4.0,
         dynamics: str = "physics",
         perturbations: Any = None,
+        redraw: str = "never",
         terminate_on_success: bool = True,
+        keep_in_view: bool = True,
+        tell: Sequence[str] = (),
         reward: str = "sparse",
         render_mode: str | None = None,
     ) -> None:
@@ -113,14 +120,17 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             reward,
             observation,
             terminate_on_success,
+            tell,
             render_mode,
             world=world,
             camera_mount=camera_mount,
             tolerance_px=tolerance_px,
             dynamics=dynamics,
             perturbations=perturbations,
+            redraw=redraw,
+            keep_in_view=keep_in_view,
         )
-        self.observation_space = observation_space()
+        self.observation_space = observation_space(tell)
         self.action_space = action_space()
 
     @property
@@ -143,25 +153,18 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             self.arms.seed(0, seed)
         struck = self.arms.begin_trial(slice(None), placed_objects(options, 1))
         self.arms.look()
-        achieved, desired = self._goals()
-        distances = reach.image_distances(achieved, desired)
-        ended = reach.rendezvous(distances, self.arms.tolerance)
-        return self._observation(achieved, desired), self._info(bool(ended[0]), 0.0, struck)
+        observation, _, success = self._outcome()
+        return {key: value[0] for key, value in observation.items()}, self._info(success, 0.0, struck)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Executes one motion, see the class."""
-        words = control_words(action, (len(MOTORS),))
-        seconds, struck = self.arms.move(slice(None), words)
+        seconds, struck = self.arms.move(slice(None), control_words(action, (len(MOTORS),)))
         self.arms.look()
-        achieved, desired = self._goals()
-        distances = reach.image_distances(achieved, desired)
-        rendezvous = reach.rendezvous(distances, self.arms.tolerance)
-        reward = float(self._reward(distances, rendezvous)[0])
-        success = bool(rendezvous[0])
+        observation, distances, success = self._outcome()
         return (
-            self._observation(achieved, desired),
-            reward,
-            success and self._ends,
+            {key: value[0] for key, value in observation.items()},
+            float(self._reward(distances, success)[0]),
+            self._ends and bool(success[0]),
             False,
             self._info(success, float(seconds[0]), struck),
         )
@@ -174,17 +177,10 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         """
         return self._frame(0)
 
-    def _observation(self, achieved: Any, desired: Any) -> Observation:
-        return {
-            "achieved_goal": achieved[0],
-            "desired_goal": desired[0],
-            "observation": self._flags_and_registers()[0],
-        }
-
-    def _info(self, success: bool, seconds: float, struck: list[Perturbed]) -> dict[str, Any]:
+    def _info(self, success: Any, seconds: float, struck: list[Perturbed]) -> dict[str, Any]:
         truth = {k: v[0] if v.ndim > 1 else float(v[0]) for k, v in self._truth().items()}
         return {
-            "is_success": success,
+            "is_success": bool(success[0]),
             "robot_seconds": seconds,
             "perturbed": [perturbation for _, perturbation in struck],
             "truth": truth,

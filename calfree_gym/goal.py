@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -18,10 +19,40 @@ OBSERVATIONS = ("points",)
 RENDER_MODES = ("rgb_array",)
 
 
-def observation_space() -> spaces.Dict[Any]:
-    """The observations of one arm."""
+class Tell(NamedTuple):
+    """Something that a controller may ask to be told beyond its image points.
+
+    Attributes:
+        size: How many numbers.
+        bound: On their magnitude.
+        of: Gives them for all rows (N, size).
+    """
+
+    size: int
+    bound: float
+    of: Callable[[StereoArms], NDArray[np.float64]]
+
+
+TELLS = {
+    "joint_angles": Tell(5, 2 * np.pi, lambda arms: arms.simulation.joints()),
+    "joint_zeros": Tell(
+        4, np.pi, lambda arms: np.stack([arms.world(r).joint_zeros for r in range(arms.rows)])
+    ),
+    "gripper_position": Tell(3, 5.0, lambda arms: arms.simulation.positions()[0]),
+}
+"""True joint angles J1-J5 (rad), joint zeros J1-J4 (rad), and the gripper point in the room (m)."""
+
+
+def observation_space(tell: Sequence[str]) -> spaces.Dict[Any]:
+    """The observations of one arm, with what is told beside."""
     sizes = {"achieved_goal": 4, "desired_goal": 4, "observation": 4 + len(MOTORS)}
-    return spaces.Dict({key: spaces.Box(-1.0, 1.0, (size,), np.float32) for key, size in sizes.items()})
+    boxes: dict[str, spaces.Space[Any]] = {
+        key: spaces.Box(-1.0, 1.0, (size,), np.float32) for key, size in sizes.items()
+    }
+    for name in tell:
+        told = TELLS[name]
+        boxes[name] = spaces.Box(-told.bound, told.bound, (told.size,), np.float32)
+    return spaces.Dict(boxes)
 
 
 def action_space() -> spaces.Box[Any]:
@@ -55,29 +86,42 @@ class StereoArmGoal:
         reward: str,
         observation: str,
         terminate_on_success: bool,
+        tell: Sequence[str],
         render_mode: Any,
         **arms: Any,
     ) -> None:
         check_choice("reward", reward, tuple(REWARDS))
         check_choice("observation", observation, OBSERVATIONS)
+        if isinstance(tell, str):
+            raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({tell!r},)")
+        for name in tell:
+            check_choice("tell", name, tuple(TELLS))
         if render_mode is not None:
             check_choice("render_mode", render_mode, RENDER_MODES)
         self.arms = StereoArms(rows, threads=threads, **arms)
         self.render_mode = render_mode
         self._ends = terminate_on_success
+        self._tell = tuple(tell)
         self.tolerance_px = float(arms["tolerance_px"])
         self._reward = REWARDS[reward]
         self._renderer: Any = None
 
-    def _goals(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        points = self.arms.points.astype(np.float32).reshape(-1, 8)
-        return points[:, :4], points[:, 4:]
+    def _outcome(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_]]:
+        """The last look: batched observations, image distances (N, 2), and rendezvous (N,).
 
-    def _flags_and_registers(self) -> NDArray[np.float32]:
-        seen = np.empty((self.arms.rows, 4 + len(MOTORS)), np.float32)
-        seen[:, :4] = self.arms.visible
-        seen[:, 4:] = self.arms.registers
-        return seen
+        With latency the controller's image points are old ones; distances and rendezvous are not.
+        """
+        points, visible = self.arms.delivered
+        goals = points.astype(np.float32).reshape(-1, 8)
+        now = goals if points is self.arms.points else self.arms.points.astype(np.float32).reshape(-1, 8)
+        distances = reach.image_distances(now[:, :4], now[:, 4:])
+        state = np.empty((self.arms.rows, 4 + len(MOTORS)), np.float32)
+        state[:, :4] = visible
+        state[:, 4:] = self.arms.registers
+        observation = {"achieved_goal": goals[:, :4], "desired_goal": goals[:, 4:], "observation": state}
+        for name in self._tell:
+            observation[name] = TELLS[name].of(self.arms).astype(np.float32)
+        return observation, distances, reach.rendezvous(distances, self.arms.tolerance)
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """The reward (...) for sensor vectors (..., 4); pure, and what `step` returns."""

@@ -14,6 +14,7 @@ from calfree_gym.motors import MOTORS
 from calfree_gym.world import (
     CAMERAS,
     LINKS,
+    MAX_LATENCY,
     World,
     log_uniform,
     near_misses,
@@ -57,6 +58,10 @@ class Perturbation:
             raise ValueError(f"{self.type}.{name} is {value}; it must be finite")
         elif name in ("factor", "metres", "px") and (value < 0 or (name == "factor" and value == 0)):
             raise ValueError(f"{self.type}.{name} is {value}; it must be positive")
+        elif name == "share" and not 0 <= value <= 1:
+            raise ValueError(f"{self.type}.share is {value}; it must be in [0, 1]")
+        elif name == "motions" and value not in range(MAX_LATENCY + 1):
+            raise ValueError(f"{self.type}.motions is {value}; it must be whole, from 0 to {MAX_LATENCY}")
 
     def apply(self, world: World, rng: np.random.Generator) -> World:
         """Returns the perturbed world; `rng` draws what was not given."""
@@ -229,6 +234,52 @@ class PointNoise(Perturbation):
         return replace(world, point_noise=np.array(_given(self.px, log_uniform(rng, 0.5, 5))))
 
 
+@dataclass(frozen=True)
+class Lens(Perturbation):
+    """Gives a camera's lens the radial distortion `k1`, else one within +-0.08."""
+
+    type: ClassVar[str] = "lens"
+    camera: Camera | None = None
+    k1: float | None = None
+
+    def apply(self, world: World, rng: np.random.Generator) -> World:
+        camera = _pick(self.camera, CAMERAS, rng)
+        return _with(world, "lens_k1", camera, _given(self.k1, rng.uniform(-0.08, 0.08)))
+
+
+@dataclass(frozen=True)
+class PointOutliers(Perturbation):
+    """Makes a `share` of the image points stand anywhere in the image, else 0-0.4 of them."""
+
+    type: ClassVar[str] = "point_outliers"
+    share: float | None = None
+
+    def apply(self, world: World, rng: np.random.Generator) -> World:
+        return replace(world, point_outliers=np.array(_given(self.share, rng.uniform(0, 0.4))))
+
+
+@dataclass(frozen=True)
+class PointDropout(Perturbation):
+    """Makes a `share` of the image points unseen, else 0-0.4 of them."""
+
+    type: ClassVar[str] = "point_dropout"
+    share: float | None = None
+
+    def apply(self, world: World, rng: np.random.Generator) -> World:
+        return replace(world, point_dropout=np.array(_given(self.share, rng.uniform(0, 0.4))))
+
+
+@dataclass(frozen=True)
+class Latency(Perturbation):
+    """Makes image points come late by so many `motions`, else 1-3."""
+
+    type: ClassVar[str] = "latency"
+    motions: int | None = None
+
+    def apply(self, world: World, rng: np.random.Generator) -> World:
+        return replace(world, latency=np.array(_given(self.motions, int(rng.integers(1, 4)))))
+
+
 TYPES: dict[str, type[Perturbation]] = {
     cls.type: cls
     for cls in (
@@ -237,11 +288,15 @@ TYPES: dict[str, type[Perturbation]] = {
         CameraZoom,
         CameraShift,
         CameraReplace,
+        Lens,
         JointZero,
         LinkLength,
         MotorGain,
         MotorSign,
         PointNoise,
+        PointOutliers,
+        PointDropout,
+        Latency,
     )
 }
 

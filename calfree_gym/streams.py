@@ -30,6 +30,45 @@ def key(seed: int, name: str) -> Key:
     return _sequence(seed, name).generate_state(2, np.uint64).astype(np.uint64)
 
 
+class LookNumbers:
+    """Random numbers for every look of N rows: pure functions of seed, trial and motion.
+
+    They come from Philox streams, found by key and counter in a microsecond, in blocks of motions.
+
+    Args:
+        rows: N.
+        name: What they are for.
+        shape: Of the numbers for one look.
+        normal: Whether they are standard normal, else uniform in [0, 1).
+    """
+
+    BLOCK = 16
+
+    def __init__(self, rows: int, name: str, shape: tuple[int, ...], normal: bool) -> None:
+        self._name = name
+        self._normal = normal
+        self._keys = np.zeros((rows, 2), np.uint64)
+        self._streams = CounterStreams()
+        self._numbers = np.zeros((rows, self.BLOCK, *shape))
+        self._loaded = np.full(rows, -1)
+        self._all = np.arange(rows)
+
+    def seed(self, row: int, seed: int) -> None:
+        """Starts `row` anew from `seed`."""
+        self._keys[row] = key(seed, self._name)
+        self._loaded[row] = -1
+
+    def at(self, trials: NDArray[np.int64], motions: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The numbers (N, *shape) of the rows' present trial and motion of the trial (N,)."""
+        wanted = trials * 2**32 + motions // self.BLOCK
+        for row in (wanted != self._loaded).nonzero()[0]:
+            keyed = self._streams.at(self._keys[row], trials[row], motions[row] // self.BLOCK)
+            draw = keyed.standard_normal if self._normal else keyed.random
+            draw(out=self._numbers[row])
+        self._loaded = wanted
+        return self._numbers[self._all, motions % self.BLOCK]
+
+
 class CounterStreams:
     """Philox streams, found by key and counter in a microsecond: for numbers needed at every motion."""
 

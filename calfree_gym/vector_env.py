@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -21,18 +22,20 @@ from calfree_gym.goal import (
     placed_objects,
 )
 from calfree_gym.motors import MOTORS
-from calfree_gym.tasks import reach
 from calfree_gym.world import World
 
 
 class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
     """Many stereo arms stepped together by MuJoCo's threads; row i is `StereoArmEnv` reset with seed + i.
 
-    A finished row begins its next trial at the next step, whatever its action (`AutoresetMode.NEXT_STEP`).
+    Perturbations and all else strike each row by its own count of motions and trials.
 
     Args:
         num_envs: Rows.
         max_episode_steps: Motions after which a trial is truncated.
+        autoreset_mode: Of `gymnasium.vector.AutoresetMode`. NEXT_STEP: a row whose trial is over begins the
+            next one at the next step, whatever its action. SAME_STEP: at once; its last observation is in
+            `infos["final_obs"]`. DISABLED: by `reset(options={"reset_mask": ...})`.
         threads: Threads of the simulation (0: all cores); they change no number.
         world: As for `StereoArmEnv`, or a list of one a row.
         **arguments: As for `StereoArmEnv`.
@@ -49,6 +52,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         *,
         num_envs: int = 1,
         max_episode_steps: int = 60,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 0,
         world: WorldChoice | Sequence[WorldChoice] = "wild",
         camera_mount: str = "waist",
@@ -56,7 +60,10 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         tolerance_px: float = 4.0,
         dynamics: str = "physics",
         perturbations: Any = None,
+        redraw: str = "never",
         terminate_on_success: bool = True,
+        keep_in_view: bool = True,
+        tell: Sequence[str] = (),
         reward: str = "sparse",
         render_mode: str | None = None,
     ) -> None:
@@ -66,18 +73,23 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             reward,
             observation,
             terminate_on_success,
+            tell,
             render_mode,
             world=world,
             camera_mount=camera_mount,
             tolerance_px=tolerance_px,
             dynamics=dynamics,
             perturbations=perturbations,
+            redraw=redraw,
+            keep_in_view=keep_in_view,
         )
         self.num_envs = num_envs
         if max_episode_steps < 1:
             raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
         self._max_episode_steps = max_episode_steps
-        self.single_observation_space = observation_space()
+        self._autoreset = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._autoreset}
+        self.single_observation_space = observation_space(tell)
         self.single_action_space = action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -100,50 +112,79 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins a trial in every row.
+        """Begins a trial in every row, or in those of a mask.
 
         Args:
             seed: Row i is seeded with seed + i; or one seed a row, None where a row just goes on.
-            options: {"object": (x, y, z)} or one object a row (num_envs, 3), in m.
+            options: {"object": (x, y, z)} or one object a row (num_envs, 3), in m; {"reset_mask": (num_envs,)
+                of bool}: only these rows begin a trial, the others stay as they are.
         """
+        given = dict(options or {})
+        rows = self._masked(given.pop("reset_mask", None))
         for row, row_seed in enumerate(self._row_seeds(seed)):
-            if row_seed is not None:
+            if row_seed is not None and row in rows:
                 self.arms.seed(row, row_seed)
-        self._steps[:] = 0
-        self._over[:] = False
-        struck = self.arms.begin_trial(slice(None), placed_objects(options, self.num_envs))
+        objects = placed_objects(given, self.num_envs)
+        struck = self.arms.begin_trial(rows, None if objects is None else objects[rows])
+        self._steps[rows] = 0
+        self._over[rows] = False
         self.arms.look()
-        achieved, desired = self._goals()
-        distances = reach.image_distances(achieved, desired)
-        success = reach.rendezvous(distances, self.arms.tolerance)
-        infos = self._infos(success, np.zeros(self.num_envs), struck)
-        return self._observation(achieved, desired), infos
+        observation, _, success = self._outcome()
+        return observation, self._infos(success, np.zeros(self.num_envs), struck)
 
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
-        """Executes one motion in every row whose trial is not over; the others begin the next trial."""
+        """Executes one motion in every row whose trial is not over.
+
+        Raises:
+            gymnasium.error.ResetNeeded: A trial is over, and nobody began the next (autoreset disabled).
+        """
         words = control_words(actions, (self.num_envs, len(MOTORS)))
-        over, seconds = self._over, np.zeros(self.num_envs)
-        struck: list[Perturbed] = []
-        if over.any():
-            moving, beginning = np.flatnonzero(~over), np.flatnonzero(over)
-            struck += self.arms.begin_trial(beginning)
-            self._steps[beginning] = -1
+        over, beginning = self._over, np.flatnonzero(self._over)
+        seconds = np.zeros(self.num_envs)
+        if not len(beginning):
+            seconds, struck = self.arms.move(slice(None), words)
+        elif self._autoreset is AutoresetMode.NEXT_STEP:
+            struck = self._begin(beginning)
+            moving = np.flatnonzero(~over)
             if len(moving):
                 seconds[moving], more = self.arms.move(moving, words[moving])
                 struck += more
         else:
-            seconds, struck = self.arms.move(slice(None), words)
+            raise gym.error.ResetNeeded(
+                f"the trials of rows {beginning.tolist()} are over: reset them, with a reset_mask in options"
+            )
+        self._steps += ~over
         self.arms.look()
-        self._steps += 1
-        achieved, desired = self._goals()
-        distances = reach.image_distances(achieved, desired)
-        success = reach.rendezvous(distances, self.arms.tolerance)
+        observation, distances, success = self._outcome()
         rewards = np.where(over, 0.0, self._reward(distances, success))
         terminated = success & ~over if self._ends else np.zeros(self.num_envs, bool)
         truncated = self._steps >= self._max_episode_steps
         self._over = terminated | truncated
         infos = self._infos(success, seconds, struck)
-        return self._observation(achieved, desired), rewards, terminated, truncated, infos
+        if self._autoreset is AutoresetMode.SAME_STEP and self._over.any():
+            observation, infos = self._begin_at_once(observation, infos)
+        return observation, rewards, terminated, truncated, infos
+
+    def _begin(self, rows: NDArray[np.intp]) -> list[Perturbed]:
+        self._steps[rows] = 0
+        return self.arms.begin_trial(rows)
+
+    def _begin_at_once(
+        self, final: Observation, final_infos: dict[str, Any]
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begins the next trials of the rows that are over; their last observations go into infos."""
+        over = self._over
+        struck = self._begin(np.flatnonzero(over))
+        self._over = np.zeros(self.num_envs, bool)
+        self.arms.look()
+        observation, _, success = self._outcome()
+        infos = self._infos(success, np.where(over, 0.0, final_infos["robot_seconds"]), struck)
+        return observation, infos | {
+            "final_obs": final,
+            "_final_obs": over,
+            "final_info": final_infos,
+            "_final_info": over,
+        }
 
     def render(self) -> tuple[NDArray[np.uint8], ...]:
         """One frame a row, as `StereoArmEnv.render`."""
@@ -161,12 +202,15 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             drawn + row if seeds[row] is None and self.arms.needs_seed(row) else seeds[row] for row in rows
         ]
 
-    def _observation(self, achieved: Any, desired: Any) -> Observation:
-        return {
-            "achieved_goal": achieved,
-            "desired_goal": desired,
-            "observation": self._flags_and_registers(),
-        }
+    def _masked(self, mask: Any) -> NDArray[np.intp]:
+        """The rows that a reset is for."""
+        if mask is None:
+            return np.arange(self.num_envs)
+        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,):
+            raise ValueError(f"options['reset_mask'] is {mask!r}; it must be a bool array ({self.num_envs},)")
+        if not mask.any():
+            raise ValueError("options['reset_mask'] is False everywhere; at least one row must begin")
+        return np.flatnonzero(mask)
 
     def _infos(self, success: Any, seconds: Any, struck: list[Perturbed]) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)

@@ -36,7 +36,7 @@ ATTEMPTS = 1000
 _LOWEST = JOINT_LIMITS[:3, 0] + LIMIT_MARGIN
 _HIGHEST = JOINT_LIMITS[:3, 1] - LIMIT_MARGIN
 _LOWEST[0], _HIGHEST[0] = -WAIST, WAIST
-_JUDGING = np.random.default_rng(0).random((1, 20 * CHECKED, 3))
+_JUDGING = np.random.default_rng(0).random((1, 50 * CHECKED, 3))
 
 Indices = NDArray[np.intp]
 

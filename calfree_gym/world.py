@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,8 @@ CAMERA_POSITION = np.array([[0.05, 0.35, 0.60], [0.05, -0.35, 0.60]])
 """Nominal optical centres in m, left and right of the work plane, in the frame of their mount."""
 AIM = np.array([0.42, 0.0, 0.12])
 """Where the built robot's cameras look (m)."""
+MAX_LATENCY = 10
+"""Motions by which image points come late at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,9 @@ class World:
         motor_gain: Relative to the built robot's (3,), positive.
         motor_curvature: Of the map from register to angle (3,), see `motors`.
         point_noise: Standard deviation of an image coordinate in pixels ().
+        point_outliers: Share of the points in a look that stand anywhere in the image instead ().
+        point_dropout: Share of the points in a look that are not seen ().
+        latency: Motions by which image points and flags come late (), a whole number.
     """
 
     camera_position: Array
@@ -59,17 +64,20 @@ class World:
     motor_gain: Array
     motor_curvature: Array
     point_noise: Array
+    point_outliers: Array = field(default_factory=lambda: np.zeros(()))
+    point_dropout: Array = field(default_factory=lambda: np.zeros(()))
+    latency: Array = field(default_factory=lambda: np.zeros(()))
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            array = np.array(np.asarray(getattr(self, field.name), np.float64) + 0.0)  # no negative zero
-            shape = _SHAPES[field.name]
+        for entry in fields(self):
+            array = np.array(np.asarray(getattr(self, entry.name), np.float64) + 0.0)  # no negative zero
+            shape = _SHAPES[entry.name]
             if array.shape != shape:
-                raise ValueError(f"World.{field.name} has shape {array.shape}; it must be {shape}")
+                raise ValueError(f"World.{entry.name} has shape {array.shape}; it must be {shape}")
             if not np.isfinite(array).all():
-                raise ValueError(f"World.{field.name} must be finite, found {array.tolist()}")
+                raise ValueError(f"World.{entry.name} must be finite, found {array.tolist()}")
             array.flags.writeable = False
-            object.__setattr__(self, field.name, array)
+            object.__setattr__(self, entry.name, array)
         self._check_ranges()
 
     def _check_ranges(self) -> None:
@@ -82,6 +90,13 @@ class World:
             raise ValueError(f"World.motor_curvature must be within +-0.45, found {self.motor_curvature}")
         if self.point_noise < 0:
             raise ValueError(f"World.point_noise must not be negative, found {self.point_noise}")
+        for name in ("point_outliers", "point_dropout"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"World.{name} must be in [0, 1], found {getattr(self, name)}")
+        if self.latency not in range(MAX_LATENCY + 1):
+            raise ValueError(
+                f"World.latency must be a whole number from 0 to {MAX_LATENCY}, found {self.latency}"
+            )
         norms = np.linalg.norm(self.camera_orientation, axis=1)
         if (np.abs(norms - 1) > 1e-6).any():
             raise ValueError(f"World.camera_orientation must be unit quaternions, found norms {norms}")
@@ -124,6 +139,9 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "motor_gain": (3,),
     "motor_curvature": (3,),
     "point_noise": (),
+    "point_outliers": (),
+    "point_dropout": (),
+    "latency": (),
 }
 
 
@@ -242,9 +260,15 @@ class WorldDistribution:
                 f"calfree_gym.World or one of {', '.join(DISTRIBUTIONS)}"
             )
 
-    def sample(self, seed: int, attempt: int = 0) -> World:
-        """The world of `seed`; `attempt` counts those drawn before it and found out of view."""
-        return DISTRIBUTIONS[self.name](lambda group: stream(seed, "world_" + group, attempt))
+    def sample(self, seed: int, attempt: int = 0, trial: int = 0) -> World:
+        """The world of `seed`.
+
+        Args:
+            seed: Non-negative.
+            attempt: How many were drawn before it and found out of view.
+            trial: The trial, where each has a world of its own.
+        """
+        return DISTRIBUTIONS[self.name](lambda group: stream(seed, "world_" + group, trial, attempt))
 
 
 def near_misses(name: object, known: Iterable[str]) -> str:

@@ -41,7 +41,7 @@ def load(path: Path) -> Suite:
     try:
         suite = Suite.model_validate(_with_settings_files(data, path.parent))
     except ValidationError as error:
-        wrong = [_describe(dict(details)) for details in error.errors()]
+        wrong = [_describe(details) for details in _own_errors(error)]
     else:
         wrong = _unbuildable(suite)
     if wrong:
@@ -96,6 +96,13 @@ def _unbuildable(suite: Suite) -> list[str]:
 def _short(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 200 else text[:200] + "…"
+
+
+def _own_errors(error: ValidationError) -> list[dict[str, Any]]:
+    """Without those that only count wrong items as missing."""
+    found: list[dict[str, Any]] = [dict(details) for details in error.errors()]
+    within = {details["loc"][:depth] for details in found for depth in range(len(details["loc"]))}
+    return [details for details in found if details["loc"] not in within]
 
 
 def _describe(error: dict[str, Any]) -> str:

@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
 import calfree_gym
 
@@ -122,3 +123,56 @@ def test_bad_actions_and_seeds():
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"shape \(3,\); it must be \(2, 3\)"):
         env.step(np.zeros(3))
+
+
+def test_same_step_autoreset_gives_the_last_observation_and_the_next_first_one():
+    arguments = {"num_envs": 3, "max_episode_steps": 4, "dynamics": "kinematic"}
+    after = gym.make_vec("CalFree/Reach-v0", **arguments)
+    at_once = gym.make_vec("CalFree/Reach-v0", autoreset_mode="SameStep", **arguments)
+    assert at_once.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert after.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    after.reset(seed=0)
+    at_once.reset(seed=0)
+    ended = 0
+    for _ in range(9):
+        word = np.full((3, 3), 0.05)
+        last, *_, truncated, _ = after.step(word)
+        first, *_, also_truncated, infos = at_once.step(word)
+        np.testing.assert_array_equal(truncated, also_truncated)
+        if truncated.all():
+            ended += 1
+            for key, value in last.items():
+                np.testing.assert_array_equal(infos["final_obs"][key], value)
+            np.testing.assert_array_equal(infos["_final_obs"], True)
+            last, *_ = after.step(word)
+        for key, value in last.items():
+            np.testing.assert_array_equal(first[key], value)
+    assert ended == 2
+
+
+def test_without_autoreset_rows_wait_for_a_masked_reset():
+    env = gym.make_vec(
+        "CalFree/Reach-v0",
+        num_envs=3,
+        max_episode_steps=4,
+        autoreset_mode=AutoresetMode.DISABLED,
+        dynamics="kinematic",
+    )
+    env.reset(seed=0)
+    env.step(np.full((3, 3), 0.05))
+    before, *_ = env.step(np.full((3, 3), 0.05))
+    mask = np.array([False, True, False])
+    observation, _ = env.reset(options={"reset_mask": mask})
+    np.testing.assert_array_equal(observation["observation"][1, 4:], 0)
+    for key, value in before.items():
+        np.testing.assert_array_equal(observation[key][~mask], value[~mask])
+    for _ in range(2):
+        *_, truncated, _ = env.step(np.full((3, 3), 0.05))
+    np.testing.assert_array_equal(truncated, ~mask)
+    with pytest.raises(gym.error.ResetNeeded, match=r"rows \[0, 2\] are over"):
+        env.step(np.zeros((3, 3)))
+    env.reset(options={"reset_mask": ~mask})
+    env.step(np.zeros((3, 3)))
+    for wrong in ([True, False, True], np.array([True]), np.zeros(3, bool)):
+        with pytest.raises(ValueError, match="reset_mask"):
+            env.reset(options={"reset_mask": wrong})

@@ -75,6 +75,13 @@ def test_errors_say_where_what_and_what_else(suite_data, write_config, path, val
     assert said in str(error.value)
 
 
+def test_one_wrong_key_is_one_error(suite_data, write_config):
+    spoil(suite_data, (*ENV, "world"), "wilt")
+    with pytest.raises(ConfigError) as error:
+        load(write_config(suite_data))
+    assert str(error.value).count("\n") == 1
+
+
 def test_a_missing_key_is_named(suite_data, write_config):
     del suite_data["scenarios"][0]["motions"]
     with pytest.raises(ConfigError, match=r"scenarios\.0\.motions: missing"):

@@ -1,0 +1,147 @@
+"""Outliers, dropout and latency against what they are said to be; what is told; what is drawn again."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from calfree_gym import MOUNTS, WorldDistribution, nominal
+from calfree_gym.workspace import in_view
+
+
+def life(world, motions=300, **arguments):
+    """Observed points (motions, 4, 2), flags and true points of a resting arm, in pixels."""
+    env = gym.make(
+        "CalFree/Reach-v0", world=world, terminate_on_success=False, dynamics="kinematic", **arguments
+    )
+    env = env.unwrapped
+    env.reset(seed=1)
+    points, flags, true = [], [], []
+    for _ in range(motions):
+        look, *_, info = env.step(np.zeros(3))
+        points.append(np.concatenate([look["achieved_goal"], look["desired_goal"]]).reshape(4, 2) * 256)
+        flags.append(look["observation"][:4] > 0)
+        true.append(info["truth"]["points"].reshape(4, 2) * 256)
+    return np.array(points), np.array(flags), np.array(true)
+
+
+def test_outliers_are_a_share_of_the_points_anywhere_in_the_image():
+    points, flags, true = life(replace(nominal(), point_outliers=0.3), 1000)
+    astray = np.abs(points - true).max(-1) > 4
+    assert flags.all()
+    assert astray.mean() == pytest.approx(0.3, abs=0.03)
+    strays = points[astray]
+    assert np.abs(strays.mean(0)).max() < 20
+    assert strays.std(0) == pytest.approx([256 / np.sqrt(3)] * 2, rel=0.05)
+
+
+def test_dropouts_are_a_share_of_the_points_not_seen_in_one_look():
+    points, flags, _ = life(replace(nominal(), point_dropout=0.3), 1000)
+    assert flags.mean() == pytest.approx(0.7, abs=0.03)
+    lost = ~flags[1:]
+    np.testing.assert_array_equal(points[1:][lost], points[:-1][lost])
+
+
+def test_sensing_moves_no_other_draw():
+    plain, _, _ = life(nominal(), 50)
+    for changed in ({"point_outliers": 0.3}, {"point_dropout": 0.3}):
+        points, flags, true = life(replace(nominal(), **changed), 50)
+        good = flags & (np.abs(points - true).max(-1) < 4)
+        assert 50 < good.sum() < 200
+        np.testing.assert_array_equal(points[good], plain[good])
+
+
+@pytest.mark.parametrize("late", [1, 3])
+def test_latency_delays_points_and_flags_and_nothing_else(late):
+    """The delayed environment's looks are the prompt one's, so many motions later."""
+    words = np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3))
+    looks = {}
+    for latency in (0, late):
+        env = gym.make("CalFree/Reach-v0", world=replace(nominal(), latency=latency), tolerance_px=200.0)
+        env = env.unwrapped
+        observation, _ = env.reset(seed=3)
+        series = [(observation, 0.0, False, {})]
+        for word in words:
+            observation, reward, terminated, _, info = env.step(word)
+            series.append((observation, reward, terminated, info))
+        looks[latency] = series
+    for now, (observation, reward, terminated, info) in enumerate(looks[late]):
+        prompt = looks[0][max(now - late, 0)][0]
+        np.testing.assert_array_equal(observation["achieved_goal"], prompt["achieved_goal"])
+        np.testing.assert_array_equal(observation["desired_goal"], prompt["desired_goal"])
+        np.testing.assert_array_equal(observation["observation"][:4], prompt["observation"][:4])
+        same_time = looks[0][now]
+        np.testing.assert_array_equal(observation["observation"][4:], same_time[0]["observation"][4:])
+        assert (reward, terminated) == same_time[1:3]
+        if info:
+            assert info["truth"]["error_px"] == same_time[3]["truth"]["error_px"]
+
+
+def test_latency_that_begins_in_mid_trial_shows_nothing_older_than_itself():
+    schedule = [{"at": {"motion": 4}, "do": {"type": "latency", "motions": 3}}]
+    env = gym.make(
+        "CalFree/Reach-v0", world="nominal", perturbations=schedule, dynamics="kinematic"
+    ).unwrapped
+    for trial in range(2):
+        env.reset(seed=0 if trial == 0 else None)
+        seen = [env.step(np.full(3, 0.02))[0]["achieved_goal"] for _ in range(10)]
+        if trial == 0:
+            for held in seen[5:8]:
+                np.testing.assert_array_equal(held, seen[4])
+            assert not np.array_equal(seen[8], seen[4])
+
+
+def test_what_is_told_is_true_and_what_is_not_asked_for_is_not_told():
+    names = ("joint_angles", "joint_zeros", "gripper_position")
+    env = gym.make("CalFree/Reach-v0", tell=names).unwrapped
+    env.reset(seed=2)
+    observation, *_, info = env.step(np.full(3, 0.05))
+    assert env.observation_space.contains(observation)
+    np.testing.assert_allclose(observation["joint_angles"], info["truth"]["joints"], atol=1e-6)
+    np.testing.assert_allclose(observation["gripper_position"], info["truth"]["gripper"], atol=1e-6)
+    np.testing.assert_allclose(observation["joint_zeros"], env.world.joint_zeros, atol=1e-6)
+    plain = gym.make("CalFree/Reach-v0").unwrapped
+    assert set(plain.reset(seed=2)[0]) == {"achieved_goal", "desired_goal", "observation"}
+    with pytest.raises(ValueError, match=r"'joint_angels'.*joint_angles"):
+        gym.make("CalFree/Reach-v0", tell=("joint_angels",))
+    with pytest.raises(ValueError, match="sequence of names"):
+        gym.make("CalFree/Reach-v0", tell="joint_angles")
+
+
+def test_redraw_gives_every_trial_a_world_of_its_own_and_the_same_ones_again():
+    def worlds(motions):
+        env = gym.make("CalFree/Reach-v0", redraw="trial", dynamics="kinematic").unwrapped
+        found = []
+        for trial in range(4):
+            env.reset(seed=5 if trial == 0 else None)
+            for _ in range(motions):
+                env.step(np.zeros(3))
+            found.append(env.world)
+        return found
+
+    once = worlds(0)
+    assert len(set(once)) == 4
+    assert worlds(3) == once
+    batch = gym.make_vec("CalFree/Reach-v0", num_envs=2, redraw="trial", dynamics="kinematic")
+    batch.reset(seed=5)
+    batch.reset()
+    assert batch.unwrapped.worlds[0] == once[1]
+    with pytest.raises(ValueError, match="must be a distribution"):
+        gym.make("CalFree/Reach-v0", world=nominal(), redraw="trial")
+    with pytest.raises(ValueError, match="never, trial"):
+        gym.make("CalFree/Reach-v0", redraw="always")
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_worlds_out_of_view_are_kept_where_that_is_asked_for(mount):
+    turned = nominal().camera_orientation[:, [2, 3, 0, 1]] * [1, -1, -1, 1]
+    blind = replace(nominal(), camera_orientation=turned)
+    env = gym.make("CalFree/Reach-v0", world=blind, camera_mount=mount, keep_in_view=False).unwrapped
+    observation, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(observation["observation"][:4], 0)
+    np.testing.assert_array_equal(observation["achieved_goal"], 0)
+    unseen = [s for s in range(300) if not in_view(WorldDistribution("wild").sample(s), mount)]
+    env = gym.make("CalFree/Reach-v0", camera_mount=mount, keep_in_view=False).unwrapped
+    env.reset(seed=unseen[0])
+    assert env.world == WorldDistribution("wild").sample(unseen[0])
