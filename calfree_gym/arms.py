@@ -24,9 +24,9 @@ HALF = IMAGE_SIZE / 2
 """Pixels in one image unit."""
 JOINT_SPEED = 0.7
 """Assumed speed (rad/s) of the joint that travels furthest, for robot time."""
-SETTLING_AND_LOOK = 1.5
-"""Assumed seconds in which the arm settles and the vision system delivers still image points: so
-that the paper's test motions and steps add up to about its 50 s a grasp."""
+SETTLING_AND_LOOK = 4.0
+"""Assumed seconds in which the arm settles and the vision system delivers still image points: with it a
+reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
 CANDIDATE_BLOCK = 16
 APART_SIGMAS = 6
 """An object starts further from the gripper than the tolerance, by this many times the noise."""
