@@ -1,0 +1,89 @@
+"""`StereoArmVectorEnv` with the surface of a stable-baselines3 `VecEnv`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+
+import calfree_gym
+
+
+class StereoArmVecEnv(VecEnv):
+    """Arms whose next trial begins at once, as stable-baselines3 expects.
+
+    An info holds `is_success`, and at a trial's end `terminal_observation` and `TimeLimit.truncated`.
+
+    Args:
+        env_id: One of `calfree_gym.ENV_IDS`.
+        n_envs: Rows.
+        **arguments: As for `gymnasium.make_vec`.
+    """
+
+    def __init__(self, env_id: str, n_envs: int, **arguments: Any) -> None:
+        if env_id not in calfree_gym.ENV_IDS:
+            raise ValueError(f"unknown env_id {env_id!r}; allowed: {', '.join(calfree_gym.ENV_IDS)}")
+        made = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **arguments)
+        self.vector_env: Any = made.unwrapped
+        self.render_mode = self.vector_env.render_mode
+        self._actions: NDArray[Any] = np.zeros((n_envs, 3))
+        super().__init__(n_envs, made.single_observation_space, made.single_action_space)
+
+    def reset(self) -> VecEnvObs:
+        """Begins a trial in every row; `seed` counts here."""
+        seeds = self._seeds if any(seed is not None for seed in self._seeds) else None
+        observations, _ = self.vector_env.reset(seed=seeds)
+        self._reset_seeds()
+        self._reset_options()
+        return dict(observations)
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Takes the control words of the next motion."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Executes them."""
+        observations, rewards, terminated, truncated, infos = self.vector_env.step(self._actions)
+        dones = terminated | truncated
+        success = infos["final_info"]["is_success"] if dones.any() else infos["is_success"]
+        listed: list[dict[str, Any]] = [{"is_success": bool(s)} for s in success]
+        for row in np.flatnonzero(dones):
+            listed[row]["terminal_observation"] = {k: v[row] for k, v in infos["final_obs"].items()}
+            listed[row]["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
+        return dict(observations), rewards.astype(np.float32), dones, listed
+
+    def close(self) -> None:
+        """Closes the batched environment."""
+        self.vector_env.close()
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """One frame a row."""
+        return self.vector_env.render() if self.render_mode else [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute of the batched environment, once for each of the rows asked for."""
+        return [getattr(self.vector_env, attr_name)] * len(self._rows(indices))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refused: rows share one environment."""
+        raise NotImplementedError(f"{attr_name} cannot be set: all rows are one batched environment")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Calls a method of the batched environment once; its result for each of the rows asked for."""
+        result = getattr(self.vector_env, method_name)(*args, **kwargs)
+        return [result] * len(self._rows(indices))
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None
+    ) -> list[bool]:
+        """False: rows have no wrappers."""
+        return [False] * len(self._rows(indices))
+
+    def _rows(self, indices: Any) -> Sequence[int]:
+        return list(self._get_indices(indices))

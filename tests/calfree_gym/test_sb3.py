@@ -1,0 +1,66 @@
+"""The stable-baselines3 adapter against single environments, and under SB3's own algorithms."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import PPO, SAC, HerReplayBuffer
+from stable_baselines3.common.vec_env import VecMonitor
+
+from calfree_gym.sb3 import make_sb3_env
+
+QUICK = {"dynamics": "kinematic", "max_episode_steps": 5}
+
+
+def test_rows_are_single_environments_that_begin_again_at_once():
+    env = make_sb3_env("CalFree/Reach-v0", 3, tolerance_px=60.0, **QUICK)
+    env.seed(7)
+    observations = env.reset()
+    singles = [
+        gym.make("CalFree/Reach-v0", tolerance_px=60.0, disable_env_checker=True, **QUICK) for _ in range(3)
+    ]
+    expected = [single.reset(seed=7 + i)[0] for i, single in enumerate(singles)]
+    ends = 0
+    for words in np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3, 3)).astype(np.float32):
+        for i, look in enumerate(expected):
+            for key, value in look.items():
+                np.testing.assert_array_equal(observations[key][i], value)
+        observations, rewards, dones, infos = env.step(words)
+        for i, single in enumerate(singles):
+            look, reward, terminated, truncated, info = single.step(words[i])
+            assert rewards[i] == reward
+            assert dones[i] == (terminated or truncated)
+            assert infos[i]["is_success"] == info["is_success"] or not dones[i]
+            if dones[i]:
+                ends += 1
+                assert infos[i]["TimeLimit.truncated"] == (truncated and not terminated)
+                for key, value in look.items():
+                    np.testing.assert_array_equal(infos[i]["terminal_observation"][key], value)
+                look, _ = single.reset()
+            expected[i] = look
+    assert ends >= 6
+
+
+def test_ppo_sac_and_hindsight_learn_in_it():
+    ppo = PPO(
+        "MultiInputPolicy",
+        VecMonitor(make_sb3_env(n_envs=4, **QUICK)),
+        n_steps=8,
+        batch_size=16,
+        device="cpu",
+    )
+    ppo.learn(64)
+    assert len(ppo.ep_info_buffer) > 0
+    her = SAC(
+        "MultiInputPolicy",
+        make_sb3_env("CalFree/Reach-v0", 2, camera_mount="stand", **QUICK),
+        replay_buffer_class=HerReplayBuffer,
+        learning_starts=20,
+        buffer_size=400,
+        device="cpu",
+    )
+    her.learn(60)
+
+
+def test_unknown_ids_are_named():
+    with pytest.raises(ValueError, match=r"'CalFree/Reach-v1'.*CalFree/Reach-v0"):
+        make_sb3_env("CalFree/Reach-v1")
