@@ -1,38 +1,46 @@
-"""Perturbations: functions from a world to a world, and schedules of when they strike."""
+"""Perturbations: functions from a world to a world, each a small tagged value."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
-from typing import Any, ClassVar, Literal, get_args, get_type_hints
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from calfree_gym.geometry import quaternion_about, quaternion_product
 from calfree_gym.motors import MOTORS
-from calfree_gym.world import (
-    CAMERAS,
-    LINKS,
-    MAX_LATENCY,
-    World,
-    log_uniform,
-    near_misses,
-    random_direction,
-    wild_camera,
-)
+from calfree_gym.world import CAMERAS, LINKS, MAX_LATENCY, World, log_uniform, near_misses, wild_camera
 
-Camera = Literal["left", "right"]
-Joint = Literal["J1", "J2", "J3", "J4"]
-Link = Literal["base", "shoulder", "upper_arm", "forearm", "hand"]
-Motor = Literal["waist", "shoulder", "elbow"]
+JOINTS = ("J1", "J2", "J3", "J4")
+_OPTICAL_AXIS = np.array([0.0, 0.0, -1.0])
 
-JOINTS: tuple[Joint, ...] = get_args(Joint)
-OPTICAL_AXIS = np.array([0.0, 0.0, -1.0])
+Draw = Callable[[np.random.Generator], Any]
+
+
+def _one_of(names: tuple[str, ...]) -> Any:
+    """A setting that is one of some names; where it is not given, any of them."""
+    draw: Draw = lambda rng: names[int(rng.integers(len(names)))]  # noqa: E731
+    return field(default=None, metadata={"names": names, "draw": draw})
+
+
+def _number(draw: Draw, least: float = -math.inf, most: float = math.inf, whole: bool = False) -> Any:
+    """A setting that is a number within bounds; where it is not given, one that `draw` draws."""
+    return field(default=None, metadata={"least": least, "most": most, "whole": whole, "draw": draw})
+
+
+def _uniform(low: float, high: float) -> Draw:
+    return lambda rng: float(rng.uniform(low, high))
+
+
+def _factor(low: float, high: float) -> Any:
+    """A positive factor; where it is not given, log-uniform within these bounds."""
+    return _number(lambda rng: float(log_uniform(rng, low, high)), least=1e-3, most=1e3)
 
 
 class Perturbation:
-    """A frozen value with `apply(world, rng) -> World`; what it is not given, it draws.
+    """A frozen value that turns a world into another; what it is not given, it draws.
 
     Attributes:
         type: Its name in YAML.
@@ -41,51 +49,50 @@ class Perturbation:
     type: ClassVar[str]
 
     def __post_init__(self) -> None:
-        hints = get_type_hints(type(self))
-        for field in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, field.name)
-            if value is not None:
-                self._check(field.name, value, hints[field.name])
-
-    def _check(self, name: str, value: object, hint: Any) -> None:
-        choices = [c for option in get_args(hint) for c in get_args(option)]
-        if choices:
-            if value not in choices:
-                raise ValueError(f"{self.type}.{name} is {value!r}; allowed: {', '.join(choices)}")
-        elif isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"{self.type}.{name} is {value!r}; it must be a number")
-        elif not math.isfinite(value):
-            raise ValueError(f"{self.type}.{name} is {value}; it must be finite")
-        elif name in ("factor", "metres", "px") and (value < 0 or (name == "factor" and value == 0)):
-            raise ValueError(f"{self.type}.{name} is {value}; it must be positive")
-        elif name == "share" and not 0 <= value <= 1:
-            raise ValueError(f"{self.type}.share is {value}; it must be in [0, 1]")
-        elif name == "motions" and value not in range(MAX_LATENCY + 1):
-            raise ValueError(f"{self.type}.motions is {value}; it must be whole, from 0 to {MAX_LATENCY}")
+        for setting in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, setting.name)
+            if value is not None and (wrong := _wrong(value, setting.metadata)):
+                raise ValueError(f"{self.type}.{setting.name} is {value!r}; {wrong}")
 
     def apply(self, world: World, rng: np.random.Generator) -> World:
         """Returns the perturbed world; `rng` draws what was not given."""
+        return self.drawn(rng).change(world)
+
+    def drawn(self, rng: np.random.Generator) -> Self:
+        """The same with every setting given, those that were not drawn from `rng`."""
+        draws = {s.name: s.metadata["draw"](rng) for s in fields(self)}  # type: ignore[arg-type]
+        return replace(self, **(draws | self._given()))  # type: ignore[type-var]
+
+    def change(self, world: World) -> World:
+        """Returns the perturbed world, where every setting is given."""
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
         """As in YAML: the type and what was given."""
-        given = {k: v for k, v in asdict(self).items() if v is not None}  # type: ignore[call-overload]
-        return {"type": self.type, **given}
+        return {"type": self.type, **self._given()}
+
+    def _given(self) -> dict[str, Any]:
+        return {k: v for k, v in asdict(self).items() if v is not None}  # type: ignore[call-overload]
 
 
-def _pick(given: str | None, names: tuple[str, ...], rng: np.random.Generator) -> int:
-    drawn = int(rng.integers(len(names)))
-    return drawn if given is None else names.index(given)
+def _wrong(value: Any, allowed: Mapping[str, Any]) -> str | None:
+    """What is wrong with a setting's value, if anything."""
+    if "names" in allowed:
+        return None if value in allowed["names"] else f"allowed: {', '.join(allowed['names'])}"
+    kind = "a whole number" if allowed["whole"] else "a number"
+    if isinstance(value, bool) or not isinstance(value, int if allowed["whole"] else int | float):
+        return f"it must be {kind}"
+    if not math.isfinite(value):
+        return "it must be finite"
+    if not allowed["least"] <= value <= allowed["most"]:
+        return f"it must be {kind} from {allowed['least']:g} to {allowed['most']:g}"
+    return None
 
 
-def _given(value: float | None, drawn: float) -> float:
-    return drawn if value is None else value
-
-
-def _with(world: World, field: str, index: int, value: Any) -> World:
-    array = getattr(world, field).copy()
+def _with(world: World, name: str, index: int, value: Any) -> World:
+    array = getattr(world, name).copy()
     array[index] = value
-    return replace(world, **{field: array})
+    return replace(world, **{name: array})
 
 
 def _turned(world: World, camera: int, axis: Any, degrees: float) -> World:
@@ -99,12 +106,11 @@ class CameraRoll(Perturbation):
     """Turns a camera about its optical axis by `degrees`, else by any angle."""
 
     type: ClassVar[str] = "camera_roll"
-    camera: Camera | None = None
-    degrees: float | None = None
+    camera: str = _one_of(CAMERAS)
+    degrees: float = _number(_uniform(-180, 180))
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        camera = _pick(self.camera, CAMERAS, rng)
-        return _turned(world, camera, OPTICAL_AXIS, _given(self.degrees, rng.uniform(-180, 180)))
+    def change(self, world: World) -> World:
+        return _turned(world, CAMERAS.index(self.camera), _OPTICAL_AXIS, self.degrees)
 
 
 @dataclass(frozen=True)
@@ -115,16 +121,14 @@ class CameraAim(Perturbation):
     """
 
     type: ClassVar[str] = "camera_aim"
-    camera: Camera | None = None
-    degrees: float | None = None
-    direction: float | None = None
+    camera: str = _one_of(CAMERAS)
+    degrees: float = _number(_uniform(3, 15))
+    direction: float = _number(_uniform(-180, 180))
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        camera = _pick(self.camera, CAMERAS, rng)
-        degrees = _given(self.degrees, rng.uniform(3, 15))
-        direction = math.radians(_given(self.direction, rng.uniform(-180, 180)))
-        axis = np.array([-math.sin(direction), -math.cos(direction), 0.0])
-        return _turned(world, camera, axis, degrees)
+    def change(self, world: World) -> World:
+        angle = math.radians(self.direction)
+        axis = np.array([-math.sin(angle), -math.cos(angle), 0.0])
+        return _turned(world, CAMERAS.index(self.camera), axis, self.degrees)
 
 
 @dataclass(frozen=True)
@@ -132,41 +136,61 @@ class CameraZoom(Perturbation):
     """Multiplies a camera's focal length by `factor`, else by 0.8-1.25."""
 
     type: ClassVar[str] = "camera_zoom"
-    camera: Camera | None = None
-    factor: float | None = None
+    camera: str = _one_of(CAMERAS)
+    factor: float = _factor(0.8, 1.25)
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        camera = _pick(self.camera, CAMERAS, rng)
-        factor = _given(self.factor, log_uniform(rng, 0.8, 1.25))
-        return _with(world, "focal_length", camera, world.focal_length[camera] * factor)
+    def change(self, world: World) -> World:
+        camera = CAMERAS.index(self.camera)
+        return _with(world, "focal_length", camera, world.focal_length[camera] * self.factor)
 
 
 @dataclass(frozen=True)
 class CameraShift(Perturbation):
-    """Moves a camera, without turning it, by `metres` (else 0.02-0.10) in any direction."""
+    """Moves a camera, without turning it, by `metres` (else 0.02-0.10) in the direction given, else any.
+
+    `azimuth` is in degrees from the mount's x axis to its y axis, `elevation` from the horizontal.
+    """
 
     type: ClassVar[str] = "camera_shift"
-    camera: Camera | None = None
-    metres: float | None = None
+    camera: str = _one_of(CAMERAS)
+    metres: float = _number(_uniform(0.02, 0.10))
+    azimuth: float = _number(_uniform(-180, 180))
+    elevation: float = _number(lambda rng: math.degrees(math.asin(rng.uniform(-1, 1))), -90, 90)
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        camera = _pick(self.camera, CAMERAS, rng)
-        step = _given(self.metres, rng.uniform(0.02, 0.10)) * random_direction(rng)
-        return _with(world, "camera_position", camera, world.camera_position[camera] + step)
+    def change(self, world: World) -> World:
+        camera = CAMERAS.index(self.camera)
+        azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
+        level = math.cos(elevation)
+        direction = [level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)]
+        moved = world.camera_position[camera] + self.metres * np.array(direction)
+        return _with(world, "camera_position", camera, moved)
 
 
 @dataclass(frozen=True)
 class CameraReplace(Perturbation):
-    """Puts another camera, drawn as in wild worlds, in a camera's place."""
+    """Puts another camera, drawn as in wild worlds from `seed`, in a camera's place."""
 
     type: ClassVar[str] = "camera_replace"
-    camera: Camera | None = None
+    camera: str = _one_of(CAMERAS)
+    seed: int = _number(lambda rng: int(rng.integers(2**31)), 0, 2**31, whole=True)
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        camera = _pick(self.camera, CAMERAS, rng)
-        for field, value in wild_camera(rng, camera).items():
-            world = _with(world, field, camera, value)
+    def change(self, world: World) -> World:
+        camera = CAMERAS.index(self.camera)
+        for name, value in wild_camera(np.random.default_rng(self.seed), camera).items():
+            world = _with(world, name, camera, value)
         return _with(world, "principal_point", camera, 0.0)
+
+
+@dataclass(frozen=True)
+class Lens(Perturbation):
+    """Gives a camera's lens the radial distortion `k1`, else one within +-0.08."""
+
+    type: ClassVar[str] = "lens"
+    camera: str = _one_of(CAMERAS)
+    k1: float = _number(_uniform(-0.08, 0.08), -0.5, 0.5)
+
+    def change(self, world: World) -> World:
+        return _with(world, "lens_k1", CAMERAS.index(self.camera), self.k1)
 
 
 @dataclass(frozen=True)
@@ -174,13 +198,12 @@ class JointZero(Perturbation):
     """Shifts a joint's zero by `degrees`, else by up to 10 either way."""
 
     type: ClassVar[str] = "joint_zero"
-    joint: Joint | None = None
-    degrees: float | None = None
+    joint: str = _one_of(JOINTS)
+    degrees: float = _number(_uniform(-10, 10))
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        joint = _pick(self.joint, JOINTS, rng)
-        shift = math.radians(_given(self.degrees, rng.uniform(-10, 10)))
-        return _with(world, "joint_zeros", joint, world.joint_zeros[joint] + shift)
+    def change(self, world: World) -> World:
+        joint = JOINTS.index(self.joint)
+        return _with(world, "joint_zeros", joint, world.joint_zeros[joint] + math.radians(self.degrees))
 
 
 @dataclass(frozen=True)
@@ -188,13 +211,12 @@ class LinkLength(Perturbation):
     """Multiplies a link's length by `factor`, else by 0.9-1.1."""
 
     type: ClassVar[str] = "link_length"
-    link: Link | None = None
-    factor: float | None = None
+    link: str = _one_of(LINKS)
+    factor: float = _factor(0.9, 1.1)
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        link = _pick(self.link, LINKS, rng)
-        factor = _given(self.factor, rng.uniform(0.9, 1.1))
-        return _with(world, "link_lengths", link, world.link_lengths[link] * factor)
+    def change(self, world: World) -> World:
+        link = LINKS.index(self.link)
+        return _with(world, "link_lengths", link, world.link_lengths[link] * self.factor)
 
 
 @dataclass(frozen=True)
@@ -202,13 +224,12 @@ class MotorGain(Perturbation):
     """Multiplies a motor's gain by `factor`, else by 0.67-1.5."""
 
     type: ClassVar[str] = "motor_gain"
-    motor: Motor | None = None
-    factor: float | None = None
+    motor: str = _one_of(MOTORS)
+    factor: float = _factor(0.67, 1.5)
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        motor = _pick(self.motor, MOTORS, rng)
-        factor = _given(self.factor, log_uniform(rng, 0.67, 1.5))
-        return _with(world, "motor_gain", motor, world.motor_gain[motor] * factor)
+    def change(self, world: World) -> World:
+        motor = MOTORS.index(self.motor)
+        return _with(world, "motor_gain", motor, world.motor_gain[motor] * self.factor)
 
 
 @dataclass(frozen=True)
@@ -216,10 +237,10 @@ class MotorSign(Perturbation):
     """Reverses a motor."""
 
     type: ClassVar[str] = "motor_sign"
-    motor: Motor | None = None
+    motor: str = _one_of(MOTORS)
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        motor = _pick(self.motor, MOTORS, rng)
+    def change(self, world: World) -> World:
+        motor = MOTORS.index(self.motor)
         return _with(world, "motor_sign", motor, -world.motor_sign[motor])
 
 
@@ -228,23 +249,10 @@ class PointNoise(Perturbation):
     """Sets the standard deviation of image coordinates to `px`, else to 0.5-5 pixels."""
 
     type: ClassVar[str] = "point_noise"
-    px: float | None = None
+    px: float = _number(lambda rng: float(log_uniform(rng, 0.5, 5)), least=0)
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        return replace(world, point_noise=np.array(_given(self.px, log_uniform(rng, 0.5, 5))))
-
-
-@dataclass(frozen=True)
-class Lens(Perturbation):
-    """Gives a camera's lens the radial distortion `k1`, else one within +-0.08."""
-
-    type: ClassVar[str] = "lens"
-    camera: Camera | None = None
-    k1: float | None = None
-
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        camera = _pick(self.camera, CAMERAS, rng)
-        return _with(world, "lens_k1", camera, _given(self.k1, rng.uniform(-0.08, 0.08)))
+    def change(self, world: World) -> World:
+        return replace(world, point_noise=np.array(self.px))
 
 
 @dataclass(frozen=True)
@@ -252,10 +260,10 @@ class PointOutliers(Perturbation):
     """Makes a `share` of the image points stand anywhere in the image, else 0-0.4 of them."""
 
     type: ClassVar[str] = "point_outliers"
-    share: float | None = None
+    share: float = _number(_uniform(0, 0.4), 0, 1)
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        return replace(world, point_outliers=np.array(_given(self.share, rng.uniform(0, 0.4))))
+    def change(self, world: World) -> World:
+        return replace(world, point_outliers=np.array(self.share))
 
 
 @dataclass(frozen=True)
@@ -263,10 +271,10 @@ class PointDropout(Perturbation):
     """Makes a `share` of the image points unseen, else 0-0.4 of them."""
 
     type: ClassVar[str] = "point_dropout"
-    share: float | None = None
+    share: float = _number(_uniform(0, 0.4), 0, 1)
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        return replace(world, point_dropout=np.array(_given(self.share, rng.uniform(0, 0.4))))
+    def change(self, world: World) -> World:
+        return replace(world, point_dropout=np.array(self.share))
 
 
 @dataclass(frozen=True)
@@ -274,10 +282,10 @@ class Latency(Perturbation):
     """Makes image points come late by so many `motions`, else 1-3."""
 
     type: ClassVar[str] = "latency"
-    motions: int | None = None
+    motions: int = _number(lambda rng: int(rng.integers(1, 4)), 0, MAX_LATENCY, whole=True)
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        return replace(world, latency=np.array(_given(self.motions, int(rng.integers(1, 4)))))
+    def change(self, world: World) -> World:
+        return replace(world, latency=np.array(self.motions))
 
 
 TYPES: dict[str, type[Perturbation]] = {

@@ -62,6 +62,8 @@ def test_an_aim_moves_the_view_in_its_direction_by_its_angle():
 
 def test_a_shift_moves_the_camera_by_its_distance_without_turning_it():
     world = CameraShift("left", 0.05).apply(nominal(), RNG(0))
+    up = CameraShift("right", 0.05, elevation=90).apply(nominal(), RNG(0))
+    np.testing.assert_allclose((up.camera_position - nominal().camera_position)[1], [0, 0, 0.05], atol=1e-12)
     apart = np.linalg.norm(world.camera_position - nominal().camera_position, axis=1)
     np.testing.assert_allclose(apart, [0.05, 0.0])
     np.testing.assert_array_equal(world.camera_orientation, nominal().camera_orientation)
@@ -84,6 +86,7 @@ def test_arm_and_motor_perturbations_do_what_they_say():
         (CameraRoll("left", 33.0), CameraRoll("left", -33.0)),
         (CameraAim("right", 7.0, 20.0), CameraAim("right", -7.0, 20.0)),
         (CameraZoom("left", 1.25), CameraZoom("left", 0.8)),
+        (CameraShift("left", 0.05, 30.0, 10.0), CameraShift("left", -0.05, 30.0, 10.0)),
         (JointZero("J3", 3.0), JointZero("J3", -3.0)),
         (LinkLength("hand", 2.0), LinkLength("hand", 0.5)),
         (MotorGain("waist", 2.0), MotorGain("waist", 0.5)),
@@ -107,6 +110,9 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
     assert one != nominal()
     assert name == "motor_sign" or one != other
     assert parse_perturbation(perturbation.to_dict()) == perturbation
+    drawn = perturbation.drawn(RNG(1))
+    assert parse_perturbation(drawn.to_dict()) == drawn
+    assert drawn.change(nominal()) == one
 
 
 @pytest.mark.parametrize(
@@ -117,9 +123,12 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
         ({"type": "camera_roll", "camera": "middle"}, "camera is 'middle'; allowed: left, right"),
         ({"type": "camera_roll", "degrees": "30"}, "degrees is '30'; it must be a number"),
         ({"type": "camera_roll", "degrees": float("nan")}, "must be finite"),
-        ({"type": "camera_zoom", "factor": 0}, "factor is 0; it must be positive"),
+        ({"type": "camera_zoom", "factor": 0}, "factor is 0; it must be a number from 0.001 to 1000"),
         ({"degrees": 3}, "must be a mapping with a type"),
         ({"type": ["camera_roll"]}, "allowed: camera_roll"),
+        ({"type": "latency", "motions": 1.5}, "it must be a whole number"),
+        ({"type": "latency", "motions": 99}, "from 0 to 10"),
+        ({"type": "point_outliers", "share": 1.2}, "from 0 to 1"),
     ],
 )
 def test_damaged_perturbations(entry, message):
