@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
+from inspect import signature
 from typing import Any
 
 import gymnasium as gym
@@ -65,7 +67,25 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
     shape = getattr(env.action_space, "shape", None)
     if shape is None or len(shape) != 1:
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
+    allowed = _settings_of(name)
+    for setting in settings:
+        if setting not in allowed:
+            hint = near_misses(setting, allowed)
+            raise ValueError(
+                f"agent {name!r} has no setting {setting!r}{hint}; allowed: {', '.join(allowed)}"
+            )
     try:
         return _MAKERS[name](env, **settings)
-    except TypeError as error:
+    except (TypeError, ValueError) as error:
         raise ValueError(f"agent {name!r}: {error}") from error
+
+
+def _settings_of(name: str) -> tuple[str, ...]:
+    """The settings that an agent takes."""
+    if name == "sac":
+        from agents.neural.sb3 import SETTINGS
+
+        return SETTINGS
+    named = [p.name for p in signature(_MAKERS[name]).parameters.values() if p.kind is not p.VAR_KEYWORD]
+    servo = [] if name == "random" else [field.name for field in fields(UnifiedServo)]
+    return (*named[1:], *servo)

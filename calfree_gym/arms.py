@@ -254,22 +254,25 @@ class StereoArms:
             for row in self._all[rows]:
                 count = int(counts[row])
                 if event.strikes(clock, count):
-                    self._perturb(row, event.perturbation, number, count)
-                    struck.append((int(row), event.perturbation))
+                    struck.append((int(row), self._perturb(row, event.perturbation, number, count)))
         return struck
 
-    def _perturb(self, row: int, perturbation: Perturbation, event: int, count: int) -> None:
+    def _perturb(self, row: int, perturbation: Perturbation, event: int, count: int) -> Perturbation:
+        """Perturbs a row's world; returns the perturbation with all that it drew."""
         world, seed = self.world(row), self._seeds[row] or 0
+        drawn = perturbation
 
         def perturbed(attempt: int) -> World:
-            rng = streams.stream(seed, "perturbation", event, count, attempt)
-            return perturbation.apply(world, rng)
+            nonlocal drawn
+            drawn = perturbation.drawn(streams.stream(seed, "perturbation", event, count, attempt))
+            return drawn.change(world)
 
         if self._keep_in_view:
             what = f"the world after {perturbation.to_dict()}"
             self._enter(row, first_in_view(perturbed, self.mount, what))
         else:
             self._enter(row, perturbed(0))
+        return drawn
 
     def _draw_objects(self, rows: NDArray[np.intp]) -> Array:
         """The next trial's objects (n, 3): the first candidates that are seen and not yet reached."""
@@ -296,7 +299,7 @@ class StereoArms:
 
 
 Perturbed = tuple[int, Perturbation]
-"""A row, and the perturbation that struck it."""
+"""A row, and the perturbation that struck it, with all that it drew."""
 
 
 def _choices(world: Any, rows: int) -> list[World | WorldDistribution]:

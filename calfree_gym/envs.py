@@ -61,7 +61,8 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     ## Starting state
     The arm at home, registers zero; the object somewhere in the work space, seen by both cameras.
     `reset(seed=k)` draws the world (where `world` names a distribution), objects and noise from k;
-    `reset()` places the next object in the same world; `reset(options={"object": (x, y, z)})` puts it there.
+    `reset()` places the next object in the same world; `reset(options={"object": (x, y, z)})` puts it there
+    (in m), seen or not.
 
     ## Episode end
     Terminated at the rendezvous: both observed image distances within `tolerance_px`, unless
@@ -80,7 +81,9 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         observation: "points".
         tolerance_px: Image distance of the rendezvous, in pixels of 512.
         dynamics: "physics", or "kinematic": the arm is put where physics would settle.
-        perturbations: A schedule, `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`.
+        perturbations: A schedule, `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`, as told in
+            `calfree_gym.schedule.parse_schedule`; the types and their settings are the classes of
+            `calfree_gym.perturbations`.
         redraw: "never", or "trial": every trial in a new world, where `world` is a distribution.
         terminate_on_success: Whether the rendezvous ends the trial.
         keep_in_view: Whether worlds, perturbations and objects that the cameras do not see are drawn again.
@@ -169,8 +172,10 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             self._info(success, float(seconds[0]), struck),
         )
 
-    def render(self) -> NDArray[np.uint8]:
-        """The scene (H, W, 3), with both camera images inset.
+    def render(self) -> NDArray[np.uint8] | None:
+        """The scene (720, 1080, 3), and at its side both camera images with the image points.
+
+        A ring is thin where its point is not seen now: there it was seen last.
 
         Raises:
             gymnasium.error.DependencyNotInstalled: No GL is there; says which package to install.

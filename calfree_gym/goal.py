@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -66,7 +67,10 @@ def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     Raises:
         ValueError: The action has another shape, or is not finite.
     """
-    words = np.asarray(action, np.float64)
+    try:
+        words = np.asarray(action, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"the action is {action!r}; it must be numbers of shape {shape}") from None
     if words.shape != shape:
         raise ValueError(f"the action has shape {words.shape}; it must be {shape}, one word a motor")
     if np.abs(words).max() <= 1:
@@ -150,7 +154,10 @@ class StereoArmGoal:
             "joints": self.arms.simulation.joints(),
         }
 
-    def _frame(self, row: int) -> NDArray[np.uint8]:
+    def _frame(self, row: int) -> NDArray[np.uint8] | None:
+        if self.render_mode is None:
+            gym.logger.warn("render() shows nothing without render_mode='rgb_array'; give it to gym.make")
+            return None
         if self._renderer is None:
             from calfree_gym.rendering import SceneRenderer
 
@@ -168,9 +175,16 @@ def placed_objects(options: dict[str, Any] | None, rows: int) -> NDArray[np.floa
     """The object of reset's options (rows, 3) in m, where one is given."""
     if not options:
         return None
+    if not isinstance(options, dict):
+        raise ValueError(
+            f"reset's options are {options!r}; they must be a dict, such as {{'object': (x, y, z)}}"
+        )
     if unknown := sorted(options.keys() - {"object"}):
         raise ValueError(f"reset has no option {', '.join(map(repr, unknown))}; allowed: 'object'")
-    position = np.asarray(options["object"], np.float64)
+    try:
+        position = np.asarray(options["object"], np.float64)
+    except (TypeError, ValueError):
+        position = np.empty(0)
     if position.shape not in ((3,), (rows, 3)) or not np.isfinite(position).all():
         raise ValueError(f"options['object'] is {options['object']!r}; it must be (x, y, z) in metres")
     return np.broadcast_to(position, (rows, 3))

@@ -41,7 +41,9 @@ Schedule = tuple[Event, ...]
 def parse_schedule(entries: Iterable[Mapping[str, Any]] | None) -> Schedule:
     """Reads a list such as `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`.
 
-    `at` is `{motion: n}`, `{trial: n}` or `{every: {motion: n}}`, `{every: {trial: n}}`.
+    `at` is `{motion: n}`, `{trial: n}` or `{every: {motion: n}}`, `{every: {trial: n}}`: it strikes when n
+    motions or trials have gone since the environment was seeded, before the next. `do` names a type of
+    `perturbations.TYPES` and any of its settings.
 
     Raises:
         ValueError: An entry is malformed; names it by its place, what was found and what is allowed.

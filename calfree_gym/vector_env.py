@@ -67,6 +67,10 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         reward: str = "sparse",
         render_mode: str | None = None,
     ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs}; it must be 1 or more")
+        if max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
         self._build(
             num_envs,
             threads,
@@ -84,8 +88,6 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             keep_in_view=keep_in_view,
         )
         self.num_envs = num_envs
-        if max_episode_steps < 1:
-            raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
         self._max_episode_steps = max_episode_steps
         self._autoreset = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._autoreset}
@@ -186,9 +188,10 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             "_final_info": over,
         }
 
-    def render(self) -> tuple[NDArray[np.uint8], ...]:
-        """One frame a row, as `StereoArmEnv.render`."""
-        return tuple(self._frame(row) for row in range(self.num_envs))
+    def render(self) -> Any:
+        """One frame a row, as `StereoArmEnv.render`; None without a render mode."""
+        frames = tuple(self._frame(row) for row in range(self.num_envs))
+        return frames if self.render_mode else None
 
     def _row_seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         rows = range(self.num_envs)

@@ -159,7 +159,7 @@ def _perturbations(finished: Finished, scenario: ScenarioConfig) -> tuple[figure
         if spec.scenario == scenario and spec.id in finished.outcomes:
             seen: Counter[str] = Counter()
             for motions, perturbation in finished.outcomes[spec.id]["perturbations"]:
-                what = _in_words(perturbation)
+                what = _in_words(_as_given(perturbation, scenario))
                 met.setdefault((what, seen[what]), []).append(motions)
                 seen[what] += 1
     spans: list[figures.Perturbation] = []
@@ -169,6 +169,12 @@ def _perturbations(finished: Finished, scenario: ScenarioConfig) -> tuple[figure
             first, last = spans[-1].first, max(last, spans.pop().last)
         spans.append(figures.Perturbation(first, last, what))
     return tuple(sorted(spans, key=lambda span: span.first))
+
+
+def _as_given(perturbation: dict[str, Any], scenario: ScenarioConfig) -> dict[str, Any]:
+    """The perturbation as in the schedule, without what it drew (which differs from world to world)."""
+    given = (entry["do"] for entry in scenario.perturbations)
+    return next((do for do in given if do.items() <= perturbation.items()), perturbation)
 
 
 def _short(value: Any) -> str:

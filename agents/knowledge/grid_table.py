@@ -33,8 +33,10 @@ class GridTable:
     """
 
     def __init__(self, motors: int, cells: int = 8, rate: float = 0.7) -> None:
-        if cells < 1 or not 0 < rate <= 1:
-            raise ValueError(f"cells is {cells} and rate is {rate}; cells >= 1 and 0 < rate <= 1")
+        if isinstance(cells, bool) or not isinstance(cells, int) or cells < 1:
+            raise ValueError(f"cells is {cells!r}; it must be a whole number, 1 or more")
+        if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate <= 1:
+            raise ValueError(f"rate is {rate!r}; it must be a number above 0, at most 1")
         self.cells = cells
         self.rate = rate
         self.records = np.full((*[cells + 1] * DIMENSIONS, motors), np.nan)

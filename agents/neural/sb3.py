@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from inspect import signature
 from pathlib import Path
 from typing import Any, Self
 from zipfile import ZipFile
@@ -18,6 +19,7 @@ from stable_baselines3.common.logger import Logger
 from agents.agent import Agent, Callback, Observation
 
 _WORDS = "calfree.json"
+_OURS = ("policy", "env", "policy_kwargs", "device", "_init_setup_model")
 
 
 class ScaledWords(gym.ActionWrapper[Any, Any, Any]):
@@ -140,3 +142,14 @@ class _Translated(BaseCallback):
     def _on_step(self) -> bool:
         self._agent.num_timesteps = self.num_timesteps
         return self._callback is None or self._callback(self._agent)
+
+
+SETTINGS = tuple(
+    dict.fromkeys(
+        name
+        for of in (SacAgent, SAC)
+        for name, parameter in signature(of).parameters.items()
+        if parameter.kind is not parameter.VAR_KEYWORD and name not in _OURS
+    )
+)
+"""What `SacAgent` takes beside the environment: its own settings and those of stable-baselines3's SAC."""

@@ -122,8 +122,12 @@ def test_unknown_names_and_settings():
     with pytest.raises(ValueError, match=r"'grid_tabel'.*did you mean grid_table"):
         agents.make("grid_tabel", env)
     for name in NAMES:
-        with pytest.raises(ValueError, match=rf"'{name}'.*no_such_setting"):
+        with pytest.raises(ValueError, match=rf"'{name}' has no setting 'no_such_setting'; allowed: .*seed"):
             agents.make(name, env, no_such_setting=1)
+    with pytest.raises(ValueError, match="did you mean cells"):
+        agents.make("grid_table", env, cels=9)
+    with pytest.raises(ValueError, match="cells is 'eight'; it must be a whole number"):
+        agents.make("grid_table", env, cells="eight")
     wrong = [("random", {"limit": 2}), ("grid_table", {"cells": 0}), ("sac", {"word_limit": 0})]
     for name, setting in [*wrong, ("unified_servo", {"test_px": -3}), ("unified_servo", {"damping": "x"})]:
         with pytest.raises(ValueError, match=str(next(iter(setting.values())))):

@@ -196,6 +196,7 @@ def test_words_of_zero_move_nothing():
         (np.zeros((1, 3)), r"shape \(1, 3\)"),
         (np.array([0, np.nan, 0]), "finite"),
         (np.array([0, np.inf, 0]), "finite"),
+        ("abc", "'abc'; it must be numbers"),
     ],
 )
 def test_bad_actions(action, message):
@@ -249,6 +250,10 @@ def test_bad_worlds_and_objects():
         env.set_world("wild")
     with pytest.raises(ValueError, match="metres"):
         env.reset(options={"object": (0, 0)})
+    with pytest.raises(ValueError, match="'here'"):
+        env.reset(options={"object": "here"})
+    with pytest.raises(ValueError, match="must be a dict"):
+        env.reset(options="object")
     with pytest.raises(ValueError, match=r"'objekt'.*'object'"):
         env.reset(options={"objekt": (0.4, 0, 0.1)})
 
@@ -265,6 +270,13 @@ def test_image_without_gl_says_what_to_install(monkeypatch):
     env.reset(seed=0)
     with pytest.raises(gym.error.DependencyNotInstalled, match=r"libegl1.*MUJOCO_GL=egl"):
         env.render()
+
+
+def test_render_without_a_render_mode_shows_nothing():
+    env = gym.make("CalFree/Reach-v0", world="nominal").unwrapped
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match="render_mode='rgb_array'"):
+        assert env.render() is None
 
 
 def test_set_world_holds_over_seeds_and_a_given_world_too():

@@ -217,3 +217,15 @@ def test_a_perturbation_that_is_never_in_view_is_an_error_that_names_it():
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"camera_aim.*never in view"):
         env.step(np.zeros(3))
+
+
+def test_infos_tell_all_that_a_perturbation_drew():
+    schedule = [{"at": {"motion": 1}, "do": {"type": "camera_roll"}}]
+    env = gym.make("CalFree/Reach-v0", perturbations=schedule, dynamics="kinematic").unwrapped
+    env.reset(seed=0)
+    env.step(np.zeros(3))
+    before = env.world
+    *_, info = env.step(np.zeros(3))
+    (drawn,) = info["perturbed"]
+    assert drawn.degrees is not None
+    assert drawn.change(before) == env.world

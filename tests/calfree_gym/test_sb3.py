@@ -4,7 +4,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from stable_baselines3 import PPO, SAC, HerReplayBuffer
-from stable_baselines3.common.vec_env import VecMonitor
 
 from calfree_gym.sb3 import make_sb3_env
 
@@ -43,7 +42,7 @@ def test_rows_are_single_environments_that_begin_again_at_once():
 def test_ppo_sac_and_hindsight_learn_in_it():
     ppo = PPO(
         "MultiInputPolicy",
-        VecMonitor(make_sb3_env(n_envs=4, **QUICK)),
+        make_sb3_env("calfree_gym:CalFree/ReachDense-v0", 4, **QUICK),
         n_steps=8,
         batch_size=16,
         device="cpu",
