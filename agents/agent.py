@@ -15,6 +15,8 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import storage
+
 Array = NDArray[np.float64]
 Observation = Mapping[str, NDArray[Any]]
 
@@ -124,6 +126,18 @@ class ProcedureAgent(Agent):
     def procedure(self, look: Look) -> Procedure:
         """Seeks the rendezvous from the trial's first look; may end, after which the agent only looks."""
 
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """What it is, settings and all: it loads only what its like has saved."""
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All that it knows, as named arrays; nothing, unless it learns."""
+        return {}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Takes over what `arrays` returned."""
+
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
         """Learns from a trial of its own; a trial cut off (`ended` False) teaches no end."""
 
@@ -186,6 +200,20 @@ class ProcedureAgent(Agent):
                 words = _resume(running, look)
             if not go_on:
                 break
+        return self
+
+    def save(self, path: str | Path) -> None:
+        """See `Agent`."""
+        storage.save(path, self.kind, self.arrays(), self.num_timesteps)
+
+    def load(self, path: str | Path) -> Self:
+        """See `Agent`.
+
+        Raises:
+            ValueError: The file is damaged, no saved agent, or of another kind or other settings.
+        """
+        arrays, self.num_timesteps = storage.load(path, self.kind)
+        self.restore(arrays)
         return self
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, Self
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import gymnasium as gym
+from numpy.typing import NDArray
 
-from agents import storage
 from agents.agent import Look, Procedure, ProcedureAgent
 from agents.knowledge.knowledge import Knowledge
 from agents.servo import Servo
@@ -43,15 +42,15 @@ class LearningServo(ProcedureAgent):
         if ended:
             self.knowledge.learn(looks[0].object, looks[-1].registers)
 
-    def save(self, path: str | Path) -> None:
-        """See `Agent`."""
-        storage.save(path, self._kind(), self.knowledge.arrays(), self.num_timesteps)
-
-    def load(self, path: str | Path) -> Self:
-        """See `Agent`."""
-        arrays, self.num_timesteps = storage.load(path, self._kind())
-        self.knowledge.restore(arrays)
-        return self
-
-    def _kind(self) -> str:
+    @property
+    def kind(self) -> str:
+        """See `ProcedureAgent`."""
         return f"{self.knowledge!r} over {self.servo!r}"
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """See `ProcedureAgent`."""
+        return self.knowledge.arrays()
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """See `ProcedureAgent`."""
+        self.knowledge.restore(arrays)

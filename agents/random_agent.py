@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from agents import storage
 from agents.agent import Look, Procedure, ProcedureAgent
 
 
@@ -25,7 +23,9 @@ class RandomAgent(ProcedureAgent):
             raise ValueError(f"limit is {limit}; it must be in (0, 1]")
         self.limit = limit
 
-    def __repr__(self) -> str:
+    @property
+    def kind(self) -> str:
+        """See `ProcedureAgent`."""
         return f"RandomAgent(limit={self.limit}, seed={self.seed})"
 
     def procedure(self, look: Look) -> Procedure:
@@ -33,12 +33,3 @@ class RandomAgent(ProcedureAgent):
         rng = np.random.default_rng([self.seed, *np.frombuffer(look.object.tobytes(), np.uint32)])
         while True:
             yield rng.uniform(-self.limit, self.limit, len(look.registers))
-
-    def save(self, path: str | Path) -> None:
-        """See `Agent`."""
-        storage.save(path, repr(self), {}, self.num_timesteps)
-
-    def load(self, path: str | Path) -> Self:
-        """See `Agent`."""
-        _, self.num_timesteps = storage.load(path, repr(self))
-        return self

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import gymnasium as gym
 
-from agents import storage
 from agents.agent import Look, Procedure, ProcedureAgent
 from agents.servo import Servo
 
@@ -23,11 +21,7 @@ class ServoAgent(ProcedureAgent):
         """See `ProcedureAgent`."""
         return self.servo(look)
 
-    def save(self, path: str | Path) -> None:
-        """See `Agent`."""
-        storage.save(path, repr(self.servo), {}, self.num_timesteps)
-
-    def load(self, path: str | Path) -> Self:
-        """See `Agent`."""
-        _, self.num_timesteps = storage.load(path, repr(self.servo))
-        return self
+    @property
+    def kind(self) -> str:
+        """See `ProcedureAgent`."""
+        return repr(self.servo)

@@ -123,13 +123,12 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         """
         given = dict(options or {})
         rows = self._masked(given.pop("reset_mask", None))
-        for row, row_seed in enumerate(self._row_seeds(seed)):
-            if row_seed is not None and row in rows:
+        seeds = self._row_seeds(seed)
+        for row in rows:
+            if (row_seed := seeds[row]) is not None:
                 self.arms.seed(row, row_seed)
         objects = placed_objects(given, self.num_envs)
-        struck = self.arms.begin_trial(rows, None if objects is None else objects[rows])
-        self._steps[rows] = 0
-        self._over[rows] = False
+        struck = self._begin(rows, None if objects is None else objects[rows])
         self.arms.look()
         observation, _, success = self._outcome()
         return observation, self._infos(success, np.zeros(self.num_envs), struck)
@@ -141,7 +140,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             gymnasium.error.ResetNeeded: A trial is over, and nobody began the next (autoreset disabled).
         """
         words = control_words(actions, (self.num_envs, len(MOTORS)))
-        over, beginning = self._over, np.flatnonzero(self._over)
+        over, beginning = self._over.copy(), np.flatnonzero(self._over)
         seconds = np.zeros(self.num_envs)
         if not len(beginning):
             seconds, struck = self.arms.move(slice(None), words)
@@ -167,17 +166,17 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             observation, infos = self._begin_at_once(observation, infos)
         return observation, rewards, terminated, truncated, infos
 
-    def _begin(self, rows: NDArray[np.intp]) -> list[Perturbed]:
+    def _begin(self, rows: NDArray[np.intp], objects: NDArray[np.float64] | None = None) -> list[Perturbed]:
         self._steps[rows] = 0
-        return self.arms.begin_trial(rows)
+        self._over[rows] = False
+        return self.arms.begin_trial(rows, objects)
 
     def _begin_at_once(
         self, final: Observation, final_infos: dict[str, Any]
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins the next trials of the rows that are over; their last observations go into infos."""
-        over = self._over
+        over = self._over.copy()
         struck = self._begin(np.flatnonzero(over))
-        self._over = np.zeros(self.num_envs, bool)
         self.arms.look()
         observation, _, success = self._outcome()
         infos = self._infos(success, np.where(over, 0.0, final_infos["robot_seconds"]), struck)
@@ -219,8 +218,9 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         every = np.ones(self.num_envs, bool)
         truth = self._truth()
         truth |= {"_" + key: every for key in truth}
-        perturbed = np.empty(self.num_envs, object)
+        perturbed, was_perturbed = np.empty(self.num_envs, object), np.zeros(self.num_envs, bool)
         for row, perturbation in struck:
+            was_perturbed[row] = True
             perturbed[row] = [*(perturbed[row] or ()), perturbation]
         infos = {
             "is_success": success,
@@ -228,7 +228,6 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             "perturbed": perturbed,
             "truth": truth,
         }
-        was_perturbed = np.array([what is not None for what in perturbed])
         return infos | {"_" + key: every for key in infos} | {"_perturbed": was_perturbed}
 
     def close_extras(self, **kwargs: Any) -> None:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import gymnasium as gym
 import mujoco
@@ -58,16 +59,12 @@ def _single() -> Ratio:
     model = build_model("waist")
     data = mujoco.MjData(model)
 
-    def ours() -> None:
-        for word in words:
-            env.step(word)
-
     def bare() -> None:
         for _ in range(steps * SUBSTEPS):
             mujoco.mj_step(model, data)
 
     with _pinned(1):
-        return _ratio("single environment / bare mj_step", 0.85, ours, bare, steps)
+        return _ratio("single environment / bare mj_step", 0.85, _stepping(env, words), bare, steps)
 
 
 def _batched() -> Ratio:
@@ -78,15 +75,11 @@ def _batched() -> Ratio:
     words = _words(steps, rows)
     batch = Batch(build_model("waist"), rows)
 
-    def ours() -> None:
-        for word in words:
-            env.step(word)
-
     def bare() -> None:
         for _ in range(steps):
             batch.step(nstep=SUBSTEPS)
 
-    return _ratio(f"batched, {rows} rows / bare Batch", 0.90, ours, bare, steps * rows)
+    return _ratio(f"batched, {rows} rows / bare Batch", 0.90, _stepping(env, words), bare, steps * rows)
 
 
 def _kinematic() -> Ratio:
@@ -98,16 +91,20 @@ def _kinematic() -> Ratio:
     batch = Batch(build_model("waist"), rows)
     stage = int(mujoco.mjtStage.mjSTAGE_POS)
 
-    def ours() -> None:
-        for word in words:
-            env.step(word)
-
     def bare() -> None:
         for _ in range(steps):
             batch.forward(stage=stage)
 
     name = f"kinematic, {rows} rows / bare Batch.forward(POS)"
-    return _ratio(name, 0.40, ours, bare, steps * rows)
+    return _ratio(name, 0.40, _stepping(env, words), bare, steps * rows)
+
+
+def _stepping(env: Any, words: np.ndarray) -> Callable[[], None]:
+    def ours() -> None:
+        for word in words:
+            env.step(word)
+
+    return ours
 
 
 def _words(steps: int, rows: int) -> np.ndarray:

@@ -104,9 +104,8 @@ class SacAgent(Agent):
         """See `Agent`. The replay buffer is left out: learning goes on as from new, with trained networks."""
         with Path(path).open("wb") as file:
             self._sac.save(file)
-        words = {"word_limit": self._scaled.limit, "word_curvature": self._scaled.curvature}
         with ZipFile(path, "a") as archive:
-            archive.writestr(_WORDS, json.dumps(words))
+            archive.writestr(_WORDS, json.dumps(self._words()))
 
     def load(self, path: str | Path) -> Self:
         """See `Agent`.
@@ -114,7 +113,6 @@ class SacAgent(Agent):
         Raises:
             ValueError: The file is damaged, no saved agent, or of one that scaled its words otherwise.
         """
-        mine = {"word_limit": self._scaled.limit, "word_curvature": self._scaled.curvature}
         try:
             with ZipFile(path) as archive:
                 saved = json.loads(archive.read(_WORDS))
@@ -123,13 +121,16 @@ class SacAgent(Agent):
             raise
         except Exception as error:  # what is raised on a damaged file depends on where the damage is
             raise ValueError(f"{path} is damaged or no saved sac: {error!r}") from error
-        if saved != mine:
-            raise ValueError(f"{path} holds a sac with {saved}; this one has {mine}")
+        if saved != self._words():
+            raise ValueError(f"{path} holds a sac with {saved}; this one has {self._words()}")
         warm_up = sac.learning_starts
         self._adopt(sac)
         self.num_timesteps = sac.num_timesteps
         self._sac.learning_starts = self.num_timesteps + warm_up
         return self
+
+    def _words(self) -> dict[str, float]:
+        return {"word_limit": self._scaled.limit, "word_curvature": self._scaled.curvature}
 
 
 class _Translated(BaseCallback):

@@ -9,9 +9,7 @@ import numpy as np
 
 from agents.agent import Array, Look, Procedure
 from agents.jacobian import both_points, distance_jacobian, solve_within
-
-PIXEL = 2 / 512
-"""One pixel in image units."""
+from calfree_gym.world import IMAGE_UNIT
 
 
 @dataclass(frozen=True)
@@ -127,4 +125,4 @@ class Motors:
 
 def displacement_px(moved: Array) -> float:
     """The largest displacement of one point in one image, of points (8,) in image units, in pixels."""
-    return float(np.sqrt((moved * moved).reshape(-1, 2).sum(1)).max()) / PIXEL
+    return float(np.sqrt((moved * moved).reshape(-1, 2).sum(1)).max()) / IMAGE_UNIT
