@@ -13,10 +13,10 @@ from calfree_gym import streams
 from calfree_gym.cameras import MOUNTS, image_points
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.motors import MOTORS
-from calfree_gym.perturbations import Perturbation
-from calfree_gym.schedule import parse_schedule
+from calfree_gym.perturbation import Perturbation
 from calfree_gym.sensing import Sensing
 from calfree_gym.simulation import DYNAMICS, Simulation
+from calfree_gym.strikes import Strikes
 from calfree_gym.workspace import ATTEMPTS, Workspaces, first_in_view, in_view
 from calfree_gym.world import IMAGE_SIZE, World, WorldDistribution, near_misses
 
@@ -86,7 +86,7 @@ class StereoArms:
         self.tolerance = np.float32(tolerance_px / HALF)
         self.simulation = Simulation(rows, camera_mount, dynamics, threads)
         self._workspaces = Workspaces(rows, camera_mount)
-        self._schedule = parse_schedule(perturbations)
+        self._strikes = Strikes(rows, perturbations, camera_mount, keep_in_view)
         self._choices = _choices(world, rows)
         self._redraws = redraw == "trial"
         self._keep_in_view = keep_in_view
@@ -137,6 +137,7 @@ class StereoArms:
         self._sensing.seed(row, seed)
         self._object_keys[row] = streams.key(seed, "objects")
         self.motions[row] = self.trials[row] = 0
+        self._strikes.seed(row, seed)
         choice = self._choices[row]
         self._enter(row, choice if isinstance(choice, World) else self._draw_world(choice, seed, 0))
 
@@ -250,29 +251,13 @@ class StereoArms:
     def _strike(self, clock: str, counts: NDArray[np.int64], rows: Rows) -> list[Perturbed]:
         """Applies the events that are due in `rows`; a struck arm's stops may have moved."""
         struck: list[Perturbed] = []
-        for number, event in enumerate(self._schedule):
-            for row in self._all[rows]:
+        for number, event in self._strikes.events[clock]:
+            for row in self._all[rows][event.strikes(counts[rows])]:
                 count = int(counts[row])
-                if event.strikes(clock, count):
-                    struck.append((int(row), self._perturb(row, event.perturbation, number, count)))
+                world, told = self._strikes.strike(number, event, row, count, self.world(row))
+                self._enter(row, world)
+                struck += [] if told is None else [(int(row), told)]
         return struck
-
-    def _perturb(self, row: int, perturbation: Perturbation, event: int, count: int) -> Perturbation:
-        """Perturbs a row's world; returns the perturbation with all that it drew."""
-        world, seed = self.world(row), self._seeds[row] or 0
-        drawn = perturbation
-
-        def perturbed(attempt: int) -> World:
-            nonlocal drawn
-            drawn = perturbation.drawn(streams.stream(seed, "perturbation", event, count, attempt))
-            return drawn.change(world)
-
-        if self._keep_in_view:
-            what = f"the world after {perturbation.to_dict()}"
-            self._enter(row, first_in_view(perturbed, self.mount, what))
-        else:
-            self._enter(row, perturbed(0))
-        return drawn
 
     def _draw_objects(self, rows: NDArray[np.intp]) -> Array:
         """The next trial's objects (n, 3): the first candidates that are seen and not yet reached."""

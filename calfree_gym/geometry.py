@@ -24,6 +24,17 @@ def quaternion_about(axis: Array, angle: float) -> Array:
     return quaternion
 
 
+def quaternion_between(first: Array, second: Array, share: float) -> Array:
+    """Rotation (4,) that is `share` of the way from `first` to `second`; beyond them outside [0, 1]."""
+    turn, way = np.empty(3), np.empty(4)
+    mujoco.mju_subQuat(turn, second, first)
+    angle = float(np.linalg.norm(turn))
+    if angle == 0 or share == 1:
+        return second
+    mujoco.mju_axisAngle2Quat(way, turn / angle, share * angle)
+    return quaternion_product(first, way)
+
+
 def rotation_matrix(quaternion: Array) -> Array:
     """Rotation matrix (3, 3) of a unit quaternion; its columns are the turned axes."""
     matrix = np.empty(9)

@@ -6,10 +6,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from calfree_gym.perturbations import Perturbation, parse_perturbation
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.perturbation import Perturbation
+from calfree_gym.perturbations import parse_perturbation
 from calfree_gym.world import near_misses
 
 CLOCKS = ("motion", "trial")
+WHENS = ("at", "every", "drift")
 
 
 @dataclass(frozen=True)
@@ -19,31 +24,46 @@ class Event:
     Attributes:
         clock: "motion": counted over the environment's life, in mid-trial too; or "trial".
         at: How many motions or trials have gone before it strikes.
-        every: Whether it strikes again each time as many more have gone.
         perturbation: What it does.
+        every: Whether it strikes again each time as many more have gone.
+        drift: Whether what it does is a step of a drift.
     """
 
     clock: str
     at: int
-    every: bool
     perturbation: Perturbation
+    every: bool = False
+    drift: bool = False
 
-    def strikes(self, clock: str, count: int) -> bool:
-        """Whether it strikes when `count` motions or trials have gone."""
-        if clock != self.clock:
-            return False
-        return count == self.at or (self.every and count > 0 and count % self.at == 0)
+    def strikes(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether it strikes when so many motions or trials have gone (n,)."""
+        if self.every:
+            return (counts > 0) & (counts % self.at == 0)
+        return counts == self.at
 
 
 Schedule = tuple[Event, ...]
 
 
-def parse_schedule(entries: Iterable[Mapping[str, Any]] | None) -> Schedule:
+def parse_schedule(entries: Iterable[Mapping[str, Any]] | None, where: str = "perturbations") -> Schedule:
     """Reads a list such as `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`.
 
-    `at` is `{motion: n}`, `{trial: n}` or `{every: {motion: n}}`, `{every: {trial: n}}`: it strikes when n
-    motions or trials have gone since the environment was seeded, before the next. `do` names a type of
-    `perturbations.TYPES` and any of its settings.
+    `do` names a type of `perturbations.TYPES` and any of its settings. Beside it stands one of
+
+    - `at: {motion: n}` or `at: {trial: n}`: it strikes once, when n motions or trials have gone since the
+      environment was seeded, before the next;
+    - `every: {motion: n}` or `every: {trial: n}`: it strikes each time that n more have gone, and draws anew
+      what it is not given;
+    - `drift: {per: motion}` or `drift: {per: trial}`: before each but the first, the world goes one step
+      further on a way that is drawn once, and turns back where the cameras would no longer see the work
+      space (with `keep_in_view`) or a quantity is at the end of its range. What the settings give is one
+      step; amounts that they do not give are a hundredth of what the perturbation draws.
+
+    `at: {every: ...}` and `at: {drift: ...}` are read likewise.
+
+    Args:
+        entries: The list; None is an empty one.
+        where: What errors call it.
 
     Raises:
         ValueError: An entry is malformed; names it by its place, what was found and what is allowed.
@@ -51,35 +71,50 @@ def parse_schedule(entries: Iterable[Mapping[str, Any]] | None) -> Schedule:
     if entries is None:
         return ()
     if isinstance(entries, Mapping | str) or not isinstance(entries, Iterable):
-        raise ValueError(f"perturbations is {entries!r}; it must be a list of {{at: ..., do: ...}}")
+        raise ValueError(f"{where} is {entries!r}; it must be a list of {{at: ..., do: ...}}")
     return tuple(
-        _event(entry, f"perturbations[{i}]") if not isinstance(entry, Event) else entry
+        _event(entry, f"{where}.{i}") if not isinstance(entry, Event) else entry
         for i, entry in enumerate(entries)
     )
 
 
 def _event(entry: Mapping[str, Any], where: str) -> Event:
-    if not isinstance(entry, Mapping) or set(entry) != {"at", "do"}:
-        raise ValueError(f"{where} is {entry!r}; it must be a mapping with exactly at and do")
-    at, do = entry["at"], entry["do"]
-    every = isinstance(at, Mapping) and set(at) == {"every"}
-    clock, count = _count(at["every"], f"{where}.at.every") if every else _count(at, f"{where}.at")
-    if every and count == 0:
-        raise ValueError(f"{where}.at.every.{clock} is 0; it must be at least 1")
+    if not isinstance(entry, Mapping) or len(entry) != 2 or "do" not in entry:
+        raise ValueError(f"{where} is {entry!r}; it must be a mapping of do and one of {', '.join(WHENS)}")
+    ((how, when),) = ((key, value) for key, value in entry.items() if key != "do")
+    if how not in WHENS:
+        raise ValueError(f"{where} has {how!r}{near_misses(how, WHENS)}; allowed: do and {', '.join(WHENS)}")
+    place = f"{where}.{how}"
+    if how == "at" and isinstance(when, Mapping) and len(when) == 1 and set(when) <= set(WHENS):
+        ((how, when),) = when.items()
+        place = f"{place}.{how}"
+    do = entry["do"]
     perturbation = do if isinstance(do, Perturbation) else parse_perturbation(do, f"{where}.do")
-    return Event(clock, count, every, perturbation)
+    if how == "drift":
+        return Event(_drifting(when, place), 1, perturbation, every=True, drift=True)
+    clock, count = _count(when, place)
+    if how == "every" and count == 0:
+        raise ValueError(f"{place}.{clock} is 0; it must be at least 1")
+    return Event(clock, count, perturbation, every=how == "every")
 
 
-def _count(at: Any, where: str) -> tuple[str, int]:
-    if not isinstance(at, Mapping) or len(at) != 1:
-        raise ValueError(
-            f"{where} is {at!r}; it must be one of {{motion: n}}, {{trial: n}} or {{every: {{trial: n}}}}"
-        )
-    ((clock, count),) = at.items()
+def _count(when: Any, where: str) -> tuple[str, int]:
+    if not isinstance(when, Mapping) or len(when) != 1:
+        raise ValueError(f"{where} is {when!r}; it must be one of {{motion: n}}, {{trial: n}}")
+    ((clock, count),) = when.items()
     if clock not in CLOCKS:
-        raise ValueError(
-            f"{where} has {clock!r}{near_misses(clock, CLOCKS)}; allowed: {', '.join(CLOCKS)}, every"
-        )
+        raise ValueError(f"{where} has {clock!r}{near_misses(clock, CLOCKS)}; allowed: {', '.join(CLOCKS)}")
     if isinstance(count, bool) or not isinstance(count, int) or count < 0:
         raise ValueError(f"{where}.{clock} is {count!r}; it must be a whole number, 0 or more")
     return clock, count
+
+
+def _drifting(when: Any, where: str) -> str:
+    if not isinstance(when, Mapping) or set(when) != {"per"}:
+        raise ValueError(f"{where} is {when!r}; it must be {{per: motion}} or {{per: trial}}")
+    clock = when["per"]
+    if clock not in CLOCKS:
+        raise ValueError(
+            f"{where}.per is {clock!r}{near_misses(clock, CLOCKS)}; allowed: {', '.join(CLOCKS)}"
+        )
+    return str(clock)

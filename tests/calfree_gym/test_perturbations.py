@@ -1,9 +1,9 @@
-"""Perturbations against what they mean for the images, and schedules against when they strike."""
+"""Perturbations against what they mean for the images."""
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from calfree_gym import nominal
@@ -20,7 +20,7 @@ from calfree_gym.perturbations import (
     PointNoise,
     parse_perturbation,
 )
-from calfree_gym.schedule import parse_schedule
+from calfree_gym.world import WorldDistribution
 
 RNG = np.random.default_rng
 
@@ -80,26 +80,57 @@ def test_arm_and_motor_perturbations_do_what_they_say():
     np.testing.assert_allclose(reversed_[0], seen(built, (-0.1, 0, 0))[0], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "pair",
-    [
-        (CameraRoll("left", 33.0), CameraRoll("left", -33.0)),
-        (CameraAim("right", 7.0, 20.0), CameraAim("right", -7.0, 20.0)),
-        (CameraZoom("left", 1.25), CameraZoom("left", 0.8)),
-        (CameraShift("left", 0.05, 30.0, 10.0), CameraShift("left", -0.05, 30.0, 10.0)),
-        (JointZero("J3", 3.0), JointZero("J3", -3.0)),
-        (LinkLength("hand", 2.0), LinkLength("hand", 0.5)),
-        (MotorGain("waist", 2.0), MotorGain("waist", 0.5)),
-        (MotorSign("elbow"), MotorSign("elbow")),
-    ],
-    ids=lambda pair: pair[0].type,
-)
-def test_a_perturbation_and_its_inverse_are_nothing(pair):
-    world = nominal()
-    for perturbation in pair:
-        world = perturbation.apply(world, RNG(0))
-    for name, value in nominal().to_dict().items():
-        np.testing.assert_allclose(getattr(world, name), value, atol=1e-12, err_msg=name)
+def assert_same(world, expected):
+    for name, value in expected.to_dict().items():
+        np.testing.assert_allclose(getattr(world, name), value, atol=1e-9, err_msg=name)
+
+
+WITHOUT_INVERSE = {"camera_replace", "lens", "point_noise", "point_outliers", "point_dropout", "latency"}
+
+
+@given(st.sampled_from(sorted(TYPES)), st.integers(0, 10**6))
+def test_a_perturbation_and_its_inverse_are_nothing(name, seed):
+    world = WorldDistribution("wild").sample(seed)
+    drawn = TYPES[name]().drawn(RNG(seed))
+    if name in WITHOUT_INVERSE:
+        with pytest.raises(NotImplementedError, match=name):
+            drawn.inverse()
+        return
+    assert_same(drawn.inverse().change(drawn.change(world)), world)
+
+
+@given(st.sampled_from(sorted(TYPES)), st.integers(0, 10**6))
+def test_a_step_of_a_drift_and_a_step_back_are_nothing(name, seed):
+    world = WorldDistribution("wild").sample(seed)
+    step = TYPES[name]().drawn(RNG(seed), slowly=True)
+    there = step.drift(world)
+    assert there != world
+    assert_same(step.drift(there, back=True), world)
+
+
+@pytest.mark.parametrize("name", sorted(TYPES))
+def test_a_drift_is_slow_and_keeps_its_direction(name):
+    drawn, slow = TYPES[name]().drawn(RNG(3)), TYPES[name]().drawn(RNG(3), slowly=True)
+    for amount in ("degrees", "metres", "k1", "px", "share"):
+        if hasattr(drawn, amount):
+            assert getattr(slow, amount) == pytest.approx(getattr(drawn, amount) / 100)
+    if hasattr(drawn, "factor"):
+        assert slow.factor**100 == pytest.approx(drawn.factor)
+    for kept in ("camera", "joint", "link", "motor", "direction", "azimuth", "elevation", "seed"):
+        assert getattr(slow, kept, None) == getattr(drawn, kept, None)
+
+
+def test_a_camera_that_is_replaced_slowly_gets_there():
+    sudden = parse_perturbation({"type": "camera_replace", "camera": "left", "seed": 5})
+    world, other = nominal(), sudden.change(nominal())
+    far = np.linalg.norm(other.camera_position - world.camera_position)
+    for _ in range(100):
+        world = sudden.drift(world)
+    left = np.linalg.norm(other.camera_position - world.camera_position)
+    assert left == pytest.approx(0.99**100 * far)
+    for _ in range(2000):
+        world = sudden.drift(world)
+    assert_same(world, other)
 
 
 @pytest.mark.parametrize("name", sorted(TYPES))
@@ -133,99 +164,5 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
 )
 def test_damaged_perturbations(entry, message):
     with pytest.raises(ValueError, match=message) as caught:
-        parse_schedule([{"at": {"trial": 1}, "do": entry}])
-    assert "perturbations[0].do" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("at", "message"),
-    [
-        ({"motion": -1}, r"perturbations\[0\].at.motion is -1"),
-        ({"motion": 1.5}, "1.5; it must be a whole number"),
-        ({"motion": True}, "True; it must be a whole number"),
-        ({"every": {"trial": 0}}, "at.every.trial is 0"),
-        ({"motion": 1, "trial": 2}, "must be one of"),
-        (7, "must be one of"),
-    ],
-)
-def test_damaged_times(at, message):
-    with pytest.raises(ValueError, match=message):
-        parse_schedule([{"at": at, "do": {"type": "camera_roll"}}])
-
-
-def strikes(schedule, trials=4, motions=3):
-    """(trial, motion of the trial) before which something struck; motion 0 is the reset."""
-    env = gym.make("CalFree/Reach-v0", perturbations=schedule, dynamics="kinematic").unwrapped
-    found, seed = [], 0
-    for trial in range(trials):
-        _, info = env.reset(seed=seed)
-        seed = None
-        found += [(trial, 0)] * len(info["perturbed"])
-        for motion in range(1, motions + 1):
-            *_, info = env.step(np.full(3, 0.01))
-            found += [(trial, motion)] * len(info["perturbed"])
-    return found
-
-
-def test_schedules_strike_when_they_say():
-    roll = {"type": "camera_roll"}
-    assert strikes([{"at": {"motion": 4}, "do": roll}]) == [(1, 2)]
-    assert strikes([{"at": {"motion": 0}, "do": roll}]) == [(0, 1)]
-    assert strikes([{"at": {"trial": 2}, "do": roll}]) == [(2, 0)]
-    assert strikes([{"at": {"every": {"trial": 1}}, "do": roll}]) == [(1, 0), (2, 0), (3, 0)]
-    assert strikes([{"at": {"every": {"motion": 5}}, "do": roll}]) == [(1, 3), (3, 2)]
-
-
-@settings(max_examples=15, deadline=None)
-@given(
-    st.lists(
-        st.tuples(st.sampled_from(sorted(TYPES)), st.sampled_from(["motion", "trial"]), st.integers(0, 6)),
-        max_size=4,
-    ),
-    st.integers(0, 100),
-)
-def test_any_schedule_runs_and_stays_in_bounds(entries, seed):
-    schedule = [{"at": {clock: count}, "do": {"type": name}} for name, clock, count in entries]
-    env = gym.make("CalFree/Reach-v0", perturbations=schedule, dynamics="kinematic").unwrapped
-    rng = RNG(seed)
-    for trial in range(3):
-        observation, _ = env.reset(seed=seed if trial == 0 else None)
-        for _ in range(4):
-            assert env.observation_space.contains(observation)
-            observation, *_ = env.step(rng.uniform(-1, 1, 3))
-
-
-def test_what_strikes_does_not_depend_on_what_the_agent_did():
-    def worlds(words):
-        schedule = [{"at": {"every": {"motion": 3}}, "do": {"type": "camera_replace"}}]
-        env = gym.make("CalFree/Reach-v0", perturbations=schedule, dynamics="kinematic").unwrapped
-        env.reset(seed=9)
-        found = []
-        for i in range(12):
-            env.step(np.full(3, words))
-            if i % 4 == 3 and words > 0.1:
-                env.reset()
-            found.append(env.world)
-        return found
-
-    assert worlds(0.01) == worlds(0.3)
-
-
-def test_a_perturbation_that_is_never_in_view_is_an_error_that_names_it():
-    schedule = [{"at": {"motion": 0}, "do": {"type": "camera_aim", "camera": "left", "degrees": 180}}]
-    env = gym.make("CalFree/Reach-v0", perturbations=schedule, dynamics="kinematic").unwrapped
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"camera_aim.*never in view"):
-        env.step(np.zeros(3))
-
-
-def test_infos_tell_all_that_a_perturbation_drew():
-    schedule = [{"at": {"motion": 1}, "do": {"type": "camera_roll"}}]
-    env = gym.make("CalFree/Reach-v0", perturbations=schedule, dynamics="kinematic").unwrapped
-    env.reset(seed=0)
-    env.step(np.zeros(3))
-    before = env.world
-    *_, info = env.step(np.zeros(3))
-    (drawn,) = info["perturbed"]
-    assert drawn.degrees is not None
-    assert drawn.change(before) == env.world
+        parse_perturbation(entry, "scenarios.0.perturbations.1.do")
+    assert "scenarios.0.perturbations.1.do" in str(caught.value)

@@ -1,0 +1,144 @@
+"""What a perturbation is, and what its settings may be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from calfree_gym.world import World, log_uniform
+
+SLOWNESS = 100
+"""A drift that is not told how far a step goes takes so many to go as far as it would go at once."""
+
+Draw = Callable[[np.random.Generator], Any]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a setting of a perturbation may be.
+
+    Attributes:
+        draw: Draws one that is not given.
+        names: Those allowed, where it is a name.
+        least, most: Bounds, where it is a number.
+        whole: Whether the number must be a whole one.
+        slow: Turns one that was drawn into one for a step of a drift.
+    """
+
+    draw: Draw
+    names: tuple[str, ...] = ()
+    least: float = -math.inf
+    most: float = math.inf
+    whole: bool = False
+    slow: Callable[[Any], Any] = lambda value: value
+
+    def wrong(self, value: Any) -> str | None:
+        """What is wrong with a value, if anything."""
+        if self.names:
+            return None if value in self.names else f"allowed: {', '.join(self.names)}"
+        kind = "a whole number" if self.whole else "a number"
+        if isinstance(value, bool) or not isinstance(value, int if self.whole else int | float):
+            return f"it must be {kind}"
+        if not math.isfinite(value):
+            return "it must be finite"
+        if not self.least <= value <= self.most:
+            return f"it must be {kind} from {self.least:g} to {self.most:g}"
+        return None
+
+
+def setting(draw: Draw, **allowed: Any) -> Any:
+    """A dataclass field for a `Setting`."""
+    return field(default=None, metadata={"setting": Setting(draw, **allowed)})
+
+
+def one_of(names: tuple[str, ...]) -> Any:
+    """A name; where it is not given, any of them."""
+    return setting(lambda rng: names[int(rng.integers(len(names)))], names=names)
+
+
+def amount(draw: Draw, **bounds: float) -> Any:
+    """A number that says how far; a step of a drift goes a hundredth of what `draw` draws."""
+    return setting(draw, slow=lambda far: far / SLOWNESS, **bounds)
+
+
+def factor(low: float, high: float) -> Any:
+    """A positive factor; where it is not given, log-uniform within these bounds."""
+    return setting(
+        lambda rng: float(log_uniform(rng, low, high)),
+        least=1e-3,
+        most=1e3,
+        slow=lambda factor: factor ** (1 / SLOWNESS),
+    )
+
+
+def uniform(low: float, high: float) -> Draw:
+    """Draws uniformly between two numbers."""
+    return lambda rng: float(rng.uniform(low, high))
+
+
+class Perturbation:
+    """A frozen value that turns a world into another; what it is not given, it draws.
+
+    Attributes:
+        type: Its name in YAML.
+    """
+
+    type: ClassVar[str]
+
+    @classmethod
+    def settings(cls) -> dict[str, Setting]:
+        """What it may be given."""
+        return {f.name: f.metadata["setting"] for f in fields(cls)}  # type: ignore[arg-type]
+
+    def __post_init__(self) -> None:
+        for name, allowed in self.settings().items():
+            value = getattr(self, name)
+            if value is not None and (wrong := allowed.wrong(value)):
+                raise ValueError(f"{self.type}.{name} is {value!r}; {wrong}")
+
+    def apply(self, world: World, rng: np.random.Generator) -> World:
+        """Returns the perturbed world; `rng` draws what was not given."""
+        return self.drawn(rng).change(world)
+
+    def drawn(self, rng: np.random.Generator, slowly: bool = False) -> Self:
+        """The same with every setting given, those that were not drawn from `rng`.
+
+        Args:
+            rng: Where the draws come from.
+            slowly: Whether it is to be a step of a drift.
+        """
+        draws = {name: allowed.draw(rng) for name, allowed in self.settings().items()}
+        if slowly:
+            draws = {name: allowed.slow(draws[name]) for name, allowed in self.settings().items()}
+        return replace(self, **(draws | self._given()))  # type: ignore[type-var]
+
+    def change(self, world: World) -> World:
+        """Returns the perturbed world, where every setting is given."""
+        raise NotImplementedError
+
+    def inverse(self) -> Perturbation:
+        """What undoes it, where every setting is given.
+
+        Raises:
+            NotImplementedError: Nothing does: the world keeps no trace of what it was.
+        """
+        raise NotImplementedError(f"{self.type} has no inverse")
+
+    def drift(self, world: World, back: bool = False) -> World:
+        """Returns the world after one more step of a drift, or one `back`, where every setting is given.
+
+        Raises:
+            ValueError: There is none: a quantity has come to the end of its range.
+        """
+        return (self.inverse() if back else self).change(world)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in YAML: the type and what was given."""
+        return {"type": self.type, **self._given()}
+
+    def _given(self) -> dict[str, Any]:
+        return {k: v for k, v in asdict(self).items() if v is not None}  # type: ignore[call-overload]
