@@ -76,7 +76,8 @@ def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     if np.abs(words).max() <= 1:
         return words
     if not np.isfinite(words).all():
-        raise ValueError(f"the action is {words.tolist()}; control words must be finite, in [-1, 1]")
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(words))[0])
+        raise ValueError(f"the action at {where} is {words[where]}; control words must be finite, in [-1, 1]")
     return np.clip(words, -1.0, 1.0)
 
 

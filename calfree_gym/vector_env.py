@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from calfree_gym.arms import Perturbed, WorldChoice
+from calfree_gym.arms import Perturbed, WorldChoice, check_choice
 from calfree_gym.goal import (
     RENDER_MODES,
     Observation,
@@ -71,6 +71,8 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             raise ValueError(f"num_envs is {num_envs}; it must be 1 or more")
         if max_episode_steps < 1:
             raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
+        modes = tuple(mode.value for mode in AutoresetMode)
+        check_choice("autoreset_mode", getattr(autoreset_mode, "value", autoreset_mode), modes)
         self._build(
             num_envs,
             threads,

@@ -118,11 +118,19 @@ def test_bad_actions_and_seeds():
         env.step(np.zeros((2, 3)))
     with pytest.raises(ValueError, match="max_episode_steps is 0"):
         gym.make_vec("CalFree/Reach-v0", num_envs=2, max_episode_steps=0)
+    with pytest.raises(
+        ValueError, match=r"autoreset_mode 'NextSte' .did you mean NextStep.; allowed: .*SameStep"
+    ):
+        gym.make_vec("CalFree/Reach-v0", num_envs=2, autoreset_mode="NextSte")
     with pytest.raises(ValueError, match="3 entries; it must have 2"):
         env.reset(seed=[1, 2, 3])
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"shape \(3,\); it must be \(2, 3\)"):
         env.step(np.zeros(3))
+    words = np.zeros((2, 3))
+    words[1, 2] = np.nan
+    with pytest.raises(ValueError, match=r"the action at \(1, 2\) is nan; .* finite"):
+        env.step(words)
 
 
 def test_same_step_autoreset_gives_the_last_observation_and_the_next_first_one():
