@@ -70,8 +70,9 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
 
     ## Information
     `is_success`: the observed rendezvous. `robot_seconds`: time that a real arm would take for the motion.
-    `perturbed`: perturbations that struck before it, with all that they drew (a drift where it begins). `truth`: for scoring only, never for a controller:
-    `error_px` (larger noise-free image distance), `distance_mm`, `points`, `gripper`, `object`, `joints`.
+    `perturbed`: perturbations that struck before it, with all that they drew (a drift where it begins).
+    `truth`: for scoring only, never for a controller: `error_px` (larger noise-free image distance),
+    `distance_mm`, `points`, `gripper`, `object`, `joints`.
 
     ## Arguments
     Args:
