@@ -28,7 +28,8 @@ def _unified_servo(env: Environment, seed: int = 0, **servo: Any) -> Agent:
 
 def _grid_table(env: Environment, seed: int = 0, cells: int = 8, rate: float = 0.7, **servo: Any) -> Agent:
     motors = env.action_space.shape[0]  # type: ignore[index]
-    return LearningServo(env, GridTable(motors, cells, rate), UnifiedServo(**servo), seed)
+    paper = {"estimator": "test_motions", **servo}
+    return LearningServo(env, GridTable(motors, cells, rate), UnifiedServo(**paper), seed)
 
 
 def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:

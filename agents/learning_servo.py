@@ -8,12 +8,13 @@ from typing import Any
 import gymnasium as gym
 from numpy.typing import NDArray
 
-from agents.agent import Look, Procedure, ProcedureAgent
+from agents.agent import Look, Procedure
 from agents.knowledge.knowledge import Knowledge
 from agents.servo import Servo
+from agents.servo_agent import ServoAgent
 
 
-class LearningServo(ProcedureAgent):
+class LearningServo(ServoAgent):
     """Moves at once to where it remembers; corrects by `servo`; remembers where it succeeded.
 
     It takes a trial for a success where the environment ends it, so it learns nothing from one with
@@ -24,9 +25,8 @@ class LearningServo(ProcedureAgent):
     """
 
     def __init__(self, env: gym.Env[Any, Any], knowledge: Knowledge, servo: Servo, seed: int = 0) -> None:
-        super().__init__(env, seed)
+        super().__init__(env, servo, seed)
         self.knowledge = knowledge
-        self.servo = servo
 
     def procedure(self, look: Look) -> Procedure:
         """See `ProcedureAgent`."""
@@ -35,10 +35,11 @@ class LearningServo(ProcedureAgent):
             home, look = look, (yield registers - look.registers)
             if not look.visible.all():
                 look = yield home.registers - look.registers
-        yield from self.servo(look)
+        yield from super().procedure(look)
 
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
         """See `ProcedureAgent`."""
+        super().learn_trial(looks, ended)
         if ended:
             self.knowledge.learn(looks[0].object, looks[-1].registers)
 
@@ -49,8 +50,9 @@ class LearningServo(ProcedureAgent):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        return self.knowledge.arrays()
+        return super().arrays() | self.knowledge.arrays()
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
+        super().restore(arrays)
         self.knowledge.restore(arrays)

@@ -1,27 +1,56 @@
-"""A servo alone: an agent that forgets everything after each trial."""
+"""A servo alone: what it keeps from one trial to the next is its last Jacobian."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
 
-from agents.agent import Look, Procedure, ProcedureAgent
+from agents.agent import Array, Look, Procedure, ProcedureAgent
+from agents.jacobian import ESTIMATORS, both_points, both_seen
 from agents.servo import Servo
 
 
 class ServoAgent(ProcedureAgent):
-    """Seeks every rendezvous by `servo` and learns nothing beyond the trial."""
+    """Seeks every rendezvous by `servo`, beginning with the Jacobian that the last trial ended with.
+
+    Attributes:
+        jacobian: That Jacobian (8, m); None before the first trial, and where the servo's does not last.
+    """
 
     def __init__(self, env: gym.Env[Any, Any], servo: Servo, seed: int = 0) -> None:
         super().__init__(env, seed)
         self.servo = servo
+        self.jacobian: Array | None = None
 
     def procedure(self, look: Look) -> Procedure:
         """See `ProcedureAgent`."""
-        return self.servo(look)
+        return self.servo(look, self.jacobian)
+
+    def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
+        """See `ProcedureAgent`. Motions teach the Jacobian, however the trial ends."""
+        estimator = ESTIMATORS[self.servo.estimator](len(looks[0].registers), self.jacobian)
+        if not estimator.lasting:
+            return
+        for before, after in zip(looks, looks[1:], strict=False):
+            executed = after.registers - before.registers
+            if executed.any():
+                moved = both_points(after) - both_points(before)
+                estimator.learn(executed, moved, both_seen(before) & both_seen(after))
+        self.jacobian = estimator.jacobian
 
     @property
     def kind(self) -> str:
         """See `ProcedureAgent`."""
         return repr(self.servo)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """See `ProcedureAgent`."""
+        return {} if self.jacobian is None else {"jacobian": self.jacobian}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """See `ProcedureAgent`."""
+        self.jacobian = np.array(arrays["jacobian"]) if "jacobian" in arrays else None

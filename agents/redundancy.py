@@ -1,0 +1,96 @@
+"""Four equations for three words: solving -d = J c, and what the redundancy is used for (section 3.2).
+
+The paper says that an equation was left out [1998a], that the four were transformed into three [1998b], and
+that the redundancy was later used [Maryniak, Graefe 1999]; its formulas are not public, and these are
+reconstructions. Each takes J (4, m) and d (4,) and gives the equations that damped least squares then solves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+
+from agents.agent import Array
+from calfree_gym.world import IMAGE_UNIT
+
+Equations = tuple[Array, Array]
+ROBUST_PX = 8.0
+
+
+def omit(jacobian: Array, distance: Array) -> Equations:
+    """Leaves out the equation without which the others are best conditioned."""
+    rows = max(
+        (list(kept) for kept in combinations(range(4), 3)),
+        key=lambda kept: np.linalg.svd(jacobian[kept], compute_uv=False)[-1],
+    )
+    return jacobian[rows], distance[rows]
+
+
+def transform(jacobian: Array, distance: Array) -> Equations:
+    """Turns the four into the three that words can do something about: J's left singular vectors.
+
+    The fixed choice (xa, xb, ya + yb) of an upright stereo pair fails where cameras are rolled at will.
+    """
+    turn = np.linalg.svd(jacobian, full_matrices=False)[0].T
+    return turn @ jacobian, turn @ distance
+
+
+def weighted(jacobian: Array, distance: Array) -> Equations:
+    """All four, less of those that contradict the others (iteratively reweighted least squares)."""
+    weights = np.ones(4)
+    for _ in range(3):
+        words = solve(jacobian * weights[:, None], distance * weights, damping=0.0)
+        residual = np.abs(jacobian @ words + distance) / IMAGE_UNIT
+        weights = 1 / np.sqrt(1 + (residual / ROBUST_PX) ** 2)
+    return jacobian * weights[:, None], distance * weights
+
+
+REDUNDANCIES: dict[str, Callable[[Array, Array], Equations]] = {
+    "omit": omit,
+    "transform": transform,
+    "weighted": weighted,
+}
+
+
+def fault_px(jacobian: Array, distance: Array) -> float:
+    """How far, in pixels, d (4,) is from what any words could do by J (4, 3): its left-null residual.
+
+    Three words cannot make all four coordinates vanish unless both cameras agree on where the object is. A
+    large residual says that J is wrong, or that a point is mistaken, before any motion is made.
+    """
+    null = np.linalg.svd(jacobian)[0][:, -1]
+    return float(abs(null @ distance)) / IMAGE_UNIT
+
+
+def solve(jacobian: Array, distance: Array, damping: float) -> Array:
+    """Control words c (m,) that would make the image distance vanish if the world were linear.
+
+    Columns are scaled to equal length before they are damped: a word has no natural unit.
+
+    Args:
+        jacobian: Image distance by words (n, m); zero columns give zero words.
+        distance: Image distance d (n,).
+        damping: Relative to the columns' length.
+    """
+    lengths = np.sqrt((jacobian * jacobian).sum(0))
+    scale = np.where(lengths > 0, lengths, 1.0)
+    scaled = jacobian / scale
+    normal = scaled.T @ scaled + (damping**2 + 1e-12) * np.eye(len(lengths))
+    return np.asarray(-np.linalg.solve(normal, scaled.T @ distance) / scale)
+
+
+def solve_within(jacobian: Array, distance: Array, damping: float, lowest: Array, highest: Array) -> Array:
+    """As `solve`, but with words (m,) within bounds: a motor held back leaves its part to the others."""
+    words = solve(jacobian, distance, damping)
+    free = np.ones(len(words), bool)
+    for _ in range(len(words)):
+        beyond = free & ((words < lowest) | (words > highest))
+        if not beyond.any():
+            break
+        free &= ~beyond
+        words = np.clip(words, lowest, highest)
+        rest = distance + jacobian[:, ~free] @ words[~free]
+        words[free] = solve(jacobian[:, free], rest, damping) if free.any() else 0.0
+    return np.clip(words, lowest, highest)
