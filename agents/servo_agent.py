@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import gymnasium as gym
@@ -35,7 +36,7 @@ class ServoAgent(ProcedureAgent):
         estimator = ESTIMATORS[self.servo.estimator](len(looks[0].registers), self.jacobian)
         if not estimator.lasting:
             return
-        for before, after in zip(looks, looks[1:], strict=False):
+        for before, after in pairwise(looks):
             executed = after.registers - before.registers
             if executed.any():
                 moved = both_points(after) - both_points(before)

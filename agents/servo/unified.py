@@ -18,8 +18,8 @@ class UnifiedServo:
     """Solves -d = J c°, executes, repeats.
 
     With `estimator="test_motions"` it is the paper's: J is forgotten after each step and measured anew. Other
-    estimators keep J up to date by the steps themselves, and test motions come back only where steps no longer
-    bring the gripper nearer.
+    estimators keep J up to date by the steps themselves, and test motions come back only where steps no
+    longer bring the gripper nearer.
 
     Attributes:
         estimator: How J is estimated: a name of `agents.jacobian.ESTIMATORS`.
