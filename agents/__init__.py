@@ -12,6 +12,7 @@ import gymnasium as gym
 from agents.agent import Agent
 from agents.knowledge.grid_table import GridTable
 from agents.learning_servo import LearningServo
+from agents.model_based import ModelBased
 from agents.random_agent import RandomAgent
 from agents.servo.unified import UnifiedServo
 from agents.servo_agent import ServoAgent
@@ -42,6 +43,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,
     "unified_servo": _unified_servo,
     "grid_table": _grid_table,
+    "model_based": ModelBased,
     "sac": _sac,
 }
 
@@ -87,6 +89,7 @@ def _settings_of(name: str) -> tuple[str, ...]:
         from agents.neural.sb3 import SETTINGS
 
         return SETTINGS
-    named = [p.name for p in signature(_MAKERS[name]).parameters.values() if p.kind is not p.VAR_KEYWORD]
-    servo = [] if name == "random" else [field.name for field in fields(UnifiedServo)]
+    parameters = signature(_MAKERS[name]).parameters.values()
+    named = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD]
+    servo = [field.name for field in fields(UnifiedServo)] if len(named) < len(parameters) else []
     return (*named[1:], *servo)

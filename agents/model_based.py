@@ -1,0 +1,57 @@
+"""The calibrated robot that the paper argues against: it goes by its models (section 2.2)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.agent import Look, Procedure, ProcedureAgent
+from agents.calibrated_model import CalibratedModel
+from calfree_gym.world import nominal
+
+
+class ModelBased(ProcedureAgent):
+    """Stereo triangulation and inverse kinematics, by the model of the robot as it was built.
+
+    It is told nothing in its observations; its knowledge is the builder's: lengths, joints and motors of the
+    arm, where the cameras are and how they look, and what they are fixed to.
+
+    Args:
+        camera_mount: What the cameras are fixed to: "waist" or "stand".
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], camera_mount: str = "waist", seed: int = 0) -> None:
+        super().__init__(env, seed)
+        self.camera_mount = camera_mount
+        self.model = CalibratedModel.of(nominal(), camera_mount)
+
+    @property
+    def kind(self) -> str:
+        """See `ProcedureAgent`."""
+        return f"ModelBased(camera_mount={self.camera_mount!r})"
+
+    def procedure(self, look: Look) -> Procedure:
+        """See `ProcedureAgent`."""
+        yield from look_and_move(self.model, look)
+
+
+def look_and_move(model: CalibratedModel, look: Look) -> Procedure:
+    """Goes to where the object is by `model`; where it misses, moves by what still lies between.
+
+    The gripper is then triangulated with the object, so that what is wrong with both is wrong with neither
+    (position-based look-and-move with the endpoint closed loop, after Hutchinson, Hager & Corke 1996). Where
+    a motion loses a point from view, it is taken back by half.
+    """
+    while True:
+        joints = model.joints(look.registers[None])
+        if not look.registers.any():
+            goal = model.triangulate(look.object[None], joints)[0]
+        else:
+            gripper, object_ = model.triangulate(np.stack([look.gripper, look.object]), joints)
+            goal = model.gripper(joints)[0] + object_ - gripper
+        before, registers = look, model.registers(goal)
+        look = yield registers - look.registers
+        while not look.visible.all():
+            look = yield (before.registers - look.registers) / 2

@@ -1,0 +1,114 @@
+"""The calibrated robot against the simulation that it models, and against the numbers asked of it."""
+
+from dataclasses import fields, replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import agents
+import calfree_gym
+from agents.agent import Look
+from agents.calibrated_model import CalibratedModel
+from calfree_gym.perturbations import CameraRoll
+from experiments.evaluation import evaluate
+
+MOUNTS = calfree_gym.MOUNTS
+
+
+def simulation(mount, seed, **settings):
+    env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", **settings)
+    env.reset(seed=seed)
+    return env.unwrapped
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize("seed", [3000, 3001, 3002])
+def test_the_model_of_a_world_is_the_simulation(mount, seed):
+    """Joints, gripper and images of both points, all over the motors' range, in worlds all wild."""
+    env = simulation(mount, seed)
+    model = CalibratedModel.of(env.world, mount)
+    rng = np.random.default_rng(seed)
+    for _ in range(30):
+        observation, *_, info = env.step(rng.uniform(-0.4, 0.4, 3))
+        registers, truth = observation["observation"][4:].astype(float), info["truth"]
+        joints = model.joints(registers[None])
+        np.testing.assert_allclose(joints[0], truth["joints"][:4], atol=1e-5)
+        gripper = model.gripper(joints)
+        np.testing.assert_allclose(gripper[0], truth["gripper"], atol=1e-5)
+        seen = model.image(np.stack([gripper[0], truth["object"]]), np.repeat(joints, 2, 0))
+        inside = np.repeat(np.abs(truth["points"].reshape(4, 2)).max(1) < 1, 2)
+        np.testing.assert_allclose(seen.ravel()[inside], truth["points"][inside], atol=1e-4)
+
+
+unit = st.floats(-1.0, 1.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(MOUNTS), st.integers(0, 4), st.tuples(unit, unit, unit))
+def test_triangulation_undoes_the_cameras_and_inverse_kinematics_the_arm(mount, seed, place):
+    world = calfree_gym.WorldDistribution("wild").sample(seed)
+    model = CalibratedModel.of(world, mount)
+    point = np.array([0.40, 0.0, 0.14]) + np.array([0.08, 0.1, 0.1]) * place
+    registers = model.registers(point)
+    joints = model.joints(registers[None])
+    np.testing.assert_allclose(model.gripper(joints)[0], point, atol=1e-5)
+    np.testing.assert_allclose(
+        model.triangulate(model.image(point[None], joints), joints)[0], point, atol=1e-6
+    )
+
+
+def test_several_models_at_once_are_each_of_them():
+    worlds = [calfree_gym.WorldDistribution("wild").sample(seed) for seed in range(4)]
+    models = [CalibratedModel.of(world, "waist") for world in worlds]
+    arrays = [field.name for field in fields(CalibratedModel) if field.name != "turning"]
+    together = replace(
+        models[0], **{name: np.stack([getattr(model, name) for model in models]) for name in arrays}
+    )
+    registers = np.random.default_rng(0).uniform(-0.3, 0.3, (5, 3))
+    joints = together.joints(registers)
+    seen = together.image(together.gripper(joints), joints)
+    for i, model in enumerate(models):
+        alone = model.joints(registers)
+        np.testing.assert_allclose(seen[i], model.image(model.gripper(alone), alone))
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize("dynamics", ["kinematic", "physics"])
+def test_the_nominal_robot_reaches_at_once(mount, dynamics):
+    env = gym.make("CalFree/Reach-v0", world="nominal", camera_mount=mount, dynamics=dynamics)
+    records = evaluate(agents.make("model_based", env, camera_mount=mount), env, trials=200, seed=3000)
+    assert np.mean([record.success for record in records]) >= 0.995
+    assert max(record.motions for record in records) <= 2
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_one_camera_rolled_breaks_its_aim(mount):
+    """The paper's section 2.2: an error in one of many coefficients may be enough."""
+    misses = []
+    for degrees in (0.0, 15.0, 45.0):
+        world = CameraRoll("left", degrees).apply(calfree_gym.nominal(), np.random.default_rng(0))
+        env = gym.make(
+            "CalFree/Reach-v0", world=world, camera_mount=mount, dynamics="kinematic", max_episode_steps=1
+        )
+        records = evaluate(agents.make("model_based", env, camera_mount=mount), env, trials=40, seed=3000)
+        misses.append(np.median([record.error_px for record in records]))
+    assert misses[0] < 4 < 8 < misses[1] < 2 * misses[1] < misses[2]
+
+
+def test_a_motion_that_loses_a_point_is_taken_back_by_half():
+    env = simulation("waist", 3000, world="nominal")
+    agent = agents.make("model_based", env)
+    look = Look.of(env.reset(seed=1)[0])
+    running = agent.procedure(look)
+    goal = next(running)
+    lost = replace(look, registers=goal, visible=np.array([True, True, False, True]))
+    np.testing.assert_allclose(running.send(lost), -goal / 2)
+
+
+def test_an_unknown_mount_is_an_error():
+    env = gym.make("CalFree/Reach-v0")
+    with pytest.raises(ValueError, match="camera_mount is 'wrist'; allowed: waist, stand"):
+        agents.make("model_based", env, camera_mount="wrist")
