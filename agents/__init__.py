@@ -15,6 +15,7 @@ from agents.learning_servo import LearningServo
 from agents.model_based import ModelBased
 from agents.random_agent import RandomAgent
 from agents.servo.unified import UnifiedServo
+from agents.servo.work_plane import WorkPlaneServo
 from agents.servo_agent import ServoAgent
 from calfree_gym.world import near_misses
 
@@ -25,6 +26,10 @@ Environment = gym.Env[Any, Any]
 
 def _unified_servo(env: Environment, seed: int = 0, **servo: Any) -> Agent:
     return ServoAgent(env, UnifiedServo(**servo), seed)
+
+
+def _work_plane_servo(env: Environment, seed: int = 0, **servo: Any) -> Agent:
+    return ServoAgent(env, WorkPlaneServo(**servo), seed)
 
 
 def _grid_table(env: Environment, seed: int = 0, cells: int = 8, rate: float = 0.7, **servo: Any) -> Agent:
@@ -42,6 +47,7 @@ def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,
     "unified_servo": _unified_servo,
+    "work_plane_servo": _work_plane_servo,
     "grid_table": _grid_table,
     "model_based": ModelBased,
     "sac": _sac,
@@ -91,5 +97,6 @@ def _settings_of(name: str) -> tuple[str, ...]:
         return SETTINGS
     parameters = signature(_MAKERS[name]).parameters.values()
     named = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD]
-    servo = [field.name for field in fields(UnifiedServo)] if len(named) < len(parameters) else []
-    return (*named[1:], *servo)
+    servo = WorkPlaneServo if name == "work_plane_servo" else UnifiedServo
+    of_servo = [field.name for field in fields(servo)] if len(named) < len(parameters) else []
+    return (*named[1:], *of_servo)

@@ -1,0 +1,32 @@
+"""Checking a servo's settings, with errors that say what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from calfree_gym.world import near_misses
+
+
+def check_one_of(servo: object, name: str, known: Iterable[str]) -> None:
+    """Raises ValueError, with near misses, where the setting `name` is none of `known`."""
+    value, known = getattr(servo, name), tuple(known)
+    if value not in known:
+        hint = near_misses(value, known)
+        raise ValueError(f"{name} is {value!r}{hint}; allowed: {', '.join(known)}")
+
+
+def check_numbers(servo: object, **least: float) -> None:
+    """Raises ValueError where a setting is no finite number, or less than its least."""
+    for name, bound in least.items():
+        value = getattr(servo, name)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not bound <= value < np.inf:
+            raise ValueError(f"{name} is {value!r}; it must be a number, {bound:g} or more")
+
+
+def check_words(servo: object, *names: str) -> None:
+    """Raises ValueError where a setting is larger than a control word can be."""
+    for name in names:
+        if (value := getattr(servo, name)) > 1:
+            raise ValueError(f"{name} is {value!r}; words are at most 1")

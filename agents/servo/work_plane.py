@@ -1,0 +1,148 @@
+"""The paper's first implementation: the waist is known, and turns the work plane to the object (section 3.2).
+
+Motor 1 is known to turn the arm about its vertical axis; motors 2 and 3 move the gripper within the work
+plane. There each camera alone has two equations for two words, by a sensor-control Jacobian of its own.
+Where their solutions differ, the cameras see the object in different places of the work plane, so it does
+not lie in it (figure 6): their disparity tells how far the waist is to turn.
+
+The paper leaves open how. Here the waist's test motion measures what a word of it does to the disparity, and
+the disparity is projected on that; both 2-vectors are weighed by how well the Jacobians determine them, for
+these may be nearly singular (the arm stretched out) or look along the work plane. With these weights, turn
+and motion together are the least-squares solution of all four equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from agents.agent import Array, Look, Procedure
+from agents.jacobian import TestMotions, distance_jacobian
+from agents.redundancy import solve, solve_within
+from agents.servo.settings import check_numbers, check_one_of, check_words
+from agents.servo.steps import Steps
+from agents.servo.trial import Trial
+from calfree_gym.world import IMAGE_UNIT
+
+WAIST = 0
+ARM = (1, 2)
+CAMERAS = {"left": slice(0, 2), "right": slice(2, 4), "both": slice(0, 4)}
+"""Their equations among the four."""
+
+
+def disparity(jacobian: Array, distance: Array, damping: float) -> Array:
+    """The left camera's solution of -d = J c for the words (2,) of motors 2 and 3, minus the right one's.
+
+    Args:
+        jacobian: Image distance by words (4, 3).
+        distance: Image distance d (4,); the waist's column in its place gives the disparity's derivative.
+        damping: See `redundancy.solve`.
+    """
+    left, right = (
+        solve(jacobian[equations, 1:], distance[equations], damping)
+        for equations in (CAMERAS["left"], CAMERAS["right"])
+    )
+    return left - right
+
+
+def disparity_weight(jacobian: Array) -> Array:
+    """Weight (2, 2) of a disparity: the inverse of its covariance, for image points of unit noise.
+
+    A disparity δ has the length √(δᵀWδ): the image distance (norm over both cameras, in image units) that
+    motors 2 and 3 must leave between gripper and object.
+    """
+    left, right = (jacobian[CAMERAS[camera], 1:] for camera in ("left", "right"))
+    left, right = left.T @ left, right.T @ right
+    return np.asarray(left @ np.linalg.pinv(left + right) @ right)
+
+
+def turn(jacobian: Array, distance: Array, damping: float) -> float:
+    """The waist's word that makes the disparity as small as it can, if the world were linear.
+
+    Args:
+        jacobian: Image distance by words (4, 3).
+        distance: Image distance d (4,).
+        damping: See `redundancy.solve`.
+
+    Returns:
+        The word; 0 where the waist's column is zero.
+    """
+    now = disparity(jacobian, distance, damping)
+    by_word = disparity(jacobian, jacobian[:, WAIST], damping)
+    weighed = disparity_weight(jacobian) @ by_word
+    square = float(by_word @ weighed)
+    return -float(now @ weighed) / square if square > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class WorkPlaneServo:
+    """Turns the work plane to the object, moves the gripper within it, and repeats.
+
+    All motors' columns are forgotten after each round and measured anew by test motions; the waist's only
+    where the disparity asks for a turn.
+
+    Attributes:
+        camera: Whose solution moves the gripper within the work plane: "left", "right", or the mean of
+            "both", each weighed by how well its Jacobian determines it. The paper: either one may be used.
+        first_word: Size of the very first test word.
+        test_px: Image displacement wanted of a test motion; its word adapts to that.
+        step_px: No step is predicted to move a point further than this in an image.
+        step_word: No word of a step is larger.
+        damping: Of each solution, relative to the columns' length.
+        border: Steps are predicted to keep every point within this part of the images.
+        in_plane_px: The object counts as in the work plane where the disparity is shorter than this.
+    """
+
+    estimator: ClassVar[str] = "test_motions"
+
+    camera: str = "both"
+    first_word: float = 0.04
+    test_px: float = 16.0
+    step_px: float = 120.0
+    step_word: float = 0.7
+    damping: float = 0.05
+    border: float = 0.95
+    in_plane_px: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_one_of(self, "camera", CAMERAS)
+        check_numbers(self, first_word=1e-6, test_px=1e-6, step_px=1e-6, step_word=1e-6)
+        check_numbers(self, damping=0.0, border=1e-6, in_plane_px=0.0)
+        check_words(self, "first_word", "step_word")
+
+    def __call__(self, look: Look, start: Array | None = None) -> Procedure:
+        """Seeks the rendezvous from `look` on, for as long as it is asked; J is always measured."""
+        trial = Trial(look, TestMotions(len(look.registers)), self.first_word, self.test_px)
+        steps = Steps(trial, self.step_px, self.step_word, self.border)
+        yield from trial.begin()
+        while True:
+            for motor in ARM:
+                yield from trial.test(motor)
+            if not self._in_plane(trial):
+                yield from trial.test(WAIST)
+                yield from steps.make(self._turn(trial))
+            yield from steps.make(self._motion_in_plane(trial))
+
+    def _in_plane(self, trial: Trial) -> bool:
+        jacobian = distance_jacobian(trial.estimator.jacobian)
+        apart = disparity(jacobian, trial.look.distance, self.damping)
+        squared = float(apart @ disparity_weight(jacobian) @ apart)
+        return squared < (self.in_plane_px * IMAGE_UNIT) ** 2
+
+    def _turn(self, trial: Trial) -> Array:
+        """Control words (3,) that bring the object into the work plane."""
+        word = turn(distance_jacobian(trial.estimator.jacobian), trial.look.distance, self.damping)
+        register = trial.look.registers[WAIST]
+        word = np.clip(word, trial.lowest[WAIST] - register, trial.highest[WAIST] - register)
+        return np.array([word, 0.0, 0.0])
+
+    def _motion_in_plane(self, trial: Trial) -> Array:
+        """Control words (3,) that bring the gripper to an object in the work plane."""
+        equations = CAMERAS[self.camera]
+        jacobian, registers = distance_jacobian(trial.estimator.jacobian), trial.look.registers
+        lowest, highest = (trial.lowest - registers)[1:], (trial.highest - registers)[1:]
+        distance = trial.look.distance[equations]
+        words = solve_within(jacobian[equations, 1:], distance, self.damping, lowest, highest)
+        return np.array([0.0, *words])
