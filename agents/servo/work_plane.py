@@ -118,6 +118,7 @@ class WorkPlaneServo:
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         yield from trial.begin()
         while True:
+            trial.forget()
             for motor in ARM:
                 yield from trial.test(motor)
             if not self._in_plane(trial):
