@@ -8,14 +8,20 @@ import numpy as np
 import pytest
 
 import agents
-import calfree_gym
+from calfree_gym.goal import TELLS
 
 NAMES = agents.names()
 QUICK = {"sac": {"net_arch": [16], "learning_starts": 20, "buffer_size": 500}}
 
 
+def environment(name, kind="ReachDense", make=gym.make, **options):
+    """An environment that tells whatever any classical agent may ask for."""
+    tell = () if name == "sac" else tuple(TELLS)
+    return make(f"CalFree/{kind}-v0", dynamics="kinematic", tell=tell, **options)
+
+
 def make(name, seed=0, **settings):
-    env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", max_episode_steps=30)
+    env = environment(name, max_episode_steps=30)
     env.reset(seed=4)
     return agents.make(name, env, seed=seed, **QUICK.get(name, {}), **settings), env
 
@@ -52,7 +58,7 @@ def test_predict_changes_nothing(name, tmp_path):
     agent, env = make(name)
     agent.learn(60)
     before = knowledge()
-    held_out = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", world=env.unwrapped.world)
+    held_out = environment(name, world=env.unwrapped.world)
     np.testing.assert_array_equal(words_of(agent, held_out), words_of(agent, held_out))
     assert knowledge() == before
 
@@ -65,7 +71,7 @@ def test_a_saved_agent_loads_and_acts_alike(name, tmp_path):
     agent.save(path)
     again = make(name)[0].load(path)
     assert again.num_timesteps == agent.num_timesteps == 80
-    held_out = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", world=env.unwrapped.world)
+    held_out = environment(name, world=env.unwrapped.world)
     np.testing.assert_array_equal(words_of(agent, held_out), words_of(again, held_out))
 
 
@@ -83,9 +89,9 @@ def test_learn_counts_motions_and_stops_when_told(name):
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "sac"])
 def test_batched_observations_get_the_words_of_single_ones(name):
     agent, _ = make(name)
-    batch = gym.make_vec("CalFree/Reach-v0", num_envs=3, dynamics="kinematic")
+    batch = environment(name, "Reach", gym.make_vec, num_envs=3)
     observations, _ = batch.reset(seed=20)
-    singles = [gym.make("CalFree/Reach-v0", dynamics="kinematic") for _ in range(3)]
+    singles = [environment(name, "Reach") for _ in range(3)]
     looks = [env.reset(seed=20 + i)[0] for i, env in enumerate(singles)]
     state, states = None, [None] * 3
     for _ in range(5):
@@ -128,8 +134,15 @@ def test_unknown_names_and_settings():
         agents.make("grid_table", env, cels=9)
     with pytest.raises(ValueError, match="cells is 'eight'; it must be a whole number"):
         agents.make("grid_table", env, cells="eight")
-    wrong = [("random", {"limit": 2}), ("grid_table", {"cells": 0}), ("sac", {"word_limit": 0})]
-    for name, setting in [*wrong, ("unified_servo", {"test_px": -3}), ("unified_servo", {"damping": "x"})]:
+    for name, setting in (
+        ("random", {"limit": 2}),
+        ("grid_table", {"cells": 0}),
+        ("sac", {"word_limit": 0}),
+        ("unified_servo", {"test_px": -3}),
+        ("unified_servo", {"damping": "x"}),
+        ("work_plane_servo", {"camera": "middle"}),
+        ("work_plane_servo", {"border": 0}),
+    ):
         with pytest.raises(ValueError, match=str(next(iter(setting.values())))):
             agents.make(name, env, **setting)
 
@@ -164,6 +177,8 @@ def test_damaged_and_foreign_files(tmp_path):
             table.load(saved)
     with pytest.raises(FileNotFoundError):
         table.load(tmp_path / "nowhere.npz")
+    with pytest.raises(ValueError, match=r"holds UnifiedServo.*this agent is WorkPlaneServo"):
+        make("work_plane_servo")[0].load(tmp_path / "servo.npz")
     make("grid_table")[0].save(tmp_path / "eight.npz")
     with pytest.raises(ValueError, match=r"GridTable\(cells=8.*GridTable\(cells=4"):
         make("grid_table", cells=4)[0].load(tmp_path / "eight.npz")
@@ -193,6 +208,17 @@ def test_an_agent_stays_in_the_world_that_it_was_given(name, tmp_path):
     assert env.unwrapped.world == its_env.unwrapped.world == world
 
 
-def test_classical_agents_know_their_registry():
-    assert {"random", "unified_servo", "grid_table", "sac"} <= set(NAMES)
-    assert all(agents.make(n, gym.make(calfree_gym.ENV_IDS[0])).told == () for n in NAMES if n != "sac")
+@pytest.mark.parametrize("name", NAMES)
+def test_an_agent_needs_no_more_than_it_says_that_it_is_told(name):
+    told = make(name)[0].told
+    assert set(told) <= set(TELLS)
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", tell=told)
+    words_of(agents.make(name, env, **QUICK.get(name, {})), env)
+    if told:
+        with pytest.raises(ValueError, match="tell="):
+            agents.make(name, gym.make("CalFree/Reach-v0", dynamics="kinematic"))
+
+
+def test_the_paper_s_own_controllers_are_told_nothing():
+    for name in ("work_plane_servo", "unified_servo", "grid_table"):
+        assert make(name)[0].told == ()
