@@ -49,11 +49,11 @@ def learned(name, mount, seed, trials, **settings):
 @pytest.mark.parametrize(("redundancy", "mount"), [(r, m) for r in REDUNDANCIES for m in MOUNTS])
 def test_unified_servo_reaches_in_wild_worlds(mount, redundancy):
     records = []
-    for seed in range(50):
+    for seed in range(40):
         env = make(mount, max_episode_steps=50)
         agent = agents.make("unified_servo", env, redundancy=redundancy)
         records += evaluate(agent, env, trials=1, seed=seed)
-    assert np.mean([r.success for r in records]) >= 0.98
+    assert np.mean([r.success for r in records]) >= 0.97
     assert np.median([r.motions for r in records]) <= 10
     assert np.median([r.distance_mm for r in records]) <= 5
 
@@ -62,29 +62,40 @@ def test_unified_servo_reaches_in_wild_worlds(mount, redundancy):
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_unified_servo_reaches_by_every_estimator(estimator, mount):
     records = []
-    for seed in range(25):
+    for seed in range(16):
         env = make(mount)
         records += evaluate(agents.make("unified_servo", env, estimator=estimator), env, 1, seed)
-    assert np.mean([r.success for r in records]) >= 0.96
+    assert np.mean([r.success for r in records]) >= 0.93
     assert np.median([r.motions for r in records]) <= (16 if estimator == "test_motions" else 10)
+
+
+def share_reached_though_rolled(name, settings, mount, seeds):
+    """Success where a camera is rolled at a motion drawn from the first five (section 3.3)."""
+    rng, successes = np.random.default_rng(0), []
+    for seed in seeds:
+        schedule = [{"at": {"motion": int(rng.integers(1, 6))}, "do": {"type": "camera_roll"}}]
+        env = make(mount, perturbations=schedule)
+        successes += [r.success for r in evaluate(agents.make(name, env, **settings), env, 1, seed)]
+    return np.mean(successes)
 
 
 @pytest.mark.parametrize("mount", MOUNTS)
 @pytest.mark.parametrize(("name", "settings"), SERVOS)
 def test_a_camera_rolled_in_mid_trial_is_tolerated(name, settings, mount):
-    """At a motion drawn from the first five: section 3.3's arbitrary rotations while the robot operates."""
-    rng, successes = np.random.default_rng(0), []
-    for seed in range(25):
-        schedule = [{"at": {"motion": int(rng.integers(1, 6))}, "do": {"type": "camera_roll"}}]
-        env = make(mount, perturbations=schedule)
-        successes += [r.success for r in evaluate(agents.make(name, env, **settings), env, 1, seed)]
-    assert np.mean(successes) >= 0.95
+    assert share_reached_though_rolled(name, settings, mount, range(16)) >= 0.93
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize(("name", "settings"), SERVOS)
+def test_a_camera_rolled_in_mid_trial_is_tolerated_in_many_worlds(name, settings, mount):
+    assert share_reached_though_rolled(name, settings, mount, range(1000, 1200)) >= 0.97
 
 
 @pytest.mark.parametrize("mount", MOUNTS)
 @pytest.mark.parametrize("estimator", LASTING)
 def test_what_the_last_trial_knew_of_the_jacobian_shortens_the_next(estimator, mount):
-    lengths = np.array([learned("unified_servo", mount, s, 4, estimator=estimator)[1] for s in range(12)])
+    lengths = np.array([learned("unified_servo", mount, s, 4, estimator=estimator)[1] for s in range(8)])
     assert lengths[:, 1:].mean() <= 0.75 * lengths[:, 0].mean()
 
 
