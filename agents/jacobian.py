@@ -59,6 +59,7 @@ class Estimator(ABC):
     def __init__(self, motors: int, start: Array | None = None) -> None:
         self.jacobian = np.zeros((8, motors)) if start is None else start.copy()
         self.reach_px = np.inf
+        self.noise_px = 0.7
 
     @abstractmethod
     def learn(self, words: Array, moved: Array, seen: Flags) -> None:
@@ -152,7 +153,6 @@ class Kalman(Estimator):
 
     WANDERING = 1.0
     START_DEVIATION = 0.3
-    NOISE_PX = 0.7
     CURVE = 0.02
 
     def __init__(self, motors: int, start: Array | None = None) -> None:
@@ -161,11 +161,11 @@ class Kalman(Estimator):
 
     def learn(self, words: Array, moved: Array, seen: Flags) -> None:
         """See `Estimator`."""
-        lengths = np.sqrt((self.jacobian * self.jacobian).sum(0)) / 2
-        wandered = self.WANDERING * lengths * np.linalg.norm(words)
-        predicted = self._covariance + np.diag(wandered**2)
+        squared_lengths = (self.jacobian * self.jacobian).sum(0) / 4
+        wandered = self.WANDERING**2 * squared_lengths * (words @ words)
+        predicted = self._covariance + np.diag(wandered)
         curve = self.CURVE * displacement_px(np.where(seen, moved, 0.0)) * IMAGE_UNIT
-        noise = 2 * (self.NOISE_PX * IMAGE_UNIT) ** 2 + curve**2
+        noise = 2 * (self.noise_px * IMAGE_UNIT) ** 2 + curve**2
         gain = predicted @ words / (words @ predicted @ words + noise)
         missed = (moved - self.jacobian @ words)[seen]
         self.jacobian[seen] += np.outer(missed, gain)
@@ -189,33 +189,37 @@ class LocalLeastSquares(Estimator):
 
     def __init__(self, motors: int, start: Array | None = None) -> None:
         super().__init__(motors, start)
-        self._prior = self.jacobian.copy()
-        self._middles: list[Array] = []
-        self._motions: list[tuple[Array, Array, Flags]] = []
-
-    def learn(self, words: Array, moved: Array, seen: Flags) -> None:
-        """See `Estimator`."""
-        self._middles = [middle - words for middle in self._middles] + [-words / 2]
-        self._motions.append((words, moved, seen))
-        sent, moves, looks = (np.array(each) for each in zip(*self._motions, strict=True))
-        far = np.linalg.norm(self._middles, axis=1) / self.WIDTH
-        noise = (2 * IMAGE_UNIT / self.WIDTH) ** 2 / 10 + (sent**2).sum(1) / 2
-        near = (1 / ((far**2 + 0.01) * noise))[:, None] * looks
-        residual = np.zeros_like(moves)
-        for _ in range(3):
-            weights = near / (1 + (residual / (self.ROBUST_PX * IMAGE_UNIT)) ** 2)
-            self.jacobian = np.stack([self._row(row, sent, moves, weights) for row in range(8)])
-            residual = moves - sent @ self.jacobian.T
-
-    def _row(self, row: int, sent: Array, moves: Array, weights: Array) -> Array:
-        normal = (sent.T * weights[:, row]) @ sent + self.PRIOR * np.eye(sent.shape[1])
-        pulled = (sent.T * weights[:, row]) @ moves[:, row] + self.PRIOR * self._prior[row]
-        return np.asarray(np.linalg.solve(normal, pulled))
+        self.forget()
 
     def forget(self) -> None:
         """See `Estimator`."""
+        motors = self.jacobian.shape[1]
         self._prior = self.jacobian.copy()
-        self._middles, self._motions = [], []
+        self._middles, self._sent = np.empty((2, 0, motors))
+        self._moves, self._looks = np.empty((2, 0, 8))
+
+    def learn(self, words: Array, moved: Array, seen: Flags) -> None:
+        """See `Estimator`."""
+        self._middles = np.concatenate([self._middles - words, [-words / 2]])
+        self._sent = np.concatenate([self._sent, [words]])
+        self._moves = np.concatenate([self._moves, [moved]])
+        self._looks = np.concatenate([self._looks, [seen]])
+        far = (self._middles**2).sum(1) / self.WIDTH**2
+        noise = (2 * IMAGE_UNIT / self.WIDTH) ** 2 / 10 + (self._sent**2).sum(1) / 2
+        near = (1 / ((far + 0.01) * noise))[:, None] * self._looks
+        weights = near
+        for _ in range(3):
+            self.jacobian = self._fit(weights)
+            residual = self._moves - self._sent @ self.jacobian.T
+            weights = near / (1 + (residual / (self.ROBUST_PX * IMAGE_UNIT)) ** 2)
+
+    def _fit(self, weights: Array) -> Array:
+        """The Jacobian (8, m) of least squares by weights (motions, 8), all rows at once."""
+        count, motors = self._sent.shape
+        squares = (self._sent[:, :, None] * self._sent[:, None]).reshape(count, -1)
+        normal = (weights.T @ squares).reshape(-1, motors, motors) + self.PRIOR * np.eye(motors)
+        pulled = (weights * self._moves).T @ self._sent + self.PRIOR * self._prior
+        return np.asarray(np.linalg.solve(normal, pulled[:, :, None])[:, :, 0])
 
 
 ESTIMATORS: dict[str, type[Estimator]] = {

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.agent import Array, Look, Procedure
-from agents.jacobian import ESTIMATORS, both_points, displacement_px, distance_jacobian
+from agents.jacobian import ESTIMATORS, displacement_px, distance_jacobian
 from agents.redundancy import REDUNDANCIES, solve_within
+from agents.servo.steps import Steps
 from agents.servo.trial import Trial
 from calfree_gym.world import near_misses
 
@@ -70,44 +71,28 @@ class UnifiedServo:
         """Seeks the rendezvous from `look` on, for as long as it is asked; J may start from one (8, m)."""
         estimator = ESTIMATORS[self.estimator](len(look.registers), start)
         trial = Trial(look, estimator, self.first_word, self.test_px)
-        confidence = 1.0
+        steps = Steps(trial, self.step_px, self.step_word, self.border)
         nearest, steps_since = np.inf, 0
+        yield from trial.begin()
         if start is None:
             yield from trial.test_all()
         while True:
-            before = trial.look
-            yield from trial.move(confidence * self._step(trial))
-            if trial.look.visible.all():
-                confidence = min(1.0, 1.5 * confidence)
-            else:
-                confidence *= 0.4
-                yield from trial.move(before.registers - trial.look.registers)
+            yield from steps.make(self._words(trial))
             distance = displacement_px(trial.look.distance)
             nearest, steps_since = (distance, 0) if distance < 0.8 * nearest else (nearest, steps_since + 1)
             if not estimator.lasting:
                 yield from trial.test_all()
-            elif steps_since >= self.patience:
-                estimator.forget()
+            elif (steps_since >= self.patience and not trial.senses.noisy) or trial.senses.jumped[2:].any():
+                trial.forget()
                 trial.resize_tests()
                 yield from trial.test_all()
                 nearest, steps_since = distance, 0
 
-    def _step(self, trial: Trial) -> Array:
-        """Control words (m,) of one step towards the object, bounded in what they are to do."""
-        look, jacobian = trial.look, trial.estimator.jacobian
-        equations = REDUNDANCIES[self.redundancy](distance_jacobian(jacobian), look.distance)
-        lowest, highest = trial.lowest - look.registers, trial.highest - look.registers
-        words = solve_within(*equations, self.damping, lowest, highest)
-        moved = jacobian @ words
-        reach = min(self.step_px, trial.estimator.reach_px)
-        shares = [
-            1.0,
-            reach / max(displacement_px(moved), 1e-9),
-            self.step_word / max(np.abs(words).max(), 1e-9),
-        ]
-        points = both_points(look)
-        leaving = np.abs(points + moved) > np.maximum(self.border, np.abs(points))
-        if leaving.any():
-            room = np.maximum(self.border - np.sign(moved) * points, 0.0)[leaving]
-            shares.append(max(0.1, float((room / np.abs(moved[leaving])).min())))
-        return words * min(shares)
+    def _words(self, trial: Trial) -> Array:
+        """Control words (m,) that would bring the gripper to the object if the world were linear."""
+        look = trial.look
+        jacobian = distance_jacobian(trial.estimator.jacobian)
+        equations = REDUNDANCIES[self.redundancy](jacobian, look.distance)
+        return solve_within(
+            *equations, self.damping, trial.lowest - look.registers, trial.highest - look.registers
+        )
