@@ -14,6 +14,7 @@ from agents.knowledge.grid_table import GridTable
 from agents.learning_servo import LearningServo
 from agents.model_based import ModelBased
 from agents.random_agent import RandomAgent
+from agents.self_calibrating import SelfCalibrating
 from agents.servo.unified import UnifiedServo
 from agents.servo.work_plane import WorkPlaneServo
 from agents.servo_agent import ServoAgent
@@ -50,6 +51,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "work_plane_servo": _work_plane_servo,
     "grid_table": _grid_table,
     "model_based": ModelBased,
+    "self_calibrating": SelfCalibrating,
     "sac": _sac,
 }
 
