@@ -116,10 +116,10 @@ class CalibratedModel:
         up = point[2] - self.link_lengths[0] - hand * np.sin(tilt)
         bend = (out * out + up * up - upper_arm**2 - forearm**2) / (2 * upper_arm * forearm)
         elbow = -np.arccos(min(max(bend, -1.0), 1.0))
-        raise_ = np.arctan2(up, out) - np.arctan2(
+        shoulder_angle = np.arctan2(up, out) - np.arctan2(
             forearm * np.sin(elbow), upper_arm + forearm * np.cos(elbow)
         )
-        angles = (np.arctan2(point[1], point[0]), raise_, elbow)
+        angles = (np.arctan2(point[1], point[0]), shoulder_angle, elbow)
         return np.array([np.interp(angles[m], *self._motors[m]) for m in range(3)])
 
     @staticmethod

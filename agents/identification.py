@@ -2,7 +2,7 @@
 
 Images alone leave some combinations of parameters open: the scale of all lengths, where the frame of the room
 lies, how cameras on the waist stand to its axis as long as nothing was seen beside the work plane. These are
-held by a weak pull towards the robot as built, which is all that the starting values are otherwise used for.
+held by a weak pull towards the robot as built.
 """
 
 from __future__ import annotations
