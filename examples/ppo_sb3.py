@@ -15,9 +15,9 @@ from stable_baselines3.common.utils import LinearSchedule
 from calfree_gym.sb3 import make_sb3_env
 
 
-def success_rate(model: PPO, trials: int = 200, **environment: object) -> float:
+def success_rate(model: PPO, trials: int = 100, **environment: object) -> float:
     """Share of held-out trials that end at the rendezvous."""
-    env = make_sb3_env("CalFree/Reach-v0", n_envs=50, **environment)
+    env = make_sb3_env("CalFree/Reach-v0", n_envs=trials, **environment)
     env.seed(1_000_000)
     successes: list[bool] = []
     evaluate_policy(
