@@ -96,7 +96,7 @@ def test_pages_load_nothing_from_elsewhere(site):
 
 
 def test_environments_page_is_the_docstrings(site):
-    page = Page(site / "environments" / "index.html")
+    page = Page(site / "environments.html")
     single, batched = "calfree_gym.envs.StereoArmEnv", "calfree_gym.vector_env.StereoArmVectorEnv"
     actions = page.table(f"{single}--action-space")
     assert [word for word, _ in actions.values()] == list(MOTORS)
@@ -116,7 +116,7 @@ def test_environments_page_is_the_docstrings(site):
 
 @pytest.mark.parametrize("column", ["coarse", "wild"])
 def test_worlds_page_tells_what_is_drawn(site, column):
-    (head, *rows), *_ = Page(site / "worlds" / "index.html").tables["distributions"]
+    (head, *rows), *_ = Page(site / "worlds.html").tables["distributions"]
     documented = {row[0]: row[head.index(column)] for row in rows}
     worlds = [WorldDistribution(column).sample(seed) for seed in range(500)]
     for quantity, of in DRAWN.items():
@@ -128,7 +128,7 @@ def test_worlds_page_tells_what_is_drawn(site, column):
 
 @pytest.mark.parametrize("kind", TYPES.values(), ids=TYPES)
 def test_perturbations_page_tells_what_is_allowed_and_drawn(site, kind):
-    documented = Page(site / "perturbations" / "index.html").table(kind.type)
+    documented = Page(site / "perturbations.html").table(kind.type)
     rng = np.random.default_rng(0)
     drawn = [kind().drawn(rng).to_dict() for _ in range(500)]
     drawn_slowly = [kind().drawn(rng, slowly=True).to_dict() for _ in range(500)]
@@ -161,7 +161,7 @@ def within(values, ends):
 
 
 def test_agents_page_names_every_agent(site):
-    page = Page(site / "agents" / "index.html")
+    page = Page(site / "agents.html")
     assert set(agents.names()) <= page.text.keys()
 
 
