@@ -1,6 +1,7 @@
 """The command line: `python -m experiments {validate,run,status,report,benchmark} ...`."""
 
 import argparse
+import json
 import shlex
 import sys
 from pathlib import Path
@@ -27,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.command == "status":
             return _status(options.folder)
         if options.command == "benchmark":
-            return _benchmark(options.parts)
+            return _benchmark(options)
         return _report(options.folder)
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -70,6 +71,14 @@ def _parser() -> argparse.ArgumentParser:
         default="speed",
         metavar="PART",
         help=f"of {', '.join(BENCHMARKS)} (default: speed)",
+    )
+    benchmark.add_argument("--json", action="store_true", help="print the speed ratios as JSON")
+    benchmark.add_argument(
+        "--peer",
+        action="append",
+        default=[],
+        metavar="PYTHON=ENV_ID",
+        help="time a Gymnasium environment of another interpreter beside ours (repeatable)",
     )
     return parser
 
@@ -121,12 +130,16 @@ def _report(folder: Path) -> int:
     return 0
 
 
-def _benchmark(parts: list[str] | str) -> int:
+def _benchmark(options: argparse.Namespace) -> int:
     from experiments import reaching
     from experiments.speed import speed
 
-    measures = {"speed": speed, "servo": reaching.servo, "table": reaching.table, "sac": reaching.sac}
-    for part in [parts] if isinstance(parts, str) else parts:
+    def speeds() -> str:
+        found = speed(options.peer)
+        return json.dumps(found.to_dict(), indent=2) if options.json else str(found)
+
+    measures = {"speed": speeds, "servo": reaching.servo, "table": reaching.table, "sac": reaching.sac}
+    for part in [options.parts] if isinstance(options.parts, str) else options.parts:
         print(measures[part](), flush=True)
     return 0
 
