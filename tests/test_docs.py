@@ -18,6 +18,7 @@ from calfree_gym.envs import StereoArmEnv
 from calfree_gym.goal import observation_space
 from calfree_gym.motors import MOTORS
 from calfree_gym.perturbations import TYPES
+from experiments import config, loading, records
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["README.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs").glob("*.md"))]
@@ -172,3 +173,24 @@ def test_the_code_on_a_page_runs(page):
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, page, "exec"), names)
+
+
+def test_configuration_page_names_every_key_and_column_and_its_example_is_valid(tmp_path):
+    text = (ROOT / "docs/configuration.md").read_text()
+    for model in (config.Suite, config.ScenarioConfig, config.EnvironmentConfig, config.EvaluationConfig):
+        for key in model.model_fields:
+            assert f"`{key}`" in text, key
+    for column in records.SCHEMA.names:
+        assert f"`{column}`" in text, column
+    (example,) = re.findall(r"^```yaml\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    (tmp_path / "knocked.yaml").write_text(example)
+    suite = loading.load(tmp_path / "knocked.yaml")
+    assert [agent.label for agent in suite.agents] == ["unified_servo", "coarse_table"]
+
+
+def test_configuration_page_tells_the_defaults():
+    text = " ".join((ROOT / "docs/configuration.md").read_text().split())
+    for key, field in config.EnvironmentConfig.model_fields.items():
+        if not field.is_required():
+            told = {True: "true", (): "none"}.get(field.default, field.default)
+            assert f"`{key}` (`{told}`)" in text or f"`{key}` ({told})" in text, key
