@@ -26,8 +26,19 @@ def solve(jacobian: Array, distance: Array, damping: float) -> Array:
 
 
 def solve_within(jacobian: Array, distance: Array, damping: float, lowest: Array, highest: Array) -> Array:
-    """As `solve`, but with words (m,) within bounds: a motor held back leaves its part to the others."""
-    words = solve(jacobian, distance, damping)
+    """As `solve`, but with words (m,) within bounds: a motor held back leaves its part to the others.
+
+    Where holding motors back one after the other would end no nearer, all words are shortened alike: that
+    always does.
+
+    Args:
+        jacobian: As for `solve`.
+        distance: As for `solve`.
+        damping: As for `solve`.
+        lowest: Not above zero (m,).
+        highest: Not below zero (m,).
+    """
+    words = wanted = solve(jacobian, distance, damping)
     free = np.ones(len(words), bool)
     for _ in range(len(words)):
         beyond = free & ((words < lowest) | (words > highest))
@@ -37,7 +48,12 @@ def solve_within(jacobian: Array, distance: Array, damping: float, lowest: Array
         words = np.clip(words, lowest, highest)
         rest = distance + jacobian[:, ~free] @ words[~free]
         words[free] = solve(jacobian[:, free], rest, damping) if free.any() else 0.0
-    return np.clip(words, lowest, highest)
+    words = np.clip(words, lowest, highest)
+    bounds = np.where(wanted > 0, highest, lowest)
+    moving = wanted != 0
+    shortened = wanted * np.min(bounds[moving] / wanted[moving], initial=1.0)
+    left, left_shortened = (np.linalg.norm(distance + jacobian @ each) for each in (words, shortened))
+    return words if left <= left_shortened else shortened
 
 
 def both_points(look: Look) -> Array:
