@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -31,21 +33,27 @@ class Peer:
 
     def __init__(self, spec: str) -> None:
         self._spec = spec
-        python, equals, self.env_id = spec.partition("=")
-        if not (python and equals and self.env_id):
+        python, _, self.env_id = spec.rpartition("=")
+        if not (python and self.env_id):
             raise ConfigError(f"--peer {spec}: found no PYTHON=ENV_ID; allowed: such as python3=CartPole-v1")
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (as long as the process; a pipe would fill up)
         try:
             self._process = subprocess.Popen(
                 [python, "-c", WORKER.read_text(encoding="utf-8"), self.env_id],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
+                stderr=self._said,
                 env={**os.environ, "OMP_NUM_THREADS": "1"},
                 text=True,
             )
         except OSError as error:
+            self._said.close()
             raise ConfigError(f"--peer {spec}: {python} cannot be run: {error.strerror}") from None
-        about = self._answer()
+        try:
+            about = self._answer()
+        except ConfigError:
+            self.close()
+            raise
         self.substeps: int | None = about["substeps"]
         self.timestep: float | None = about["timestep"]
         self.versions: dict[str, str] = about["versions"]
@@ -54,22 +62,42 @@ class Peer:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.kill()
         self._process.communicate()
+        self._said.close()
 
     def seconds(self, steps: int) -> float:
-        """Makes so many environment steps; returns the seconds that they took."""
+        """Makes so many environment steps; returns the seconds that they took.
+
+        Raises:
+            ConfigError: The environment failed, or its process ended.
+        """
         assert self._process.stdin is not None
-        self._process.stdin.write(f"{steps}\n")
-        self._process.stdin.flush()
-        return float(self._answer())
+        with suppress(BrokenPipeError):  # no answer then says why
+            self._process.stdin.write(f"{steps}\n")
+            self._process.stdin.flush()
+        return float(self._answer()["seconds"])
 
     def _answer(self) -> Any:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            try:
-                return json.loads(line)
-            except ValueError:  # a package's greeting
-                continue
-        _, said = self._process.communicate()
-        last = said.strip().splitlines()[-1:] or [f"it ended with {self._process.returncode}"]
-        raise ConfigError(f"--peer {self._spec}: {last[0]}")
+        line = self._process.stdout.readline()
+        answer: Any = None
+        with suppress(ValueError):
+            answer = json.loads(line)
+        if not isinstance(answer, dict):
+            raise ConfigError(f"--peer {self._spec}: {self._last_words(line)}")
+        if "error" in answer:
+            raise ConfigError(f"--peer {self._spec}: {answer['error']}")
+        return answer
+
+    def _last_words(self, line: str) -> str:
+        if line:
+            return f"answered {line.strip()!r}; PYTHON must be a Python with gymnasium"
+        code = self._process.wait()
+        self._said.seek(0)
+        said = self._said.read().decode(errors="replace").strip().splitlines()
+        return f"it ended with code {code}" + (f": {said[-1]}" if said else "")
