@@ -3,7 +3,7 @@ BIN := .venv/bin
 STAMP := .venv/up-to-date
 JOBS ?= 2
 
-.PHONY: venv lint test test-all compare
+.PHONY: venv lint test test-all compare docs
 
 venv: $(STAMP)
 
@@ -23,6 +23,9 @@ test: lint
 
 test-all: lint
 	$(BIN)/pytest -n $(JOBS)
+
+docs: venv
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 compare: venv
 	$(BIN)/python -m experiments run configs/quick.yaml --out runs/quick --jobs $(JOBS)

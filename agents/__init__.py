@@ -15,6 +15,8 @@ from agents.learning_servo import LearningServo
 from agents.model_based import ModelBased
 from agents.random_agent import RandomAgent
 from agents.self_calibrating import SelfCalibrating
+from agents.servo.affine_stereo import AffineStereo
+from agents.servo.joint_space import JointSpaceServo
 from agents.servo.unified import UnifiedServo
 from agents.servo.work_plane import WorkPlaneServo
 from agents.servo_agent import ServoAgent
@@ -50,6 +52,8 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "unified_servo": _unified_servo,
     "work_plane_servo": _work_plane_servo,
     "grid_table": _grid_table,
+    "joint_space_servo": JointSpaceServo,
+    "affine_stereo": AffineStereo,
     "model_based": ModelBased,
     "self_calibrating": SelfCalibrating,
     "sac": _sac,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self
 
@@ -22,6 +22,8 @@ Observation = Mapping[str, NDArray[Any]]
 
 POINTS = 4
 """Visibility flags at the head of `observation`: gripper left, right, object left, right."""
+SEEN = ("achieved_goal", "desired_goal", "observation")
+"""What every controller is given; all else in an observation was asked for by `tell=`."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +35,14 @@ class Look:
         object: The object's sensor vector (4,).
         visible: Which of the points are seen now (4,): gripper left, right, object left, right.
         registers: Executed sums of control words since home (m,).
+        told: What was asked for by `tell=`, by its name.
     """
 
     gripper: Array
     object: Array
     visible: NDArray[np.bool_]
     registers: Array
+    told: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
     def of(cls, observation: Observation) -> Look:
@@ -49,6 +53,7 @@ class Look:
             object=np.asarray(observation["desired_goal"], float),
             visible=seen[:POINTS] > 0.5,
             registers=seen[POINTS:],
+            told={name: np.asarray(observation[name], float) for name in observation if name not in SEEN},
         )
 
     @property
@@ -82,6 +87,11 @@ class Agent(ABC):
     told: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, env: gym.Env[Any, Any], seed: int = 0) -> None:
+        spaces: Mapping[str, Any] = getattr(env.observation_space, "spaces", {})
+        if missing := [name for name in self.told if name not in spaces]:
+            raise ValueError(
+                f"it must be told {', '.join(missing)}: make its environment with tell={self.told}"
+            )
         self.env = env
         self.seed = seed
         self.num_timesteps = 0

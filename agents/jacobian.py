@@ -133,7 +133,8 @@ class RecursiveLeastSquares(Estimator):
         gain = older @ words / (self.NOISE + words @ older @ words)
         missed = (moved - self.jacobian @ words)[seen]
         self.jacobian[seen] += np.outer(missed, gain)
-        self._covariance = np.minimum(older - np.outer(gain, words @ older), UNKNOWN)
+        updated = older - np.outer(gain, words @ older)
+        self._covariance = updated * min(1.0, UNKNOWN * len(words) / np.trace(updated))
 
     def forget(self) -> None:
         """See `Estimator`."""

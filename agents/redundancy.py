@@ -38,12 +38,20 @@ def transform(jacobian: Array, distance: Array) -> Equations:
 
 
 def weighted(jacobian: Array, distance: Array) -> Equations:
-    """All four, less of those that contradict the others (iteratively reweighted least squares)."""
-    weights = np.ones(4)
+    """All four, less of those that contradict the others (iteratively reweighted least squares).
+
+    No words change the part of d in J's left null space, so the weighted residuals follow from it alone. One
+    spare equation tells that some coordinate contradicts, not which: it is taken to be the one that weighs
+    most there.
+    """
+    left, lengths, _ = np.linalg.svd(jacobian)
+    null = left[:, np.count_nonzero(lengths > 1e-9 * lengths[0]) :]
+    slack = np.ones(len(distance))
     for _ in range(3):
-        words = solve(jacobian * weights[:, None], distance * weights, damping=0.0)
-        residual = np.abs(jacobian @ words + distance) / IMAGE_UNIT
-        weights = 1 / np.sqrt(1 + (residual / ROBUST_PX) ** 2)
+        spread = slack[:, None] * null
+        residual = spread @ np.linalg.solve(null.T @ spread, null.T @ distance) / IMAGE_UNIT
+        slack = 1 + (residual / ROBUST_PX) ** 2
+    weights = 1 / np.sqrt(slack)
     return jacobian * weights[:, None], distance * weights
 
 
@@ -82,15 +90,30 @@ def solve(jacobian: Array, distance: Array, damping: float) -> Array:
 
 
 def solve_within(jacobian: Array, distance: Array, damping: float, lowest: Array, highest: Array) -> Array:
-    """As `solve`, but with words (m,) within bounds: a motor held back leaves its part to the others."""
-    words = solve(jacobian, distance, damping)
+    """As `solve`, but with words (m,) within bounds: a motor held back leaves its part to the others.
+
+    Where holding motors back one after the other would end no nearer, all words are shortened alike: that
+    always does.
+
+    Args:
+        jacobian: As for `solve`.
+        distance: As for `solve`.
+        damping: As for `solve`.
+        lowest: Not above zero (m,).
+        highest: Not below zero (m,).
+    """
+    words = wanted = solve(jacobian, distance, damping)
     free = np.ones(len(words), bool)
-    for _ in range(len(words)):
-        beyond = free & ((words < lowest) | (words > highest))
-        if not beyond.any():
-            break
+    while (beyond := free & ((words < lowest) | (words > highest))).any():
         free &= ~beyond
-        words = np.clip(words, lowest, highest)
+        words = np.minimum(np.maximum(words, lowest), highest)
         rest = distance + jacobian[:, ~free] @ words[~free]
         words[free] = solve(jacobian[:, free], rest, damping) if free.any() else 0.0
-    return np.clip(words, lowest, highest)
+    if free.all():
+        return words
+    words = np.minimum(np.maximum(words, lowest), highest)
+    bounds = np.where(wanted > 0, highest, lowest)
+    moving = wanted != 0
+    shortened = wanted * np.min(bounds[moving] / wanted[moving], initial=1.0)
+    left, left_shortened = (np.linalg.norm(distance + jacobian @ each) for each in (words, shortened))
+    return words if left <= left_shortened else shortened

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from agents.agent import Array, Look
-from agents.jacobian import Flags, both_points
+from agents.jacobian import both_points
 from calfree_gym.world import IMAGE_UNIT
 
 QUARTER = 0.3186
@@ -103,7 +103,9 @@ class Senses:
         seen = np.stack([one.visible for one in looks])
         off = np.sqrt(((stack - points) ** 2).sum(2)) / IMAGE_UNIT
         self.mistakes += int((seen & found & (off > 20 + 5 * self.noise_px)).sum())
-        self.prompt |= bool((self._moved_px(looks[0], before) > 4 + 4 * self.noise_px).sum() > 1) and len(looks) == 1
+        self.prompt |= (
+            bool((self._moved_px(looks[0], before) > 4 + 4 * self.noise_px).sum() > 1) and len(looks) == 1
+        )
         for one in looks[self.late and -1 :] if self.late else looks:
             self._history.append((one.registers, both_points(one), np.repeat(one.visible, 2)))
         # filter
@@ -142,7 +144,9 @@ class Senses:
         for i in range(8):
             weights = near * seen[:, i]
             normal = (features.T * weights) @ features + prior
-            solved = np.linalg.solve(normal + 1e-12 * np.eye(len(normal)), (features.T * weights) @ stack[:, i] + prior @ guess[i])
+            solved = np.linalg.solve(
+                normal + 1e-12 * np.eye(len(normal)), (features.T * weights) @ stack[:, i] + prior @ guess[i]
+            )
             points[i], fitted[i] = solved[0], solved[1:]
         return points, fitted
 
@@ -186,7 +190,8 @@ class Senses:
         if len(looks) > 2 or not (looks[-1].registers != before.registers).any():
             return False
         moved = self._moved_px(looks[-1], before)
-        if self.noise_px > 3: return False
+        if self.noise_px > 3:
+            return False
         limit = 1.5 + 2 * self.noise_px
         wanted = far.max() > 4 * limit if known else not self.prompt
         return bool(wanted and looks[-1].visible.all() and moved.max() < limit)

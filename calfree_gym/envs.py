@@ -75,6 +75,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     `distance_mm`, `points`, `gripper`, `object`, `joints`.
 
     ## Arguments
+
     Args:
         world: A `World`, or the distribution to draw from: "nominal", "coarse", "wild".
         camera_mount: "waist" (cameras on the arm's first link, turning with it: the object then moves in the

@@ -1,11 +1,13 @@
-"""The command line: `python -m experiments {validate,run,report,benchmark} ...`."""
+"""The command line: `python -m experiments {validate,run,status,report,benchmark} ...`."""
 
 import argparse
+import json
 import shlex
 import sys
 from pathlib import Path
 
-from experiments.loading import ConfigError, load
+from experiments.errors import ConfigError
+from experiments.loading import load
 from experiments.plan import runs_of
 
 BENCHMARKS = ("speed", "servo", "table", "sac")
@@ -20,14 +22,20 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if options.command == "validate":
-            return _validate(options.config)
+            return _validate(options.config, options.set)
         if options.command == "run":
-            return _run(options.config, options.out, options.jobs)
+            return _run(options)
+        if options.command == "status":
+            return _status(options.folder)
         if options.command == "benchmark":
-            return _benchmark(options.parts)
+            return _benchmark(options)
         return _report(options.folder)
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:  # a full disk, a folder that cannot be written
+        where = f": {error.filename}" if error.filename else ""
+        print(f"error: {error.strerror}{where}; what has finished is kept", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("interrupted; started again, finished runs are skipped", file=sys.stderr)
@@ -38,11 +46,21 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m experiments", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     validate = commands.add_parser("validate", help="check a configuration")
-    validate.add_argument("config", type=Path)
     run = commands.add_parser("run", help="carry out a configuration, and report")
-    run.add_argument("config", type=Path)
+    for command in (validate, run):
+        command.add_argument("config", type=Path)
+        command.add_argument(
+            "--set",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            help="replace a value of the configuration, such as scenarios.0.motions=200 (repeatable)",
+        )
     run.add_argument("--out", type=Path, required=True, help="folder for the results")
     run.add_argument("--jobs", type=_positive, default=1, help="runs at a time (default: 1)")
+    run.add_argument("--fail-fast", action="store_true", help="stop at the first run that fails")
+    status = commands.add_parser("status", help="tell how far the runs in a results folder are")
+    status.add_argument("folder", type=Path)
     report = commands.add_parser("report", help="write the report of a results folder again")
     report.add_argument("folder", type=Path)
     benchmark = commands.add_parser("benchmark", help="measure speed, and what the agents reach")
@@ -54,6 +72,14 @@ def _parser() -> argparse.ArgumentParser:
         metavar="PART",
         help=f"of {', '.join(BENCHMARKS)} (default: speed)",
     )
+    benchmark.add_argument("--json", action="store_true", help="print the speed ratios as JSON")
+    benchmark.add_argument(
+        "--peer",
+        action="append",
+        default=[],
+        metavar="PYTHON=ENV_ID",
+        help="time a Gymnasium environment of another interpreter beside ours (repeatable)",
+    )
     return parser
 
 
@@ -63,29 +89,38 @@ def _positive(text: str) -> int:
     return int(text)
 
 
-def _validate(config: Path) -> int:
-    suite = load(config)
+def _validate(config: Path, overrides: list[str]) -> int:
+    suite = load(config, overrides)
     motions = sum(spec.scenario.motions for spec in runs_of(suite))
-    print(
-        f"{config}: valid: {len(suite.agents)} agents × {len(suite.scenarios)} scenarios × "
-        f"{suite.worlds} worlds = {len(runs_of(suite))} runs, {motions:,} motions"
-    )
+    counts = ((len(suite.agents), "agent"), (len(suite.scenarios), "scenario"), (suite.worlds, "world"))
+    product = " × ".join(f"{count} {what}{'s' * (count > 1)}" for count, what in counts)
+    print(f"{config}: valid: {product} = {len(runs_of(suite))} runs, {motions:,} motions")
     return 0
 
 
-def _run(config: Path, out: Path, jobs: int) -> int:
-    suite = load(config)
+def _run(options: argparse.Namespace) -> int:
+    config, out, jobs = options.config, options.out, options.jobs
+    suite = load(config, options.set)
     from experiments.progress import display
     from experiments.runner import Runner
 
-    words = ["python", "-m", "experiments", "run", str(config), "--out", str(out)]
+    words = ["python", "-m", "experiments", "run", str(config), "--out", str(out), "--jobs", str(jobs)]
+    words += [word for override in options.set for word in ("--set", override)]
     with display() as shown:
-        failed = Runner(suite, out, shown).run(jobs, shlex.join([*words, "--jobs", str(jobs)]))
+        failed = Runner(suite, out, shown, options.fail_fast).run(jobs, shlex.join(words))
     _report(out)
     if failed:
-        print(f"{len(failed)} runs FAILED: {', '.join(failed)}", file=sys.stderr)
+        print(f"{len(failed)} runs FAILED or did not finish: {', '.join(failed)}", file=sys.stderr)
         return 1
     return 0
+
+
+def _status(folder: Path) -> int:
+    from experiments.status import status
+
+    text, failed = status(folder)
+    print(text)
+    return 1 if failed else 0
 
 
 def _report(folder: Path) -> int:
@@ -95,12 +130,16 @@ def _report(folder: Path) -> int:
     return 0
 
 
-def _benchmark(parts: list[str] | str) -> int:
+def _benchmark(options: argparse.Namespace) -> int:
     from experiments import reaching
     from experiments.speed import speed
 
-    measures = {"speed": speed, "servo": reaching.servo, "table": reaching.table, "sac": reaching.sac}
-    for part in [parts] if isinstance(parts, str) else parts:
+    def speeds() -> str:
+        found = speed(options.peer)
+        return json.dumps(found.to_dict(), indent=2) if options.json else str(found)
+
+    measures = {"speed": speeds, "servo": reaching.servo, "table": reaching.table, "sac": reaching.sac}
+    for part in [options.parts] if isinstance(options.parts, str) else options.parts:
         print(measures[part](), flush=True)
     return 0
 

@@ -35,6 +35,10 @@ class EnvironmentConfig(Model):
     tolerance_px: float = Field(4.0, gt=0, lt=IMAGE_SIZE)
     dynamics: Literal["physics", "kinematic"] = "physics"
     max_episode_steps: int = Field(60, gt=0)
+    redraw: Literal["never", "trial"] = "never"
+    terminate_on_success: bool = True
+    keep_in_view: bool = True
+    tell: tuple[str, ...] = Field((), strict=False)
 
     @field_validator("id")
     @classmethod
@@ -74,7 +78,7 @@ class ScenarioConfig(Model):
         for i, event in enumerate(parse_schedule(list(value))):
             if event.clock == "motion" and event.at >= motions:
                 raise ValueError(
-                    f"perturbations[{i}] comes after {event.at} motions: never, in a life of {motions}"
+                    f"perturbations.{i}.at.motion is {event.at}: never, in a life of {motions} motions"
                 )
         return value
 
@@ -87,7 +91,7 @@ class EvaluationConfig(Model):
 
 
 class AgentConfig(Model):
-    """An agent by name, with its settings; `label` tells apart two of the same name."""
+    """An agent by name, or a name alone, with its settings; `label` tells apart two of the same name."""
 
     name: str
     label: Name
@@ -96,6 +100,8 @@ class AgentConfig(Model):
     @model_validator(mode="before")
     @classmethod
     def _label_defaults_to_name(cls, data: Any) -> Any:
+        if isinstance(data, str):
+            return {"label": data, "name": data}
         if isinstance(data, dict) and "name" in data:
             return {"label": data["name"], **data}
         return data
@@ -127,6 +133,15 @@ class Suite(Model):
     @classmethod
     def _distinct_agents(cls, value: tuple[AgentConfig, ...]) -> tuple[AgentConfig, ...]:
         _distinct([agent.label for agent in value], "label")
+        return value
+
+    @field_validator("evaluation")
+    @classmethod
+    def _within_every_life(cls, value: EvaluationConfig, info: ValidationInfo) -> EvaluationConfig:
+        for scenario in info.data.get("scenarios", ()):
+            if value.every > scenario.motions:
+                life = f"scenario {scenario.name!r} has {scenario.motions} motions"
+                raise ValueError(f"evaluation.every is {value.every}; {life}")
         return value
 
 

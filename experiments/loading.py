@@ -1,5 +1,6 @@
 """Reading a suite from a YAML file, with errors that say where, what and what else."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -7,11 +8,10 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 import agents
+from calfree_gym.world import near_misses
 from experiments.config import Suite
-
-
-class ConfigError(ValueError):
-    """A configuration that cannot be used; the message is for the person who wrote it."""
+from experiments.errors import ConfigError
+from experiments.overrides import with_overrides
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -26,11 +26,12 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def load(path: Path) -> Suite:
+def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
     """Reads and validates a suite; every environment, and every agent in it, is built once.
 
     Args:
         path: A YAML file. An agent's `settings` may name a YAML file, relative to this one.
+        overrides: Values to put in place of those in the file, such as "worlds=2".
 
     Raises:
         ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
@@ -38,6 +39,7 @@ def load(path: Path) -> Suite:
     data = read_yaml(path)
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
+    data = with_overrides(_with_settings_files(data, path.parent), overrides)
     try:
         suite = Suite.model_validate(_with_settings_files(data, path.parent))
     except ValidationError as error:
@@ -111,7 +113,11 @@ def _describe(error: dict[str, Any]) -> str:
     if error["type"] == "missing":
         return f"{where}: missing"
     if error["type"] == "extra_forbidden":
-        return f"{where}: unknown key; allowed: {', '.join(_siblings(error['loc']))}"
+        allowed = _siblings(error["loc"])
+        hint = near_misses(error["loc"][-1], allowed)
+        return f"{where}: unknown key{hint}; allowed: {', '.join(allowed)}"
+    if message.startswith(f"{error['loc'][-1]}."):  # it has a path of its own, further in
+        return ".".join([*map(str, error["loc"][:-1]), message])
     return f"{where}: found {_short(error['input'])}: {message}"
 
 

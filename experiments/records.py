@@ -1,6 +1,7 @@
 """Results: one row a trial, written line by line as JSON and compacted to Parquet at the end."""
 
 import json
+import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -48,6 +49,8 @@ class TrialLog:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        self._file.flush()
+        os.fsync(self._file.fileno())
         self._file.close()
 
     def write(

@@ -9,12 +9,22 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from experiments import figures, records, worker
+from experiments import figures, records
 from experiments.config import ScenarioConfig, Suite
-from experiments.loading import ConfigError
+from experiments.folder import (
+    DONE,
+    FAILED,
+    LOG,
+    VERSIONS,
+    folder_of,
+    is_done,
+    read_json,
+    read_suite,
+    refuse_foreign,
+    write_whole,
+)
 from experiments.pages import Section, Table, html_page, markdown_page
 from experiments.plan import RunSpec, runs_of
-from experiments.runner import FAILED, LOG, SUITE, VERSIONS, folder_of, is_done
 from experiments.summary import Cell, held_out_curve, moments, training_curve, with_cost
 
 RESULTS = "results.parquet"
@@ -48,13 +58,13 @@ def write_report(out: Path) -> Path:
     """Writes `results.parquet`, `report.html`, `report.md` and `figures/` into a suite's folder.
 
     All are made from the finished runs of the suite that was run there last, so they are right also
-    where it was interrupted, or where runs of other suites lie beside its own.
+    where it was interrupted.
 
     Returns:
         The path of the HTML page.
 
     Raises:
-        ConfigError: Where no suite was run in the folder.
+        ConfigError: No suite was run in the folder, or its runs were made by different versions.
     """
     finished = _read(out)
     sections = [_failures(finished)] if _unfinished(finished) else []
@@ -63,25 +73,20 @@ def write_report(out: Path) -> Path:
     sections += [_told(finished), _versions(finished), _provenance(finished)]
     title, question = finished.suite.name, finished.suite.question
     page = out / "report.html"
-    page.write_text(html_page(title, question, sections), encoding="utf-8")
-    (out / "report.md").write_text(markdown_page(title, question, sections), encoding="utf-8")
+    write_whole(page, html_page(title, question, sections))
+    write_whole(out / "report.md", markdown_page(title, question, sections))
     return page
 
 
 def _read(out: Path) -> Finished:
-    try:
-        about = json.loads((out / SUITE).read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise ConfigError(f"{out}: no results here ({error.filename} is missing)") from None
-    suite = Suite.model_validate(about["suite"])
+    suite, command = read_suite(out)
     runs = runs_of(suite)
     finished = {folder: spec for spec in runs if is_done(folder := folder_of(out, spec.id))}
-    outcomes = {
-        spec.id: json.loads((folder / worker.DONE).read_text(encoding="utf-8"))
-        for folder, spec in finished.items()
-    }
+    for folder in list(finished)[:1]:
+        refuse_foreign(out, suite, read_json(folder / VERSIONS))
+    outcomes = {spec.id: read_json(folder / DONE) for folder, spec in finished.items()}
     records.compact(finished, out / RESULTS)
-    return Finished(out, suite, about["command"], runs, outcomes, pd.read_parquet(out / RESULTS))
+    return Finished(out, suite, command, runs, outcomes, pd.read_parquet(out / RESULTS))
 
 
 def _unfinished(finished: Finished) -> list[RunSpec]:
@@ -96,7 +101,7 @@ def _failures(finished: Finished) -> Section:
         report = folder / FAILED
         tail = ["(never finished)"]
         if report.exists():
-            tail = json.loads(report.read_text(encoding="utf-8"))["log_tail"]
+            tail = read_json(report)["log_tail"]
         tails.append("\n".join([f"{spec.id}  ({folder / LOG})", *tail]))
     return Section(
         title=f"{len(unfinished)} of {len(finished.runs)} runs FAILED or did not finish",
@@ -254,7 +259,7 @@ def _versions(finished: Finished) -> Section:
     for spec in finished.runs:
         made_by = folder_of(finished.out, spec.id) / VERSIONS
         if made_by.exists():
-            for name, version in json.loads(made_by.read_text(encoding="utf-8")).items():
+            for name, version in read_json(made_by).items():
                 found.setdefault(name, set()).add(version)
     rows = [[name, ", ".join(sorted(versions))] for name, versions in found.items()]
     return Section(title="Versions", table=Table(["what", "version"], rows))

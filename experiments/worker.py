@@ -1,19 +1,20 @@
 """The body of one run, in a process of its own: `python -m experiments.worker FOLDER`."""
 
-import json
+import os
 import sys
+import threading
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import agents
+from experiments.curves import Curves
 from experiments.evaluation import TrialRecord, evaluate
+from experiments.folder import DONE, SPEC, write_json
 from experiments.life import Life
 from experiments.plan import RunSpec
 from experiments.records import TrialLog
-
-SPEC = "run.json"
-DONE = "DONE.json"
 
 
 class Checkpoints:
@@ -23,10 +24,11 @@ class Checkpoints:
     at every trial does not turn into one long evaluation.
     """
 
-    def __init__(self, spec: RunSpec, life: Life, log: TrialLog):
+    def __init__(self, spec: RunSpec, life: Life, log: TrialLog, curves: Curves):
         self._spec = spec
         self._life = life
         self._log = log
+        self._curves = curves
         self._env = spec.scenario.env.make()
         self._next_scheduled = 0
         self._perturbations_seen = 0
@@ -56,6 +58,7 @@ class Checkpoints:
         records = evaluate(agent, self._env, trials, self._spec.evaluation_seed)
         for record in records:
             self._log.write("eval", self._life.motions, self._life.since_perturbation, record)
+        self._curves.write("eval", self._life.motions, records)
         self._last = self._life.motions
         reached = sum(record.success for record in records)
         print(
@@ -71,15 +74,16 @@ def live(spec: RunSpec, folder: Path) -> dict[str, Any]:
     Returns:
         What the run says about itself: what the agent was told, and how its world was perturbed.
     """
-    with TrialLog(folder) as log:
+    with TrialLog(folder) as log, closing(Curves(folder)) as curves:
 
         def log_trial(record: TrialRecord) -> None:
             log.write("train", life.motions, life.since_perturbation, record)
+            curves.write("train", life.motions, [record])
 
         env = spec.scenario.env.make(spec.scenario.perturbations)
         life = Life(env, spec.world_seed, log_trial)
         agent = agents.make(spec.agent.name, life, seed=spec.agent_seed, **spec.agent.settings)
-        checkpoints = Checkpoints(spec, life, log)
+        checkpoints = Checkpoints(spec, life, log, curves)
         checkpoints.evaluate_if_due(agent)
 
         def after_motion(progress: Any) -> bool:
@@ -101,10 +105,15 @@ def main(folder: Path) -> None:
     start = time.monotonic()
     outcome = live(spec, folder)
     outcome["wall_seconds"] = round(time.monotonic() - start, 1)
-    partial = folder / "DONE.partial"
-    partial.write_text(json.dumps(outcome, indent=2), encoding="utf-8")
-    partial.replace(folder / DONE)
+    write_json(folder / DONE, outcome)
+
+
+def _end_with_the_runner() -> None:
+    """Ends this process at once when the runner that holds the other end of its input is gone."""
+    sys.stdin.read()
+    os._exit(1)
 
 
 if __name__ == "__main__":
+    threading.Thread(target=_end_with_the_runner, daemon=True).start()
     main(Path(sys.argv[1]))

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from agents.agent import Array, Look
-from agents.sensing import Senses
 from agents.jacobian import (
     Estimator,
     both_points,
@@ -17,6 +16,7 @@ from agents.jacobian import (
     displacement_px,
     distance_jacobian,
 )
+from agents.sensing import Senses
 
 Motions = Generator[Array, Look, Any]
 """Yields control words, is sent what was seen after them."""

@@ -9,9 +9,9 @@ import numpy as np
 from agents.agent import Array, Look, Procedure
 from agents.jacobian import ESTIMATORS, displacement_px, distance_jacobian
 from agents.redundancy import REDUNDANCIES, solve_within
+from agents.servo.settings import check_numbers, check_one_of, check_words
 from agents.servo.steps import Steps
 from agents.servo.trial import Trial
-from calfree_gym.world import near_misses
 
 
 @dataclass(frozen=True)
@@ -45,27 +45,11 @@ class UnifiedServo:
     patience: int = 4
 
     def __post_init__(self) -> None:
-        for name, known in (("estimator", ESTIMATORS), ("redundancy", REDUNDANCIES)):
-            value = getattr(self, name)
-            if value not in known:
-                hint = near_misses(value, known)
-                raise ValueError(f"{name} is {value!r}{hint}; allowed: {', '.join(known)}")
-        for name, least in (
-            ("first_word", 1e-6),
-            ("test_px", 1e-6),
-            ("step_px", 1e-6),
-            ("step_word", 1e-6),
-            ("damping", 0.0),
-            ("border", 1e-6),
-            ("patience", 1),
-        ):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < np.inf:
-                raise ValueError(f"{name} is {value!r}; it must be a number, {least:g} or more")
-        if self.first_word > 1 or self.step_word > 1:
-            raise ValueError(
-                f"first_word is {self.first_word}, step_word {self.step_word}; words are at most 1"
-            )
+        check_one_of(self, "estimator", ESTIMATORS)
+        check_one_of(self, "redundancy", REDUNDANCIES)
+        check_numbers(self, first_word=1e-6, test_px=1e-6, step_px=1e-6, step_word=1e-6)
+        check_numbers(self, damping=0.0, border=1e-6, patience=1)
+        check_words(self, "first_word", "step_word")
 
     def __call__(self, look: Look, start: Array | None = None) -> Procedure:
         """Seeks the rendezvous from `look` on, for as long as it is asked; J may start from one (8, m)."""
@@ -81,6 +65,7 @@ class UnifiedServo:
             distance = displacement_px(trial.look.distance)
             nearest, steps_since = (distance, 0) if distance < 0.8 * nearest else (nearest, steps_since + 1)
             if not estimator.lasting:
+                trial.forget()
                 yield from trial.test_all()
             elif (steps_since >= self.patience and not trial.senses.noisy) or trial.senses.jumped[2:].any():
                 trial.forget()

@@ -17,16 +17,7 @@ from tests.agents import analytic
 
 MOUNTS = calfree_gym.MOUNTS
 LASTING = [name for name, estimator in ESTIMATORS.items() if estimator.lasting]
-EXACT = [
-    pytest.param(
-        "rls",
-        marks=pytest.mark.xfail(
-            strict=True, reason="its covariance, cut off entry by entry, becomes indefinite"
-        ),
-    ),
-    "kalman",
-    "local",
-]
+EXACT = ["rls", "kalman", "local"]
 ALL = np.ones(8, bool)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -120,6 +120,11 @@ def test_a_motor_of_which_nothing_is_known_gets_a_zero_word(entries, distance, m
 
 @settings(max_examples=50, deadline=None)
 @given(numbers(4, 3), numbers(4), numbers(3, low=0.01, high=0.5))
+@example(  # held back one after the other, motors would end further away
+    np.array([[-0.9375] * 3] * 3 + [[0, -0.9375, -0.9375]]),
+    np.array([0.0, 0, 0, 1]),
+    np.array([0.5, 0.125, 0.125]),
+)
 def test_bounded_words_keep_within_bounds_help_and_are_the_best_where_none_binds(entries, distance, bounds):
     from scipy.optimize import lsq_linear
 

@@ -1,14 +1,15 @@
 """The runner, from a YAML file to the report, with real agents in real processes."""
 
+import errno
 import json
+import os
 import shutil
 
 import pandas as pd
 import pytest
 
 from experiments.__main__ import main
-from experiments.loading import load
-from experiments.plan import runs_of
+from experiments.folder import locked
 
 UNIQUE_PER_RUN = ["run", "phase", "lifetime_motions", "trial"]
 
@@ -62,16 +63,39 @@ def test_from_configuration_to_report(finished, capsys):
     pd.testing.assert_frame_equal(results, again)  # the run that was made again is the same
 
 
-def test_results_of_other_code_are_set_aside(finished, capsys):
+def test_results_of_other_code_are_named_and_refused(finished, capsys):
     config, out = finished
-    folder = next(out.glob("runs/*"))
+    folder = sorted(out.glob("runs/*"))[-1]
     made_by = json.loads((folder / "versions.json").read_text())
     (folder / "versions.json").write_text(json.dumps(made_by | {"code": "older"}))
-    capsys.readouterr()
-    assert run(config, out) == 0
-    assert f"{folder.name}: finished with other versions of code" in capsys.readouterr().out
-    assert (out / "stale" / f"{folder.name}-older" / "DONE.json").exists()
+    for command in (["run", str(config), "--out", str(out)], ["report", str(out)]):
+        capsys.readouterr()
+        assert main(command) == 2
+        said = capsys.readouterr().err
+        assert folder.name in said
+        assert "code" in said
+        assert "another --out" in said
     assert (folder / "DONE.json").exists()
+
+
+def test_results_of_another_configuration_are_named_and_refused(finished, suite_data, write_config, capsys):
+    _, out = finished
+    changed = write_config(suite_data | {"evaluation": {"every": 60, "trials": 2}})
+    capsys.readouterr()
+    assert run(changed, out) == 2
+    said = capsys.readouterr().err
+    assert "holds 4 finished runs that this configuration does not have" in said
+    assert "evaluation.every was 40, is 60" in said
+    assert run(write_config(suite_data), out) == 0
+
+
+def test_more_worlds_go_on_in_the_same_folder_also_where_it_was_moved(finished, tmp_path, capsys):
+    config, out = finished
+    out = shutil.move(out, tmp_path / "elsewhere")
+    capsys.readouterr()
+    assert main(["run", str(config), "--out", str(out), "--set", "worlds=3"]) == 0
+    assert "6 runs, 4 of them finished already" in capsys.readouterr().out
+    assert main(["report", str(out)]) == 0
 
 
 def test_one_crash_fails_one_run_loudly(suite_data, write_config, tmp_path, capsys):
@@ -84,7 +108,7 @@ def test_one_crash_fails_one_run_loudly(suite_data, write_config, tmp_path, caps
     printed = capsys.readouterr()
     assert "FAILED" in printed.out
     assert "the world after" in printed.out
-    assert "1 runs FAILED" in printed.err
+    assert "1 runs FAILED or did not finish" in printed.err
     results = pd.read_parquet(out / "results.parquet")
     assert set(results["scenario"]) == {"aimed"}
     page = (out / "report.html").read_text()
@@ -94,20 +118,99 @@ def test_one_crash_fails_one_run_loudly(suite_data, write_config, tmp_path, caps
     assert main(["report", str(out)]) == 0
 
 
-def test_a_report_is_of_the_last_suites_finished_runs_alone(finished, suite_data, write_config):
+def test_a_report_is_of_the_finished_runs_alone(finished):
     _, out = finished
-    config = write_config(suite_data | {"evaluation": {"every": 60, "trials": 2}})
-    assert run(config, out) == 0
-    newest = {spec.id for spec in runs_of(load(config))}
-    done = sorted(path for path in out.glob("runs/*/DONE.json") if path.parent.name in newest)
+    done = sorted(out.glob("runs/*/DONE.json"))
     done[0].unlink()  # as an interrupt would have left it
     assert main(["report", str(out)]) == 0
     results = pd.read_parquet(out / "results.parquet")
-    assert set(results["run"]) == newest - {done[0].parent.name}
+    assert set(results["run"]) == {path.parent.name for path in done[1:]}
     page = (out / "report.html").read_text()
     assert "1 of 4 runs FAILED or did not finish" in page
     assert f"{done[0].parent.name}  " in page
     assert "(never finished)" in page
+
+
+def test_curves_are_tensorboard_events(finished):
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    _, out = finished
+    results = pd.read_parquet(out / "results.parquet")
+    folder = sorted(out.glob("runs/*unified_servo*"))[0]
+    events = EventAccumulator(str(folder)).Reload()
+    shown = {event.step: event.tensor_proto.float_val[0] for event in events.Tensors("eval/motions")}
+    of_run = results[(results["run"] == folder.name) & (results["phase"] == "eval")]
+    means = of_run.groupby("lifetime_motions")["motions"].mean()
+    assert shown == pytest.approx(means.to_dict())
+    assert len(events.Tensors("train/error_px")) > 3
+
+
+def test_status_tells_done_failed_interrupted_and_waiting(finished, capsys):
+    _, out = finished
+    assert main(["status", str(out)]) == 0
+    assert "4 runs: 4 done; no runner is at work" in capsys.readouterr().out
+    one, two, three, _ = sorted(out.glob("runs/*"))
+    for folder in (one, two):
+        (folder / "DONE.json").unlink()
+    (one / "FAILED.json").write_text(json.dumps({"exit_code": 3, "log_tail": ["boom"]}))
+    shutil.rmtree(three)
+    assert main(["status", str(out)]) == 1
+    said = capsys.readouterr().out
+    assert "exit code 3: boom" in said
+    assert "after 90 of 90 motions; begins anew" in said
+    assert "1 failed" in said
+    assert "1 interrupted" in said
+    assert "1 waiting" in said
+    assert "1 done" in said
+    with locked(out):
+        main(["status", str(out)])
+    said = capsys.readouterr().out
+    assert "1 running" in said
+    assert "a runner is at work" in said
+
+
+def test_two_runners_in_one_folder_are_refused(finished, monkeypatch, capsys):
+    config, out = finished
+    monkeypatch.setattr("experiments.folder.PATIENCE", 0.0)
+    with locked(out):
+        assert main(["run", str(config), "--out", str(out)]) == 2
+    assert "another runner is at work here" in capsys.readouterr().err
+
+
+def test_fail_fast_stops_at_the_first_failure(suite_data, write_config, tmp_path, capsys):
+    away = {"type": "camera_aim", "camera": "left", "degrees": 180}
+    suite_data["scenarios"][0]["perturbations"] = [{"at": {"motion": 50}, "do": away}]
+    out = tmp_path / "out"
+    command = ["run", str(write_config(suite_data)), "--out", str(out), "--fail-fast"]
+    assert main(command) == 1
+    assert len(list(out.glob("runs/*/FAILED.json"))) == 1
+    assert len(list(out.glob("runs/*"))) == 1
+    assert "4 runs FAILED or did not finish" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_written_is_one_message(suite_data, write_config, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert run(write_config(suite_data), tmp_path / "file" / "out") == 2
+    assert capsys.readouterr().err.startswith("error: Not a directory")
+
+
+def test_a_full_disk_loses_nothing(suite_data, write_config, tmp_path, capsys, monkeypatch):
+    config, out = write_config(suite_data), tmp_path / "out"
+    real = os.fsync
+    left = iter([None] * 5)
+
+    def full(descriptor):
+        if next(left, "full") == "full":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(["run", str(config), "--out", str(out)]) == 2
+    assert "No space left on device; what has finished is kept" in capsys.readouterr().err
+    done = len(list(out.glob("runs/*/DONE.json")))
+    monkeypatch.setattr(os, "fsync", real)
+    assert run(config, out) == 0
+    assert f"4 runs, {done} of them finished already" in capsys.readouterr().out
 
 
 def test_user_errors_are_one_message(capsys, tmp_path):
@@ -123,4 +226,4 @@ def test_user_errors_are_one_message(capsys, tmp_path):
 
 def test_validate_counts_the_work(suite_data, write_config, capsys):
     assert main(["validate", str(write_config(suite_data))]) == 0
-    assert "2 agents × 1 scenarios × 2 worlds = 4 runs, 360 motions" in capsys.readouterr().out
+    assert "2 agents × 1 scenario × 2 worlds = 4 runs, 360 motions" in capsys.readouterr().out

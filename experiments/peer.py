@@ -1,0 +1,103 @@
+"""Other environments under other interpreters, timed in turns with ours."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
+
+from experiments.errors import ConfigError
+
+WORKER = Path(__file__).with_name("peer_worker.py")
+
+
+class Peer:
+    """An environment in a process of its own, which steps only while it is being timed.
+
+    Attributes:
+        env_id: Its Gymnasium id.
+        substeps: Physics substeps in a step; None where they cannot be told.
+        timestep: Simulated seconds in a substep; None where they cannot be told.
+        versions: Of its interpreter and packages.
+
+    Args:
+        spec: "PYTHON=ENV_ID": an interpreter that has the environment, and the id, "module:Id" included.
+
+    Raises:
+        ConfigError: There is no such interpreter or environment; says what it said.
+    """
+
+    def __init__(self, spec: str) -> None:
+        self._spec = spec
+        python, _, self.env_id = spec.rpartition("=")
+        if not (python and self.env_id):
+            raise ConfigError(f"--peer {spec}: found no PYTHON=ENV_ID; allowed: such as python3=CartPole-v1")
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (as long as the process; a pipe would fill up)
+        try:
+            self._process = subprocess.Popen(
+                [python, "-c", WORKER.read_text(encoding="utf-8"), self.env_id],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._said,
+                env={**os.environ, "OMP_NUM_THREADS": "1"},
+                text=True,
+            )
+        except OSError as error:
+            self._said.close()
+            raise ConfigError(f"--peer {spec}: {python} cannot be run: {error.strerror}") from None
+        try:
+            about = self._answer()
+        except ConfigError:
+            self.close()
+            raise
+        self.substeps: int | None = about["substeps"]
+        self.timestep: float | None = about["timestep"]
+        self.versions: dict[str, str] = about["versions"]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.kill()
+        self._process.communicate()
+        self._said.close()
+
+    def seconds(self, steps: int) -> float:
+        """Makes so many environment steps; returns the seconds that they took.
+
+        Raises:
+            ConfigError: The environment failed, or its process ended.
+        """
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):  # no answer then says why
+            self._process.stdin.write(f"{steps}\n")
+            self._process.stdin.flush()
+        return float(self._answer()["seconds"])
+
+    def _answer(self) -> Any:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        answer: Any = None
+        with suppress(ValueError):
+            answer = json.loads(line)
+        if not isinstance(answer, dict):
+            raise ConfigError(f"--peer {self._spec}: {self._last_words(line)}")
+        if "error" in answer:
+            raise ConfigError(f"--peer {self._spec}: {answer['error']}")
+        return answer
+
+    def _last_words(self, line: str) -> str:
+        if line:
+            return f"answered {line.strip()!r}; PYTHON must be a Python with gymnasium"
+        code = self._process.wait()
+        self._said.seek(0)
+        said = self._said.read().decode(errors="replace").strip().splitlines()
+        return f"it ended with code {code}" + (f": {said[-1]}" if said else "")

@@ -1,0 +1,99 @@
+"""Times any Gymnasium environment, under whatever interpreter has it: `PYTHON -c THIS ENV_ID`.
+
+It imports nothing of ours, nothing beside gymnasium and what registers the environment, and runs under Python
+3.8 and later. It answers in lines of JSON: first what the environment is; then, for every line "STEPS" on its
+input, the seconds that so many environment steps of random actions took. An answer may also be an error.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+REGISTER = ("panda_gym", "gymnasium_robotics")
+
+
+def make(env_id: str) -> Any:
+    """The environment, once the packages that may have it are registered."""
+    import gymnasium
+
+    without = []
+    for package in REGISTER:
+        try:
+            module = __import__(package)
+        except Exception as error:  # not installed, or not with these versions of others
+            without.append(f"; {package}: {error}")
+            continue
+        if hasattr(gymnasium, "register_envs"):
+            gymnasium.register_envs(module)
+    try:
+        return gymnasium.make(env_id)
+    except gymnasium.error.Error as error:
+        hint = "" if ":" in env_id else f"; where importing MODULE registers it, say MODULE:{env_id}"
+        raise LookupError(f"{error}{''.join(without)}{hint}") from None
+
+
+def substeps_and_timestep(env: Any) -> tuple[int | None, float | None]:
+    """Physics substeps in a step and seconds in a substep, or Nones where they cannot be told."""
+    base = env.unwrapped
+    sim: Any = getattr(base, "sim", None)
+    if hasattr(sim, "n_substeps"):  # panda-gym
+        return int(sim.n_substeps), float(sim.timestep)
+    model: Any = getattr(base, "model", None)
+    substeps = getattr(base, "frame_skip", getattr(base, "n_substeps", None))
+    if substeps and hasattr(model, "opt"):  # MuJoCo environments of gymnasium and gymnasium-robotics
+        return int(substeps), float(model.opt.timestep)
+    return None, None
+
+
+def versions() -> dict[str, str]:
+    """Versions of the interpreter, and of what an environment's speed depends on, where it is loaded."""
+    found = {"python": sys.version.split()[0]}
+    for package in ("gymnasium", "numpy", "mujoco", "pybullet", *REGISTER):
+        if package in sys.modules:
+            try:
+                found[package] = version(package)
+            except PackageNotFoundError:
+                found[package] = "unknown"
+    return found
+
+
+def seconds(env: Any, steps: int) -> float:
+    """Makes environment steps; how long they took, without the resets between."""
+    actions = [env.action_space.sample() for _ in range(steps)]
+    total = 0.0
+    for action in actions:
+        start = time.perf_counter()
+        _, _, terminated, truncated, _ = env.step(action)
+        total += time.perf_counter() - start
+        if terminated or truncated:
+            env.reset()
+    return total
+
+
+def main(env_id: str) -> None:
+    """Answers until its input ends; what others print goes to the error stream."""
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+
+    def answer(found: dict[str, Any]) -> None:
+        print(json.dumps(found), file=answers, flush=True)
+
+    try:
+        env = make(env_id)
+        env.reset(seed=0)
+        env.action_space.seed(0)
+        substeps, timestep = substeps_and_timestep(env)
+        answer({"substeps": substeps, "timestep": timestep, "versions": versions()})
+        for line in sys.stdin:
+            answer({"seconds": seconds(env, int(line))})
+    except Exception as error:
+        answer({"error": " ".join(f"{type(error).__name__}: {error}".split())})
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

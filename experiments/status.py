@@ -1,0 +1,47 @@
+"""How far the runs in a results folder are."""
+
+import re
+from pathlib import Path
+
+from experiments.folder import FAILED, LOG, SPEC, at_work, folder_of, is_done, read_json, read_suite
+from experiments.plan import RunSpec, runs_of
+
+_MOTIONS = re.compile(r"^motions (\d+)/")
+
+
+def status(out: Path) -> tuple[str, bool]:
+    """A table of all runs of the suite that was run in a folder last, and whether any has failed.
+
+    Raises:
+        ConfigError: No suite was run there.
+    """
+    suite, command = read_suite(out)
+    runner = at_work(out)
+    rows = [(spec.id, *_state(spec, folder_of(out, spec.id), runner)) for spec in runs_of(suite)]
+    width = max(len(run) for run, _, _ in rows)
+    lines = [f"{run:{width}}  {state:11}  {detail}".rstrip() for run, state, detail in rows]
+    states = [state for _, state, _ in rows]
+    counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+    lines.append(f"{len(rows)} runs: {counts}; {'a runner is' if runner else 'no runner is'} at work")
+    lines.append(f"made by: {command}")
+    return "\n".join(lines), "failed" in states
+
+
+def _state(spec: RunSpec, folder: Path, runner: bool) -> tuple[str, str]:
+    if is_done(folder):
+        return "done", f"{spec.scenario.motions:,} motions"
+    if (folder / FAILED).exists():
+        failure = read_json(folder / FAILED)
+        last = failure["log_tail"][-1] if failure["log_tail"] else "it printed nothing"
+        return "failed", f"exit code {failure['exit_code']}: {last} ({folder / LOG})"
+    if not (folder / SPEC).exists():
+        return "waiting", ""
+    made = f"{_motions_made(folder):,} of {spec.scenario.motions:,} motions"
+    return ("running", made) if runner else ("interrupted", f"after {made}; begins anew")
+
+
+def _motions_made(folder: Path) -> int:
+    if not (folder / LOG).exists():
+        return 0
+    matches = map(_MOTIONS.match, (folder / LOG).read_text(encoding="utf-8").splitlines())
+    return max((int(match[1]) for match in matches if match), default=0)
