@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.agent import Look, Procedure, ProcedureAgent
-from agents.calibrated_model import CalibratedModel
-from agents.identification import Identification, Looks, identify, model_of
+from agents.calibration.calibrated_model import CalibratedModel
+from agents.calibration.identification import Identification, identify
+from agents.calibration.looks import Looks
+from agents.calibration.parameters import model_of
 from agents.jacobian import TestMotions, displacement_px
 from agents.servo.trial import Trial
 from calfree_gym.world import nominal
@@ -80,7 +82,7 @@ class SelfCalibrating(ProcedureAgent):
     def _explore(self, look: Look) -> Procedure:
         """Test motions of each motor alone, and a few of all together."""
         trial = Trial(look, TestMotions(len(look.registers)), self.FIRST_WORD, self.TEST_PX)
-        yield from trial.test_all()
+        yield from trial.test_hidden()
         for signs in self.TOGETHER:
             before = trial.look
             yield from trial.move(signs * trial.test_words)

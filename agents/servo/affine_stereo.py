@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.agent import Array, Look, Procedure, ProcedureAgent
-from agents.calibrated_model import CalibratedModel
+from agents.calibration.calibrated_model import CalibratedModel
 from calfree_gym.world import nominal
 
 

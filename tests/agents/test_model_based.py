@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import agents
 import calfree_gym
 from agents.agent import Look
-from agents.calibrated_model import CalibratedModel
+from agents.calibration.calibrated_model import CalibratedModel
 from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
 

@@ -12,8 +12,10 @@ import pytest
 import agents
 import calfree_gym
 from agents.agent import Look
-from agents.calibrated_model import CalibratedModel
-from agents.identification import Looks, identify, model_of
+from agents.calibration.calibrated_model import CalibratedModel
+from agents.calibration.identification import identify
+from agents.calibration.looks import Looks
+from agents.calibration.parameters import model_of
 from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
 

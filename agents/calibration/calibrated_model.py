@@ -85,14 +85,19 @@ class CalibratedModel:
 
     def image(self, points: Array, joints: Array) -> Array:
         """Sensor vectors (..., n, 4) of `points` (..., n, 3) in the room, seen with the arm at `joints`."""
-        mounted = self._turned(points, -joints[..., 0]) if self.turning else points
         flat, _ = pinhole(
-            mounted[..., None, :], self.camera_position[..., None, :, :], self.camera_axes[..., None, :, :, :]
+            self.mounted(points, joints)[..., None, :],
+            self.camera_position[..., None, :, :],
+            self.camera_axes[..., None, :, :, :],
         )
         seen, _ = image_points(
             flat, self.focal_length[..., None, :, None], np.zeros(2), self.lens_k1[..., None, :]
         )
         return seen.reshape(*seen.shape[:-2], 4)
+
+    def mounted(self, points: Array, joints: Array) -> Array:
+        """Points (..., n, 3) in the room, in the frame of the cameras' mount."""
+        return self._turned(points, -joints[..., 0]) if self.turning else points
 
     def triangulate(self, sensors: Array, joints: Array) -> Array:
         """Points (n, 3) in the room that one robot, its arm at `joints` (n, 4), sees at `sensors` (n, 4)."""

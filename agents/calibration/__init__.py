@@ -1,0 +1,1 @@
+"""What a calibrated robot believes of itself, and how it finds that out from its own motions."""
