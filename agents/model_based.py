@@ -7,8 +7,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.agent import Look, Procedure, ProcedureAgent
+from agents.agent import Array, Look, Procedure, ProcedureAgent
 from agents.calibration.calibrated_model import CalibratedModel
+from agents.sensing import Looking, Senses
 from calfree_gym.world import nominal
 
 
@@ -33,25 +34,32 @@ class ModelBased(ProcedureAgent):
         return f"ModelBased(camera_mount={self.camera_mount!r})"
 
     def procedure(self, look: Look) -> Procedure:
-        """See `ProcedureAgent`."""
-        yield from look_and_move(self.model, look)
+        """Goes to where the object is by the model; where it misses, moves by what still lies between.
 
-
-def look_and_move(model: CalibratedModel, look: Look) -> Procedure:
-    """Goes to where the object is by `model`; where it misses, moves by what still lies between.
-
-    The gripper is then triangulated with the object, so that what is wrong with both is wrong with neither
-    (position-based look-and-move with the endpoint closed loop, after Hutchinson, Hager & Corke 1996). Where
-    a motion loses a point from view, it is taken back by half.
-    """
-    while True:
-        joints = model.joints(look.registers[None])
-        if not look.registers.any():
-            goal = model.triangulate(look.object[None], joints)[0]
-        else:
+        The gripper is then triangulated with the object, so that what is wrong with both is wrong with
+        neither (position-based look-and-move with the endpoint closed loop, after Hutchinson, Hager & Corke
+        1996). Where a motion loses a point from view, it is taken back by half.
+        """
+        senses, model = Senses(), self.model
+        look = yield from senses.first(look)
+        while True:
+            joints = model.joints(look.registers[None])
             gripper, object_ = model.triangulate(np.stack([look.gripper, look.object]), joints)
-            goal = model.gripper(joints)[0] + object_ - gripper
-        before, registers = look, model.registers(goal)
-        look = yield registers - look.registers
-        while not look.visible.all():
-            look = yield (before.registers - look.registers) / 2
+            goal = object_
+            if look.registers.any():
+                goal = model.gripper(joints)[0] + object_ - gripper
+            before, words = look, model.registers(goal) - look.registers
+            look = yield from move_by_model(model, object_, senses, before, words)
+            while not look.visible.all():
+                words = (before.registers - look.registers) / 2
+                look = yield from move_by_model(model, object_, senses, look, words)
+
+
+def move_by_model(
+    model: CalibratedModel, object_: Array, senses: Senses, before: Look, words: Array
+) -> Looking:
+    """Executes words (m,); the look after them is trusted by what the model, and the object (3,), predict."""
+    look = yield words
+    registers = np.stack([before.registers, look.registers])
+    start, end = model.points(registers, np.stack([object_, object_]))
+    return (yield from senses.settle(look, before, end - start, np.ones(4, bool)))

@@ -73,9 +73,8 @@ class CalibratedModel:
     def joints(self, registers: Array) -> Array:
         """Angles (..., n, 4) of J1-J4 in rad at `registers` (n, 3); J4 is held vertical, as believed."""
         bent = registers + self.motor_curvature[..., None, :] * registers * (registers * registers - 1)
-        zeros = self.joint_zeros[..., None, :]
-        first = HOME + zeros[..., :3] + (self.motor_gain * SPAN)[..., None, :] * bent
-        wrist = -np.pi / 2 + zeros[..., 1:].sum(-1) - first[..., 1] - first[..., 2]
+        first = self._rest + self._scale * bent
+        wrist = self._vertical[..., None] - first[..., 1] - first[..., 2]
         wrist = np.minimum(np.maximum(wrist, JOINT_LIMITS[3, 0]), JOINT_LIMITS[3, 1])
         return np.concatenate([first, wrist[..., None]], -1)
 
@@ -94,6 +93,13 @@ class CalibratedModel:
             flat, self.focal_length[..., None, :, None], np.zeros(2), self.lens_k1[..., None, :]
         )
         return seen.reshape(*seen.shape[:-2], 4)
+
+    def points(self, registers: Array, objects: Array) -> Array:
+        """Gripper and object points (..., n, 8) seen at `registers` (n, 3), with objects at (..., n, 3)."""
+        joints = self.joints(registers)
+        both = np.concatenate([self.gripper(joints), objects], -2)
+        seen = self.image(both, np.concatenate([joints, joints], -2))
+        return np.concatenate([seen[..., : len(registers), :], seen[..., len(registers) :, :]], -1)
 
     def mounted(self, points: Array, joints: Array) -> Array:
         """Points (..., n, 3) in the room, in the frame of the cameras' mount."""
@@ -115,10 +121,9 @@ class CalibratedModel:
 
         Inverse kinematics in closed form, with the elbow up and the gripper as vertical as it is held.
         """
-        _, shoulder, upper_arm, forearm, hand = self.link_lengths
-        tilt = -np.pi / 2 + self.joint_zeros[1:].sum()
-        out = np.hypot(point[0], point[1]) - shoulder - hand * np.cos(tilt)
-        up = point[2] - self.link_lengths[0] - hand * np.sin(tilt)
+        base, shoulder, upper_arm, forearm, hand = self.link_lengths
+        out = np.hypot(point[0], point[1]) - shoulder - hand * np.cos(self._vertical)
+        up = point[2] - base - hand * np.sin(self._vertical)
         bend = (out * out + up * up - upper_arm**2 - forearm**2) / (2 * upper_arm * forearm)
         elbow = -np.arccos(min(max(bend, -1.0), 1.0))
         shoulder_angle = np.arctan2(up, out) - np.arctan2(
@@ -131,8 +136,23 @@ class CalibratedModel:
     def _turned(points: Array, waist: Array) -> Array:
         """Points (..., n, 3) turned about the waist's axis by `waist` (..., n) in rad."""
         c, s = np.cos(waist), np.sin(waist)
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        return np.stack(np.broadcast_arrays(c * x - s * y, s * x + c * y, z), -1)
+        x, y = points[..., 0], points[..., 1]
+        turned = np.empty((*np.broadcast_shapes(c.shape, x.shape), 3))
+        turned[..., 0], turned[..., 1], turned[..., 2] = c * x - s * y, s * x + c * y, points[..., 2]
+        return turned
+
+    @cached_property
+    def _rest(self) -> Array:
+        return HOME + self.joint_zeros[..., None, :3]
+
+    @cached_property
+    def _scale(self) -> Array:
+        return self.motor_gain[..., None, :] * SPAN
+
+    @cached_property
+    def _vertical(self) -> Array:
+        """Sum of the angles of J2-J4 (...) with the hand held vertical, as believed."""
+        return -np.pi / 2 + self.joint_zeros[..., 1:].sum(-1)
 
     @cached_property
     def _lenses(self) -> list[tuple[Array, Array]]:
