@@ -4,6 +4,7 @@ import argparse
 import json
 import shlex
 import sys
+from collections import Counter
 from pathlib import Path
 
 from experiments.errors import ConfigError
@@ -91,10 +92,15 @@ def _positive(text: str) -> int:
 
 def _validate(config: Path, overrides: list[str]) -> int:
     suite = load(config, overrides)
-    motions = sum(spec.scenario.motions for spec in runs_of(suite))
-    counts = ((len(suite.agents), "agent"), (len(suite.scenarios), "scenario"), (suite.worlds, "world"))
-    product = " × ".join(f"{count} {what}{'s' * (count > 1)}" for count, what in counts)
-    print(f"{config}: valid: {product} = {len(runs_of(suite))} runs, {motions:,} motions")
+    parts = ((len(suite.agents), "agent"), (len(suite.scenarios), "scenario"), (len(suite.sweeps), "sweep"))
+    counts = ", ".join(f"{n} {what}{'s' * (n > 1)}" for n, what in (*parts, (suite.worlds, "world")) if n)
+    runs = runs_of(suite)
+    work = Counter[str]()
+    for run in runs:
+        amount, of = run.work
+        work[of] += amount
+    todo = ", ".join(f"{amount:,} {of}" for of, amount in work.items())
+    print(f"{config}: valid: {counts}: {len(runs)} runs, {todo}")
     return 0
 
 

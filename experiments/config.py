@@ -1,6 +1,7 @@
 """What is compared with what: a suite, read from YAML into frozen models."""
 
 import math
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import gymnasium
@@ -8,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 import agents
 import calfree_gym
+from calfree_gym.perturbations import TYPES, parse_perturbation
 from calfree_gym.schedule import parse_schedule
 from calfree_gym.world import DISTRIBUTIONS, IMAGE_SIZE, near_misses
 
@@ -38,7 +40,6 @@ class EnvironmentConfig(Model):
     redraw: Literal["never", "trial"] = "never"
     terminate_on_success: bool = True
     keep_in_view: bool = True
-    tell: tuple[str, ...] = Field((), strict=False)
 
     @field_validator("id")
     @classmethod
@@ -55,9 +56,11 @@ class EnvironmentConfig(Model):
     def _known_mount(cls, value: str) -> str:
         return _one_of(value, calfree_gym.MOUNTS)
 
-    def make(self, perturbations: tuple[dict[str, Any], ...] = ()) -> gymnasium.Env[Any, Any]:
-        """Builds the environment."""
-        arguments = self.model_dump(exclude={"id"})
+    def make(
+        self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()
+    ) -> gymnasium.Env[Any, Any]:
+        """Builds the environment for an agent that must be told `tell`."""
+        arguments = {**self.model_dump(exclude={"id"}), "tell": tell}
         return gymnasium.make(self.id, perturbations=list(perturbations) or None, **arguments)
 
 
@@ -83,11 +86,53 @@ class ScenarioConfig(Model):
         return value
 
 
+class SweepConfig(Model):
+    """One setting of one perturbation, varied: how every agent, untaught, does at each of its values."""
+
+    name: Name
+    env: EnvironmentConfig
+    do: dict[str, Any]
+    vary: str
+    over: tuple[int | float, ...] = Field(min_length=1, strict=False)
+
+    @field_validator("do")
+    @classmethod
+    def _known_perturbation(cls, value: dict[str, Any]) -> dict[str, Any]:
+        parse_perturbation(value, "do")
+        return value
+
+    @field_validator("vary")
+    @classmethod
+    def _a_number_of_it(cls, value: str, info: ValidationInfo) -> str:
+        do = info.data.get("do")
+        if do is None:
+            return value
+        settings = TYPES[do["type"]].settings()
+        numbers = tuple(name for name, setting in settings.items() if not setting.names)
+        if value in do:
+            raise ValueError(f"do gives {value} already")
+        return _one_of(value, tuple(name for name in numbers if name not in do))
+
+    @field_validator("over")
+    @classmethod
+    def _ascending_and_allowed(cls, value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        if {"do", "vary"} <= info.data.keys():
+            for i, found in enumerate(value):
+                parse_perturbation({**info.data["do"], info.data["vary"]: found}, f"over.{i}")
+        if any(later <= earlier for earlier, later in pairwise(value)):
+            raise ValueError("the values must ascend")
+        return value
+
+    def perturbations(self, value: float) -> tuple[dict[str, Any], ...]:
+        """The schedule at one of the values: it strikes before a world's first trial."""
+        return ({"at": {"trial": 0}, "do": {**self.do, self.vary: value}},)
+
+
 class EvaluationConfig(Model):
     """Held-out trials, every so many lifetime motions and right after a perturbation."""
 
-    every: int = Field(gt=0)
-    trials: int = Field(gt=0)
+    every: int = Field(default=1_000, gt=0)
+    trials: int = Field(default=20, gt=0)
 
 
 class AgentConfig(Model):
@@ -113,20 +158,32 @@ class AgentConfig(Model):
 
 
 class Suite(Model):
-    """A question, and the runs that answer it: every agent in every scenario and world."""
+    """A question, and the runs that answer it: every agent in every scenario and sweep, in every world."""
 
     name: Name
     question: str
     seed: int = Field(0, ge=0)
     worlds: int = Field(gt=0)
-    scenarios: tuple[ScenarioConfig, ...] = Field(min_length=1, strict=False)
-    evaluation: EvaluationConfig
+    scenarios: tuple[ScenarioConfig, ...] = Field((), strict=False)
+    sweeps: tuple[SweepConfig, ...] = Field((), strict=False, validate_default=True)
+    evaluation: EvaluationConfig = EvaluationConfig()
     agents: tuple[AgentConfig, ...] = Field(min_length=1, strict=False)
 
     @field_validator("scenarios")
     @classmethod
     def _distinct_scenarios(cls, value: tuple[ScenarioConfig, ...]) -> tuple[ScenarioConfig, ...]:
         _distinct([scenario.name for scenario in value], "name")
+        return value
+
+    @field_validator("sweeps")
+    @classmethod
+    def _something_to_run(
+        cls, value: tuple[SweepConfig, ...], info: ValidationInfo
+    ) -> tuple[SweepConfig, ...]:
+        scenarios = info.data.get("scenarios")
+        if scenarios == () == value:
+            raise ValueError("there is nothing to run: neither scenarios nor sweeps are given")
+        _distinct([part.name for part in scenarios or ()] + [sweep.name for sweep in value], "name")
         return value
 
     @field_validator("agents")

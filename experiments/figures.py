@@ -22,7 +22,7 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), "-.", (0, (3, 1, 1, 1, 1, 1)), "-", "--")
 _ROOM_FOR_WORDS = 2  # labels side by side above a panel
 
-_STYLE: Any = {
+STYLE: Any = {
     "font.size": 10,
     "axes.titlesize": 10.5,
     "axes.titlelocation": "left",
@@ -63,7 +63,7 @@ def learning_curves(
         cap: Motions after which a trial has failed.
         perturbations: Each is marked by a line, or by a span where runs were perturbed at different motions.
     """
-    with plt.rc_context(_STYLE):
+    with plt.rc_context(STYLE):
         figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.3), layout="constrained")
         for index, agent in enumerate(agents):
             _draw(left, curve_of(agent, SUCCESS), agent, index)
@@ -87,10 +87,21 @@ def learning_curves(
     return figure
 
 
+def line_of(index: int) -> dict[str, Any]:
+    """How the line of the agent with this index is drawn, in every figure."""
+    return {
+        "color": _COLOURS[index % len(_COLOURS)],
+        "linestyle": _DASHES[index % len(_DASHES)],
+        "marker": _MARKERS[index % len(_MARKERS)],
+        "markersize": 4,
+        "linewidth": 1.6,
+    }
+
+
 def save(figure: Figure, folder: Path, name: str) -> str:
     """Writes a figure as PNG and SVG, and returns the SVG's text."""
     folder.mkdir(parents=True, exist_ok=True)
-    with plt.rc_context(_STYLE):
+    with plt.rc_context(STYLE):
         figure.savefig(folder / f"{name}.png", dpi=160)
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
     plt.close(figure)
@@ -98,19 +109,10 @@ def save(figure: Figure, folder: Path, name: str) -> str:
 
 
 def _draw(axes: Axes, curve: Curve, agent: str, index: int) -> None:
-    colour = _COLOURS[index % len(_COLOURS)]
+    line = line_of(index)
     low, high = curve.band()
-    axes.fill_between(curve.motions, low, high, color=colour, alpha=0.18, linewidth=0)
-    axes.plot(
-        curve.motions,
-        curve.mean,
-        color=colour,
-        linestyle=_DASHES[index % len(_DASHES)],
-        marker=_MARKERS[index % len(_MARKERS)],
-        markersize=4,
-        linewidth=1.6,
-        label=agent,
-    )
+    axes.fill_between(curve.motions, low, high, color=line["color"], alpha=0.18, linewidth=0)
+    axes.plot(curve.motions, curve.mean, label=agent, **line)
 
 
 def _mark(axes: Axes, perturbations: tuple[Perturbation, ...]) -> None:

@@ -7,8 +7,8 @@ from typing import Any, get_args
 import yaml
 from pydantic import BaseModel, ValidationError
 
-import agents
 from calfree_gym.world import near_misses
+from experiments.asking import asked
 from experiments.config import Suite
 from experiments.errors import ConfigError
 from experiments.overrides import with_overrides
@@ -82,16 +82,15 @@ def _unbuildable(suite: Suite) -> list[str]:
     wrong = {}
     for i, scenario in enumerate(suite.scenarios):
         try:
-            env = scenario.env.make(scenario.perturbations)
+            scenario.env.make(scenario.perturbations).close()
         except ValueError as error:
             wrong[f"scenarios.{i}.env"] = f"{error}"
-            continue
+    for env in [scenario.env for scenario in suite.scenarios] + [sweep.env for sweep in suite.sweeps]:
         for j, agent in enumerate(suite.agents):
             try:
-                agents.make(agent.name, env, seed=0, **agent.settings)
+                asked(agent, env)
             except Exception as error:  # whatever a library raises at a setting that it cannot use
                 wrong[f"agents.{j}.settings"] = f"found {_short(agent.settings)}: {error}"
-        env.close()
     return [f"{where}: {what}" for where, what in wrong.items()]
 
 

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 
+from experiments.summary import Cell
+
 _CSS = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1c1c1c; max-width: 62rem;
        margin: 2rem auto; padding: 0 1rem; }
@@ -39,6 +41,16 @@ class Section:
     note: str = ""
     code: str = ""
     alarming: bool = False
+
+
+def percent(cell: Cell) -> str:
+    """A share with its interval."""
+    return f"{cell.value:.0%} [{cell.low:.0%}, {cell.high:.0%}]".replace("%", " %")
+
+
+def number(cell: Cell) -> str:
+    """A number with its interval."""
+    return f"{cell.value:.1f} [{cell.low:.1f}, {cell.high:.1f}]"
 
 
 def html_page(title: str, question: str, sections: Sequence[Section]) -> str:

@@ -8,7 +8,13 @@ from typing import Protocol, Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-_MOTIONS = re.compile(r"^motions (\d+)/")
+_DONE = re.compile(r"^(?:motions|trials) (\d+)/")
+
+
+def done_by(line: str) -> int | None:
+    """How much of its work a run has done when it prints a line, where the line tells."""
+    match = _DONE.match(line)
+    return int(match[1]) if match else None
 
 
 class Display(Protocol):
@@ -28,8 +34,8 @@ class Display(Protocol):
     def say(self, text: str) -> None:
         """Shows a line that stays."""
 
-    def start(self, run: str, motions: int) -> None:
-        """A run begins its life of so many motions."""
+    def start(self, run: str, amount: int, of: str) -> None:
+        """A run begins its work: so many motions, or trials."""
 
     def line(self, run: str, line: str) -> None:
         """A run has printed a line."""
@@ -51,9 +57,9 @@ class Lines:
         """Prints a line."""
         print(text, flush=True)
 
-    def start(self, run: str, motions: int) -> None:
+    def start(self, run: str, amount: int, of: str) -> None:
         """Says that a run begins."""
-        self.say(f"{run}: started, {motions:,} motions")
+        self.say(f"{run}: started, {amount:,} {of}")
 
     def line(self, run: str, line: str) -> None:
         """Keeps quiet: the run's log has its lines."""
@@ -70,7 +76,7 @@ class Bars:
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
-            TextColumn("{task.completed:,.0f} of {task.total:,.0f} motions"),
+            TextColumn("{task.completed:,.0f} of {task.total:,.0f} {task.fields[of]}"),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
             console=console,
@@ -88,14 +94,14 @@ class Bars:
         """Prints a line above the bars."""
         self._progress.console.print(text, markup=False, highlight=False)
 
-    def start(self, run: str, motions: int) -> None:
+    def start(self, run: str, amount: int, of: str) -> None:
         """Adds a bar."""
-        self._bars[run] = self._progress.add_task(run, total=motions)
+        self._bars[run] = self._progress.add_task(run, total=amount, of=of)
 
     def line(self, run: str, line: str) -> None:
         """Moves a bar, where the line tells how far the run is."""
-        if match := _MOTIONS.match(line):
-            self._progress.update(self._bars[run], completed=int(match[1]))
+        if (done := done_by(line)) is not None:
+            self._progress.update(self._bars[run], completed=done)
 
     def end(self, run: str, outcome: str) -> None:
         """Turns a bar into a line."""

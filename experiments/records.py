@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from experiments.evaluation import THRESHOLDS_PX, TrialRecord
-from experiments.plan import RunSpec
+from experiments.plan import Run
 
 TRIALS = "trials.jsonl"
 
@@ -20,7 +20,9 @@ SCHEMA = pa.schema(
         ("scenario", pa.string()),
         ("agent", pa.string()),
         ("world", pa.int64()),
-        ("phase", pa.string()),  # "train": the agent's own trials; "eval": held-out ones
+        ("phase", pa.string()),  # "train": the agent's own trials; "eval": held-out ones; "sweep"
+        ("value", pa.float64()),  # of what a sweep varies; null elsewhere
+        ("in_view", pa.bool_()),  # of a sweep's trials; null elsewhere
         ("lifetime_motions", pa.int64()),
         ("motions_since_perturbation", pa.int64()),  # null before the first one
         ("trial", pa.int64()),
@@ -54,9 +56,14 @@ class TrialLog:
         self._file.close()
 
     def write(
-        self, phase: str, lifetime_motions: int, since_perturbation: int | None, record: TrialRecord
+        self,
+        phase: str,
+        lifetime_motions: int,
+        since_perturbation: int | None,
+        record: TrialRecord,
+        **columns: Any,
     ) -> None:
-        """Appends one trial."""
+        """Appends one trial; `columns` are those that only some runs have."""
         row = {
             "phase": phase,
             "lifetime_motions": lifetime_motions,
@@ -68,21 +75,17 @@ class TrialLog:
             "error_px": record.error_px,
             "distance_mm": record.distance_mm,
             **{f"motions_to_{px}": motion for px, motion in record.motions_to.items()},
+            **columns,
         }
         self._file.write(json.dumps(row) + "\n")
         self._file.flush()
 
 
-def compact(folders: dict[Path, RunSpec], target: Path) -> None:
+def compact(folders: dict[Path, Run], target: Path) -> None:
     """Gathers the curves of finished runs into one Parquet file, replaced as a whole."""
     rows: list[dict[str, Any]] = []
     for folder, spec in folders.items():
-        of_run = {
-            "run": spec.id,
-            "scenario": spec.scenario.name,
-            "agent": spec.agent.label,
-            "world": spec.world,
-        }
+        of_run = {"run": spec.id, **spec.where}
         lines = (folder / TRIALS).read_text(encoding="utf-8").splitlines()
         rows.extend(of_run | json.loads(line) for line in lines)
     partial = target.with_suffix(".partial")

@@ -23,7 +23,7 @@ from experiments.folder import (
     write_json,
     write_whole,
 )
-from experiments.plan import RunSpec, runs_of
+from experiments.plan import Run, runs_of
 from experiments.progress import Display
 from experiments.versions import REPOSITORY, versions
 
@@ -87,7 +87,7 @@ class Runner:
                 pool.shutdown(cancel_futures=True)
         return [spec.id for spec in runs if not is_done(folder_of(self._out, spec.id))]
 
-    def _run_one(self, spec: RunSpec) -> None:
+    def _run_one(self, spec: Run) -> None:
         if self._stopped.is_set():
             return
         folder = folder_of(self._out, spec.id)
@@ -95,7 +95,7 @@ class Runner:
         folder.mkdir(parents=True)
         write_whole(folder / SPEC, spec.model_dump_json(indent=2))
         write_json(folder / VERSIONS, self._versions)
-        self._display.start(spec.id, spec.scenario.motions)
+        self._display.start(spec.id, *spec.work)
         start = time.monotonic()
         exit_code = self._follow(spec.id, folder)
         wall = f"{time.monotonic() - start:.0f} s"

@@ -1,12 +1,10 @@
 """How far the runs in a results folder are."""
 
-import re
 from pathlib import Path
 
 from experiments.folder import FAILED, LOG, SPEC, at_work, folder_of, is_done, read_json, read_suite
-from experiments.plan import RunSpec, runs_of
-
-_MOTIONS = re.compile(r"^motions (\d+)/")
+from experiments.plan import Run, runs_of
+from experiments.progress import done_by
 
 
 def status(out: Path) -> tuple[str, bool]:
@@ -27,21 +25,22 @@ def status(out: Path) -> tuple[str, bool]:
     return "\n".join(lines), "failed" in states
 
 
-def _state(spec: RunSpec, folder: Path, runner: bool) -> tuple[str, str]:
+def _state(spec: Run, folder: Path, runner: bool) -> tuple[str, str]:
+    whole, of = spec.work
     if is_done(folder):
-        return "done", f"{spec.scenario.motions:,} motions"
+        return "done", f"{whole:,} {of}"
     if (folder / FAILED).exists():
         failure = read_json(folder / FAILED)
         last = failure["log_tail"][-1] if failure["log_tail"] else "it printed nothing"
         return "failed", f"exit code {failure['exit_code']}: {last} ({folder / LOG})"
     if not (folder / SPEC).exists():
         return "waiting", ""
-    made = f"{_motions_made(folder):,} of {spec.scenario.motions:,} motions"
+    made = f"{_made(folder):,} of {whole:,} {of}"
     return ("running", made) if runner else ("interrupted", f"after {made}; begins anew")
 
 
-def _motions_made(folder: Path) -> int:
+def _made(folder: Path) -> int:
     if not (folder / LOG).exists():
         return 0
-    matches = map(_MOTIONS.match, (folder / LOG).read_text(encoding="utf-8").splitlines())
-    return max((int(match[1]) for match in matches if match), default=0)
+    lines = (folder / LOG).read_text(encoding="utf-8").splitlines()
+    return max((done for line in lines if (done := done_by(line)) is not None), default=0)

@@ -19,11 +19,13 @@ PACKAGES = (
 _WHAT_MAKES_A_RESULT = (
     "calfree_gym",
     "agents",
+    "experiments/asking.py",
     "experiments/config.py",
     "experiments/evaluation.py",
     "experiments/life.py",
     "experiments/plan.py",
     "experiments/records.py",
+    "experiments/sweep.py",
     "experiments/worker.py",
 )
 

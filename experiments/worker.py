@@ -8,13 +8,17 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 import agents
+from experiments.asking import asked
 from experiments.curves import Curves
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.folder import DONE, SPEC, write_json
 from experiments.life import Life
-from experiments.plan import RunSpec
+from experiments.plan import LifeRun, SweepRun
 from experiments.records import TrialLog
+from experiments.sweep import sweep
 
 
 class Checkpoints:
@@ -24,12 +28,12 @@ class Checkpoints:
     at every trial does not turn into one long evaluation.
     """
 
-    def __init__(self, spec: RunSpec, life: Life, log: TrialLog, curves: Curves):
+    def __init__(self, spec: LifeRun, life: Life, log: TrialLog, curves: Curves, tell: tuple[str, ...]):
         self._spec = spec
         self._life = life
         self._log = log
         self._curves = curves
-        self._env = spec.scenario.env.make()
+        self._env = spec.scenario.env.make(tell=tell)
         self._next_scheduled = 0
         self._perturbations_seen = 0
         self._one_more_made = False
@@ -68,7 +72,7 @@ class Checkpoints:
         )
 
 
-def live(spec: RunSpec, folder: Path) -> dict[str, Any]:
+def live(spec: LifeRun, folder: Path) -> dict[str, Any]:
     """Lets one agent live through its scenario, and logs every trial into `folder`.
 
     Returns:
@@ -80,10 +84,11 @@ def live(spec: RunSpec, folder: Path) -> dict[str, Any]:
             log.write("train", life.motions, life.since_perturbation, record)
             curves.write("train", life.motions, [record])
 
-        env = spec.scenario.env.make(spec.scenario.perturbations)
+        tell, settings = asked(spec.agent, spec.scenario.env)
+        env = spec.scenario.env.make(spec.scenario.perturbations, tell)
         life = Life(env, spec.world_seed, log_trial)
-        agent = agents.make(spec.agent.name, life, seed=spec.agent_seed, **spec.agent.settings)
-        checkpoints = Checkpoints(spec, life, log, curves)
+        agent = agents.make(spec.agent.name, life, seed=spec.agent_seed, **settings)
+        checkpoints = Checkpoints(spec, life, log, curves, tell)
         checkpoints.evaluate_if_due(agent)
 
         def after_motion(progress: Any) -> bool:
@@ -96,14 +101,15 @@ def live(spec: RunSpec, folder: Path) -> dict[str, Any]:
                 f"{spec.agent.name} made {life.motions} motions; it was given {spec.scenario.motions}"
             )
         checkpoints.finish(agent)
-    return {"told": list(agent.told), "perturbations": life.perturbations}
+    return {"told": list(tell), "perturbations": life.perturbations}
 
 
 def main(folder: Path) -> None:
     """Makes the run that `folder` describes; DONE.json is the last thing to appear in it."""
-    spec = RunSpec.model_validate_json((folder / SPEC).read_text(encoding="utf-8"))
+    kinds: TypeAdapter[LifeRun | SweepRun] = TypeAdapter(LifeRun | SweepRun)
+    run = kinds.validate_json((folder / SPEC).read_text(encoding="utf-8"))
     start = time.monotonic()
-    outcome = live(spec, folder)
+    outcome = sweep(run, folder) if isinstance(run, SweepRun) else live(run, folder)
     outcome["wall_seconds"] = round(time.monotonic() - start, 1)
     write_json(folder / DONE, outcome)
 
