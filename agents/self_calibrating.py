@@ -10,14 +10,28 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.agent import Look, Procedure, ProcedureAgent
+from agents.agent import Array, Look, Procedure, ProcedureAgent
 from agents.calibration.calibrated_model import CalibratedModel
 from agents.calibration.identification import Identification, identify
 from agents.calibration.looks import Looks
 from agents.calibration.parameters import model_of
 from agents.jacobian import TestMotions, displacement_px
-from agents.servo.trial import Trial
+from agents.model_based import move_by_model
+from agents.servo.trial import Motions, Trial
 from calfree_gym.world import nominal
+
+
+class Calibration:
+    """What is known of the robot, and from which looks.
+
+    Attributes:
+        looks: Those of earlier trials, and of this one.
+        known: What was identified from them; None before there were enough.
+    """
+
+    def __init__(self, looks: Looks, known: Identification | None) -> None:
+        self.looks = looks
+        self.known = known
 
 
 class SelfCalibrating(ProcedureAgent):
@@ -34,22 +48,17 @@ class SelfCalibrating(ProcedureAgent):
         camera_mount: What the cameras are fixed to: "waist" or "stand".
     """
 
-    FIRST_WORD = 0.04
-    TEST_PX = 30.0
-    TOGETHER = np.array([[1.0, 1.0, -1.0], [-1.0, 1.0, 1.0]])
-    """Test motions of all motors at once, in units of their test words."""
     SURPRISE = 50.0
     """Two looks in a row that surprise the model by more end its validity, see `Identification.surprise`."""
-    TRIES, MISSED = 6, 6.0
+    TRIES, MISSED = 6, 8.0
     """So does missing the object by so many times the noise after so many motions."""
     MEMORY = 80
-    """Looks kept from earlier trials."""
+    """Looks kept from earlier trials at most; of more, the later half is."""
 
     def __init__(self, env: gym.Env[Any, Any], camera_mount: str = "waist", seed: int = 0) -> None:
         super().__init__(env, seed)
         self.camera_mount = camera_mount
-        self.looks = Looks.none()
-        self.known: Identification | None = None
+        self.calibration = Calibration(Looks.none(), None)
         self._built = CalibratedModel.of(nominal(), camera_mount)
 
     @property
@@ -59,66 +68,110 @@ class SelfCalibrating(ProcedureAgent):
 
     def procedure(self, look: Look) -> Procedure:
         """See `ProcedureAgent`."""
-        earlier, known = self.looks, self.known
-        trial, doubts, tries = [look], 0, 0
+        return self.seek(look, Calibration(self.calibration.looks, self.calibration.known))
+
+    def seek(self, look: Look, calibration: Calibration) -> Procedure:
+        """The procedure, which keeps what it finds out in `calibration`."""
+        trial = _NotedTrial(look)
+        yield from trial.begin()
+        earlier, known = calibration.looks, calibration.known
+        doubts = tries = 0
         while True:
             if known is None:
-                yield from _noting(self._explore(trial[-1]), trial)
-                known, tries = identify(earlier.and_trial(trial), self._built), 0
-            latest = identify(earlier.and_trial(trial), self._built, known)
-            doubts = doubts + 1 if known.surprise(latest) > self.SURPRISE else 0
-            missed_px = displacement_px(trial[-1].distance)
-            if doubts == 2 or (tries >= self.TRIES and missed_px > self.MISSED * latest.noise_px):
-                earlier, trial, known, doubts = Looks.none(), trial[-2:], None, 0
+                yield from trial.explore()
+                known, tries = identify(earlier.and_trial(trial.looks), self._built, trial.noise_px), 0
+            looks = earlier.and_trial(trial.looks)
+            latest = identify(looks, self._built, trial.noise_px, known)
+            doubts = doubts + 1 if known.surprise(latest, trial.noise_px) > self.SURPRISE else 0
+            missed = displacement_px(trial.look.distance) > self.MISSED * trial.noise_px
+            if doubts == 2 or (tries >= self.TRIES and missed):
+                earlier, known, doubts = Looks.none(), None, 0
+                trial.looks = trial.looks[-2:]
                 continue
             known = known if doubts else latest
+            calibration.looks, calibration.known = looks, latest
             model = model_of(self._built, latest.signs, latest.parameters)
-            before = trial[-1]
-            trial.append((yield model.registers(latest.objects[-1]) - before.registers))
+            yield from trial.go(model, latest.objects[-1])
             tries += 1
-            while not trial[-1].visible.all():
-                trial.append((yield (before.registers - trial[-1].registers) / 2))
-
-    def _explore(self, look: Look) -> Procedure:
-        """Test motions of each motor alone, and a few of all together."""
-        trial = Trial(look, TestMotions(len(look.registers)), self.FIRST_WORD, self.TEST_PX)
-        yield from trial.test_hidden()
-        for signs in self.TOGETHER:
-            before = trial.look
-            yield from trial.move(signs * trial.test_words)
-            while not trial.look.visible.all():
-                yield from trial.move((before.registers - trial.look.registers) / 2)
 
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
-        """See `ProcedureAgent`. Looks teach the model, however the trial ends."""
-        both = self.looks.and_trial(looks)
-        latest = identify(both, self._built, self.known)
-        if self.known is not None and self.known.surprise(latest) > self.SURPRISE:
-            both = Looks.none().and_trial(looks)
-            latest = identify(both, self._built)
-        self.looks = both.latest(self.MEMORY)
-        self.known = identify(self.looks, self._built, latest)
+        """See `ProcedureAgent`. Looks teach the model, however the trial ends.
+
+        What the procedure made of its looks it makes of them again here: `predict` must not change knowledge.
+        """
+        calibration = Calibration(self.calibration.looks, self.calibration.known)
+        again = self.seek(looks[0], calibration)
+        next(again)
+        for look in looks[1:]:
+            again.send(look)
+        if len(calibration.looks.trial) > self.MEMORY:
+            calibration.looks = calibration.looks.latest(self.MEMORY // 2)
+            calibration.known = identify(calibration.looks, self._built, known=calibration.known)
+        self.calibration = calibration
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        return {} if self.known is None else {**vars(self.looks), **vars(self.known)}
+        known = self.calibration.known
+        return {} if known is None else {**vars(self.calibration.looks), **vars(known)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
-        self.looks, self.known = Looks.none(), None
+        self.calibration = Calibration(Looks.none(), None)
         if arrays:
-            self.looks = Looks(**{field.name: arrays[field.name] for field in fields(Looks)})
-            self.known = Identification(
-                **{field.name: arrays[field.name] for field in fields(Identification)}
-            )
+            looks = Looks(**{field.name: arrays[field.name] for field in fields(Looks)})
+            known = Identification(**{field.name: arrays[field.name] for field in fields(Identification)})
+            self.calibration = Calibration(looks, known)
 
 
-def _noting(motions: Procedure, looks: list[Look]) -> Procedure:
-    """The same motions, with every look after them appended to `looks`."""
-    words = next(motions)
-    while True:
-        looks.append((yield words))
-        try:
-            words = motions.send(looks[-1])
-        except StopIteration:
-            return
+class _NotedTrial(Trial):
+    """A trial whose looks are noted.
+
+    Attributes:
+        looks: Those that can be trusted.
+    """
+
+    FIRST_WORD = 0.04
+    TEST_PX = 30.0
+    TOGETHER = np.array([[1.0, 1.0, -1.0], [-1.0, 1.0, 1.0]])
+    """Test motions of all motors at once, in units of their test words."""
+
+    def __init__(self, look: Look) -> None:
+        super().__init__(look, TestMotions(len(look.registers)), self.FIRST_WORD, self.TEST_PX)
+        self.looks: list[Look] = []
+
+    @property
+    def noise_px(self) -> float:
+        """Standard deviation of an image coordinate."""
+        return self.senses.noise_px
+
+    def begin(self) -> Motions:
+        """See `Trial`."""
+        yield from super().begin()
+        self.looks.append(self.look)
+
+    def move(self, words: Array) -> Motions:
+        """See `Trial`."""
+        made = yield from super().move(words)
+        self.looks.append(self.look)
+        return made
+
+    def explore(self) -> Motions:
+        """Test motions of each motor alone, and a few of all together."""
+        self.forget()
+        yield from self.test_hidden()
+        for signs in self.TOGETHER:
+            before = self.look
+            yield from self.move(signs * self.test_words)
+            while not self.look.visible.all():
+                yield from self.move((before.registers - self.look.registers) / 2)
+
+    def go(self, model: CalibratedModel, object_: Array) -> Motions:
+        """Goes to the object by `model`; where that loses a point from view, half the way back."""
+        before = self.look
+        words = model.registers(object_) - before.registers
+        self.look = yield from move_by_model(model, object_, self.senses, before, words)
+        self.looks.append(self.look)
+        while not self.look.visible.all():
+            words = (before.registers - self.look.registers) / 2
+            self.look = yield from move_by_model(model, object_, self.senses, self.look, words)
+            self.looks.append(self.look)

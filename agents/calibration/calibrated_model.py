@@ -5,6 +5,8 @@ Directions and signs are those of `calfree_gym.world`: a camera looks along its 
 
 from __future__ import annotations
 
+import cmath
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -119,17 +121,19 @@ class CalibratedModel:
     def registers(self, point: Array) -> Array:
         """Registers (3,) that bring the gripper of one robot to `point` (3,), or as near as they can.
 
-        Inverse kinematics in closed form, with the elbow up and the gripper as vertical as it is held.
+        Inverse kinematics in closed form, with the elbow up and the hand as vertical as the wrist can hold
+        it: at its limit, forearm and hand are one link. The plane of the arm is that of complex numbers.
         """
         base, shoulder, upper_arm, forearm, hand = self.link_lengths
-        out = np.hypot(point[0], point[1]) - shoulder - hand * np.cos(self._vertical)
-        up = point[2] - base - hand * np.sin(self._vertical)
-        bend = (out * out + up * up - upper_arm**2 - forearm**2) / (2 * upper_arm * forearm)
-        elbow = -np.arccos(min(max(bend, -1.0), 1.0))
-        shoulder_angle = np.arctan2(up, out) - np.arctan2(
-            forearm * np.sin(elbow), upper_arm + forearm * np.cos(elbow)
-        )
-        angles = (np.arctan2(point[1], point[0]), shoulder_angle, elbow)
+        target = complex(np.hypot(point[0], point[1]) - shoulder, point[2] - base)
+        lifted, bent = _two_links(target - cmath.rect(hand, self._vertical), upper_arm, forearm)
+        wrist = self._vertical - lifted - bent
+        if not JOINT_LIMITS[3, 0] <= wrist <= JOINT_LIMITS[3, 1]:
+            limit = min(max(wrist, JOINT_LIMITS[3, 0]), JOINT_LIMITS[3, 1])
+            length, ahead = cmath.polar(forearm + cmath.rect(hand, limit))
+            lifted, bent = _two_links(target, upper_arm, length)
+            bent -= ahead
+        angles = (np.arctan2(point[1], point[0]), lifted, bent)
         return np.array([np.interp(angles[m], *self._motors[m]) for m in range(3)])
 
     @staticmethod
@@ -172,3 +176,10 @@ class CalibratedModel:
         angles = self.joints(np.repeat(_GRID[:, None], 3, 1))
         order = [np.argsort(angles[:, m]) for m in range(3)]
         return [(angles[order[m], m], _GRID[order[m]]) for m in range(3)]
+
+
+def _two_links(target: complex, first: float, second: float) -> tuple[float, float]:
+    """Angle of the first of two links and bend between them, elbow up, that reach to `target`."""
+    bend = (abs(target) ** 2 - first**2 - second**2) / (2 * first * second)
+    elbow = -math.acos(min(max(bend, -1.0), 1.0))
+    return cmath.phase(target) - cmath.phase(first + cmath.rect(second, elbow)), elbow

@@ -21,7 +21,6 @@ from calfree_gym.world import AIM, IMAGE_UNIT
 
 _OBJECT_RULE = np.array([0.2, 0.3, 0.15])
 _OBJECT_MOST = np.array([0.6, 0.8, 0.5])
-_LEAST_PX = 0.3
 _SIGNS = np.array(list(product([1.0, -1.0], repeat=3)))
 _SCREENING, _FITTING = 8, 60
 """Steps of the least squares with each set of motor signs, and with the best of them."""
@@ -36,7 +35,7 @@ class Identification:
         parameters: How far the robot is off as built (COUNT,), in the order of `PARAMETERS`.
         objects: Where the trials' objects are (trials, 3) in m.
         off_px: How far image coordinates (n, 8) are from where they should be; 0 where not seen.
-        cost: Of the least squares.
+        cost: Of the least squares, in px².
     """
 
     signs: Array
@@ -45,38 +44,38 @@ class Identification:
     off_px: Array
     cost: Array
 
-    @property
-    def noise_px(self) -> float:
-        """Standard deviation of an image coordinate, as far as the parameters have not adapted to it."""
-        free = np.count_nonzero(self.off_px) - COUNT - self.objects.size
-        return max(float(np.sqrt((self.off_px**2).sum() / max(free, 8))), _LEAST_PX)
-
-    def surprise(self, later: Identification) -> float:
+    def surprise(self, later: Identification, noise_px: float) -> float:
         """By how much `later`, of the same looks and more, had to give way to each of the further looks.
 
         The least cost rises by half the squared innovation of the further looks, in units of its standard
         deviation (which includes what was not known well): about 4 a look in a world that stands still.
         """
         further = max(len(later.off_px) - len(self.off_px), 1)
-        return float(later.cost - self.cost) / self.noise_px**2 / further
+        return float(later.cost - self.cost) / noise_px**2 / further
 
 
-def identify(looks: Looks, built: CalibratedModel, known: Identification | None = None) -> Identification:
-    """What explains `looks` best, beginning with what is known already.
+def identify(
+    looks: Looks, built: CalibratedModel, noise_px: float = 0.5, known: Identification | None = None
+) -> Identification:
+    """What explains `looks` best.
 
-    Without that it begins eight times, once for each set of motor signs, with the cameras rolled and zoomed
-    as fits these signs, and goes on with the two that have come furthest.
+    Args:
+        looks: Of one trial or several.
+        built: The robot as it was meant to be.
+        noise_px: Standard deviation of an image coordinate.
+        known: To begin with. Without it, it begins eight times, once for each set of motor signs, with the
+            cameras rolled and zoomed as fits these signs, and goes on with the two that have come furthest.
     """
     if known is not None:
         model = model_of(built, known.signs, known.parameters)
         start = np.concatenate([known.parameters, _triangulated(looks, model).ravel()])
-        return _fit(looks, built, known.signs[None], start[None], _FITTING)[0]
+        return _fit(looks, built, noise_px, known.signs[None], start[None], _FITTING)[0]
     middle = np.tile(AIM, looks.trials)
     starts = np.array([np.concatenate([_rolled(looks, built, signs), middle]) for signs in _SIGNS])
-    fits = sorted(_fit(looks, built, _SIGNS, starts, _SCREENING), key=lambda fit: fit.cost)[:2]
+    fits = sorted(_fit(looks, built, noise_px, _SIGNS, starts, _SCREENING), key=lambda fit: fit.cost)[:2]
     signs = np.array([fit.signs for fit in fits])
     starts = np.array([np.concatenate([fit.parameters, fit.objects.ravel()]) for fit in fits])
-    return min(_fit(looks, built, signs, starts, _FITTING), key=lambda fit: fit.cost)
+    return min(_fit(looks, built, noise_px, signs, starts, _FITTING), key=lambda fit: fit.cost)
 
 
 def _triangulated(looks: Looks, model: CalibratedModel) -> Array:
@@ -117,7 +116,7 @@ def _rolled(looks: Looks, built: CalibratedModel, signs: Array) -> Array:
 
 
 def _fit(
-    looks: Looks, built: CalibratedModel, signs: Array, start: Array, steps: int
+    looks: Looks, built: CalibratedModel, noise_px: float, signs: Array, start: Array, steps: int
 ) -> list[Identification]:
     """Least squares with sets of signs (s, 3), each from its own start (s, COUNT + 3 trials)."""
     rule = np.concatenate([RULE, np.tile(_OBJECT_RULE, looks.trials)])
@@ -129,7 +128,7 @@ def _fit(
         points, slopes = predicted(looks, built, signs, x)
         return (points - looks.points.ravel()) * weight, slopes * weight[:, None]
 
-    x, off, cost = least_squares(residuals, start, middle, rule, most, steps)
+    x, off, cost = least_squares(residuals, start, middle, rule / max(noise_px, 1.0), most, steps)
     return [
         Identification(signs[i], x[i, :COUNT], x[i, COUNT:].reshape(-1, 3), off[i].reshape(-1, 8), cost[i])
         for i in range(len(x))
