@@ -49,9 +49,11 @@ class SelfCalibrating(ProcedureAgent):
     """
 
     SURPRISE = 50.0
-    """Two looks in a row that surprise the model by more end its validity, see `Identification.surprise`."""
+    """A look that surprises the model by more puts it into doubt, see `Identification.surprise`."""
     TRIES, MISSED = 6, 8.0
     """So does missing the object by so many times the noise after so many motions."""
+    DOUBTS = 3
+    """So many in a row end its validity."""
     MEMORY = 80
     """Looks kept from earlier trials at most; of more, the later half is."""
 
@@ -82,11 +84,12 @@ class SelfCalibrating(ProcedureAgent):
                 known, tries = identify(earlier.and_trial(trial.looks), self._built, trial.noise_px), 0
             looks = earlier.and_trial(trial.looks)
             latest = identify(looks, self._built, trial.noise_px, known)
-            doubts = doubts + 1 if known.surprise(latest, trial.noise_px) > self.SURPRISE else 0
             missed = displacement_px(trial.look.distance) > self.MISSED * trial.noise_px
-            if doubts == 2 or (tries >= self.TRIES and missed):
+            surprising = known.surprise(latest, trial.noise_px) > self.SURPRISE
+            doubts = doubts + 1 if surprising or (missed and tries >= self.TRIES) else 0
+            if doubts == self.DOUBTS:
                 earlier, known, doubts = Looks.none(), None, 0
-                trial.looks = trial.looks[-2:]
+                trial.looks = trial.looks[-self.DOUBTS :]
                 continue
             known = known if doubts else latest
             calibration.looks, calibration.known = looks, latest

@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.agent import Array
 from agents.calibration.calibrated_model import CalibratedModel
-from agents.calibration.least_squares import least_squares
+from agents.calibration.least_squares import PLAIN, least_squares
 from agents.calibration.looks import Looks
 from agents.calibration.parameters import COUNT, MOST, RULE, model_of, named, predicted
 from calfree_gym.world import AIM, IMAGE_UNIT
@@ -24,6 +24,8 @@ _OBJECT_MOST = np.array([0.6, 0.8, 0.5])
 _SIGNS = np.array(list(product([1.0, -1.0], repeat=3)))
 _SCREENING, _FITTING = 8, 60
 """Steps of the least squares with each set of motor signs, and with the best of them."""
+_OUTLYING = 8.0
+"""Image points that are off by so many times the noise count as outliers."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +68,14 @@ def identify(
         known: To begin with. Without it, it begins eight times, once for each set of motor signs, with the
             cameras rolled and zoomed as fits these signs, and goes on with the two that have come furthest.
     """
-    if known is not None:
-        model = model_of(built, known.signs, known.parameters)
-        start = np.concatenate([known.parameters, _triangulated(looks, model).ravel()])
-        return _fit(looks, built, noise_px, known.signs[None], start[None], _FITTING)[0]
+    if known is None:
+        known = _from_nothing(looks, built, noise_px)
+    model = model_of(built, known.signs, known.parameters)
+    start = np.concatenate([known.parameters, _triangulated(looks, model).ravel()])
+    return _fit(looks, built, noise_px, known.signs[None], start[None], _FITTING, _OUTLYING * noise_px)[0]
+
+
+def _from_nothing(looks: Looks, built: CalibratedModel, noise_px: float) -> Identification:
     middle = np.tile(AIM, looks.trials)
     starts = np.array([np.concatenate([_rolled(looks, built, signs), middle]) for signs in _SIGNS])
     fits = sorted(_fit(looks, built, noise_px, _SIGNS, starts, _SCREENING), key=lambda fit: fit.cost)[:2]
@@ -116,7 +122,13 @@ def _rolled(looks: Looks, built: CalibratedModel, signs: Array) -> Array:
 
 
 def _fit(
-    looks: Looks, built: CalibratedModel, noise_px: float, signs: Array, start: Array, steps: int
+    looks: Looks,
+    built: CalibratedModel,
+    noise_px: float,
+    signs: Array,
+    start: Array,
+    steps: int,
+    outlying_px: float = PLAIN,
 ) -> list[Identification]:
     """Least squares with sets of signs (s, 3), each from its own start (s, COUNT + 3 trials)."""
     rule = np.concatenate([RULE, np.tile(_OBJECT_RULE, looks.trials)])
@@ -128,7 +140,9 @@ def _fit(
         points, slopes = predicted(looks, built, signs, x)
         return (points - looks.points.ravel()) * weight, slopes * weight[:, None]
 
-    x, off, cost = least_squares(residuals, start, middle, rule / max(noise_px, 1.0), most, steps)
+    x, off, cost = least_squares(
+        residuals, start, middle, rule / max(noise_px, 1.0), most, steps, outlying_px
+    )
     return [
         Identification(signs[i], x[i, :COUNT], x[i, COUNT:].reshape(-1, 3), off[i].reshape(-1, 8), cost[i])
         for i in range(len(x))
