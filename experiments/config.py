@@ -131,8 +131,8 @@ class SweepConfig(Model):
 class EvaluationConfig(Model):
     """Held-out trials, every so many lifetime motions and right after a perturbation."""
 
-    every: int = Field(default=1_000, gt=0)
-    trials: int = Field(default=20, gt=0)
+    every: int = Field(gt=0)
+    trials: int = Field(gt=0)
 
 
 class AgentConfig(Model):
@@ -166,7 +166,7 @@ class Suite(Model):
     worlds: int = Field(gt=0)
     scenarios: tuple[ScenarioConfig, ...] = Field((), strict=False)
     sweeps: tuple[SweepConfig, ...] = Field((), strict=False, validate_default=True)
-    evaluation: EvaluationConfig = EvaluationConfig()
+    evaluation: EvaluationConfig = EvaluationConfig(every=1_000, trials=20)
     agents: tuple[AgentConfig, ...] = Field(min_length=1, strict=False)
 
     @field_validator("scenarios")

@@ -9,7 +9,7 @@ from experiments.finished import Finished, read
 from experiments.folder import FAILED, LOG, VERSIONS, folder_of, read_json, write_whole
 from experiments.pages import Section, Table, html_page, markdown_page
 from experiments.scenario_report import scenario_section
-from experiments.sweep_report import sweep_section
+from experiments.sweep_report import sweep_sections
 
 
 def write_report(out: Path) -> Path:
@@ -27,7 +27,7 @@ def write_report(out: Path) -> Path:
     finished = read(out)
     sections = [_failures(finished)] if finished.unfinished else []
     sections += [scenario_section(finished, scenario) for scenario in finished.suite.scenarios]
-    sections += [sweep_section(finished, sweep) for sweep in finished.suite.sweeps]
+    sections += sweep_sections(finished)
     sections += [_told(finished), _versions(finished), _provenance(finished)]
     title, question = finished.suite.name, finished.suite.question
     page = out / "report.html"

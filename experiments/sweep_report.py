@@ -12,26 +12,47 @@ from experiments.sweep_summary import Point, points
 _SHOWN = 5
 """Values that stand in the table; the figure has all."""
 
+_ALL = "all-sweeps"
+
+_HOW_TO_READ_FIGURES = (
+    "Bands: 95 % Wilson intervals of success; of the median motions, 95 % bootstrap intervals over worlds. "
+    "Thin: the share that an agent's first motion brings there, if any. Grey: the share of trials that begin "
+    "out of view, which are in no other number. A trial ends at the rendezvous that is observed: where noise "
+    "or outliers hide it, the trial lasts to the cap, and what counts is where the gripper is then."
+)
+
 _HOW_TO_READ = (
     "In view: trials in whose first look both cameras show gripper and object, the same for every agent; "
     "the others stand apart, and are in no other number. Success: the share that reaches by the noise-free "
     "truth, with the 95 % Wilson interval. Then the median motions of those that reach; in brackets the "
-    "share that its first motion brings there."
+    "share that its first motion brings there, if any."
 )
 
 
-def sweep_section(finished: Finished, sweep: SweepConfig) -> Section:
-    """The curves of one sweep, and a table at some of its values."""
-    labels = [agent.label for agent in finished.suite.agents]
-    found = {label: points(finished.results, sweep, label, finished.suite.worlds) for label in labels}
-    figure = sweep_figure([sweep], lambda _, label: found[label], labels)
-    return Section(
-        title=f"Sweep {sweep.name}",
-        text=_about(finished, sweep),
-        figures={sweep.name: figures.save(figure, finished.out / "figures", sweep.name)},
-        table=_table(found, sweep, finished.suite.worlds),
-        note=_HOW_TO_READ,
-    )
+def sweep_sections(finished: Finished) -> list[Section]:
+    """Where there are several sweeps, all in one figure; then each with its curves and a table."""
+    sweeps, labels = finished.suite.sweeps, [agent.label for agent in finished.suite.agents]
+    curves = {
+        sweep.name: {label: points(finished.results, sweep, label, finished.suite.worlds) for label in labels}
+        for sweep in sweeps
+    }
+
+    def drawn(name: str, *of: SweepConfig) -> dict[str, str]:
+        return {name: figures.save(sweep_figure(of, curves), finished.out / "figures", name)}
+
+    each = [
+        Section(
+            title=f"Sweep {sweep.name}",
+            text=_about(finished, sweep),
+            figures=drawn(sweep.name, sweep),
+            table=_table(curves[sweep.name], sweep),
+            note=_HOW_TO_READ,
+        )
+        for sweep in sweeps
+    ]
+    if len(sweeps) < 2:
+        return each
+    return [Section(title="All sweeps", figures=drawn(_ALL, *sweeps), note=_HOW_TO_READ_FIGURES), *each]
 
 
 def _about(finished: Finished, sweep: SweepConfig) -> str:
@@ -46,12 +67,14 @@ def _about(finished: Finished, sweep: SweepConfig) -> str:
     )
 
 
-def _table(found: dict[str, list[Point]], sweep: SweepConfig, worlds: int) -> Table:
+def _table(found: dict[str, list[Point]], sweep: SweepConfig) -> Table:
     indices = np.unique(np.linspace(0, len(sweep.over) - 1, _SHOWN).round().astype(int))
-    counts = next(iter(found.values()))
-    in_view = [f"{counts[i].trials} of {worlds} in view" for i in indices]
+    first = next(iter(found.values()))
+    in_view = [f"{first[i].trials} of {first[i].worlds}" for i in indices]
     rows = [[label, *(_cell(curve[i]) for i in indices)] for label, curve in found.items()]
-    return Table([sweep.vary, *(f"{sweep.over[i]:g}" for i in indices)], [["trials", *in_view], *rows])
+    return Table(
+        [sweep.vary, *(f"{sweep.over[i]:g}" for i in indices)], [["trials in view", *in_view], *rows]
+    )
 
 
 def _cell(point: Point) -> str:
@@ -59,4 +82,5 @@ def _cell(point: Point) -> str:
         return "–"
     if point.motions is None:
         return percent(point.success)
-    return f"{percent(point.success)}: {point.motions.value:g} ({point.at_once:.0%})"
+    at_once = f" ({point.at_once:.0%})".replace("%", " %") if point.at_once else ""
+    return f"{percent(point.success)}: {point.motions.value:g}{at_once}"

@@ -16,6 +16,7 @@ class Point:
 
     Attributes:
         value: Of what is varied.
+        worlds: In each of which one trial is made.
         trials: Those in view; the same for every agent.
         success: Share of them that reach, with the 95 % Wilson interval; None where none is in view.
         at_once: Share of them that reach by their first motion.
@@ -23,6 +24,7 @@ class Point:
     """
 
     value: float
+    worlds: int
     trials: int
     success: Cell | None
     at_once: float
@@ -46,11 +48,11 @@ def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int) -> Point:
     in_view = rows[rows["in_view"].astype(bool)]
     trials = in_view["world"].nunique() if len(rows) else worlds
     if not trials:
-        return Point(value, 0, None, 0.0, None)
+        return Point(value, worlds, 0, None, 0.0, None)
     reached = in_view[(in_view["agent"] == agent) & in_view["success"]]["motions"].to_numpy(dtype=float)
     success = Cell(len(reached) / trials, *wilson_interval(len(reached), trials))
     at_once = float((reached <= 1).sum()) / trials
-    return Point(value, trials, success, at_once, _median(reached) if len(reached) else None)
+    return Point(value, worlds, trials, success, at_once, _median(reached) if len(reached) else None)
 
 
 def _median(motions: Array) -> Cell:

@@ -3,8 +3,9 @@ import pytest
 
 from experiments.config import Suite
 from experiments.figures import Perturbation
+from experiments.finished import Finished
 from experiments.plan import runs_of
-from experiments.report import Finished, _perturbations
+from experiments.scenario_report import _perturbations
 
 
 @pytest.mark.parametrize(

@@ -226,4 +226,4 @@ def test_user_errors_are_one_message(capsys, tmp_path):
 
 def test_validate_counts_the_work(suite_data, write_config, capsys):
     assert main(["validate", str(write_config(suite_data))]) == 0
-    assert "2 agents × 1 scenario × 2 worlds = 4 runs, 360 motions" in capsys.readouterr().out
+    assert "2 agents, 1 scenario, 2 worlds: 4 runs, 360 motions" in capsys.readouterr().out

@@ -1,0 +1,228 @@
+"""A sweep: every agent at every value, in the same worlds, told what it asks for and no more."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments import sweep
+from experiments.__main__ import main
+from experiments.asking import asked
+from experiments.config import AgentConfig, EnvironmentConfig, Suite, SweepConfig
+from experiments.errors import ConfigError
+from experiments.loading import load
+from experiments.plan import SweepRun, runs_of
+from experiments.sweep_summary import points
+
+ENV = {"id": "CalFree/Reach-v0", "world": "nominal", "dynamics": "kinematic", "keep_in_view": False}
+ROLL = {"name": "roll", "env": ENV, "do": {"type": "camera_roll", "camera": "left"}, "vary": "degrees"}
+AIM = {"name": "aim", "env": ENV, "do": {"type": "camera_aim", "camera": "left"}, "vary": "degrees"}
+
+
+@pytest.fixture
+def sweep_data(suite_data):
+    del suite_data["scenarios"]
+    suite_data["sweeps"] = [{**ROLL, "over": [0, 90]}]
+    return suite_data
+
+
+@pytest.fixture
+def rows_of(tmp_path):
+    """Makes a suite's runs in this process, and returns the rows of each by its agent."""
+
+    def make(data):
+        found = {}
+        for run in runs_of(Suite.model_validate(data)):
+            sweep.sweep(run, tmp_path)
+            lines = (tmp_path / "trials.jsonl").read_text().splitlines()
+            found[run.agent.label] = pd.DataFrame([json.loads(line) for line in lines])
+        return found
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("change", "where", "said"),
+    [
+        ({"vary": "degres"}, "sweeps.0.vary: found 'degres'", "did you mean degrees?"),
+        ({"do": {"type": "camera_roll"}, "vary": "camera"}, "sweeps.0.vary", "allowed: degrees"),
+        ({"do": {"type": "camera_rol"}}, "sweeps.0.do.type is 'camera_rol'", "did you mean camera_roll"),
+        ({"do": {"type": "camera_roll", "angle": 3}}, "sweeps.0.do: found", "camera_roll allows"),
+        ({"do": {"type": "camera_roll", "degrees": 3}}, "sweeps.0.vary", "do gives degrees already"),
+        ({"do": {"type": "point_outliers"}, "vary": "share", "over": [0, 2]}, "sweeps.0.over.1", "0 to 1"),
+        ({"do": {"type": "latency"}, "vary": "motions", "over": [0.5]}, "sweeps.0.over.0", "a whole number"),
+        ({"over": [0, 90, 45]}, "sweeps.0.over: found", "must ascend"),
+        ({"over": [90, 90]}, "sweeps.0.over: found", "must ascend"),
+        ({"over": []}, "sweeps.0.over", "at least 1"),
+        ({"over": [True]}, "sweeps.0.over.0", "found True"),
+        ({"ovr": [0]}, "sweeps.0.ovr: unknown key", "did you mean over?"),
+        ({"env": {**ENV, "world": "wilt"}}, "sweeps.0.env.world", "did you mean wild?"),
+    ],
+)
+def test_errors_say_where_what_and_what_else(sweep_data, write_config, change, where, said):
+    sweep_data["sweeps"][0] |= change
+    with pytest.raises(ConfigError) as error:
+        load(write_config(sweep_data))
+    assert f"\n  {where}" in str(error.value)
+    assert said in str(error.value)
+
+
+def test_no_sweep_is_called_as_another_or_as_a_scenario(sweep_data, write_config):
+    sweep_data["sweeps"] *= 2
+    with pytest.raises(ConfigError, match=r"sweeps: .*name roll stands twice"):
+        load(write_config(sweep_data))
+    sweep_data["sweeps"].pop()
+    sweep_data["scenarios"] = [{"name": "roll", "env": ENV, "motions": 1000}]
+    with pytest.raises(ConfigError, match=r"sweeps: .*name roll stands twice"):
+        load(write_config(sweep_data))
+
+
+def test_whatever_changes_a_sweep_changes_its_runs_and_nothing_else_does(sweep_data):
+    def ids(**change):
+        return [run.id for run in runs_of(Suite.model_validate(sweep_data | change))]
+
+    assert len(set(ids())) == 2
+    assert ids(evaluation={"every": 7, "trials": 7}, question="Else?") == ids()
+    aimed = ids(sweeps=[*sweep_data["sweeps"], {**AIM, "over": [1]}])
+    assert aimed[:2] == ids()
+    for change in ({"seed": 5}, {"worlds": 3}, {"sweeps": [{**ROLL, "over": [0, 91]}]}):
+        assert not set(ids(**change)) & set(ids())
+
+
+def test_all_agents_meet_the_same_worlds_objects_and_looks(sweep_data, rows_of, monkeypatch):
+    evaluate, met = sweep.evaluate, {}
+
+    def watched(agent, env, trials, seed):
+        look, info = env.reset(seed=seed)
+        met.setdefault(agent.kind.split("(")[0], []).append((look, info["truth"], env.unwrapped.world))
+        return evaluate(agent, env, trials, seed)
+
+    monkeypatch.setattr(sweep, "evaluate", watched)
+    sweep_data["agents"] = ["random", "joint_space_servo", "affine_stereo"]
+    rows_of(sweep_data)
+    random, joints, affine = met.values()
+    for (one, _, _), (two, _, _), (three, _, _) in zip(random, joints, affine, strict=True):
+        for key in one:
+            np.testing.assert_array_equal(one[key], two[key])
+            np.testing.assert_array_equal(one[key], three[key])
+        assert set(two) - set(one) == {"joint_angles"}
+        assert set(three) - set(one) == {"gripper_position"}
+    straight, turned = random[:2], random[2:]
+    for (_, truth, world), (_, truth_turned, rolled) in zip(straight, turned, strict=True):
+        np.testing.assert_array_equal(truth["object"], truth_turned["object"])
+        cosine = np.abs(np.sum(world.camera_orientation * rolled.camera_orientation, axis=1))
+        np.testing.assert_allclose(np.degrees(2 * np.arccos(np.minimum(cosine, 1))), [90, 0], atol=1e-5)
+        # A roll by 90 degrees takes x, y in the left image (about its centre) to -y, x or y, -x.
+        left, left_turned = truth["points"].reshape(4, 2)[0], truth_turned["points"].reshape(4, 2)[0]
+        assert abs(left @ left_turned) < 1e-9
+        assert np.linalg.norm(left) == pytest.approx(np.linalg.norm(left_turned))
+    assert not np.array_equal(straight[0][1]["object"], straight[1][1]["object"])
+
+
+def test_out_of_view_is_where_a_camera_does_not_look_and_the_same_for_all(sweep_data, rows_of):
+    sweep_data |= {"worlds": 12, "agents": ["random", "model_based"]}
+    sweep_data["sweeps"] = [{**AIM, "env": {**ENV, "max_episode_steps": 2}, "over": [0, 30]}]
+    (run, _) = runs_of(Suite.model_validate(sweep_data))
+    env = run.sweep.env.make(run.sweep.perturbations(30))
+    within = [np.abs(env.reset(seed=seed)[1]["truth"]["points"]).max() <= 1 for seed in run.world_seeds]
+    assert 0 < sum(within) < 12
+    found = rows_of(sweep_data)
+    for rows in found.values():
+        assert list(rows["in_view"]) == [True] * 12 + within
+        assert list(rows["value"]) == [0] * 12 + [30] * 12
+        assert list(rows["world"]) == [*range(12)] * 2
+
+
+def test_the_calibrated_robot_is_excellent_as_built_and_falls(sweep_data, rows_of):
+    sweep_data |= {"worlds": 20, "agents": ["model_based"]}
+    sweep_data["sweeps"] = [{**ROLL, "over": [0, 15, 120]}]
+    rows = rows_of(sweep_data)["model_based"].groupby("value")
+    success, motions = rows["success"].mean(), rows["motions"]
+    assert success[0] == 1
+    assert motions.max()[0] <= 2
+    assert motions.median()[15] > motions.median()[0]
+    assert success[120] < 0.2
+
+
+def test_an_agent_gets_what_it_asks_for():
+    env = EnvironmentConfig(**ENV, camera_mount="stand")
+    assert asked(AgentConfig(name="joint_space_servo", label="a"), env) == (("joint_angles",), {})
+    for name in ("model_based", "self_calibrating"):
+        assert asked(AgentConfig(name=name, label="a"), env) == ((), {"camera_mount": "stand"})
+    wrong = AgentConfig(name="model_based", label="a", settings={"camera_mount": "waist"})
+    assert asked(wrong, env).settings == {"camera_mount": "waist"}
+    with pytest.raises(ValueError, match="did you mean camera_mount"):
+        asked(AgentConfig(name="model_based", label="a", settings={"camera_mont": "waist"}), env)
+
+
+def table(*rows):
+    """From (agent, value, world, in view, success, motions)."""
+    names = ["agent", "value", "world", "in_view", "success", "motions"]
+    return pd.DataFrame(rows, columns=names).assign(scenario="roll")
+
+
+def wilson_by_its_definition(successes, trials, z=1.959963984540054):
+    """The two proportions whose own deviation the observed one is z times away from."""
+    rate, spread = successes / trials, z**2 / trials
+    return sorted(np.roots([1 + spread, -2 * rate - spread, rate**2]).real)
+
+
+def test_points_are_of_the_trials_in_view():
+    data = table(
+        ("servo", 0.0, 0, True, True, 1),
+        ("servo", 0.0, 1, True, True, 9),
+        ("servo", 0.0, 2, True, True, 4),
+        ("servo", 0.0, 3, True, False, 60),
+        ("servo", 0.0, 4, False, True, 50),
+        ("servo", 90.0, 0, False, False, 60),
+        ("servo", 180.0, 0, True, False, 60),
+    )
+    swept = SweepConfig(**ROLL, over=(0, 90, 180))
+    reached, hidden, missed = points(data, swept, "servo", 5)
+    assert (reached.trials, reached.worlds, reached.at_once) == (4, 5, 0.25)
+    assert reached.success.value == 0.75
+    assert [reached.success.low, reached.success.high] == pytest.approx(wilson_by_its_definition(3, 4))
+    assert (reached.motions.value, reached.motions.low, reached.motions.high) == (4, 1, 9)
+    assert (hidden.trials, hidden.success, hidden.motions) == (0, None, None)
+    assert (missed.success.value, missed.motions) == (0, None)
+
+
+def test_an_agent_whose_run_failed_has_reached_nothing():
+    data = table(("servo", 0.0, 0, True, True, 1), ("servo", 0.0, 1, False, True, 9))
+    (failed,) = points(data, SweepConfig(**ROLL, over=(0,)), "broken", 2)
+    assert (failed.trials, failed.success.value, failed.motions) == (1, 0, None)
+    (alone,) = points(data[:0], SweepConfig(**ROLL, over=(0,)), "broken", 2)
+    assert (alone.trials, alone.success.value) == (2, 0)
+
+
+def test_from_configuration_to_report(sweep_data, write_config, tmp_path, capsys):
+    sweep_data["agents"] = ["joint_space_servo", {"name": "model_based", "label": "built"}]
+    sweep_data["sweeps"].append({**AIM, "over": [0, 40]})
+    out = tmp_path / "out"
+    config = write_config(sweep_data)
+    assert main(["validate", str(config)]) == 0
+    assert "2 agents, 2 sweeps, 2 worlds: 4 runs, 16 trials" in capsys.readouterr().out
+    assert main(["run", str(config), "--out", str(out)]) == 0
+    results = pd.read_parquet(out / "results.parquet")
+    assert len(results) == 16
+    assert set(results["phase"]) == {"sweep"}
+    assert not results.duplicated(["scenario", "agent", "value", "world"]).any()
+    for name in ("roll", "aim", "all-sweeps"):
+        assert (out / "figures" / f"{name}.png").exists()
+    page = (out / "report.md").read_text()
+    assert "| joint_space_servo | joint_space_servo | joint_angles |" in page
+    assert "| built | model_based | nothing |" in page
+    of_roll = page[page.index("## Sweep roll") : page.index("## Sweep aim")]
+    built = results[(results["agent"] == "built") & (results["value"] == 0) & (results["scenario"] == "roll")]
+    assert f"| built | 100 % [34 %, 100 %]: {built['motions'].median():g}" in of_roll
+    assert "| trials in view | 2 of 2 | 2 of 2 |" in of_roll
+    capsys.readouterr()
+    (out / "runs" / runs_of(Suite.model_validate(sweep_data))[0].id / "DONE.json").unlink()
+    assert main(["status", str(out)]) == 0
+    assert "interrupted  after 4 of 4 trials; begins anew" in capsys.readouterr().out
+
+
+def test_a_sweep_run_is_read_back_as_what_was_written(sweep_data):
+    run = runs_of(Suite.model_validate(sweep_data))[0]
+    assert SweepRun.model_validate_json(run.model_dump_json()) == run
