@@ -60,7 +60,7 @@ def workers(out):
 
 
 def kill_and_start_again(suite_data, write_config, tmp_path, kills):
-    suite_data["agents"] = [{"name": "random"}, {"name": "unified_servo"}, {"name": "grid_table"}]
+    suite_data["agents"] = [{"name": "unified_servo"}, {"name": "grid_table"}]
     suite_data["scenarios"][0]["motions"] = 300
     roll = {"do": {"type": "camera_roll"}, "vary": "degrees", "over": [-90, 0, 90]}
     suite_data["sweeps"] = [{"name": "rolled", "env": suite_data["scenarios"][0]["env"], **roll}]
