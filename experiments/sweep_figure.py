@@ -61,7 +61,7 @@ def _column(success: Axes, motions: Axes, sweep: SweepConfig, found: Mapping[str
         if any(p.at_once for p in points):
             thin = {**line_of(index), "marker": "", "linewidth": 0.8}
             success.plot(sweep.over, [p.at_once for p in points], label=f"{agent}, its first motion", **thin)
-    out_of_view = [1 - p.trials / p.worlds for p in points]
+    out_of_view = [1 - p.trials / p.worlds for p in next(iter(found.values()))]
     if any(out_of_view):
         grey: Any = {"color": _GREY, "alpha": 0.6, "linewidth": 0, "step": "mid"}
         success.fill_between(sweep.over, out_of_view, label="trials out of view", **grey)

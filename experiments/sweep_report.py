@@ -60,12 +60,12 @@ def _about(finished: Finished, sweep: SweepConfig) -> str:
     env, do = sweep.env, sweep.do
     settings = [f"{key} {value}" for key, value in do.items() if key != "type"]
     settings += [f"any {key}" for key in TYPES[do["type"]].settings() if key not in (*do, sweep.vary)]
+    settings.append(f"{sweep.vary} from {sweep.over[0]:g} to {sweep.over[-1]:g}")
     return (
-        f"{do['type']} ({', '.join([*settings, f'{sweep.vary} from {sweep.over[0]:g} to {sweep.over[-1]:g}'])}) "
-        f"before the first trial; {env.id}, {env.world} worlds, cameras on the {env.camera_mount}, tolerance "
-        f"{env.tolerance_px:g} px, {env.dynamics} dynamics, at most {env.max_episode_steps} motions. At each "
-        f"value every agent, untaught, makes one trial in each of {finished.suite.worlds} worlds, the same for "
-        f"all agents and values."
+        f"{do['type']} ({', '.join(settings)}) before the first trial; {env.id}, {env.world} worlds, cameras "
+        f"on the {env.camera_mount}, tolerance {env.tolerance_px:g} px, {env.dynamics} dynamics, at most "
+        f"{env.max_episode_steps} motions. At each value every agent, untaught, makes one trial in each of "
+        f"{finished.suite.worlds} worlds, the same for all agents and values."
     )
 
 

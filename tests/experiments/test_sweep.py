@@ -13,6 +13,7 @@ from experiments.config import AgentConfig, EnvironmentConfig, Suite, SweepConfi
 from experiments.errors import ConfigError
 from experiments.loading import load
 from experiments.plan import SweepRun, runs_of
+from experiments.sweep_figure import sweep_figure
 from experiments.sweep_summary import points
 
 ENV = {"id": "CalFree/Reach-v0", "world": "nominal", "dynamics": "kinematic", "keep_in_view": False}
@@ -194,6 +195,25 @@ def test_an_agent_whose_run_failed_has_reached_nothing():
     assert (failed.trials, failed.success.value, failed.motions) == (1, 0, None)
     (alone,) = points(data[:0], SweepConfig(**ROLL, over=(0,)), "broken", 2)
     assert (alone.trials, alone.success.value) == (2, 0)
+
+
+def test_the_figure_shows_the_points():
+    data = table(
+        ("servo", 0.0, 0, True, True, 1),
+        ("servo", 0.0, 1, True, True, 5),
+        ("servo", 90.0, 0, True, False, 60),
+        ("servo", 90.0, 1, False, True, 9),
+    )
+    swept = SweepConfig(**ROLL, over=(0, 90))
+    figure = sweep_figure([swept], {"roll": {"servo": points(data, swept, "servo", 2)}})
+    success, motions = figure.axes
+    drawn = {line.get_label(): list(line.get_ydata()) for line in success.get_lines()}
+    assert drawn == {"servo": [1, 0], "servo, its first motion": [0.5, 0]}
+    np.testing.assert_array_equal(motions.get_lines()[0].get_ydata(), [3, np.nan])
+    (legend,) = figure.legends
+    assert "trials out of view" in [text.get_text() for text in legend.get_texts()]
+    low, high = success.collections[0].get_datalim(success.transData).intervaly
+    assert (low, high) == pytest.approx((0, 1))
 
 
 def test_from_configuration_to_report(sweep_data, write_config, tmp_path, capsys):
