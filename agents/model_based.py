@@ -23,6 +23,9 @@ class ModelBased(ProcedureAgent):
         camera_mount: What the cameras are fixed to: "waist" or "stand".
     """
 
+    DRIFT_PX = 1.0
+    """By how much, seen in the images, the goal moves from motion to motion where the model is not true."""
+
     def __init__(self, env: gym.Env[Any, Any], camera_mount: str = "waist", seed: int = 0) -> None:
         super().__init__(env, seed)
         self.camera_mount = camera_mount
@@ -38,16 +41,22 @@ class ModelBased(ProcedureAgent):
 
         The gripper is then triangulated with the object, so that what is wrong with both is wrong with
         neither (position-based look-and-move with the endpoint closed loop, after Hutchinson, Hager & Corke
-        1996). Where a motion loses a point from view, it is taken back by half.
+        1996). What looks say of the goal goes through a scalar Kalman filter: it hardly matters unless they
+        are noisy. Where a motion loses a point from view, it is taken back by half.
         """
         senses, model = Senses(), self.model
         look = yield from senses.first(look)
+        goal, variance = np.zeros(3), np.inf
         while True:
             joints = model.joints(look.registers[None])
             gripper, object_ = model.triangulate(np.stack([look.gripper, look.object]), joints)
-            goal = object_
+            seen = object_
             if look.registers.any():
-                goal = model.gripper(joints)[0] + object_ - gripper
+                seen = model.gripper(joints)[0] + object_ - gripper
+            variance += self.DRIFT_PX**2
+            gain = 1.0 if np.isinf(variance) else variance / (variance + senses.noise_px**2)
+            goal = goal + gain * (seen - goal)
+            variance = senses.noise_px**2 * gain
             before, words = look, model.registers(goal) - look.registers
             look = yield from move_by_model(model, object_, senses, before, words)
             while not look.visible.all():

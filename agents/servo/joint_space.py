@@ -31,14 +31,14 @@ class JointSpaceServo(ProcedureAgent):
 
     told = ("joint_angles",)
     FIRST_WORD = 0.04
-    TEST_PX = 16.0
+    TEST_PX = 8.0
 
     def __init__(
         self,
         env: gym.Env[Any, Any],
         gain: float = 0.8,
         step_rad: float = 0.5,
-        damping: float = 0.05,
+        damping: float = 0.02,
         seed: int = 0,
     ) -> None:
         super().__init__(env, seed)
@@ -60,9 +60,10 @@ class JointSpaceServo(ProcedureAgent):
         """See `ProcedureAgent`."""
         trial = Trial(look, TestMotions(len(look.registers)), self.FIRST_WORD, self.TEST_PX)
         turned_by_word = np.ones(len(look.registers))
+        yield from trial.begin()
         while True:
             before = trial.look
-            yield from trial.test_all()
+            yield from trial.test_hidden()
             tested = trial.look.registers != before.registers
             turned = self._angles(trial.look) - self._angles(before)
             words = trial.look.registers - before.registers
@@ -72,6 +73,7 @@ class JointSpaceServo(ProcedureAgent):
             yield from trial.move(self._step(jacobian, before.distance) / turned_by_word)
             while not trial.look.visible.all():
                 yield from trial.move((before.registers - trial.look.registers) / 2)
+            trial.forget()
 
     def _step(self, jacobian: Array, distance: Array) -> Array:
         """By how much the joints (m,) are to turn in one step, in rad."""

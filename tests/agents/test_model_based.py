@@ -60,6 +60,24 @@ def test_triangulation_undoes_the_cameras_and_inverse_kinematics_the_arm(mount, 
     )
 
 
+@pytest.mark.parametrize("tilt", [-0.35, 0.0, 0.2])
+def test_inverse_kinematics_where_the_wrist_meets_its_limit(tilt):
+    """An arm stretched out and low bends the wrist to its stop: forearm and hand then move as one."""
+    world = replace(calfree_gym.nominal(), joint_zeros=np.array([0.0, tilt, 0.0, tilt]))
+    model = CalibratedModel.of(world, "stand")
+    stopped = 0
+    for shoulder in np.linspace(-0.15, 0.3, 8):
+        for elbow in np.linspace(-0.3, 0.6, 12):
+            joints = model.joints(np.array([[0.1, shoulder, elbow]]))
+            if not -2.0 < joints[0, 2] < 0:
+                continue
+            stopped += joints[0, 3] < -1.9
+            point = model.gripper(joints)[0]
+            found = model.joints(model.registers(point)[None])
+            np.testing.assert_allclose(model.gripper(found)[0], point, atol=1e-4)
+    assert stopped > 0 or tilt > 0
+
+
 def test_several_models_at_once_are_each_of_them():
     worlds = [calfree_gym.WorldDistribution("wild").sample(seed) for seed in range(4)]
     models = [CalibratedModel.of(world, "waist") for world in worlds]
@@ -99,13 +117,49 @@ def test_one_camera_rolled_breaks_its_aim(mount):
 
 
 def test_a_motion_that_loses_a_point_is_taken_back_by_half():
+    """After looks enough to know that it is lost."""
     env = simulation("waist", 3000, world="nominal")
     agent = agents.make("model_based", env)
     look = Look.of(env.reset(seed=1)[0])
     running = agent.procedure(look)
     goal = next(running)
     lost = replace(look, registers=goal, visible=np.array([True, True, False, True]))
-    np.testing.assert_allclose(running.send(lost), -goal / 2)
+    words = [running.send(lost) for _ in range(6)]
+    moving = [word for word in words if word.any()]
+    assert not words[0].any()
+    np.testing.assert_allclose(moving[0], -goal / 2)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_where_the_model_is_right_a_look_is_a_motion(mount):
+    """Trusted looks cost nothing: no zero words, and no doubt about noise as usual."""
+    env = simulation(mount, 3000, world="nominal", terminate_on_success=False)
+    agent = agents.make("model_based", env, camera_mount=mount)
+    for seed in range(10):
+        look = Look.of(env.reset(seed=seed)[0])
+        running = agent.procedure(look)
+        words = next(running)
+        for _ in range(4):
+            assert words.any()
+            words = running.send(Look.of(env.step(words.astype(np.float32))[0]))
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_a_goal_seen_in_noise_is_averaged(mount):
+    """20 px on every coordinate: a robot that trusted its last look alone would end 30 px off in the median."""
+    errors = []
+    for seed in range(3000, 3015):
+        world = replace(calfree_gym.nominal(), point_noise=np.asarray(20.0))
+        env = gym.make(
+            "CalFree/Reach-v0",
+            world=world,
+            camera_mount=mount,
+            dynamics="kinematic",
+            terminate_on_success=False,
+        )
+        records = evaluate(agents.make("model_based", env, camera_mount=mount), env, trials=1, seed=seed)
+        errors.append(records[0].error_px)
+    assert np.median(errors) < 14
 
 
 def test_an_unknown_mount_is_an_error():

@@ -1,0 +1,111 @@
+"""Affine stereo in worlds that are affine, where all that it assumes is exact; and in the simulation."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+import calfree_gym
+from agents.agent import Look
+from agents.calibration.calibrated_model import CalibratedModel
+from agents.servo.affine_stereo import Affine, AffineStereo
+from experiments.evaluation import evaluate
+
+MOUNTS = calfree_gym.MOUNTS
+TELL = ("gripper_position",)
+
+
+def environment(mount="waist", **options):
+    return gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", tell=TELL, **options)
+
+
+class AffineWorld:
+    """The nominal arm, its gripper and an object seen by two cameras infinitely far away."""
+
+    def __init__(self, rng):
+        self.arm = CalibratedModel.of(calfree_gym.nominal(), "stand")
+        self.matrix, self.offset = rng.standard_normal((4, 3)), 0.1 * rng.standard_normal(4)
+        self.object = np.array([0.40, 0.05, 0.15]) + rng.uniform(-0.05, 0.05, 3)
+        self.registers = np.zeros(3)
+
+    def position(self):
+        return self.arm.gripper(self.arm.joints(self.registers[None]))[0]
+
+    def look(self, told=None):
+        points = [self.matrix @ place + self.offset for place in (self.position(), self.object)]
+        place = self.position() if told is None else told
+        return Look(*points, np.ones(4, bool), self.registers.copy(), {"gripper_position": place})
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_four_positions_determine_all_of_an_affine_world(seed):
+    """Twelve parameters are the matrix that maps displacements; the offsets are those of the first position."""
+    rng = np.random.default_rng(seed)
+    matrix, arm, offset = rng.standard_normal((8, 3)), rng.standard_normal((3, 3)), rng.standard_normal(8)
+    positions = rng.standard_normal((4, 3))
+    affine = Affine.through(positions, positions @ matrix.T + offset, positions @ arm.T)
+    np.testing.assert_allclose(affine.points, matrix)
+    np.testing.assert_allclose(affine.arm, arm)
+    elsewhere = rng.standard_normal(3)
+    predicted = positions[0] @ matrix.T + offset + affine.moved(arm @ (elsewhere - positions[0]))
+    np.testing.assert_allclose(predicted, matrix @ elsewhere + offset)
+
+
+@pytest.mark.parametrize("gain", [0.3, 0.6])
+@pytest.mark.parametrize("seed", range(3))
+def test_steps_reduce_the_distance_by_the_gain_in_an_affine_world(gain, seed):
+    world = AffineWorld(np.random.default_rng(seed))
+    agent = AffineStereo(environment(), gain=gain)
+    running = agent.procedure(world.look())
+    words, lengths = next(running), []
+    for _ in range(9):
+        world.registers = world.registers + words
+        lengths.append(np.linalg.norm(world.object - world.position()))
+        words = running.send(world.look())
+    shares = np.array(lengths[3:]) / np.array(lengths[2:-1])
+    np.testing.assert_allclose(shares, 1 - gain, rtol=1e-3)
+
+
+def test_it_heeds_four_positions_and_none_after_them():
+    def words_of(told_later):
+        world = AffineWorld(np.random.default_rng(5))
+        running = AffineStereo(environment()).procedure(world.look())
+        words, made = next(running), []
+        for motion in range(8):
+            world.registers = world.registers + words
+            made.append(words)
+            words = running.send(world.look(told_later if motion > 2 else None))
+        return np.array(made)
+
+    np.testing.assert_array_equal(words_of(None), words_of(np.full(3, np.nan)))
+
+
+def test_an_arm_with_linear_errors_is_corrected_by_what_was_told():
+    """The same steps, whatever linear map stands between the nominal arm and the true one."""
+    rng = np.random.default_rng(0)
+    matrix, positions = rng.standard_normal((8, 3)), rng.standard_normal((4, 3))
+    arm = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
+    affine = Affine.through(positions, positions @ matrix.T, positions @ arm.T)
+    distance = (matrix[:4] - matrix[4:]) @ np.array([0.02, -0.01, 0.03])
+    np.testing.assert_allclose(
+        np.linalg.solve(arm, affine.step(distance, 0.5)), -0.5 * np.array([0.02, -0.01, 0.03])
+    )
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_the_nominal_robot_reaches(mount):
+    env = environment(mount, world="nominal")
+    records = evaluate(agents.make("affine_stereo", env), env, trials=40, seed=3000)
+    assert np.mean([record.success for record in records]) >= 0.95
+    assert np.median([record.motions for record in records]) <= 12
+
+
+def test_it_must_be_told_the_position():
+    with pytest.raises(ValueError, match=r"told gripper_position.*tell=\('gripper_position',\)"):
+        agents.make("affine_stereo", gym.make("CalFree/Reach-v0"))
+
+
+@pytest.mark.parametrize("setting", [{"gain": 0.0}, {"gain": 1.5}, {"spacing": 0.0}])
+def test_settings_out_of_range_are_errors(setting):
+    with pytest.raises(ValueError, match=str(next(iter(setting.values())))):
+        agents.make("affine_stereo", environment(), **setting)
