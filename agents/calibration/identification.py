@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.agent import Array
 from agents.calibration.calibrated_model import CalibratedModel
-from agents.calibration.least_squares import PLAIN, least_squares
+from agents.calibration.least_squares import least_squares
 from agents.calibration.looks import Looks
 from agents.calibration.parameters import COUNT, MOST, RULE, model_of, named, predicted
 from calfree_gym.world import AIM, IMAGE_UNIT
@@ -24,8 +24,8 @@ _OBJECT_MOST = np.array([0.6, 0.8, 0.5])
 _SIGNS = np.array(list(product([1.0, -1.0], repeat=3)))
 _SCREENING, _FITTING = 8, 60
 """Steps of the least squares with each set of motor signs, and with the best of them."""
-_OUTLYING = 8.0
-"""Image points that are off by so many times the noise count as outliers."""
+_FAR_PX, _OUTLYING = 40.0, 8.0
+"""Beyond this image points count as outliers as long as nothing is known; and so many times the noise then."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,12 @@ def identify(
 def _from_nothing(looks: Looks, built: CalibratedModel, noise_px: float) -> Identification:
     middle = np.tile(AIM, looks.trials)
     starts = np.array([np.concatenate([_rolled(looks, built, signs), middle]) for signs in _SIGNS])
-    fits = sorted(_fit(looks, built, noise_px, _SIGNS, starts, _SCREENING), key=lambda fit: fit.cost)[:2]
+    fits = sorted(
+        _fit(looks, built, noise_px, _SIGNS, starts, _SCREENING, _FAR_PX), key=lambda fit: fit.cost
+    )[:2]
     signs = np.array([fit.signs for fit in fits])
     starts = np.array([np.concatenate([fit.parameters, fit.objects.ravel()]) for fit in fits])
-    return min(_fit(looks, built, noise_px, signs, starts, _FITTING), key=lambda fit: fit.cost)
+    return min(_fit(looks, built, noise_px, signs, starts, _FITTING, _FAR_PX), key=lambda fit: fit.cost)
 
 
 def _triangulated(looks: Looks, model: CalibratedModel) -> Array:
@@ -128,7 +130,7 @@ def _fit(
     signs: Array,
     start: Array,
     steps: int,
-    outlying_px: float = PLAIN,
+    outlying_px: float,
 ) -> list[Identification]:
     """Least squares with sets of signs (s, 3), each from its own start (s, COUNT + 3 trials)."""
     rule = np.concatenate([RULE, np.tile(_OBJECT_RULE, looks.trials)])

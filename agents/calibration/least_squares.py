@@ -13,8 +13,6 @@ Residuals = Callable[[Array], tuple[Array, Array]]
 
 _DAMPING, _LESS, _MORE = 1e-3, 0.1, 5.0
 _TOLERANCE = 1e-3
-PLAIN = 1e6
-"""No length is outlying: ρ is the plain square."""
 
 
 def least_squares(
@@ -24,7 +22,7 @@ def least_squares(
     rule: Array,
     most: Array,
     steps: int,
-    outlying: float = PLAIN,
+    outlying: float,
 ) -> tuple[Array, Array, Array]:
     """Minimises half of ρ(residuals) + ‖(x - middle) / rule‖² where |x - middle| <= `most`.
 

@@ -39,7 +39,7 @@ class AffineWorld:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_four_positions_determine_all_of_an_affine_world(seed):
-    """Twelve parameters are the matrix that maps displacements; the offsets are those of the first position."""
+    """Twelve parameters map displacements; the offsets are those of the first position."""
     rng = np.random.default_rng(seed)
     matrix, arm, offset = rng.standard_normal((8, 3)), rng.standard_normal((3, 3)), rng.standard_normal(8)
     positions = rng.standard_normal((4, 3))

@@ -76,7 +76,7 @@ def test_no_joint_turns_further_in_a_step_than_allowed():
 
 
 def test_it_looks_at_joint_angles_and_at_nothing_else_told():
-    """In a linear world they matter to the bound of its steps alone: J is by joints, and words are per joint."""
+    """In a linear world they matter to the bound of its steps alone."""
     agent = JointSpaceServo(environment())
     plain, _ = steps_of(agent, LinearRobot(np.random.default_rng(2)), 10)
     misled, _ = steps_of(

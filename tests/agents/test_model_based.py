@@ -75,7 +75,7 @@ def test_inverse_kinematics_where_the_wrist_meets_its_limit(tilt):
             point = model.gripper(joints)[0]
             found = model.joints(model.registers(point)[None])
             np.testing.assert_allclose(model.gripper(found)[0], point, atol=1e-4)
-    assert stopped > 0 or tilt > 0
+    assert stopped > 5
 
 
 def test_several_models_at_once_are_each_of_them():
@@ -146,7 +146,7 @@ def test_where_the_model_is_right_a_look_is_a_motion(mount):
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_a_goal_seen_in_noise_is_averaged(mount):
-    """20 px on every coordinate: a robot that trusted its last look alone would end 30 px off in the median."""
+    """20 px on every coordinate: trusting the last look alone ends 30 px off in the median."""
     errors = []
     for seed in range(3000, 3015):
         world = replace(calfree_gym.nominal(), point_noise=np.asarray(20.0))

@@ -1,0 +1,143 @@
+"""What identification is made of, against finite differences, SciPy, and looks with outliers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares as scipy_least_squares
+from scipy.spatial.transform import Rotation
+
+import calfree_gym
+from agents.calibration import identification, parameters
+from agents.calibration.calibrated_model import CalibratedModel
+from agents.calibration.least_squares import least_squares
+from agents.calibration.looks import Looks
+from agents.calibration.rotations import rotation, rotation_axes
+from calfree_gym.world import AIM
+
+MOUNTS = calfree_gym.MOUNTS
+
+
+def built(mount):
+    return CalibratedModel.of(calfree_gym.nominal(), mount)
+
+
+def looks_of(world, mount, rng, noise_px=0.0, trials=(8, 6, 4)):
+    """What a robot like `world` sees at random registers near home, in several trials."""
+    model = CalibratedModel.of(world, mount)
+    trial = np.repeat(np.arange(len(trials)), trials)
+    registers = rng.uniform(-0.15, 0.15, (len(trial), 3)) / world.motor_gain
+    registers[0] = 0
+    objects = AIM + rng.uniform(-0.05, 0.05, (len(trials), 3))
+    points = model.points(registers, objects[trial])
+    noise = noise_px * calfree_gym.world.IMAGE_UNIT * rng.standard_normal(points.shape)
+    return Looks(registers, points + noise, np.ones(points.shape, bool), trial), objects
+
+
+def anywhere(rng, starts, trials):
+    """Parameters as far off as they may be as a rule, objects included."""
+    off = rng.normal(size=(starts, parameters.COUNT)) * np.minimum(parameters.RULE, 1.0)
+    objects = np.tile(AIM, (starts, trials)) + 0.05 * rng.normal(size=(starts, 3 * trials))
+    return np.concatenate([off, objects], 1)
+
+
+def test_rotations_are_scipy_s_and_turn_about_their_axes():
+    rng = np.random.default_rng(0)
+    angles = rng.normal(size=(5, 2, 3))
+    expected = Rotation.from_euler("XYZ", angles.reshape(-1, 3)).as_matrix()
+    np.testing.assert_allclose(rotation(angles).reshape(-1, 3, 3), expected, atol=1e-12)
+    for axis in range(3):
+        further = rotation(angles + 1e-6 * np.eye(3)[axis])
+        turn = np.swapaxes(rotation(angles), -1, -2) @ further
+        vector = np.stack([turn[..., 2, 1], turn[..., 0, 2], turn[..., 1, 0]], -1) / 1e-6
+        np.testing.assert_allclose(rotation_axes(angles)[..., axis], vector, atol=1e-5)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_derivatives_are_those_of_finite_differences(mount):
+    rng = np.random.default_rng(1)
+    looks, _ = looks_of(calfree_gym.nominal(), mount, rng)
+    signs, x = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]]), anywhere(rng, 2, looks.trials)
+    _, slopes = parameters.predicted(looks, built(mount), signs, x)
+    for column in range(x.shape[1]):
+        step = 1e-6 * np.eye(x.shape[1])[column]
+        ends = [parameters.predicted(looks, built(mount), signs, x + side * step)[0] for side in (1, -1)]
+        difference = (ends[0] - ends[1]) / 2e-6
+        np.testing.assert_allclose(slopes[..., column], difference, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_what_is_predicted_is_what_the_model_sees(mount):
+    rng = np.random.default_rng(2)
+    looks, _ = looks_of(calfree_gym.nominal(), mount, rng)
+    signs, x = np.array([[1.0, -1.0, 1.0]]), anywhere(rng, 1, looks.trials)
+    seen, _ = parameters.predicted(looks, built(mount), signs, x)
+    model = parameters.model_of(built(mount), signs[0], x[0, : parameters.COUNT])
+    objects = x[0, parameters.COUNT :].reshape(-1, 3)[looks.trial]
+    np.testing.assert_allclose(seen[0], model.points(looks.registers, objects).ravel())
+
+
+def curve(x):
+    """Two image points that hang on three parameters, from each of several starts."""
+    a, b, c = x.T
+    off = np.stack([a**2 + b - 3, a * b * c - 1, np.exp(c) - 2 * b, a - b], -1)
+    zero, one = np.zeros_like(a), np.ones_like(a)
+    slopes = [[2 * a, one, zero], [b * c, a * c, a * b], [zero, -2 * one, np.exp(c)], [one, -one, zero]]
+    return off, np.moveaxis(np.array(slopes), -1, 0)
+
+
+@pytest.mark.parametrize("most", [10.0, 0.3])
+def test_least_squares_are_scipy_s_within_bounds_and_without(most):
+    start, rule = np.array([[0.8, 1.1, 0.9], [1.2, 0.9, 1.05]]), np.array([2.0, 1.0, 3.0])
+    middle, bounds = np.ones(3), np.full(3, most)
+    found, off, cost = least_squares(curve, start, middle, rule, bounds, steps=100, outlying=1e6)
+    for i in range(2):
+        expected = scipy_least_squares(
+            lambda x: np.concatenate([curve(x[None])[0][0], (x - middle) / rule]),
+            np.clip(start[i], middle - most, middle + most),
+            bounds=(middle - most, middle + most),
+        )
+        assert cost[i] <= expected.cost * 1.002
+        np.testing.assert_allclose(found[i], expected.x, atol=0.02)
+        np.testing.assert_allclose(off[i], curve(found[i][None])[0][0])
+
+
+def test_outlying_points_count_little():
+    """The mean of image points one of which is far off."""
+    points = np.array([[0.0, 0.1], [0.1, 0.0], [-0.1, -0.1], [50.0, -80.0]])
+
+    def residuals(x):
+        return (x[:, None] - points).reshape(len(x), -1), np.tile(np.eye(2), (len(x), 4, 1))
+
+    middle, far = np.zeros(2), np.full(2, 1e3)
+    plain, *_ = least_squares(residuals, np.ones((1, 2)), middle, far, far, steps=50, outlying=1e6)
+    robust, *_ = least_squares(residuals, np.ones((1, 2)), middle, far, far, steps=50, outlying=1.0)
+    np.testing.assert_allclose(plain[0], points.mean(0), rtol=1e-3)
+    np.testing.assert_allclose(robust[0], points[:3].mean(0), atol=0.05)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize("seed", [3001, 3005, 3008])
+def test_a_mistaken_point_in_a_look_spoils_nothing(mount, seed):
+    """What is identified predicts the others as well as if it had not been there."""
+    world, rng = calfree_gym.WorldDistribution("wild").sample(seed), np.random.default_rng(seed)
+    looks, _ = looks_of(world, mount, rng, noise_px=0.5)
+    points = looks.points.copy()
+    points[3, 2:4] = [0.7, -0.6]
+    off_px = identification.identify(replace(looks, points=points), built(mount)).off_px
+    assert np.abs(off_px[3, 2:4]).max() > 30
+    off_px[3, 2:4] = 0
+    assert np.sqrt(np.mean(off_px**2)) < 0.7
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_points_not_seen_are_not_fitted(mount):
+    world, rng = calfree_gym.WorldDistribution("wild").sample(3003), np.random.default_rng(3)
+    looks, _ = looks_of(world, mount, rng)
+    seen, points = looks.seen.copy(), looks.points.copy()
+    seen[[2, 9], 0:2] = seen[5, 6:8] = False
+    points[~seen] = 0.9
+    found = identification.identify(replace(looks, points=points, seen=seen), built(mount))
+    np.testing.assert_array_equal(found.signs, world.motor_sign)
+    assert np.abs(found.off_px).max() < 0.6
+    assert not found.off_px[~seen].any()
