@@ -80,7 +80,7 @@ class SelfCalibrating(ProcedureAgent):
     def _explore(self, look: Look) -> Procedure:
         """Test motions of each motor alone, and a few of all together."""
         trial = Trial(look, TestMotions(len(look.registers)), self.FIRST_WORD, self.TEST_PX)
-        yield from trial.test_all()
+        yield from trial.test_hidden()
         for signs in self.TOGETHER:
             before = trial.look
             yield from trial.move(signs * trial.test_words)

@@ -62,7 +62,7 @@ class JointSpaceServo(ProcedureAgent):
         turned_by_word = np.ones(len(look.registers))
         while True:
             before = trial.look
-            yield from trial.test_all()
+            yield from trial.test_hidden()
             tested = trial.look.registers != before.registers
             turned = self._angles(trial.look) - self._angles(before)
             words = trial.look.registers - before.registers
