@@ -87,9 +87,9 @@ class Estimator(ABC):
     def forget(self) -> None:  # noqa: B027 (an estimator without memory has nothing to forget)
         """Trusts what it knows no more than a guess: the next test motions decide."""
 
-    def deviation(self, motor: int, word: float) -> float:
-        """Standard deviation of the entries of a motor's column after a test motion by `word`."""
-        return float(np.sqrt(2)) * self.noise_px * IMAGE_UNIT / max(abs(word), 1e-9)
+    def deviations(self, words: Array) -> Array:
+        """Standard deviation (m,) of each column's entries, after test motions by `words` (m,)."""
+        return np.sqrt(2) * self.noise_px * IMAGE_UNIT / np.maximum(np.abs(words), 1e-9)
 
 
 class TestMotions(Estimator):
@@ -209,9 +209,9 @@ class Kalman(Estimator):
         """See `Estimator`."""
         self._covariance[:, self._columns, self._columns] += self._squared_lengths()
 
-    def deviation(self, motor: int, word: float) -> float:
+    def deviations(self, words: Array) -> Array:
         """See `Estimator`."""
-        return float(np.sqrt(self._covariance[:, 1 + motor, 1 + motor].max()))
+        return np.asarray(np.sqrt(self._covariance[:, self._columns, self._columns].max(0)))
 
 
 class LocalLeastSquares(Estimator):
@@ -245,7 +245,7 @@ class LocalLeastSquares(Estimator):
         noise = (2 * IMAGE_UNIT / self.WIDTH) ** 2 / 10 + (self._sent**2).sum(1) / 2
         near = (1 / ((far + 0.01) * noise))[:, None] * self._looks
         weights = near
-        for _ in range(3):
+        for _ in range(2):
             self.jacobian = self._fit(weights)
             residual = self._moves - self._sent @ self.jacobian.T
             weights = near / (1 + (residual / (self.ROBUST_PX * IMAGE_UNIT)) ** 2)

@@ -39,20 +39,15 @@ def transform(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equati
 
 
 def weighted(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equations:
-    """All four, less of those that contradict the others (iteratively reweighted least squares).
+    """All four, less of those that contradict the others (one step of iteratively reweighted least squares).
 
-    No words change the part of d in J's left null space, so the weighted residuals follow from it alone. One
-    spare equation tells that some coordinate contradicts, not which: it is taken to be the one that weighs
-    most there.
+    No words change the part of d in J's left null space: it is the residual. One spare equation tells that
+    some coordinate contradicts, not which: it is taken to be the one that weighs most there.
     """
     left, lengths, _ = np.linalg.svd(jacobian)
     null = left[:, np.count_nonzero(lengths > 1e-9 * lengths[0]) :]
-    slack, usual = np.ones(len(distance)), max(ROBUST_PX, ROBUST_NOISES * noise_px)
-    for _ in range(3):
-        spread = slack[:, None] * null
-        residual = spread @ np.linalg.solve(null.T @ spread, null.T @ distance) / IMAGE_UNIT
-        slack = 1 + (residual / usual) ** 2
-    weights = 1 / np.sqrt(slack)
+    residual = null @ (distance @ null) / (IMAGE_UNIT * max(ROBUST_PX, ROBUST_NOISES * noise_px))
+    weights = 1 / np.sqrt(1 + residual * residual)
     return jacobian * weights[:, None], distance * weights
 
 

@@ -21,6 +21,7 @@ from calfree_gym.world import IMAGE_UNIT
 Looking = Generator[Array, Look, Look]
 """Yields zero words, is sent what was seen, returns a look that can be trusted."""
 
+NONE = np.zeros(4, bool)
 SMALL_SHARE = 0.15
 SMALL = 0.189
 """This share of normal deviates is smaller: so few that four in ten mistaken points hardly matter."""
@@ -37,9 +38,13 @@ class Senses:
 
     GATE_PX, UNKNOWN_GATE_PX = 30.0, 50.0
     """So near a point must be to where it is expected: after a motion that J predicts, or that it does not."""
+    WARY_GATE_PX = 15.0
+    """The first where points are known to be mistaken at times: another look costs less than a mistake."""
     GATE_SHARE = 0.6
     """And within this share of the predicted displacement beside."""
     AGREE_PX = 6.0
+    STILL_PX = 12.0
+    """Where a point was to move further than that, and nothing moved, looks may be late."""
     LOOKS = 8
     PATIENCE = 4
     """Where points are known to be missing at times, one is lost that was not seen for more looks than that."""
@@ -50,9 +55,10 @@ class Senses:
     def __init__(self) -> None:
         self.noise_px = NOISE_PX
         self.late = 0
-        self.surprising = np.zeros(4, bool)
+        self.surprising = NONE
         self._prompt = False
         self._gaps = False
+        self._mistakes = False
         self._unseen = np.zeros(4, int)
         self._last: Look | None = None
         self._differences: deque[Array] = deque(maxlen=40)
@@ -86,7 +92,11 @@ class Senses:
         start = _points(before)
         expected = start + moved.reshape(4, 2)
         far = _lengths_px(expected - start)
-        gate = np.where(known, self.GATE_PX, self.UNKNOWN_GATE_PX) + self.GATE_SHARE * far
+        narrow = self.WARY_GATE_PX if self._mistakes else self.GATE_PX
+        gate = np.where(known, narrow, self.UNKNOWN_GATE_PX) + self.GATE_SHARE * far
+        if self._as_expected(look, expected, far, gate):
+            self.surprising = NONE
+            return look
         looks = yield from self._in_time(look, start, np.where(known, far, np.nan))
         while True:
             points, found, self.surprising = self._believe(looks, expected, gate)
@@ -94,6 +104,15 @@ class Senses:
                 return _look(looks[-1], points, found)
             looks.append((yield np.zeros(len(look.registers))))
             self._note(looks[-1])
+
+    def _as_expected(self, look: Look, expected: Array, far: Array, gate: Array) -> bool:
+        """Whether a look came in time, and all is seen and near where it is expected."""
+        if self.late or not self._prompt or not look.visible.all():
+            return False
+        off = _lengths_px(_points(look) - expected)
+        farthest = far.argmax()
+        in_time = far[farthest] < self.STILL_PX or off[farthest] < 0.8 * far[farthest]
+        return bool(in_time and (off <= gate + 4 * self.noise_px).all())
 
     def _in_time(self, look: Look, start: Array, far: Array) -> Generator[Array, Look, list[Look]]:
         """The look, or one more where that only shows what was before the motion."""
@@ -106,7 +125,9 @@ class Senses:
         moved = np.where(look.visible, _lengths_px(_points(look) - start), 0.0)
         if np.count_nonzero(moved > 1.8 * limit) > 1:
             self._prompt = True
-        elif not self._prompt or (np.nanmax(far, initial=0.0) > 4 * limit and moved.max() < limit):
+        elif not self._prompt or (
+            np.nanmax(far, initial=0.0) > max(self.STILL_PX, 4 * limit) and moved.max() < limit
+        ):
             later = yield still
             more = (_lengths_px(_points(later) - _points(look)) > 1.5 * limit) | ~later.visible
             if np.count_nonzero(more & look.visible) > 1:
@@ -135,6 +156,7 @@ class Senses:
                 best = friends.sum(1).argmax()
                 if friends[best].sum() > 1:
                     points[i], found[i], surprising[i] = seen[friends[best]].mean(0), True, True
+            self._mistakes |= bool(found[i] and (_lengths_px(seen - points[i]) > 2 * agree).any())
         return points, found, surprising
 
     def _worth_another(self, looks: list[Look], found: Flags, known: Flags) -> bool:

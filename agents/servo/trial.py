@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from agents.agent import Array, Look
-from agents.jacobian import Estimator, both_points, displacement_px, distance_jacobian
+from agents.jacobian import Estimator, Flags, both_points, displacement_px, distance_jacobian
 from agents.sensing import Senses
-from calfree_gym.world import IMAGE_UNIT
 
 Motions = Generator[Array, Look, Any]
 """Yields control words, is sent what was seen after them."""
@@ -118,23 +117,21 @@ class Trial:
             else:
                 self._tested[motor] = executed[motor]
                 self._adapt(motor, float(executed[motor]), displacement_px(moved))
-                if self._measured(motor, self.CLEAR):
+                if self._measured(self.CLEAR)[motor]:
                     return
                 self.test_words[motor] *= -1
 
     def test_hidden(self) -> Motions:
         """Test motions of all motors of which nothing is known, or no more than noise, one after the other."""
-        for motor in range(len(self.test_words)):
-            if not self._measured(motor, self.HIDDEN):
-                yield from self.test(motor)
+        for motor in np.flatnonzero(~self._measured(self.HIDDEN)):
+            yield from self.test(motor)
 
-    def _measured(self, motor: int, times: float) -> bool:
-        """Whether a column was learned, and is so many times longer than its standard deviation."""
-        if not self.known[:, motor].all():
-            return False
-        word = self._tested[motor]
-        column = displacement_px(self.estimator.jacobian[:, motor]) * IMAGE_UNIT
-        return not word or column > times * self.estimator.deviation(motor, word)
+    def _measured(self, times: float) -> Flags:
+        """Which columns (m,) were learned, and are so many times longer than their standard deviation."""
+        squares = self.estimator.jacobian**2
+        lengths = np.sqrt((squares[::2] + squares[1::2]).max(0))
+        clear = lengths > times * self.estimator.deviations(self._tested)
+        return np.asarray(self.known.all(0) & (clear | (self._tested == 0)))
 
     def forget(self) -> None:
         """Trusts the Jacobian no more than a guess; test words get the size that they should have by it."""

@@ -43,7 +43,7 @@ class UnifiedServo:
     step_word: float = 0.7
     damping: float = 0.05
     border: float = 0.95
-    patience: int = 4
+    patience: int = 6
 
     ARRIVED_PX: ClassVar[float] = 6.0
     DOUBTFUL: ClassVar[float] = 1.5
@@ -67,7 +67,9 @@ class UnifiedServo:
             yield from steps.make(self._words(trial))
             distance = displacement_px(trial.look.distance)
             nearest, steps_since = (distance, 0) if distance < 0.8 * nearest else (nearest, steps_since + 1)
-            stuck = steps_since >= self.patience and distance > max(self.ARRIVED_PX, self.DOUBTFUL * estimator.noise_px)
+            stuck = steps_since >= self.patience and distance > max(
+                self.ARRIVED_PX, self.DOUBTFUL * estimator.noise_px
+            )
             if not estimator.lasting or stuck or trial.object_jumped:
                 trial.forget()
                 nearest, steps_since = distance, 0
