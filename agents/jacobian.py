@@ -206,8 +206,8 @@ class Kalman(Estimator):
         return np.einsum("ij,ij->j", self.jacobian, self.jacobian) / 4
 
     def forget(self) -> None:
-        """See `Estimator`."""
-        self._covariance[:, self._columns, self._columns] += self._squared_lengths()
+        """See `Estimator`. A sign may have changed: columns may be wrong by twice their length."""
+        self._covariance[:, self._columns, self._columns] += 4 * self._squared_lengths()
 
     def deviations(self, words: Array) -> Array:
         """See `Estimator`."""
@@ -245,7 +245,7 @@ class LocalLeastSquares(Estimator):
         noise = (2 * IMAGE_UNIT / self.WIDTH) ** 2 / 10 + (self._sent**2).sum(1) / 2
         near = (1 / ((far + 0.01) * noise))[:, None] * self._looks
         weights = near
-        for _ in range(2):
+        for _ in range(3):
             self.jacobian = self._fit(weights)
             residual = self._moves - self._sent @ self.jacobian.T
             weights = near / (1 + (residual / (self.ROBUST_PX * IMAGE_UNIT)) ** 2)

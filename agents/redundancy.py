@@ -2,7 +2,8 @@
 
 The paper says that an equation was left out [1998a], that the four were transformed into three [1998b], and
 that the redundancy was later used [Maryniak, Graefe 1999]; its formulas are not public, and these are
-reconstructions. Each takes J (4, m), d (4,) and the noise of an image coordinate, as far as known, and gives the equations that damped least squares then solves.
+reconstructions. Each takes J (4, m), d (4,) and the noise of an image coordinate, as far as known, and gives
+the equations that damped least squares then solves.
 """
 
 from __future__ import annotations
@@ -39,15 +40,21 @@ def transform(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equati
 
 
 def weighted(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equations:
-    """All four, less of those that contradict the others (one step of iteratively reweighted least squares).
+    """All four, less of those that contradict the others (iteratively reweighted least squares).
 
-    No words change the part of d in J's left null space: it is the residual. One spare equation tells that
-    some coordinate contradicts, not which: it is taken to be the one that weighs most there.
+    No words change the part of d in J's left null space, so the weighted residuals follow from it alone. One
+    spare equation tells that some coordinate contradicts, not which: it is taken to be the one that weighs
+    most there.
     """
     left, lengths, _ = np.linalg.svd(jacobian)
     null = left[:, np.count_nonzero(lengths > 1e-9 * lengths[0]) :]
-    residual = null @ (distance @ null) / (IMAGE_UNIT * max(ROBUST_PX, ROBUST_NOISES * noise_px))
-    weights = 1 / np.sqrt(1 + residual * residual)
+    spare = null @ (distance @ null) + 1e-12
+    usual = IMAGE_UNIT * max(ROBUST_PX, ROBUST_NOISES * noise_px)
+    slack = np.ones(len(distance))
+    for _ in range(3):
+        residual = slack * spare * (spare @ distance) / (slack * spare @ spare)
+        slack = 1 + (residual / usual) ** 2
+    weights = 1 / np.sqrt(slack)
     return jacobian * weights[:, None], distance * weights
 
 

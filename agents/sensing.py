@@ -37,17 +37,15 @@ class Senses:
     """
 
     GATE_PX, UNKNOWN_GATE_PX = 30.0, 50.0
-    """So near a point must be to where it is expected: after a motion that J predicts, or that it does not."""
+    """So near a point must be to where it is expected: after a motion that J predicts, and after another."""
     WARY_GATE_PX = 15.0
     """The first where points are known to be mistaken at times: another look costs less than a mistake."""
     GATE_SHARE = 0.6
     """And within this share of the predicted displacement beside."""
     AGREE_PX = 6.0
-    STILL_PX = 12.0
-    """Where a point was to move further than that, and nothing moved, looks may be late."""
     LOOKS = 8
     PATIENCE = 4
-    """Where points are known to be missing at times, one is lost that was not seen for more looks than that."""
+    """Where points are known to be missing at times, one that was not seen for more looks is lost."""
     NOISY_PX = 3.0
     """Noise that is worth knowing well: more looks are taken, up to `ENOUGH` differences."""
     ENOUGH = 24
@@ -76,14 +74,14 @@ class Senses:
             found = found | new
         return _look(look, points, found)
 
-    def settle(self, look: Look, before: Look, moved: Array, known: Flags) -> Looking:
+    def settle(self, look: Look, before: Look, moved: Array, known: Flags | bool) -> Looking:
         """Looks again until the look after a motion can be trusted.
 
         Args:
             look: The look after the motion.
             before: The trusted look before it.
             moved: Displacement (8,) that is expected of the points.
-            known: For which points (4,) it is known from motions like this one.
+            known: For which points (4,), or whether for all, that rests on motions like this one.
 
         Returns:
             A look whose points are those believed; not visible where there was nothing to believe.
@@ -111,7 +109,7 @@ class Senses:
             return False
         off = _lengths_px(_points(look) - expected)
         farthest = far.argmax()
-        in_time = far[farthest] < self.STILL_PX or off[farthest] < 0.8 * far[farthest]
+        in_time = far[farthest] < 6 + 8 * self.noise_px or off[farthest] < 0.8 * far[farthest]
         return bool(in_time and (off <= gate + 4 * self.noise_px).all())
 
     def _in_time(self, look: Look, start: Array, far: Array) -> Generator[Array, Look, list[Look]]:
@@ -125,9 +123,7 @@ class Senses:
         moved = np.where(look.visible, _lengths_px(_points(look) - start), 0.0)
         if np.count_nonzero(moved > 1.8 * limit) > 1:
             self._prompt = True
-        elif not self._prompt or (
-            np.nanmax(far, initial=0.0) > max(self.STILL_PX, 4 * limit) and moved.max() < limit
-        ):
+        elif not self._prompt or moved.max() < limit < np.nanmax(far, initial=0.0) / 4:
             later = yield still
             more = (_lengths_px(_points(later) - _points(look)) > 1.5 * limit) | ~later.visible
             if np.count_nonzero(more & look.visible) > 1:
@@ -159,7 +155,7 @@ class Senses:
             self._mistakes |= bool(found[i] and (_lengths_px(seen - points[i]) > 2 * agree).any())
         return points, found, surprising
 
-    def _worth_another(self, looks: list[Look], found: Flags, known: Flags) -> bool:
+    def _worth_another(self, looks: list[Look], found: Flags, known: Flags | bool) -> bool:
         """Whether one more look at this place may show what is not yet believed."""
         seen = np.array([look.visible for look in looks]).any(0)
         return bool((~found & (seen | (~self.lost & ~(known & self._gaps)))).any())

@@ -68,7 +68,7 @@ class Trial:
         executed = look.registers - before.registers
         moving = executed != 0
         expected = self.estimator.jacobian @ executed
-        known = self.known[:, moving].all(1)
+        known = np.asarray(self.known[:, moving].all(1))
         look = yield from self.senses.settle(look, before, expected, known)
         short = words - executed
         self.highest = np.where(short > 1e-4, look.registers, self.highest)
@@ -122,9 +122,10 @@ class Trial:
                 self.test_words[motor] *= -1
 
     def test_hidden(self) -> Motions:
-        """Test motions of all motors of which nothing is known, or no more than noise, one after the other."""
-        for motor in np.flatnonzero(~self._measured(self.HIDDEN)):
-            yield from self.test(motor)
+        """Test motions of all motors of which nothing is known or no more than noise, one after the other."""
+        for motor, measured in enumerate(self._measured(self.HIDDEN)):
+            if not measured:
+                yield from self.test(motor)
 
     def _measured(self, times: float) -> Flags:
         """Which columns (m,) were learned, and are so many times longer than their standard deviation."""
