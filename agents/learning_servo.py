@@ -9,6 +9,7 @@ import gymnasium as gym
 from numpy.typing import NDArray
 
 from agents.agent import Look, Procedure
+from agents.jacobian import Estimator
 from agents.knowledge.knowledge import Knowledge
 from agents.servo import Servo
 from agents.servo_agent import ServoAgent
@@ -28,14 +29,14 @@ class LearningServo(ServoAgent):
         super().__init__(env, servo, seed)
         self.knowledge = knowledge
 
-    def procedure(self, look: Look) -> Procedure:
-        """See `ProcedureAgent`."""
+    def seek(self, look: Look, estimator: Estimator) -> Procedure:
+        """See `ServoAgent`."""
         registers = self.knowledge.recall(look.object)
         if registers is not None:
             home, look = look, (yield registers - look.registers)
             if not look.visible.all():
                 look = yield home.registers - look.registers
-        yield from super().procedure(look)
+        yield from super().seek(look, estimator)
 
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
         """See `ProcedureAgent`."""

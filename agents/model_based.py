@@ -59,7 +59,7 @@ class ModelBased(ProcedureAgent):
             variance = senses.noise_px**2 * gain
             before, words = look, model.registers(goal) - look.registers
             look = yield from move_by_model(model, object_, senses, before, words)
-            while not look.visible.all():
+            while senses.lost.any():
                 words = (before.registers - look.registers) / 2
                 look = yield from move_by_model(model, object_, senses, look, words)
 

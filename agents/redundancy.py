@@ -2,7 +2,8 @@
 
 The paper says that an equation was left out [1998a], that the four were transformed into three [1998b], and
 that the redundancy was later used [Maryniak, Graefe 1999]; its formulas are not public, and these are
-reconstructions. Each takes J (4, m) and d (4,) and gives the equations that damped least squares then solves.
+reconstructions. Each takes J (4, m), d (4,) and the noise of an image coordinate, as far as known, and gives
+the equations that damped least squares then solves.
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ from agents.agent import Array
 from calfree_gym.world import IMAGE_UNIT
 
 Equations = tuple[Array, Array]
-ROBUST_PX = 8.0
+ROBUST_PX, ROBUST_NOISES = 8.0, 3.0
+"""A contradiction is large beyond this, and beyond so many times the noise of an image coordinate."""
 
 
-def omit(jacobian: Array, distance: Array) -> Equations:
+def omit(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equations:
     """Leaves out the equation without which the others are best conditioned."""
     rows = max(
         (list(kept) for kept in combinations(range(4), 3)),
@@ -28,7 +30,7 @@ def omit(jacobian: Array, distance: Array) -> Equations:
     return jacobian[rows], distance[rows]
 
 
-def transform(jacobian: Array, distance: Array) -> Equations:
+def transform(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equations:
     """Turns the four into the three that words can do something about: J's left singular vectors.
 
     The fixed choice (xa, xb, ya + yb) of an upright stereo pair fails where cameras are rolled at will.
@@ -37,7 +39,7 @@ def transform(jacobian: Array, distance: Array) -> Equations:
     return turn @ jacobian, turn @ distance
 
 
-def weighted(jacobian: Array, distance: Array) -> Equations:
+def weighted(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equations:
     """All four, less of those that contradict the others (iteratively reweighted least squares).
 
     No words change the part of d in J's left null space, so the weighted residuals follow from it alone. One
@@ -46,16 +48,17 @@ def weighted(jacobian: Array, distance: Array) -> Equations:
     """
     left, lengths, _ = np.linalg.svd(jacobian)
     null = left[:, np.count_nonzero(lengths > 1e-9 * lengths[0]) :]
+    spare = null @ (distance @ null) + 1e-12
+    usual = IMAGE_UNIT * max(ROBUST_PX, ROBUST_NOISES * noise_px)
     slack = np.ones(len(distance))
     for _ in range(3):
-        spread = slack[:, None] * null
-        residual = spread @ np.linalg.solve(null.T @ spread, null.T @ distance) / IMAGE_UNIT
-        slack = 1 + (residual / ROBUST_PX) ** 2
+        residual = slack * spare * (spare @ distance) / (slack * spare @ spare)
+        slack = 1 + (residual / usual) ** 2
     weights = 1 / np.sqrt(slack)
     return jacobian * weights[:, None], distance * weights
 
 
-REDUNDANCIES: dict[str, Callable[[Array, Array], Equations]] = {
+REDUNDANCIES: dict[str, Callable[[Array, Array, float], Equations]] = {
     "omit": omit,
     "transform": transform,
     "weighted": weighted,

@@ -165,7 +165,7 @@ class _NotedTrial(Trial):
         for signs in self.TOGETHER:
             before = self.look
             yield from self.move(signs * self.test_words)
-            while not self.look.visible.all():
+            while self.senses.lost.any():
                 yield from self.move((before.registers - self.look.registers) / 2)
 
     def go(self, model: CalibratedModel, object_: Array) -> Motions:
@@ -174,7 +174,7 @@ class _NotedTrial(Trial):
         words = model.registers(object_) - before.registers
         self.look = yield from move_by_model(model, object_, self.senses, before, words)
         self.looks.append(self.look)
-        while not self.look.visible.all():
+        while self.senses.lost.any():
             words = (before.registers - self.look.registers) / 2
             self.look = yield from move_by_model(model, object_, self.senses, self.look, words)
             self.looks.append(self.look)

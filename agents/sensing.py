@@ -1,212 +1,200 @@
 """Looks that can be trusted, from image points that may be noisy, mistaken, missing or late.
 
-One mechanism for all servos. A look that comes out as expected is taken at once. Where a point is not seen, or
-not where the Jacobian expects it, or where nothing moved at all, the robot looks again (zero words: a motion,
+One mechanism for all servos. A look that comes out as expected is taken at once. Where a point is not seen,
+or is not where it is expected, or where nothing moved at all, the robot looks again (zero words: a motion,
 and counted) until looks agree. From looks at one place it also learns how noisy, how gappy and how late they
 are; nobody tells it.
 """
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Generator
 from dataclasses import replace
 
 import numpy as np
 
 from agents.agent import Array, Look
-from agents.jacobian import both_points
+from agents.jacobian import NOISE_PX, Flags, both_points
 from calfree_gym.world import IMAGE_UNIT
 
-QUARTER = 0.3186
-"""A quarter of all normal deviates are smaller than this."""
+Looking = Generator[Array, Look, Look]
+"""Yields zero words, is sent what was seen, returns a look that can be trusted."""
+
+NONE = np.zeros(4, bool)
+SMALL_SHARE = 0.15
+SMALL = 0.189
+"""This share of normal deviates is smaller: so few that four in ten mistaken points hardly matter."""
 
 
 class Senses:
-    """What a servo believes of its four image points during a trial.
+    """What a robot has learned of its looks in a trial.
 
     Attributes:
-        noise_px: Standard deviation of an image coordinate, as estimated.
-        late: Motions by which looks are known to come late.
-        jumped: Which points (4,) stood, at the last motion, where nothing that is known explains.
+        noise_px: Standard deviation of an image coordinate.
+        late: By how many motions looks come late.
+        surprising: Which points (4,) were last believed although they were not where they were expected.
     """
 
-    GATE_PX = 30.0
-    UNKNOWN_GATE_PX = 50.0
+    GATE_PX, UNKNOWN_GATE_PX = 30.0, 50.0
+    """So near a point must be to where it is expected: after a motion that J predicts, and after another."""
+    WARY_GATE_PX = 15.0
+    """The first where points are known to be mistaken at times: another look costs less than a mistake."""
+    GATE_SHARE = 0.6
+    """And within this share of the predicted displacement beside."""
     AGREE_PX = 6.0
     LOOKS = 8
+    PATIENCE = 4
+    """Where points are known to be missing at times, one that was not seen for more looks is lost."""
+    NOISY_PX = 3.0
+    """Noise that is worth knowing well: more looks are taken, up to `ENOUGH` differences."""
+    ENOUGH = 24
 
-    def __init__(self, look: Look) -> None:
-        self.noise_px = 0.7
+    def __init__(self) -> None:
+        self.noise_px = NOISE_PX
         self.late = 0
-        self.gaps = False
-        self.mistakes = 0
-        self.prompt = False
-        self.jumped = np.zeros(4, bool)
-        self._variance = np.full(4, 1.0)
-        self._differences: list[Array] = []
-        self._history = [(look.registers, both_points(look), np.repeat(look.visible, 2))]
-        self.stats = {"looks": 0, "why": []}
+        self.surprising = NONE
+        self._prompt = False
+        self._gaps = False
+        self._mistakes = False
+        self._unseen = np.zeros(4, int)
+        self._last: Look | None = None
+        self._differences: deque[Array] = deque(maxlen=40)
 
-    def first(self, look: Look):
-        """Looks again until every point was seen."""
-        still = np.zeros(len(look.registers))
-        points, found = both_points(look).reshape(4, 2).copy(), look.visible.copy()
+    def first(self, look: Look) -> Looking:
+        """Looks again until every point has been seen."""
+        points, found = _points(look).copy(), look.visible
         for _ in range(self.LOOKS):
             if found.all():
                 break
-            again = yield still
-            new = again.visible & ~found
-            self.gaps |= bool(new.any())
-            points[new] = both_points(again).reshape(4, 2)[new]
-            found |= new
-        return replace(look, gripper=points[:2].ravel(), object=points[2:].ravel(), visible=found)
+            look = yield np.zeros(len(look.registers))
+            new = look.visible & ~found
+            points[new] = _points(look)[new]
+            self._gaps |= bool(new.any())
+            found = found | new
+        return _look(look, points, found)
 
-    def settle(self, look: Look, before: Look, moved: Array, known: bool):
+    def settle(self, look: Look, before: Look, moved: Array, known: Flags | bool) -> Looking:
         """Looks again until the look after a motion can be trusted.
 
         Args:
             look: The look after the motion.
             before: The trusted look before it.
             moved: Displacement (8,) that is expected of the points.
-            known: Whether that rests on a Jacobian, or on nothing.
+            known: For which points (4,), or whether for all, that rests on motions like this one.
 
         Returns:
-            A look whose points are the ones believed; not visible where there was nothing to believe.
+            A look whose points are those believed; not visible where there was nothing to believe.
         """
-        expected = (both_points(before) + moved).reshape(4, 2)
-        far = np.sqrt((moved.reshape(4, 2) ** 2).sum(1)) / IMAGE_UNIT
-        gate = (self.GATE_PX if known else self.UNKNOWN_GATE_PX) + 0.6 * far + 4 * self.noise_px
-        was_known = known
-        still = np.zeros(len(look.registers))
-        looks = [look]
-        for _ in range(self.late):
-            looks = [(yield still)]
+        self._note(look)
+        start = _points(before)
+        expected = start + moved.reshape(4, 2)
+        far = _lengths_px(expected - start)
+        narrow = self.WARY_GATE_PX if self._mistakes else self.GATE_PX
+        gate = np.where(known, narrow, self.UNKNOWN_GATE_PX) + self.GATE_SHARE * far
+        if self._as_expected(look, expected, far, gate):
+            self.surprising = NONE
+            return look
+        looks = yield from self._in_time(look, start, np.where(known, far, np.nan))
         while True:
-            points, found, plausible = self._believe(looks, expected, gate, known)
-            again = ~found & self._worth_waiting(looks, expected)
-            if self._nothing_moved(looks, before, look, far, known):
-                latest = yield still
-                if (self._moved_px(latest, looks[-1]) > 2 + 4 * self.noise_px).sum() > 1:
-                    self.late += len(looks)
-                    looks = [latest]
-                    continue
-                looks.append(latest)
-                known = True
-                continue
-            unsure = self.noise_px > 3 and sum(map(len, self._differences)) < 64
-            if not (again.any() or unsure) or len(looks) >= self.LOOKS:
-                break
-            self.stats["looks"] += 1
-            looks.append((yield still))
-            self._learn(looks)
-        self.jumped = found & ~plausible & was_known
-        stack = np.stack([both_points(one).reshape(4, 2) for one in looks])
-        seen = np.stack([one.visible for one in looks])
-        off = np.sqrt(((stack - points) ** 2).sum(2)) / IMAGE_UNIT
-        self.mistakes += int((seen & found & (off > 20 + 5 * self.noise_px)).sum())
-        self.prompt |= (
-            bool((self._moved_px(looks[0], before) > 4 + 4 * self.noise_px).sum() > 1) and len(looks) == 1
-        )
-        for one in looks[self.late and -1 :] if self.late else looks:
-            self._history.append((one.registers, both_points(one), np.repeat(one.visible, 2)))
-        # filter
-        spread = np.where(plausible & was_known, 1.0 + 0.3 * far, 1e3)
-        predicted = self._variance + spread**2
-        measured = self.noise_px**2 / np.maximum(self._counts, 1)
-        gain = np.where(found, predicted / (predicted + measured), 0.0)
-        believed = expected + gain[:, None] * (points - expected)
-        self._variance = np.where(found, (1 - gain) * predicted, predicted)
-        believed = np.where(found[:, None], believed, both_points(before).reshape(4, 2))
-        return replace(
-            looks[-1],
-            gripper=believed[:2].ravel(),
-            object=believed[2:].ravel(),
-            visible=found,
-        )
+            points, found, self.surprising = self._believe(looks, expected, gate)
+            if len(looks) == self.LOOKS or not self._worth_another(looks, found, known):
+                return _look(looks[-1], points, found)
+            looks.append((yield np.zeros(len(look.registers))))
+            self._note(looks[-1])
 
-    NOISY_PX = 3.0
-    CURVE = 0.3
+    def _as_expected(self, look: Look, expected: Array, far: Array, gate: Array) -> bool:
+        """Whether a look came in time, and all is seen and near where it is expected."""
+        if self.late or not self._prompt or not look.visible.all():
+            return False
+        off = _lengths_px(_points(look) - expected)
+        farthest = far.argmax()
+        in_time = far[farthest] < 6 + 8 * self.noise_px or off[farthest] < 0.8 * far[farthest]
+        return bool(in_time and (off <= gate + 4 * self.noise_px).all())
+
+    def _in_time(self, look: Look, start: Array, far: Array) -> Generator[Array, Look, list[Look]]:
+        """The look, or one more where that only shows what was before the motion."""
+        still = np.zeros(len(look.registers))
+        for _ in range(self.late):
+            look = yield still
+        if self.noise_px > self.NOISY_PX or not look.visible.any():
+            return [look]
+        limit = 1.5 + 2 * self.noise_px
+        moved = np.where(look.visible, _lengths_px(_points(look) - start), 0.0)
+        if np.count_nonzero(moved > 1.8 * limit) > 1:
+            self._prompt = True
+        elif not self._prompt or moved.max() < limit < np.nanmax(far, initial=0.0) / 4:
+            later = yield still
+            more = (_lengths_px(_points(later) - _points(look)) > 1.5 * limit) | ~later.visible
+            if np.count_nonzero(more & look.visible) > 1:
+                self.late += 1
+                return [later]
+            self._prompt |= moved.max() > limit
+            return [look, later]
+        return [look]
+
+    def _believe(self, looks: list[Look], expected: Array, gate: Array) -> tuple[Array, Flags, Flags]:
+        """Points (4, 2) as believed, which of them (4,) there is reason to believe, and which surprise."""
+        gate = gate + 4 * self.noise_px
+        if len(looks) == 1:
+            seen = _points(looks[0])
+            found = looks[0].visible & (_lengths_px(seen - expected) <= gate)
+            return np.where(found[:, None], seen, expected), found, np.zeros(4, bool)
+        points, found, surprising = expected.copy(), np.zeros(4, bool), np.zeros(4, bool)
+        agree = max(self.AGREE_PX, 4 * np.sqrt(2) * self.noise_px)
+        for i in range(4):
+            seen = np.array([_points(look)[i] for look in looks if look.visible[i]]).reshape(-1, 2)
+            near = seen[_lengths_px(seen - expected[i]) <= gate[i]]
+            if len(near):
+                points[i], found[i] = np.median(near, 0), True
+            elif len(seen) > 1:
+                friends = _lengths_px(seen[:, None] - seen[None]) <= agree
+                best = friends.sum(1).argmax()
+                if friends[best].sum() > 1:
+                    points[i], found[i], surprising[i] = seen[friends[best]].mean(0), True, True
+            self._mistakes |= bool(found[i] and (_lengths_px(seen - points[i]) > 2 * agree).any())
+        return points, found, surprising
+
+    def _worth_another(self, looks: list[Look], found: Flags, known: Flags | bool) -> bool:
+        """Whether one more look at this place may show what is not yet believed."""
+        seen = np.array([look.visible for look in looks]).any(0)
+        return bool((~found & (seen | (~self.lost & ~(known & self._gaps)))).any())
 
     @property
-    def noisy(self):
-        return self.noise_px > self.NOISY_PX
+    def lost(self) -> Flags:
+        """Which points (4,) have not been seen for so long that they must be out of view."""
+        return self._unseen > (self.PATIENCE if self._gaps else 1)
 
-    def fit(self, registers: Array, jacobian: Array):
-        """Points (8,) and Jacobian (8, m) fitted together to all looks of the trial, near ones counting more."""
-        sent = np.array([r for r, _, _ in self._history]) - registers
-        seen = np.array([s for _, _, s in self._history]).astype(float)
-        stack = np.array([p for _, p, _ in self._history])
-        off = np.abs(sent @ jacobian.T).max(1) / IMAGE_UNIT
-        near = 1 / (self.noise_px**2 + (self.CURVE * off) ** 2)
-        features = np.concatenate([np.ones((len(sent), 1)), sent], 1)
-        prior = np.diag([0.0, *np.full(len(registers), 1.0 / (self.noise_px / self.PRIOR_WORD) ** 2)])
-        points, fitted = np.empty(8), np.empty_like(jacobian)
-        guess = np.concatenate([np.zeros((8, 1)), jacobian], 1)
-        for i in range(8):
-            weights = near * seen[:, i]
-            normal = (features.T * weights) @ features + prior
-            solved = np.linalg.solve(
-                normal + 1e-12 * np.eye(len(normal)), (features.T * weights) @ stack[:, i] + prior @ guess[i]
-            )
-            points[i], fitted[i] = solved[0], solved[1:]
-        return points, fitted
+    @property
+    def curious(self) -> bool:
+        """Whether it is worth looking again only to learn how noisy looks are."""
+        return self.noise_px > self.NOISY_PX and sum(map(len, self._differences)) < self.ENOUGH
 
-    PRIOR_WORD = 0.02
+    def _note(self, look: Look) -> None:
+        """Learns how noisy looks are where this is one more at the place of the last."""
+        last, self._last = self._last, look
+        self._gaps |= bool((look.visible & (self._unseen > 0) & (self._unseen <= self.PATIENCE)).any())
+        self._unseen = np.where(look.visible, 0, self._unseen + 1)
+        if last is None or (look.registers != last.registers).any():
+            return
+        seen = last.visible & look.visible
+        self._differences.append(np.abs(_points(look) - _points(last))[seen].ravel() / IMAGE_UNIT)
+        pool = np.concatenate(self._differences) / np.sqrt(2)
+        if len(pool) >= 24:
+            noise = np.quantile(pool, SMALL_SHARE) / SMALL
+            for _ in range(3):
+                near = pool[pool <= 3 * noise]
+                noise = np.sqrt(near @ near / len(near))
+            self.noise_px = float(np.clip(noise, 0.5, 40.0))
 
-    def _believe(self, looks, expected, gate, known):
-        stack = np.stack([both_points(one).reshape(4, 2) for one in looks])
-        seen = np.stack([one.visible for one in looks])
-        off = np.sqrt(((stack - expected) ** 2).sum(2)) / IMAGE_UNIT
-        good = seen & (off <= gate)
-        if self.mistakes > 1 and not known:
-            good &= False
-        plausible = good.any(0)
-        agree = max(self.AGREE_PX, 4 * np.sqrt(2) * self.noise_px)
-        points, found = expected.copy(), plausible.copy()
-        self._counts = good.sum(0)
-        for i in range(4):
-            mine = stack[seen[:, i] & (good[:, i] if plausible[i] else True), i]
-            if plausible[i]:
-                points[i] = np.median(mine, 0) if len(mine) > 2 else mine.mean(0)
-            elif len(mine) > 1:
-                apart = np.sqrt(((mine[:, None] - mine[None]) ** 2).sum(2)) / IMAGE_UNIT
-                friends = (apart <= agree).sum(1)
-                best = friends.argmax()
-                if friends[best] > 1:
-                    points[i], found[i] = mine[apart[best] <= agree].mean(0), True
-                    self._counts[i] = friends[best]
-        return points, found, plausible
 
-    def _worth_waiting(self, looks, expected):
-        """Which points (4,) another look may show."""
-        seen = np.stack([one.visible for one in looks])
-        ever = seen.any(0)
-        inside = np.abs(expected).max(1) < 0.9
-        if (ever & ~seen.all(0)).any():
-            self.gaps = True
-        patience = 5 if self.gaps else 2
-        return ever | ((len(looks) <= patience) & (inside | self.gaps))
+def _points(look: Look) -> Array:
+    return both_points(look).reshape(4, 2)
 
-    def _nothing_moved(self, looks, before, first, far, known):
-        if len(looks) > 2 or not (looks[-1].registers != before.registers).any():
-            return False
-        moved = self._moved_px(looks[-1], before)
-        if self.noise_px > 3:
-            return False
-        limit = 1.5 + 2 * self.noise_px
-        wanted = far.max() > 4 * limit if known else not self.prompt
-        return bool(wanted and looks[-1].visible.all() and moved.max() < limit)
 
-    def _moved_px(self, look, before):
-        d = (both_points(look) - both_points(before)).reshape(4, 2)
-        seen = look.visible & before.visible
-        return np.where(seen, np.sqrt((d * d).sum(1)), 0.0) / IMAGE_UNIT
+def _look(look: Look, points: Array, found: Flags) -> Look:
+    return replace(look, gripper=points[:2].ravel(), object=points[2:].ravel(), visible=found)
 
-    def _learn(self, looks):
-        last, previous = looks[-1], looks[-2]
-        seen = np.repeat(last.visible & previous.visible, 2)
-        difference = np.abs(both_points(last) - both_points(previous))[seen] / IMAGE_UNIT
-        if len(difference):
-            self._differences.append(difference)
-            pool = np.concatenate(self._differences[-16:])
-            if len(pool) >= 24:
-                self.noise_px = min(40.0, max(0.5, float(np.quantile(pool, 0.15)) / 0.189 / np.sqrt(2)))
+
+def _lengths_px(vectors: Array) -> Array:
+    return np.sqrt((vectors * vectors).sum(-1)) / IMAGE_UNIT

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import Any
 
 import gymnasium as gym
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.agent import Array, Look, Procedure, ProcedureAgent
-from agents.jacobian import ESTIMATORS, both_points, both_seen
+from agents.jacobian import ESTIMATORS, Estimator
 from agents.servo import Servo
 
 
@@ -29,19 +28,27 @@ class ServoAgent(ProcedureAgent):
 
     def procedure(self, look: Look) -> Procedure:
         """See `ProcedureAgent`."""
-        return self.servo(look, self.jacobian)
+        return self.seek(look, self._estimator(look))
+
+    def seek(self, look: Look, estimator: Estimator) -> Procedure:
+        """The procedure, which keeps what it learns of the Jacobian in `estimator`."""
+        return self.servo(look, estimator)
 
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
-        """See `ProcedureAgent`. Motions teach the Jacobian, however the trial ends."""
-        estimator = ESTIMATORS[self.servo.estimator](len(looks[0].registers), self.jacobian)
-        if not estimator.lasting:
-            return
-        for before, after in pairwise(looks):
-            executed = after.registers - before.registers
-            if executed.any():
-                moved = both_points(after) - both_points(before)
-                estimator.learn(executed, moved, both_seen(before) & both_seen(after))
-        self.jacobian = estimator.jacobian
+        """See `ProcedureAgent`. Motions teach the Jacobian, however the trial ends.
+
+        What the procedure made of its looks it makes of them again here: `predict` must not change knowledge.
+        """
+        estimator = self._estimator(looks[0])
+        if estimator.lasting:
+            again = self.seek(looks[0], estimator)
+            next(again)
+            for look in looks[1:]:
+                again.send(look)
+            self.jacobian = estimator.jacobian
+
+    def _estimator(self, look: Look) -> Estimator:
+        return ESTIMATORS[self.servo.estimator](len(look.registers), self.jacobian)
 
     @property
     def kind(self) -> str:

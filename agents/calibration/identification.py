@@ -25,7 +25,7 @@ _SIGNS = np.array(list(product([1.0, -1.0], repeat=3)))
 _SCREENING, _FITTING = 8, 60
 """Steps of the least squares with each set of motor signs, and with the best of them."""
 _FAR_PX, _OUTLYING = 40.0, 8.0
-"""Beyond this image points count as outliers as long as nothing is known; and so many times the noise then."""
+"""Image points further off count as outliers as long as nothing is known; then, so many times the noise."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +78,10 @@ def identify(
 def _from_nothing(looks: Looks, built: CalibratedModel, noise_px: float) -> Identification:
     middle = np.tile(AIM, looks.trials)
     starts = np.array([np.concatenate([_rolled(looks, built, signs), middle]) for signs in _SIGNS])
-    fits = sorted(
-        _fit(looks, built, noise_px, _SIGNS, starts, _SCREENING, _FAR_PX), key=lambda fit: fit.cost
-    )[:2]
-    signs = np.array([fit.signs for fit in fits])
-    starts = np.array([np.concatenate([fit.parameters, fit.objects.ravel()]) for fit in fits])
+    screened = _fit(looks, built, noise_px, _SIGNS, starts, _SCREENING, _FAR_PX)
+    best = sorted(screened, key=lambda fit: fit.cost)[:2]
+    signs = np.array([fit.signs for fit in best])
+    starts = np.array([np.concatenate([fit.parameters, fit.objects.ravel()]) for fit in best])
     return min(_fit(looks, built, noise_px, signs, starts, _FITTING, _FAR_PX), key=lambda fit: fit.cost)
 
 

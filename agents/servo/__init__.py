@@ -2,7 +2,8 @@
 
 from typing import Protocol
 
-from agents.agent import Array, Look, Procedure
+from agents.agent import Look, Procedure
+from agents.jacobian import Estimator
 
 
 class Servo(Protocol):
@@ -15,5 +16,5 @@ class Servo(Protocol):
     @property
     def estimator(self) -> str: ...  # noqa: D102
 
-    def __call__(self, look: Look, start: Array | None = None) -> Procedure:
-        """Seeks the rendezvous from `look` on; `start` is the Jacobian (8, m) at an earlier trial's end."""
+    def __call__(self, look: Look, estimator: Estimator) -> Procedure:
+        """Seeks the rendezvous from `look` on, and keeps what it learns of the Jacobian in `estimator`."""

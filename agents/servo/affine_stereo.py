@@ -62,7 +62,7 @@ class AffineStereo(ProcedureAgent):
         known = [look]
         for along in self.spacing * np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]):
             look = yield from self._go(senses, look, self._words(look, along))
-            while not look.visible.all():
+            while senses.lost.any():
                 look = yield from self._go(senses, look, (known[-1].registers - look.registers) / 2)
             known.append(look)
         affine = Affine.through(
@@ -73,7 +73,7 @@ class AffineStereo(ProcedureAgent):
         while True:
             before, words = look, self._words(look, affine.step(look.distance, self.gain))
             look = yield from self._go(senses, look, words, affine)
-            while not look.visible.all():
+            while senses.lost.any():
                 words = (before.registers - look.registers) / 2
                 look = yield from self._go(senses, look, words, affine)
 
@@ -109,9 +109,9 @@ class Affine:
     @classmethod
     def through(cls, positions: Array, points: Array, believed: Array) -> Affine:
         """What four positions (4, 3), their image points (4, 8) and the nominal arm's (4, 3) determine."""
-        room = np.diff(positions, axis=0)
-        found = [np.linalg.lstsq(room, np.diff(seen, axis=0), rcond=None)[0].T for seen in (points, believed)]
-        return cls(*found)
+        rows = np.diff(np.hstack([points, believed]), axis=0)
+        by_room = np.asarray(np.linalg.lstsq(np.diff(positions, axis=0), rows, rcond=None)[0].T, float)
+        return cls(by_room[:8], by_room[8:])
 
     def step(self, distance: Array, gain: float) -> Array:
         """Displacement (3,) of the nominal arm that is to undo so much of the image distance (4,)."""

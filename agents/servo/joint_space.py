@@ -71,7 +71,7 @@ class JointSpaceServo(ProcedureAgent):
             jacobian = distance_jacobian(trial.estimator.jacobian) / turned_by_word
             before = trial.look
             yield from trial.move(self._step(jacobian, before.distance) / turned_by_word)
-            while not trial.look.visible.all():
+            while trial.senses.lost.any():
                 yield from trial.move((before.registers - trial.look.registers) / 2)
             trial.forget()
 

@@ -30,13 +30,12 @@ class Steps:
 
     def make(self, words: Array) -> Motions:
         """Executes words (m,) as far as they may go; where a point got lost, goes back, and then shorter."""
-        before = self.trial.look
         yield from self.trial.move(self.confidence * self.bounded(words))
-        if self.trial.look.visible.all():
+        if not self.trial.senses.lost.any():
             self.confidence = min(1.0, self.LONGER * self.confidence)
         else:
             self.confidence *= self.SHORTER
-            yield from self.trial.move(before.registers - self.trial.look.registers)
+            yield from self.trial.go_back()
 
     def bounded(self, words: Array) -> Array:
         """The same direction (m,), as far as the predicted image motion allows."""

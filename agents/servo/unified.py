@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from agents.agent import Array, Look, Procedure
-from agents.jacobian import ESTIMATORS, displacement_px, distance_jacobian
+from agents.jacobian import ESTIMATORS, Estimator, displacement_px, distance_jacobian
 from agents.redundancy import REDUNDANCIES, solve_within
 from agents.servo.settings import check_numbers, check_one_of, check_words
 from agents.servo.steps import Steps
@@ -42,7 +43,11 @@ class UnifiedServo:
     step_word: float = 0.7
     damping: float = 0.05
     border: float = 0.95
-    patience: int = 4
+    patience: int = 6
+
+    ARRIVED_PX: ClassVar[float] = 6.0
+    DOUBTFUL: ClassVar[float] = 1.5
+    """A distance longer than that, and than so many times the noise, is worth new test motions."""
 
     def __post_init__(self) -> None:
         check_one_of(self, "estimator", ESTIMATORS)
@@ -51,33 +56,29 @@ class UnifiedServo:
         check_numbers(self, damping=0.0, border=1e-6, patience=1)
         check_words(self, "first_word", "step_word")
 
-    def __call__(self, look: Look, start: Array | None = None) -> Procedure:
-        """Seeks the rendezvous from `look` on, for as long as it is asked; J may start from one (8, m)."""
-        estimator = ESTIMATORS[self.estimator](len(look.registers), start)
+    def __call__(self, look: Look, estimator: Estimator) -> Procedure:
+        """Seeks the rendezvous from `look` on, for as long as it is asked."""
         trial = Trial(look, estimator, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         nearest, steps_since = np.inf, 0
         yield from trial.begin()
-        if start is None:
-            yield from trial.test_all()
         while True:
+            yield from trial.test_hidden()
             yield from steps.make(self._words(trial))
             distance = displacement_px(trial.look.distance)
             nearest, steps_since = (distance, 0) if distance < 0.8 * nearest else (nearest, steps_since + 1)
-            if not estimator.lasting:
+            stuck = steps_since >= self.patience and distance > max(
+                self.ARRIVED_PX, self.DOUBTFUL * estimator.noise_px
+            )
+            if not estimator.lasting or stuck or trial.object_jumped:
                 trial.forget()
-                yield from trial.test_all()
-            elif (steps_since >= self.patience and not trial.senses.noisy) or trial.senses.jumped[2:].any():
-                trial.forget()
-                trial.resize_tests()
-                yield from trial.test_all()
                 nearest, steps_since = distance, 0
 
     def _words(self, trial: Trial) -> Array:
         """Control words (m,) that would bring the gripper to the object if the world were linear."""
         look = trial.look
         jacobian = distance_jacobian(trial.estimator.jacobian)
-        equations = REDUNDANCIES[self.redundancy](jacobian, look.distance)
+        equations = REDUNDANCIES[self.redundancy](jacobian, look.distance, trial.estimator.noise_px)
         return solve_within(
             *equations, self.damping, trial.lowest - look.registers, trial.highest - look.registers
         )

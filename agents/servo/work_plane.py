@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from agents.agent import Array, Look, Procedure
-from agents.jacobian import TestMotions, distance_jacobian
+from agents.jacobian import Estimator, distance_jacobian
 from agents.redundancy import solve, solve_within
 from agents.servo.settings import check_numbers, check_one_of, check_words
 from agents.servo.steps import Steps
@@ -112,9 +112,9 @@ class WorkPlaneServo:
         check_numbers(self, damping=0.0, border=1e-6, in_plane_px=0.0)
         check_words(self, "first_word", "step_word")
 
-    def __call__(self, look: Look, start: Array | None = None) -> Procedure:
-        """Seeks the rendezvous from `look` on, for as long as it is asked; J is always measured."""
-        trial = Trial(look, TestMotions(len(look.registers)), self.first_word, self.test_px)
+    def __call__(self, look: Look, estimator: Estimator) -> Procedure:
+        """Seeks the rendezvous from `look` on, for as long as it is asked."""
+        trial = Trial(look, estimator, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         yield from trial.begin()
         while True:
