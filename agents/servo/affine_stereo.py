@@ -27,7 +27,7 @@ class AffineStereo(ProcedureAgent):
     turn with the waist and move the object in the images; and positions become words by the nominal arm,
     whose linear errors, told the same four positions, are corrected: "linear modeling errors of the
     manipulator" (paper, section 2.3). An arm whose motors turn the other way, or twice as far, is no linear
-    error: in wild worlds a third of the trials fail.
+    error: in wild worlds a quarter to a third of the trials fail.
 
     Args:
         gain: Share of the way to the object that a step is to make, below 1.
