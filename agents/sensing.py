@@ -64,13 +64,14 @@ class Senses:
     def first(self, look: Look) -> Looking:
         """Looks again until every point has been seen."""
         points, found = _points(look).copy(), look.visible
+        self._note(look)
         for _ in range(self.LOOKS):
             if found.all():
                 break
             look = yield np.zeros(len(look.registers))
+            self._note(look)
             new = look.visible & ~found
             points[new] = _points(look)[new]
-            self._gaps |= bool(new.any())
             found = found | new
         return _look(look, points, found)
 
@@ -173,10 +174,10 @@ class Senses:
     def _note(self, look: Look) -> None:
         """Learns how noisy looks are where this is one more at the place of the last."""
         last, self._last = self._last, look
-        self._gaps |= bool((look.visible & (self._unseen > 0) & (self._unseen <= self.PATIENCE)).any())
         self._unseen = np.where(look.visible, 0, self._unseen + 1)
         if last is None or (look.registers != last.registers).any():
             return
+        self._gaps |= bool((last.visible != look.visible).any())
         seen = last.visible & look.visible
         self._differences.append(np.abs(_points(look) - _points(last))[seen].ravel() / IMAGE_UNIT)
         pool = np.concatenate(self._differences) / np.sqrt(2)
