@@ -88,7 +88,8 @@ def solve(jacobian: Array, distance: Array, damping: float) -> Array:
     lengths = np.sqrt((jacobian * jacobian).sum(0))
     scale = np.where(lengths > 0, lengths, 1.0)
     scaled = jacobian / scale
-    normal = scaled.T @ scaled + (damping**2 + 1e-12) * np.eye(len(lengths))
+    normal = scaled.T @ scaled
+    normal.flat[:: len(lengths) + 1] += damping**2 + 1e-12
     return np.asarray(-np.linalg.solve(normal, scaled.T @ distance) / scale)
 
 

@@ -11,7 +11,7 @@ from experiments.errors import ConfigError
 from experiments.loading import load
 from experiments.plan import runs_of
 
-BENCHMARKS = ("speed", "servo", "table", "sac")
+BENCHMARKS = ("speed", "servo", "controllers", "models", "robust", "table", "sac")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -137,14 +137,22 @@ def _report(folder: Path) -> int:
 
 
 def _benchmark(options: argparse.Namespace) -> int:
-    from experiments import reaching
+    from experiments import controlling, reaching
     from experiments.speed import speed
 
     def speeds() -> str:
         found = speed(options.peer)
         return json.dumps(found.to_dict(), indent=2) if options.json else str(found)
 
-    measures = {"speed": speeds, "servo": reaching.servo, "table": reaching.table, "sac": reaching.sac}
+    measures = {
+        "speed": speeds,
+        "servo": reaching.servo,
+        "controllers": controlling.controllers,
+        "models": controlling.models,
+        "robust": controlling.robust,
+        "table": reaching.table,
+        "sac": reaching.sac,
+    }
     for part in [options.parts] if isinstance(options.parts, str) else options.parts:
         print(measures[part](), flush=True)
     return 0

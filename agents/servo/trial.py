@@ -36,6 +36,8 @@ class Trial:
     """
 
     TRIES = 6
+    SHORT = 1e-4
+    """A motor that executes so much less than its word has met a stop."""
     SMALLEST_TEST, LARGEST_TEST = 0.01, 0.5
     NOISES = 8.0
     """A test motion is to move the images by so many times the noise."""
@@ -71,8 +73,9 @@ class Trial:
         known = np.asarray(self.known[:, moving].all(1))
         look = yield from self.senses.settle(look, before, expected, known)
         short = words - executed
-        self.highest = np.where(short > 1e-4, look.registers, self.highest)
-        self.lowest = np.where(short < -1e-4, look.registers, self.lowest)
+        if np.abs(short).max() > self.SHORT:
+            self.highest = np.where(short > self.SHORT, look.registers, self.highest)
+            self.lowest = np.where(short < -self.SHORT, look.registers, self.lowest)
         surprising = self.senses.surprising
         self.object_jumped = bool((surprising & known)[2:].any())
         doubtful = surprising & (~self._confirmed | self.object_jumped)
