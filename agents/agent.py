@@ -56,6 +56,10 @@ class Look:
             told={name: np.asarray(observation[name], float) for name in observation if name not in SEEN},
         )
 
+    def believed(self, points: Array, visible: NDArray[np.bool_]) -> Look:
+        """The same look with gripper and object points (8,), and flags (4,), as they are believed."""
+        return Look(points[:4], points[4:], visible, self.registers, self.told)
+
     @property
     def distance(self) -> Array:
         """The image distance d (4,): gripper point minus object point, in sensor space."""

@@ -40,7 +40,7 @@ def distance_jacobian(points_jacobian: Array) -> Array:
 
 def displacement_px(moved: Array) -> float:
     """The largest displacement of one point in one image, in pixels, of points (4,) or (8,)."""
-    return float(np.sqrt((moved * moved).reshape(-1, 2).sum(1)).max()) / IMAGE_UNIT
+    return float(np.hypot(moved[::2], moved[1::2]).max()) / IMAGE_UNIT
 
 
 class Estimator(ABC):
@@ -191,10 +191,9 @@ class Kalman(Estimator):
         predicted[:, 0, 0] += self.CURVE**2 * (squares[::2] + squares[1::2])
         walk = self.WANDERING**2 * float(words @ words)
         predicted[:, self._columns, self._columns] += walk * self._squared_lengths()
-        gain = predicted[:, 0] / (predicted[:, 0, :1] + noise) * seen[::2, None]
+        gain = predicted[:, 0] * (seen[::2] / (predicted[:, 0, 0] + noise))[:, None]
         self._covariance = predicted - gain[:, :, None] * predicted[:, :1]
-        missed = moved - expected
-        corrections = np.repeat(gain, 2, 0) * missed[:, None]
+        corrections = gain.repeat(2, 0) * (moved - expected)[:, None]
         self.jacobian += corrections[:, 1:]
         return np.asarray(expected + corrections[:, 0])
 

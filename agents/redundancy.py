@@ -50,10 +50,11 @@ def weighted(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equatio
     null = left[:, np.count_nonzero(lengths > 1e-9 * lengths[0]) :]
     spare = null @ (distance @ null) + 1e-12
     usual = IMAGE_UNIT * max(ROBUST_PX, ROBUST_NOISES * noise_px)
+    squares, direction = spare * spare, spare * ((spare @ distance) / usual)
     slack = np.ones(len(distance))
     for _ in range(3):
-        residual = slack * spare * (spare @ distance) / (slack * spare @ spare)
-        slack = 1 + (residual / usual) ** 2
+        residual = slack * direction / (slack @ squares)
+        slack = 1 + residual * residual
     weights = 1 / np.sqrt(slack)
     return jacobian * weights[:, None], distance * weights
 

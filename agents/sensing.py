@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Generator
-from dataclasses import replace
 
 import numpy as np
 
@@ -73,7 +72,7 @@ class Senses:
             new = look.visible & ~found
             points[new] = _points(look)[new]
             found = found | new
-        return _look(look, points, found)
+        return look.believed(points.ravel(), found)
 
     def settle(self, look: Look, before: Look, moved: Array, known: Flags | bool) -> Looking:
         """Looks again until the look after a motion can be trusted.
@@ -100,7 +99,7 @@ class Senses:
         while True:
             points, found, self.surprising = self._believe(looks, expected, gate)
             if len(looks) == self.LOOKS or not self._worth_another(looks, found, known):
-                return _look(looks[-1], points, found)
+                return looks[-1].believed(points.ravel(), found)
             looks.append((yield np.zeros(len(look.registers))))
             self._note(looks[-1])
 
@@ -193,9 +192,5 @@ def _points(look: Look) -> Array:
     return both_points(look).reshape(4, 2)
 
 
-def _look(look: Look, points: Array, found: Flags) -> Look:
-    return replace(look, gripper=points[:2].ravel(), object=points[2:].ravel(), visible=found)
-
-
 def _lengths_px(vectors: Array) -> Array:
-    return np.sqrt((vectors * vectors).sum(-1)) / IMAGE_UNIT
+    return np.hypot(vectors[..., 0], vectors[..., 1]) / IMAGE_UNIT

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -85,8 +84,7 @@ class Trial:
         self.estimator.noise_px = self.senses.noise_px
         moved = self.estimator.learn(executed, seen - start, np.repeat(believable, 2))
         moved = np.where(np.repeat(look.visible & ~believable, 2), seen - start, moved)
-        points = start + moved
-        self.look = replace(look, gripper=points[:4], object=points[4:])
+        self.look = look.believed(start + moved, look.visible)
         self._seen_at[look.visible] = look.registers
         if np.count_nonzero(moving) == 1:
             self.known[believable, moving.argmax()] = True
@@ -132,8 +130,8 @@ class Trial:
 
     def _measured(self, times: float) -> Flags:
         """Which columns (m,) were learned, and are so many times longer than their standard deviation."""
-        squares = self.estimator.jacobian**2
-        lengths = np.sqrt((squares[::2] + squares[1::2]).max(0))
+        columns = self.estimator.jacobian
+        lengths = np.hypot(columns[::2], columns[1::2]).max(0)
         clear = lengths > times * self.estimator.deviations(self._tested)
         return np.asarray(self.known.all(0) & (clear | (self._tested == 0)))
 
