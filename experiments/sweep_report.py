@@ -26,7 +26,7 @@ _HOW_TO_READ = (
     "In view: trials in whose first look both cameras show gripper and object, the same for every agent; "
     "the others stand apart, and are in no other number. Success: the share that reaches by the noise-free "
     "truth, with the 95 % Wilson interval. Then the median motions of those that reach; in brackets the "
-    "share that its first motion brings there, if any."
+    "share that its first motion brings there, if any. Where fewer than a tenth reach, no median is told."
 )
 
 

@@ -9,6 +9,9 @@ from experiments.config import SweepConfig
 from experiments.statistics import Array, bootstrap_band, wilson_interval
 from experiments.summary import Cell
 
+_ENOUGH = 0.1
+"""Share of the trials that must reach, for their median to tell anything."""
+
 
 @dataclass(frozen=True, slots=True)
 class Point:
@@ -20,7 +23,7 @@ class Point:
         trials: Those in view; the same for every agent.
         success: Share of them that reach, with the 95 % Wilson interval; None where none is in view.
         at_once: Share of them that reach by their first motion.
-        motions: Median of those that reach, with a 95 % bootstrap over worlds; None where none does.
+        motions: Median of those that reach, with a 95 % bootstrap over worlds; None where hardly any does.
     """
 
     value: float
@@ -52,7 +55,8 @@ def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int) -> Point:
     reached = in_view[(in_view["agent"] == agent) & in_view["success"]]["motions"].to_numpy(dtype=float)
     success = Cell(len(reached) / trials, *wilson_interval(len(reached), trials))
     at_once = float((reached <= 1).sum()) / trials
-    return Point(value, worlds, trials, success, at_once, _median(reached) if len(reached) else None)
+    enough = len(reached) and len(reached) >= _ENOUGH * trials
+    return Point(value, worlds, trials, success, at_once, _median(reached) if enough else None)
 
 
 def _median(motions: Array) -> Cell:

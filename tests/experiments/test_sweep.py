@@ -178,15 +178,17 @@ def test_points_are_of_the_trials_in_view():
         ("servo", 0.0, 4, False, True, 50),
         ("servo", 90.0, 0, False, False, 60),
         ("servo", 180.0, 0, True, False, 60),
+        *(("servo", 190.0, world, True, world == 7, 5) for world in range(11)),
     )
-    swept = SweepConfig(**ROLL, over=(0, 90, 180))
-    reached, hidden, missed = points(data, swept, "servo", 5)
+    swept = SweepConfig(**ROLL, over=(0, 90, 180, 190))
+    reached, hidden, missed, once = points(data, swept, "servo", 5)
     assert (reached.trials, reached.worlds, reached.at_once) == (4, 5, 0.25)
     assert reached.success.value == 0.75
     assert [reached.success.low, reached.success.high] == pytest.approx(wilson_by_its_definition(3, 4))
     assert (reached.motions.value, reached.motions.low, reached.motions.high) == (4, 1, 9)
     assert (hidden.trials, hidden.success, hidden.motions) == (0, None, None)
     assert (missed.success.value, missed.motions) == (0, None)
+    assert (once.success.value, once.motions) == (1 / 11, None)
 
 
 def test_an_agent_whose_run_failed_has_reached_nothing():
