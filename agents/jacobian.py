@@ -84,8 +84,17 @@ class Estimator(ABC):
     def _update(self, words: Array, moved: Array, seen: Flags) -> None:
         """Changes the Jacobian by what a motion showed."""
 
-    def forget(self) -> None:  # noqa: B027 (an estimator without memory has nothing to forget)
-        """Trusts what it knows no more than a guess: the next test motions decide."""
+    def forget(self, deviation: float = 2.0) -> None:  # noqa: B027 (without memory nothing is to be forgotten)
+        """Trusts what it knows no more than a guess: the next test motions decide.
+
+        Args:
+            deviation: By how many times their length columns may be wrong; by 2 if a sign may have changed.
+        """
+
+    @property
+    def blur_px(self) -> float:
+        """Standard deviation of the coordinates of a point as believed."""
+        return self.noise_px
 
     def deviations(self, words: Array) -> Array:
         """Standard deviation (m,) of each column's entries, after test motions by `words` (m,)."""
@@ -149,7 +158,7 @@ class RecursiveLeastSquares(Estimator):
         updated = older - np.outer(gain, words @ older)
         self._covariance = updated * min(1.0, UNKNOWN * len(words) / np.trace(updated))
 
-    def forget(self) -> None:
+    def forget(self, deviation: float = 2.0) -> None:
         """See `Estimator`."""
         self._covariance = np.eye(len(self._covariance)) * UNKNOWN
 
@@ -204,9 +213,14 @@ class Kalman(Estimator):
         """Mean square (m,) of what a word does to a point."""
         return np.einsum("ij,ij->j", self.jacobian, self.jacobian) / 4
 
-    def forget(self) -> None:
-        """See `Estimator`. A sign may have changed: columns may be wrong by twice their length."""
-        self._covariance[:, self._columns, self._columns] += 4 * self._squared_lengths()
+    def forget(self, deviation: float = 2.0) -> None:
+        """See `Estimator`."""
+        self._covariance[:, self._columns, self._columns] += deviation**2 * self._squared_lengths()
+
+    @property
+    def blur_px(self) -> float:
+        """See `Estimator`."""
+        return float(np.sqrt(self._covariance[:, 0, 0].max())) / IMAGE_UNIT
 
     def deviations(self, words: Array) -> Array:
         """See `Estimator`."""
@@ -228,7 +242,7 @@ class LocalLeastSquares(Estimator):
         super().__init__(motors, start)
         self.forget()
 
-    def forget(self) -> None:
+    def forget(self, deviation: float = 2.0) -> None:
         """See `Estimator`."""
         motors = self.jacobian.shape[1]
         self._prior = self.jacobian.copy()

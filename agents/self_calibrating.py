@@ -54,6 +54,8 @@ class SelfCalibrating(ProcedureAgent):
     """So does missing the object by so many times the noise after so many motions."""
     DOUBTS = 3
     """So many in a row end its validity."""
+    LOOKS = 4
+    """But not before so many looks at one place have told how noisy they are."""
     MEMORY = 80
     """Looks kept from earlier trials at most; of more, the later half is."""
 
@@ -78,6 +80,7 @@ class SelfCalibrating(ProcedureAgent):
         yield from trial.begin()
         earlier, known = calibration.looks, calibration.known
         doubts = tries = 0
+        noise_known = False
         while True:
             if known is None:
                 yield from trial.explore()
@@ -87,6 +90,10 @@ class SelfCalibrating(ProcedureAgent):
             missed = displacement_px(trial.look.distance) > self.MISSED * trial.noise_px
             surprising = known.surprise(latest, trial.noise_px) > self.SURPRISE
             doubts = doubts + 1 if surprising or (missed and tries >= self.TRIES) else 0
+            if doubts == self.DOUBTS and not noise_known:
+                yield from trial.look_again(self.LOOKS)
+                doubts, noise_known = doubts - 1, True
+                continue
             if doubts == self.DOUBTS:
                 earlier, known, doubts = Looks.none(), None, 0
                 trial.looks = trial.looks[-self.DOUBTS :]
@@ -157,6 +164,11 @@ class _NotedTrial(Trial):
         made = yield from super().move(words)
         self.looks.append(self.look)
         return made
+
+    def look_again(self, times: int) -> Motions:
+        """Looks so many times without a motion, and keeps none of these looks."""
+        for _ in range(times):
+            yield from super().move(np.zeros(len(self.look.registers)))
 
     def explore(self) -> Motions:
         """Test motions of each motor alone, and a few of all together."""

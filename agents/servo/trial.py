@@ -135,9 +135,9 @@ class Trial:
         clear = lengths > times * self.estimator.deviations(self._tested)
         return np.asarray(self.known.all(0) & (clear | (self._tested == 0)))
 
-    def forget(self) -> None:
-        """Trusts the Jacobian no more than a guess; test words get the size that they should have by it."""
-        self.estimator.forget()
+    def forget(self, deviation: float = 2.0) -> None:
+        """Trusts J no more than a guess, see `Estimator.forget`; test words get their size by it."""
+        self.estimator.forget(deviation)
         self.known[:] = False
         for motor, column in enumerate(self.estimator.jacobian.T):
             if column.any():

@@ -46,8 +46,10 @@ class UnifiedServo:
     patience: int = 6
 
     ARRIVED_PX: ClassVar[float] = 6.0
-    DOUBTFUL: ClassVar[float] = 1.5
-    """A distance longer than that, and than so many times the noise, is worth new test motions."""
+    DOUBTFUL: ClassVar[float] = 4.0
+    """A distance longer than that, and than so many times the blur of points, is worth new test motions."""
+    DOUBT: ClassVar[float] = 0.3
+    """J is then taken to be wrong by that share of its columns."""
 
     def __post_init__(self) -> None:
         check_one_of(self, "estimator", ESTIMATORS)
@@ -67,12 +69,14 @@ class UnifiedServo:
             yield from steps.make(self._words(trial))
             distance = displacement_px(trial.look.distance)
             nearest, steps_since = (distance, 0) if distance < 0.8 * nearest else (nearest, steps_since + 1)
-            stuck = steps_since >= self.patience and distance > max(
-                self.ARRIVED_PX, self.DOUBTFUL * estimator.noise_px
-            )
-            if not estimator.lasting or stuck or trial.object_jumped:
+            doubtful = max(self.ARRIVED_PX, self.DOUBTFUL * estimator.blur_px)
+            if not estimator.lasting or trial.object_jumped:
                 trial.forget()
-                nearest, steps_since = distance, 0
+            elif steps_since >= self.patience and distance > doubtful:
+                trial.forget(self.DOUBT)
+            else:
+                continue
+            nearest, steps_since = distance, 0
 
     def _words(self, trial: Trial) -> Array:
         """Control words (m,) that would bring the gripper to the object if the world were linear."""
