@@ -52,9 +52,9 @@ class SelfCalibrating(ProcedureAgent):
     """A look that surprises the model by more puts it into doubt, see `Identification.surprise`."""
     TRIES, MISSED = 6, 8.0
     """So does missing the object by so many times the noise after so many motions."""
-    DOUBTS = 3
+    DOUBTS = 2
     """So many in a row end its validity."""
-    LOOKS = 4
+    LOOKS = 3
     """But not before so many looks at one place have told how noisy they are."""
     MEMORY = 80
     """Looks kept from earlier trials at most; of more, the later half is."""
