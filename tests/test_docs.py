@@ -177,7 +177,13 @@ def test_the_code_on_a_page_runs(page):
 
 def test_configuration_page_names_every_key_and_column_and_its_example_is_valid(tmp_path):
     text = (ROOT / "docs/configuration.md").read_text()
-    for model in (config.Suite, config.ScenarioConfig, config.EnvironmentConfig, config.EvaluationConfig):
+    for model in (
+        config.Suite,
+        config.ScenarioConfig,
+        config.EnvironmentConfig,
+        config.EvaluationConfig,
+        config.SweepConfig,
+    ):
         for key in model.model_fields:
             assert f"`{key}`" in text, key
     for column in records.SCHEMA.names:
