@@ -66,6 +66,7 @@ class Estimator(ABC):
         self.noise_px = NOISE_PX
         self.reach_px = np.inf
 
+    @abstractmethod
     def learn(self, words: Array, moved: Array, seen: Flags) -> Array:
         """Learns from a motion.
 
@@ -77,12 +78,10 @@ class Estimator(ABC):
         Returns:
             The displacement (8,) as it is now believed; where nothing was seen, as expected.
         """
-        self._update(words, moved, seen)
-        return np.where(seen, moved, self.jacobian @ words)
 
-    @abstractmethod
-    def _update(self, words: Array, moved: Array, seen: Flags) -> None:
-        """Changes the Jacobian by what a motion showed."""
+    def _as_seen(self, words: Array, moved: Array, seen: Flags) -> Array:
+        """The displacement (8,) as it was seen, and where it was not, as expected."""
+        return np.where(seen, moved, self.jacobian @ words)
 
     def forget(self, deviation: float = 2.0) -> None:  # noqa: B027 (without memory nothing is to be forgotten)
         """Trusts what it knows no more than a guess: the next test motions decide.
@@ -107,10 +106,12 @@ class TestMotions(Estimator):
     __test__ = False  # of no interest to pytest
     lasting = False
 
-    def _update(self, words: Array, moved: Array, seen: Flags) -> None:
+    def learn(self, words: Array, moved: Array, seen: Flags) -> Array:
+        """See `Estimator`."""
         if np.count_nonzero(words) == 1:
             motor = int(np.flatnonzero(words)[0])
             self.jacobian[seen, motor] = moved[seen] / words[motor]
+        return self._as_seen(words, moved, seen)
 
 
 class Broyden(Estimator):
@@ -118,9 +119,11 @@ class Broyden(Estimator):
 
     REGULARISATION = 1e-6
 
-    def _update(self, words: Array, moved: Array, seen: Flags) -> None:
+    def learn(self, words: Array, moved: Array, seen: Flags) -> Array:
+        """See `Estimator`."""
         missed = (moved - self.jacobian @ words)[seen]
         self.jacobian[seen] += np.outer(missed, words) / (self.REGULARISATION + words @ words)
+        return self._as_seen(words, moved, seen)
 
 
 class TrustRegion(Broyden):
@@ -132,12 +135,13 @@ class TrustRegion(Broyden):
         super().__init__(motors, start)
         self.reach_px = 100.0
 
-    def _update(self, words: Array, moved: Array, seen: Flags) -> None:
+    def learn(self, words: Array, moved: Array, seen: Flags) -> Array:
+        """See `Estimator`."""
         if self.jacobian.any(0).all() and moved[seen].any():
             missed = np.linalg.norm((moved - self.jacobian @ words)[seen]) / np.linalg.norm(moved[seen])
             change = 2.0 if missed < 0.3 else 0.5 if missed > 0.8 else 1.0
             self.reach_px = float(np.clip(change * self.reach_px, self.LEAST_PX, self.MOST_PX))
-        super()._update(words, moved, seen)
+        return super().learn(words, moved, seen)
 
 
 class RecursiveLeastSquares(Estimator):
@@ -150,13 +154,15 @@ class RecursiveLeastSquares(Estimator):
         super().__init__(motors, start)
         self._covariance = np.eye(motors) * (UNKNOWN if start is None else 0.05)
 
-    def _update(self, words: Array, moved: Array, seen: Flags) -> None:
+    def learn(self, words: Array, moved: Array, seen: Flags) -> Array:
+        """See `Estimator`."""
         older = self._covariance / self.FORGETTING
         gain = older @ words / (self.NOISE + words @ older @ words)
         missed = (moved - self.jacobian @ words)[seen]
         self.jacobian[seen] += np.outer(missed, gain)
         updated = older - np.outer(gain, words @ older)
         self._covariance = updated * min(1.0, UNKNOWN * len(words) / np.trace(updated))
+        return self._as_seen(words, moved, seen)
 
     def forget(self, deviation: float = 2.0) -> None:
         """See `Estimator`."""
@@ -170,7 +176,8 @@ class Kalman(Estimator):
     (1 + m, 1 + m): a motion moves p by J c, and then p is seen, or is not. The random walk of a column grows
     with its length and with how far the arm went; that of p is a share of its displacement, for the curve
     that a straight line leaves out. Where points are noisy, the filter averages over looks at different
-    places; where one is missing, it goes on by prediction.
+    places; where one is missing, it goes on by prediction. Where noise turns out larger than it was thought
+    to be, so does the variance of all that was concluded.
 
     The default: over wild worlds it needed the fewest motions in first and in later trials of all estimators
     here (`python -m experiments benchmark estimators`), and in noise it is the only one that averages.
@@ -205,9 +212,6 @@ class Kalman(Estimator):
         corrections = gain.repeat(2, 0) * (moved - expected)[:, None]
         self.jacobian += corrections[:, 1:]
         return np.asarray(expected + corrections[:, 0])
-
-    def _update(self, words: Array, moved: Array, seen: Flags) -> None:
-        raise NotImplementedError
 
     def _squared_lengths(self) -> Array:
         """Mean square (m,) of what a word does to a point."""
@@ -249,7 +253,8 @@ class LocalLeastSquares(Estimator):
         self._middles, self._sent = np.empty((2, 0, motors))
         self._moves, self._looks = np.empty((2, 0, 8))
 
-    def _update(self, words: Array, moved: Array, seen: Flags) -> None:
+    def learn(self, words: Array, moved: Array, seen: Flags) -> Array:
+        """See `Estimator`."""
         self._middles = np.concatenate([self._middles - words, [-words / 2]])
         self._sent = np.concatenate([self._sent, [words]])
         self._moves = np.concatenate([self._moves, [moved]])
@@ -262,6 +267,7 @@ class LocalLeastSquares(Estimator):
             self.jacobian = self._fit(weights)
             residual = self._moves - self._sent @ self.jacobian.T
             weights = near / (1 + (residual / (self.ROBUST_PX * IMAGE_UNIT)) ** 2)
+        return self._as_seen(words, moved, seen)
 
     def _fit(self, weights: Array) -> Array:
         """The Jacobian (8, m) of least squares by weights (motions, 8), all rows at once."""

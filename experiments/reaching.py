@@ -20,13 +20,14 @@ SAC_SETTINGS = Path(__file__).parents[1] / "configs" / "agents" / "sac.yaml"
 
 
 def servo() -> str:
-    """unified_servo, one trial in each of the wild worlds 0-199, physics, both mounts."""
-    lines = ["unified_servo, wild worlds 0-199, one trial each, at most 50 motions"]
+    """The paper's servo, one trial in each of the wild worlds 0-199, physics, both mounts."""
+    lines = ["unified_servo test_motions, wild worlds 0-199, one trial each, at most 50 motions"]
     for mount in calfree_gym.MOUNTS:
         records: list[TrialRecord] = []
         for seed in range(200):
             env = gym.make(REACH, camera_mount=mount, max_episode_steps=50)
-            records += evaluate(agents.make("unified_servo", env), env, trials=1, seed=seed)
+            agent = agents.make("unified_servo", env, estimator="test_motions")
+            records += evaluate(agent, env, trials=1, seed=seed)
         motions = [r.motions for r in records]
         lines.append(
             f"  {mount:6} success {np.mean([r.success for r in records]):.1%} (wanted 99.0%)"
