@@ -13,7 +13,7 @@ from experiments.sweep_summary import Point, points
 _SHOWN = 5
 """Values that stand in the table; the figure has all."""
 
-_ALL = "all-sweeps"
+_ALL = "_all"
 
 _HOW_TO_READ_FIGURES = (
     "Bands: 95 % Wilson intervals of success; of the median motions, 95 % bootstrap intervals over worlds. "

@@ -230,7 +230,7 @@ def test_from_configuration_to_report(sweep_data, write_config, tmp_path, capsys
     assert len(results) == 16
     assert set(results["phase"]) == {"sweep"}
     assert not results.duplicated(["scenario", "agent", "value", "world"]).any()
-    for name in ("roll", "aim", "all-sweeps"):
+    for name in ("roll", "aim", "_all"):
         assert (out / "figures" / f"{name}.png").exists()
     page = (out / "report.md").read_text()
     assert "| joint_space_servo | joint_space_servo | joint_angles |" in page
