@@ -179,9 +179,9 @@ class Kalman(Estimator):
     places; where one is missing, it goes on by prediction. Where noise turns out larger than it was thought
     to be, so does the variance of all that was concluded.
 
-    The default: in quiet wild worlds all estimators that last need about as few motions (`python -m experiments
-    benchmark controllers`); where image points are noisy only this one goes on reaching
-    (`configs/estimators.yaml`).
+    The default: where looks are clear all estimators that last need about as few motions (`python -m
+    experiments benchmark controllers`); where image points are noisy only this one goes on reaching
+    (`configs/estimators.yaml`: 99 % of wild worlds at 8 px, the next best 76 %).
     """
 
     bridging = True
