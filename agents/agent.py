@@ -231,6 +231,17 @@ class ProcedureAgent(Agent):
         return self
 
 
+def relive(running: Procedure, looks: Sequence[Look]) -> None:
+    """Leads a procedure once more through a trial's looks, to what it then made of them.
+
+    So a procedure that keeps what it finds out in something that it is given teaches an agent in
+    `learn_trial`, and changes nothing in `predict`.
+    """
+    _begin(running, looks[0])
+    for look in looks[1:]:
+        _resume(running, look)
+
+
 def _begin(running: Procedure, look: Look) -> Array:
     return next(running, np.zeros(len(look.registers)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from typing import Any
 
 import gymnasium as gym
@@ -9,7 +10,7 @@ import numpy as np
 
 from agents.agent import Array, Look, Procedure, ProcedureAgent
 from agents.calibration.calibrated_model import CalibratedModel
-from agents.sensing import Looking, Senses
+from agents.sensing import Senses
 from calfree_gym.world import nominal
 
 
@@ -42,7 +43,7 @@ class ModelBased(ProcedureAgent):
         The gripper is then triangulated with the object, so that what is wrong with both is wrong with
         neither (position-based look-and-move with the endpoint closed loop, after Hutchinson, Hager & Corke
         1996). What looks say of the goal goes through a scalar Kalman filter: it hardly matters unless they
-        are noisy. Where a motion loses a point from view, it is taken back by half.
+        are noisy.
         """
         senses, model = Senses(), self.model
         look = yield from senses.first(look)
@@ -57,18 +58,24 @@ class ModelBased(ProcedureAgent):
             gain = 1.0 if np.isinf(variance) else variance / (variance + senses.noise_px**2)
             goal = goal + gain * (seen - goal)
             variance = senses.noise_px**2 * gain
-            before, words = look, model.registers(goal) - look.registers
-            look = yield from move_by_model(model, object_, senses, before, words)
-            while senses.lost.any():
-                words = (before.registers - look.registers) / 2
-                look = yield from move_by_model(model, object_, senses, look, words)
+            words = model.registers(goal) - look.registers
+            look = (yield from move_by_model(model, object_, senses, look, words))[-1]
 
 
 def move_by_model(
     model: CalibratedModel, object_: Array, senses: Senses, before: Look, words: Array
-) -> Looking:
-    """Executes words (m,); the look after them is trusted by what the model, and the object (3,), predict."""
-    look = yield words
-    registers = np.stack([before.registers, look.registers])
-    start, end = model.points(registers, np.stack([object_, object_]))
-    return (yield from senses.settle(look, before, end - start, np.ones(4, bool)))
+) -> Generator[Array, Look, list[Look]]:
+    """Executes words (m,), and where that loses a point from view, goes half of the way back.
+
+    Returns:
+        The looks after each motion, trusted by what the model, and the object (3,), predict.
+    """
+    looks = [before]
+    while True:
+        look = yield words
+        registers = np.stack([looks[-1].registers, look.registers])
+        start, end = model.points(registers, np.stack([object_, object_]))
+        looks.append((yield from senses.settle(look, looks[-1], end - start, np.ones(4, bool))))
+        if not senses.lost.any():
+            return looks[1:]
+        words = (before.registers - looks[-1].registers) / 2

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.agent import Array, Look, Procedure, ProcedureAgent
+from agents.agent import Array, Look, Procedure, ProcedureAgent, relive
 from agents.calibration.calibrated_model import CalibratedModel
 from agents.calibration.identification import Identification, identify
 from agents.calibration.looks import Looks
@@ -105,15 +105,9 @@ class SelfCalibrating(ProcedureAgent):
             tries += 1
 
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
-        """See `ProcedureAgent`. Looks teach the model, however the trial ends.
-
-        What the procedure made of its looks it makes of them again here: `predict` must not change knowledge.
-        """
+        """See `ProcedureAgent`. Looks teach the model, however the trial ends."""
         calibration = Calibration(self.calibration.looks, self.calibration.known)
-        again = self.seek(looks[0], calibration)
-        next(again)
-        for look in looks[1:]:
-            again.send(look)
+        relive(self.seek(looks[0], calibration), looks)
         if len(calibration.looks.trial) > self.MEMORY:
             calibration.looks = calibration.looks.latest(self.MEMORY // 2)
             calibration.known = identify(calibration.looks, self._built, known=calibration.known)
@@ -175,18 +169,11 @@ class _NotedTrial(Trial):
         self.forget()
         yield from self.test_hidden()
         for signs in self.TOGETHER:
-            before = self.look
-            yield from self.move(signs * self.test_words)
-            while self.senses.lost.any():
-                yield from self.move((before.registers - self.look.registers) / 2)
+            yield from self.move_in_view(signs * self.test_words)
 
     def go(self, model: CalibratedModel, object_: Array) -> Motions:
-        """Goes to the object by `model`; where that loses a point from view, half the way back."""
-        before = self.look
-        words = model.registers(object_) - before.registers
-        self.look = yield from move_by_model(model, object_, self.senses, before, words)
-        self.looks.append(self.look)
-        while self.senses.lost.any():
-            words = (before.registers - self.look.registers) / 2
-            self.look = yield from move_by_model(model, object_, self.senses, self.look, words)
-            self.looks.append(self.look)
+        """Goes to the object by `model`, see `move_by_model`."""
+        words = model.registers(object_) - self.look.registers
+        looks = yield from move_by_model(model, object_, self.senses, self.look, words)
+        self.look = looks[-1]
+        self.looks += looks

@@ -74,14 +74,14 @@ class Senses:
             found = found | new
         return look.believed(points.ravel(), found)
 
-    def settle(self, look: Look, before: Look, moved: Array, known: Flags | bool) -> Looking:
+    def settle(self, look: Look, before: Look, moved: Array, known: Flags) -> Looking:
         """Looks again until the look after a motion can be trusted.
 
         Args:
             look: The look after the motion.
             before: The trusted look before it.
             moved: Displacement (8,) that is expected of the points.
-            known: For which points (4,), or whether for all, that rests on motions like this one.
+            known: For which points (4,) that rests on motions like this one.
 
         Returns:
             A look whose points are those believed; not visible where there was nothing to believe.
@@ -155,7 +155,7 @@ class Senses:
             self._mistakes |= bool(found[i] and (_lengths_px(seen - points[i]) > 2 * agree).any())
         return points, found, surprising
 
-    def _worth_another(self, looks: list[Look], found: Flags, known: Flags | bool) -> bool:
+    def _worth_another(self, looks: list[Look], found: Flags, known: Flags) -> bool:
         """Whether one more look at this place may show what is not yet believed."""
         seen = np.array([look.visible for look in looks]).any(0)
         return bool((~found & (seen | (~self.lost & ~(known & self._gaps)))).any())

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.agent import Array, Look, Procedure, ProcedureAgent
+from agents.agent import Array, Look, Procedure, ProcedureAgent, relive
 from agents.jacobian import ESTIMATORS, Estimator
 from agents.servo import Servo
 
@@ -35,16 +35,10 @@ class ServoAgent(ProcedureAgent):
         return self.servo(look, estimator)
 
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
-        """See `ProcedureAgent`. Motions teach the Jacobian, however the trial ends.
-
-        What the procedure made of its looks it makes of them again here: `predict` must not change knowledge.
-        """
+        """See `ProcedureAgent`. Motions teach the Jacobian, however the trial ends."""
         estimator = self._estimator(looks[0])
         if estimator.lasting:
-            again = self.seek(looks[0], estimator)
-            next(again)
-            for look in looks[1:]:
-                again.send(look)
+            relive(self.seek(looks[0], estimator), looks)
             self.jacobian = estimator.jacobian
 
     def _estimator(self, look: Look) -> Estimator:

@@ -62,8 +62,6 @@ class AffineStereo(ProcedureAgent):
         known = [look]
         for along in self.spacing * np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]):
             look = yield from self._go(senses, look, self._words(look, along))
-            while senses.lost.any():
-                look = yield from self._go(senses, look, (known[-1].registers - look.registers) / 2)
             known.append(look)
         affine = Affine.through(
             np.array([look.told["gripper_position"] for look in known]),
@@ -71,19 +69,24 @@ class AffineStereo(ProcedureAgent):
             np.array([self._believed(look) for look in known]),
         )
         while True:
-            before, words = look, self._words(look, affine.step(look.distance, self.gain))
+            words = self._words(look, affine.step(look.distance, self.gain))
             look = yield from self._go(senses, look, words, affine)
-            while senses.lost.any():
-                words = (before.registers - look.registers) / 2
-                look = yield from self._go(senses, look, words, affine)
 
     def _go(self, senses: Senses, before: Look, words: Array, affine: Affine | None = None) -> Looking:
-        """Executes words (3,); the look after them is trusted by what the affine function predicts."""
-        look = yield words
-        moved = np.zeros(8)
-        if affine is not None:
-            moved = affine.moved(self._believed(look) - self._believed(before))
-        return (yield from senses.settle(look, before, moved, np.full(4, affine is not None)))
+        """Executes words (3,), and where that loses a point from view, goes half of the way back.
+
+        Looks are trusted by what the affine function predicts.
+        """
+        last = before
+        while True:
+            look = yield words
+            moved = np.zeros(8)
+            if affine is not None:
+                moved = affine.moved(self._believed(look) - self._believed(last))
+            last = yield from senses.settle(look, last, moved, np.full(4, affine is not None))
+            if not senses.lost.any():
+                return last
+            words = (before.registers - last.registers) / 2
 
     def _believed(self, look: Look) -> Array:
         """Where the nominal arm has the gripper (3,)."""

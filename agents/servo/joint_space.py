@@ -69,10 +69,7 @@ class JointSpaceServo(ProcedureAgent):
             words = trial.look.registers - before.registers
             turned_by_word[tested] = turned[tested] / words[tested]
             jacobian = distance_jacobian(trial.estimator.jacobian) / turned_by_word
-            before = trial.look
-            yield from trial.move(self._step(jacobian, before.distance) / turned_by_word)
-            while trial.senses.lost.any():
-                yield from trial.move((before.registers - trial.look.registers) / 2)
+            yield from trial.move_in_view(self._step(jacobian, trial.look.distance) / turned_by_word)
             trial.forget()
 
     def _step(self, jacobian: Array, distance: Array) -> Array:

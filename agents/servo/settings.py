@@ -30,3 +30,10 @@ def check_words(servo: object, *names: str) -> None:
     for name in names:
         if (value := getattr(servo, name)) > 1:
             raise ValueError(f"{name} is {value!r}; words are at most 1")
+
+
+def check_motions(servo: object) -> None:
+    """Raises ValueError where a setting of test motions and steps, which all servos share, is not allowed."""
+    check_numbers(servo, first_word=1e-6, test_px=1e-6, step_px=1e-6, step_word=1e-6)
+    check_numbers(servo, damping=0.0, border=1e-6)
+    check_words(servo, "first_word", "step_word")

@@ -97,6 +97,13 @@ class Trial:
         lost = int(self.senses.lost.argmax())
         yield from self.move(self._seen_at[lost] - self.look.registers)
 
+    def move_in_view(self, words: Array) -> Motions:
+        """Executes words (m,), and where that loses a point from view, goes half of the way back."""
+        before = self.look
+        yield from self.move(words)
+        while self.senses.lost.any():
+            yield from self.move((before.registers - self.look.registers) / 2)
+
     def test(self, motor: int) -> Motions:
         """Measures one motor's column of the Jacobian by a test motion, towards the object as last known.
 

@@ -10,7 +10,7 @@ import numpy as np
 from agents.agent import Array, Look, Procedure
 from agents.jacobian import ESTIMATORS, Estimator, displacement_px, distance_jacobian
 from agents.redundancy import REDUNDANCIES, solve_within
-from agents.servo.settings import check_numbers, check_one_of, check_words
+from agents.servo.settings import check_motions, check_numbers, check_one_of
 from agents.servo.steps import Steps
 from agents.servo.trial import Trial
 
@@ -54,9 +54,8 @@ class UnifiedServo:
     def __post_init__(self) -> None:
         check_one_of(self, "estimator", ESTIMATORS)
         check_one_of(self, "redundancy", REDUNDANCIES)
-        check_numbers(self, first_word=1e-6, test_px=1e-6, step_px=1e-6, step_word=1e-6)
-        check_numbers(self, damping=0.0, border=1e-6, patience=1)
-        check_words(self, "first_word", "step_word")
+        check_motions(self)
+        check_numbers(self, patience=1)
 
     def __call__(self, look: Look, estimator: Estimator) -> Procedure:
         """Seeks the rendezvous from `look` on, for as long as it is asked."""

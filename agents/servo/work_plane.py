@@ -21,7 +21,7 @@ import numpy as np
 from agents.agent import Array, Look, Procedure
 from agents.jacobian import Estimator, distance_jacobian
 from agents.redundancy import solve, solve_within
-from agents.servo.settings import check_numbers, check_one_of, check_words
+from agents.servo.settings import check_motions, check_numbers, check_one_of
 from agents.servo.steps import Steps
 from agents.servo.trial import Trial
 from calfree_gym.world import IMAGE_UNIT
@@ -108,9 +108,8 @@ class WorkPlaneServo:
 
     def __post_init__(self) -> None:
         check_one_of(self, "camera", CAMERAS)
-        check_numbers(self, first_word=1e-6, test_px=1e-6, step_px=1e-6, step_word=1e-6)
-        check_numbers(self, damping=0.0, border=1e-6, in_plane_px=0.0)
-        check_words(self, "first_word", "step_word")
+        check_motions(self)
+        check_numbers(self, in_plane_px=0.0)
 
     def __call__(self, look: Look, estimator: Estimator) -> Procedure:
         """Seeks the rendezvous from `look` on, for as long as it is asked."""

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 import agents
 from agents.knowledge.grid_table import GridTable
+from tests.agents.lengths import Lengths
 
 POINT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(np.array)
 REGISTERS = st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3).map(np.array)
@@ -58,23 +59,14 @@ def test_recall_is_multilinear_between_the_corners():
 def test_skill_improves_by_doing(mount):
     """Motions a trial in one small world of objects: later trials need half of the first ones'."""
 
-    class Log(gym.Wrapper):
-        def __init__(self, env):
-            super().__init__(env)
-            self.lengths = []
-
-        def reset(self, **arguments):
-            self.lengths.append(0)
-            x, y = np.random.default_rng(len(self.lengths)).uniform(-0.03, 0.03, 2)
-            return self.env.reset(options={"object": (0.42 + x, y, 0.10)})
-
-        def step(self, action):
-            self.lengths[-1] += 1
-            return self.env.step(action)
+    class Small(Lengths):
+        def reset(self, **_):
+            x, y = np.random.default_rng(len(self.lengths) + 1).uniform(-0.03, 0.03, 2)
+            return super().reset(options={"object": (0.42 + x, y, 0.10)})
 
     env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", world="nominal")
     env.reset(seed=0)
-    log = Log(env)
+    log = Small(env)
     agents.make("grid_table", log).learn(500)
     assert np.mean(log.lengths[-31:-1]) <= 0.5 * np.mean(log.lengths[:5])
 

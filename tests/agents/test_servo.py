@@ -10,26 +10,11 @@ from agents.jacobian import ESTIMATORS
 from agents.redundancy import REDUNDANCIES
 from calfree_gym.goal import TELLS
 from experiments.evaluation import evaluate
+from tests.agents.lengths import Lengths
 
 MOUNTS = calfree_gym.MOUNTS
 LASTING = [name for name, estimator in ESTIMATORS.items() if estimator.lasting]
 SERVOS = [("work_plane_servo", {}), *[("unified_servo", {"estimator": name}) for name in ESTIMATORS]]
-
-
-class Log(gym.Wrapper):
-    """Counts the motions of each trial."""
-
-    def __init__(self, env):
-        super().__init__(env)
-        self.lengths = []
-
-    def reset(self, **arguments):
-        self.lengths.append(0)
-        return self.env.reset(**arguments)
-
-    def step(self, action):
-        self.lengths[-1] += 1
-        return self.env.step(action)
 
 
 def make(mount, **options):
@@ -40,7 +25,7 @@ def learned(name, mount, seed, trials, **settings):
     """An agent after so many trials in the world of `seed`, and how many motions each took."""
     env = make(mount)
     env.reset(seed=seed)
-    log = Log(env)
+    log = Lengths(env)
     agent = agents.make(name, log, **settings)
     agent.learn(60 * trials, callback=lambda _: len(log.lengths) <= trials)
     return agent, log.lengths[:trials]

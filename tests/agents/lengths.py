@@ -1,0 +1,23 @@
+"""How many motions each trial took."""
+
+import gymnasium as gym
+
+
+class Lengths(gym.Wrapper):
+    """Counts the motions of each trial.
+
+    Attributes:
+        lengths: Of each trial, the present one included.
+    """
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.lengths = []
+
+    def reset(self, **arguments):
+        self.lengths.append(0)
+        return self.env.reset(**arguments)
+
+    def step(self, action):
+        self.lengths[-1] += 1
+        return self.env.step(action)
