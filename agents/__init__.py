@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import partial
 from inspect import signature
 from typing import Any
 
 import gymnasium as gym
 
 from agents.agent import Agent
+from agents.knowledge.gaussian_process import GaussianProcess
 from agents.knowledge.grid_table import GridTable
+from agents.knowledge.knowledge import Knowledge
 from agents.learning_servo import LearningServo
 from agents.model_based import ModelBased
 from agents.random_agent import RandomAgent
@@ -35,10 +38,25 @@ def _work_plane_servo(env: Environment, seed: int = 0, **servo: Any) -> Agent:
     return ServoAgent(env, WorkPlaneServo(**servo), seed)
 
 
-def _grid_table(env: Environment, seed: int = 0, cells: int = 8, rate: float = 0.7, **servo: Any) -> Agent:
-    motors = env.action_space.shape[0]  # type: ignore[index]
-    paper = {"estimator": "test_motions", **servo}
-    return LearningServo(env, GridTable(motors, cells, rate), UnifiedServo(**paper), seed)
+def _learning_servo(
+    env: Environment,
+    seed: int = 0,
+    knowledge: str = "memory",
+    servo: str = "unified_servo",
+    jump_px: float = 60.0,
+    every_look: bool = True,
+    **settings: Any,
+) -> Agent:
+    own = _own_settings(KNOWLEDGE[knowledge])
+    remembered = KNOWLEDGE[knowledge](
+        env.action_space.shape[0],  # type: ignore[index]
+        **{name: settings.pop(name) for name in own if name in settings},
+    )
+    return LearningServo(env, remembered, SERVOS[servo](**settings), seed, jump_px, every_look)
+
+
+def _own_settings(knowledge: type[Knowledge]) -> tuple[str, ...]:
+    return tuple(name for name in signature(knowledge).parameters if name != "motors")
 
 
 def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:
@@ -47,11 +65,26 @@ def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:
     return SacAgent(env, seed, **settings)
 
 
+KNOWLEDGE: dict[str, type[Knowledge]] = {
+    "grid_table": GridTable,
+    "gaussian_process": GaussianProcess,
+    "memory": GaussianProcess,
+}
+"""Knowledge bases by name; `memory` is the best of them."""
+SERVOS: dict[str, type[UnifiedServo] | type[WorkPlaneServo]] = {
+    "unified_servo": UnifiedServo,
+    "work_plane_servo": WorkPlaneServo,
+}
+"""The servos that knowledge can be laid over."""
+PAPERS = {"grid_table": {"every_look": False, "estimator": "test_motions"}}
+"""Settings of knowledge bases as the paper has them: only success teaches, and test motions correct."""
+
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,
     "unified_servo": _unified_servo,
     "work_plane_servo": _work_plane_servo,
-    "grid_table": _grid_table,
+    "learning_servo": _learning_servo,
+    **{name: partial(_learning_servo, knowledge=name, **PAPERS.get(name, {})) for name in KNOWLEDGE},
     "joint_space_servo": JointSpaceServo,
     "affine_stereo": AffineStereo,
     "model_based": ModelBased,
@@ -82,7 +115,7 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
     shape = getattr(env.action_space, "shape", None)
     if shape is None or len(shape) != 1:
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
-    allowed = _settings_of(name)
+    allowed = _settings_of(name, settings)
     for setting in settings:
         if setting not in allowed:
             hint = near_misses(setting, allowed)
@@ -95,14 +128,29 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
         raise ValueError(f"agent {name!r}: {error}") from error
 
 
-def _settings_of(name: str) -> tuple[str, ...]:
-    """The settings that an agent takes."""
+def _settings_of(name: str, given: Mapping[str, Any]) -> tuple[str, ...]:
+    """The settings that an agent takes; a learning servo's depend on the knowledge and servo `given`."""
     if name == "sac":
         from agents.neural.sb3 import SETTINGS
 
         return SETTINGS
     parameters = signature(_MAKERS[name]).parameters.values()
-    named = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD]
-    servo = WorkPlaneServo if name == "work_plane_servo" else UnifiedServo
-    of_servo = [field.name for field in fields(servo)] if len(named) < len(parameters) else []
-    return (*named[1:], *of_servo)
+    named = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD and p.name != "env"]
+    if len(named) == len(parameters) - 1:
+        return tuple(named)
+    if "knowledge" not in named:
+        servo = SERVOS[name]
+        return (*named, *(field.name for field in fields(servo)))
+    if name in KNOWLEDGE:
+        named.remove("knowledge")
+    chosen = {"servo": "unified_servo", "knowledge": "memory", **given}
+    if name in KNOWLEDGE:
+        chosen["knowledge"] = name
+    for setting, known in (("knowledge", KNOWLEDGE), ("servo", SERVOS)):
+        if chosen[setting] not in known:
+            raise ValueError(
+                f"agent {name!r}: {setting} is {chosen[setting]!r}{near_misses(chosen[setting], known)}; "
+                f"allowed: {', '.join(known)}"
+            )
+    own = _own_settings(KNOWLEDGE[chosen["knowledge"]])
+    return (*named, *own, *(field.name for field in fields(SERVOS[chosen["servo"]])))

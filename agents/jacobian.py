@@ -66,6 +66,10 @@ class Estimator(ABC):
         self.noise_px = NOISE_PX
         self.reach_px = np.inf
 
+    def restart(self, start: Array) -> None:
+        """Begins anew with a Jacobian (8, m)."""
+        self.__init__(start.shape[1], start)  # type: ignore[misc]
+
     @abstractmethod
     def learn(self, words: Array, moved: Array, seen: Flags) -> Array:
         """Learns from a motion.

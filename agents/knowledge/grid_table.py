@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.agent import Array
+from agents.knowledge.knowledge import Change, Recall
 
 DIMENSIONS = 4
 _CORNERS = np.array(list(product((0, 1), repeat=DIMENSIONS)))
@@ -44,11 +45,14 @@ class GridTable:
     def __repr__(self) -> str:
         return f"GridTable(cells={self.cells}, rate={self.rate})"
 
-    def recall(self, sensors: Array) -> Array | None:
-        """Interpolated registers (m,), or None where a corner of the cell has no record."""
+    def recall(self, sensors: Array) -> Recall | None:
+        """Interpolated registers; None where a corner of the cell has no record."""
         corners, weights = self._cell(sensors)
         records = self.records[corners]
-        return None if np.isnan(records).any() else np.asarray(weights @ records)
+        return None if np.isnan(records).any() else Recall(weights @ records, 0.0)
+
+    def jacobian(self, registers: Array) -> None:
+        """See `Knowledge`. A table implies none: in the paper test motions measure it."""
 
     def learn(self, sensors: Array, registers: Array) -> None:
         """Fills the empty corners of the cell and corrects all of them."""
@@ -58,6 +62,10 @@ class GridTable:
         missed = registers - weights @ records
         gain = self.rate * weights / (weights @ weights)
         self.records[corners] = records + gain[:, None] * missed
+
+    def map(self, change: Change, deviation_px: Array) -> None:
+        """See `Knowledge`. Each record is taken for a success at where its corner has gone."""
+        raise NotImplementedError
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""

@@ -2,22 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from agents.agent import Array
+
+Change = Callable[[Array], Array]
+"""From sensor vectors (n, 4) as they were seen, to what is now seen in their place."""
+
+
+@dataclass(frozen=True)
+class Recall:
+    """What a knowledge base remembers of a place.
+
+    Attributes:
+        registers: Registers (m,) that should bring the gripper to the object.
+        deviation_px: The confidence: standard deviation of where it ends up, in the worse image, in pixels.
+    """
+
+    registers: Array
+    deviation_px: float
 
 
 class Knowledge(Protocol):
     """Associations between sensor vectors (4,), seen from home, and registers (m,) that lead there."""
 
-    def recall(self, sensors: Array) -> Array | None:
-        """Registers (m,) that should bring the gripper to an object seen at `sensors`, if it knows."""
+    def recall(self, sensors: Array) -> Recall | None:
+        """What is remembered of an object seen at `sensors` (4,), from home; None where nothing is."""
+
+    def jacobian(self, registers: Array) -> Array | None:
+        """∂sensors/∂registers (4, m) of an object at registers (m,); None where too little is known."""
 
     def learn(self, sensors: Array, registers: Array) -> None:
-        """Takes in that `registers` brought the gripper to an object seen at `sensors` from home."""
+        """Takes in that `registers` (m,) bring the gripper to an object seen at `sensors` (4,) from home."""
+
+    def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
+        """Maps all that is stored at once, as after a camera was turned.
+
+        Args:
+            change: What became of the sensor vectors.
+            deviation_px: How far off that may be, in each camera (2,), in pixels.
+        """
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All that it knows, as named arrays."""

@@ -1,0 +1,191 @@
+"""Scattered support points under a Gaussian process: what is seen, as a function of the registers.
+
+The paper asks for support points "in an irregular pattern where they are actually needed" (section 4.3).
+Registers are known exactly and image points are noisy; so the regression runs from registers to sensor
+vectors, and recall inverts it: four coordinates, three registers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.agent import Array
+from agents.knowledge.knowledge import Change, Recall
+from calfree_gym.world import IMAGE_UNIT
+
+CAMERAS = 2
+
+
+class GaussianProcess:
+    """Each camera's image points (2,) as a Gaussian process over registers (m,), read backwards to recall.
+
+    The kernel is that of a quadratic whose coefficients are unknown, and of smooth departures from it. Each
+    support point has its own noise in each camera: so what was mapped with doubt weighs less than what was
+    seen. Beyond `points` of them, the one that the others predict best is dropped.
+
+    Attributes:
+        registers: Of the support points (n, m).
+        sensors: What is seen there (n, 4), in image units.
+        variances: Of the noise in each camera (n, 2), in square image units.
+
+    Args:
+        motors: Number of registers m.
+        points: The most support points that are kept.
+    """
+
+    REACH = 0.6
+    """Registers are divided by this: the kernel's length."""
+    DEPARTURE = 0.05
+    """Prior variance, in square image units, of what is not quadratic."""
+    NOISE_PX = 0.7
+    ENOUGH = 10
+    """So many support points imply a Jacobian: a quadratic has ten coefficients."""
+    SAME = 1e-4
+    """Registers that differ by no more are the same place."""
+    ITERATIONS = 5
+    STEP = 0.5
+
+    def __init__(self, motors: int, points: int = 300) -> None:
+        if isinstance(points, bool) or not isinstance(points, int) or points < 10:
+            raise ValueError(f"points is {points!r}; it must be a whole number, 10 or more")
+        self.points = points
+        self.registers = np.empty((0, motors))
+        self.sensors = np.empty((0, 2 * CAMERAS))
+        self.variances = np.empty((0, CAMERAS))
+        self._inverses = np.empty((CAMERAS, 0, 0))
+        self._weights = np.empty((0, 2 * CAMERAS))
+
+    def __repr__(self) -> str:
+        return f"GaussianProcess(points={self.points})"
+
+    def recall(self, sensors: Array) -> Recall | None:
+        """See `Knowledge`. Solves view(registers) = sensors by Gauss-Newton steps from the nearest point."""
+        if not len(self.registers):
+            return None
+        apart = self.sensors - sensors
+        registers = self.registers[np.einsum("ij,ij->i", apart, apart).argmin()]
+        weights = 1 / np.repeat(self._variances_at(registers) + self.noise, 2)
+        for _ in range(self.ITERATIONS):
+            view, jacobian = self._view_and_jacobian(registers)
+            pulled = jacobian.T * weights
+            normal = pulled @ jacobian
+            normal.flat[:: len(registers) + 1] += 1.0
+            step = np.linalg.solve(normal, pulled @ (sensors - view))
+            size = float(np.abs(step).max())
+            registers = np.clip(registers + step * min(1.0, self.STEP / max(size, 1e-12)), -1, 1)
+            if size < self.SAME:
+                break
+        view, _ = self._view_and_jacobian(registers)
+        missed = np.square(sensors - view).reshape(CAMERAS, 2).sum(1)
+        variances = self._variances_at(registers) + np.maximum(0, missed - 9 * self.noise)
+        return Recall(registers, float(np.sqrt(variances.max())) / IMAGE_UNIT)
+
+    def view(self, registers: Array) -> tuple[Array, Array]:
+        """What should be seen at registers (m,): sensors (4,), and their variance in each camera (2,)."""
+        return self._kernel(registers[None])[0] @ self._weights, self._variances_at(registers)
+
+    def jacobian(self, registers: Array) -> Array | None:
+        """See `Knowledge`."""
+        enough = len(self.registers) >= self.ENOUGH
+        return self._view_and_jacobian(registers)[1] if enough else None
+
+    def learn(self, sensors: Array, registers: Array) -> None:
+        """See `Knowledge`. What is seen at the same registers again is averaged."""
+        noise = np.full(CAMERAS, self.noise)
+        apart = np.abs(self.registers - registers).max(1, initial=0.0)
+        if len(apart) and apart.min() < self.SAME:
+            same = int(apart.argmin())
+            share = self.variances[same] / (self.variances[same] + noise)
+            sensors = self.sensors[same] + np.repeat(share, 2) * (sensors - self.sensors[same])
+            noise = np.maximum(self.variances[same] * (1 - share), self.noise / 9)
+            self._drop(same)
+        self._append(sensors, registers, noise)
+        if len(self.registers) > self.points:
+            told = np.diagonal(self._inverses, axis1=1, axis2=2).sum(0)
+            self._drop(int(np.argmax(told[:-1])))
+
+    def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
+        """See `Knowledge`."""
+        if len(self.registers):
+            self.sensors = change(self.sensors)
+            self.variances = self.variances + (deviation_px * IMAGE_UNIT) ** 2
+            self._solve()
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """See `Knowledge`."""
+        return {"registers": self.registers, "sensors": self.sensors, "variances": self.variances}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """See `Knowledge`."""
+        self.registers, self.sensors, self.variances = (
+            np.array(arrays[name], float) for name in ("registers", "sensors", "variances")
+        )
+        self._solve()
+
+    @property
+    def noise(self) -> float:
+        """Variance of what is seen in a camera, in square image units."""
+        return (self.NOISE_PX * IMAGE_UNIT) ** 2
+
+    def _kernel(self, places: Array) -> Array:
+        """Prior covariance (k, n) of what is seen at `places` (k, m) and at the support points."""
+        products = places @ self.registers.T / self.REACH**2
+        squares = np.einsum("ij,ij->i", self.registers, self.registers) / self.REACH**2
+        apart = squares + (np.einsum("ij,ij->i", places, places) / self.REACH**2)[:, None] - 2 * products
+        return np.asarray((1 + products) ** 2 + self.DEPARTURE * np.exp(-apart / 2))
+
+    def _view_and_jacobian(self, registers: Array) -> tuple[Array, Array]:
+        products = self.registers @ registers / self.REACH**2
+        apart = registers - self.registers
+        near = self.DEPARTURE * np.exp(np.einsum("ij,ij->i", apart, apart) / (-2 * self.REACH**2))
+        view = ((1 + products) ** 2 + near) @ self._weights
+        slopes = 2 * (1 + products)[:, None] * self.registers - near[:, None] * apart
+        return view, self._weights.T @ slopes / self.REACH**2
+
+    def _variances_at(self, registers: Array) -> Array:
+        """Posterior variance of what is seen, in each camera (2,)."""
+        kernel = self._kernel(registers[None])[0]
+        prior = (1 + registers @ registers / self.REACH**2) ** 2 + self.DEPARTURE
+        known = np.array([kernel @ inverse @ kernel for inverse in self._inverses])
+        return np.asarray(np.maximum(prior - known, 0.0))
+
+    def _append(self, sensors: Array, registers: Array, noise: Array) -> None:
+        """Adds a support point; the inverse covariances follow by their block."""
+        kernel = self._kernel(registers[None])[0]
+        prior = (1 + registers @ registers / self.REACH**2) ** 2 + self.DEPARTURE
+        count = len(kernel)
+        grown = np.empty((CAMERAS, count + 1, count + 1))
+        for after, inverse, own in zip(grown, self._inverses, noise, strict=True):
+            solved = inverse @ kernel
+            left = prior + own - kernel @ solved
+            after[:count, :count] = inverse + np.outer(solved, solved) / left
+            after[:count, count] = after[count, :count] = -solved / left
+            after[count, count] = 1 / left
+        self._inverses = grown
+        self.registers = np.concatenate([self.registers, [registers]])
+        self.sensors = np.concatenate([self.sensors, [sensors]])
+        self.variances = np.concatenate([self.variances, [noise]])
+        self._weigh()
+
+    def _drop(self, index: int) -> None:
+        """Forgets a support point; the inverse covariances follow by their block."""
+        column = self._inverses[:, index]
+        reduced = self._inverses - np.einsum("ci,cj->cij", column, column) / column[:, index, None, None]
+        self._inverses = np.delete(np.delete(reduced, index, 1), index, 2)
+        self.registers = np.delete(self.registers, index, 0)
+        self.sensors = np.delete(self.sensors, index, 0)
+        self.variances = np.delete(self.variances, index, 0)
+        self._weigh()
+
+    def _solve(self) -> None:
+        kernel = self._kernel(self.registers)
+        self._inverses = np.array([np.linalg.inv(kernel + np.diag(noise)) for noise in self.variances.T])
+        self._weigh()
+
+    def _weigh(self) -> None:
+        seen = self.sensors.reshape(-1, CAMERAS, 2)
+        self._weights = np.concatenate([self._inverses[i] @ seen[:, i] for i in range(CAMERAS)], 1)
