@@ -46,21 +46,31 @@ class LearningServo(ServoAgent):
         seed: int = 0,
         jump_px: float = 60.0,
         every_look: bool = True,
+        on_change: str = "recognise",
     ) -> None:
         super().__init__(env, servo, seed)
         self.knowledge = knowledge
         self.jump_px = jump_px
         self.every_look = every_look
+        from agents.knowledge.recognition import Recognition
+        self.recognition=Recognition(knowledge,on_change)
         self.carriers = np.zeros(env.action_space.shape, bool)
 
     def seek(self, look: Look, estimator: Estimator) -> Procedure:
         """See `ServoAgent`."""
-        recall = self.knowledge.recall(look.object)
+        knowledge = self.knowledge
+        if not self.recognition.as_ever(look.gripper):
+            back = self.recognition.recollected(look.gripper)
+            if back is None:
+                yield from super().seek(look, estimator)
+                return
+            knowledge = back
+        recall = knowledge.recall(look.object)
         if recall is not None and recall.deviation_px <= self.jump_px:
             home, look = look, (yield recall.registers - look.registers)
             if not look.visible.all():
                 look = yield home.registers - look.registers
-        if (jacobian := self._implied(look.registers)) is not None:
+        if (jacobian := self._implied(look.registers, knowledge)) is not None:
             estimator.restart(jacobian)
         yield from super().seek(look, estimator)
 
@@ -70,12 +80,14 @@ class LearningServo(ServoAgent):
         if self.jacobian is not None:
             gripper, object_ = np.square(self.jacobian).reshape(2, 4, -1).sum(1)
             self.carriers = object_ > gripper
-        if self.every_look:
-            for look in looks:
-                if look.visible[:2].all():
-                    self.knowledge.learn(look.gripper, np.where(self.carriers, 0.0, look.registers))
+        pairs = [
+            (np.where(self.carriers, 0.0, look.registers), look.gripper)
+            for look in looks
+            if look.visible[:2].all()
+        ]
         if ended:
-            self.knowledge.learn(looks[0].object, self._rendezvous(looks[-1]))
+            pairs.append((self._rendezvous(looks[-1]), looks[0].object))
+        self.recognition.learn(*map(np.array, zip(*pairs)))
 
     def _rendezvous(self, look: Look) -> Array:
         """Registers (m,) at which gripper and object would have met exactly, from the last look."""
@@ -83,13 +95,13 @@ class LearningServo(ServoAgent):
             return look.registers
         return look.registers + solve(distance_jacobian(self.jacobian), look.distance, 0.0)
 
-    def _implied(self, registers: Array) -> Array | None:
+    def _implied(self, registers: Array, knowledge) -> Array | None:
         """The Jacobian (8, m) of gripper and object points that knowledge implies at `registers`.
 
         Motors that carry the cameras leave the gripper's image where it is, and move the object's the
         opposite way.
         """
-        jacobian = self.knowledge.jacobian(np.where(self.carriers, 0.0, registers))
+        jacobian = knowledge.jacobian(np.where(self.carriers, 0.0, registers))
         if jacobian is None:
             return None
         return np.concatenate([jacobian * ~self.carriers, -jacobian * self.carriers])

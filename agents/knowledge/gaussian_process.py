@@ -25,7 +25,8 @@ class GaussianProcess:
 
     The kernel is that of a quadratic whose coefficients are unknown, and of smooth departures from it. Each
     support point has its own noise in each camera: so what was mapped with doubt weighs less than what was
-    seen. Beyond `points` of them, the one that the others predict best is dropped.
+    seen. Beyond `points` of them, the one that
+    adds least to what the others tell is dropped.
 
     Attributes:
         registers: Of the support points (n, m).
@@ -44,6 +45,10 @@ class GaussianProcess:
     NOISE_PX = 0.7
     ENOUGH = 10
     """So many support points imply a Jacobian: a quadratic has ten coefficients."""
+    SPARE = 30
+    """So many more support points are kept before they are pruned."""
+    MOST = 10
+    """As many looks at one place count at most: what is seen there may change."""
     SAME = 1e-4
     """Registers that differ by no more are the same place."""
     ITERATIONS = 5
@@ -56,7 +61,7 @@ class GaussianProcess:
         self.registers = np.empty((0, motors))
         self.sensors = np.empty((0, 2 * CAMERAS))
         self.variances = np.empty((0, CAMERAS))
-        self._inverses = np.empty((CAMERAS, 0, 0))
+        self._inverses: Array | None = None
         self._weights = np.empty((0, 2 * CAMERAS))
 
     def __repr__(self) -> str:
@@ -66,6 +71,7 @@ class GaussianProcess:
         """See `Knowledge`. Solves view(registers) = sensors by Gauss-Newton steps from the nearest point."""
         if not len(self.registers):
             return None
+        self._settle()
         apart = self.sensors - sensors
         registers = self.registers[np.einsum("ij,ij->i", apart, apart).argmin()]
         weights = 1 / np.repeat(self._variances_at(registers) + self.noise, 2)
@@ -86,10 +92,12 @@ class GaussianProcess:
 
     def view(self, registers: Array) -> tuple[Array, Array]:
         """What should be seen at registers (m,): sensors (4,), and their variance in each camera (2,)."""
+        self._settle()
         return self._kernel(registers[None])[0] @ self._weights, self._variances_at(registers)
 
     def jacobian(self, registers: Array) -> Array | None:
         """See `Knowledge`."""
+        self._settle()
         enough = len(self.registers) >= self.ENOUGH
         return self._view_and_jacobian(registers)[1] if enough else None
 
@@ -100,20 +108,22 @@ class GaussianProcess:
         if len(apart) and apart.min() < self.SAME:
             same = int(apart.argmin())
             share = self.variances[same] / (self.variances[same] + noise)
-            sensors = self.sensors[same] + np.repeat(share, 2) * (sensors - self.sensors[same])
-            noise = np.maximum(self.variances[same] * (1 - share), self.noise / 9)
-            self._drop(same)
-        self._append(sensors, registers, noise)
-        if len(self.registers) > self.points:
-            told = np.diagonal(self._inverses, axis1=1, axis2=2).sum(0)
-            self._drop(int(np.argmax(told[:-1])))
+            self.sensors[same] += np.repeat(share, 2) * (sensors - self.sensors[same])
+            self.variances[same] = np.maximum(self.variances[same] * (1 - share), self.noise / self.MOST)
+        else:
+            self.registers = np.concatenate([self.registers, [registers]])
+            self.sensors = np.concatenate([self.sensors, [sensors]])
+            self.variances = np.concatenate([self.variances, [noise]])
+            if len(self.registers) > self.points + self.SPARE:
+                self._prune()
+        self._inverses = None
 
     def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
         """See `Knowledge`."""
         if len(self.registers):
-            self.sensors = change(self.sensors)
+            self.sensors, self.registers = change(self.sensors, self.registers)
             self.variances = self.variances + (deviation_px * IMAGE_UNIT) ** 2
-            self._solve()
+            self._inverses = None
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""
@@ -124,7 +134,7 @@ class GaussianProcess:
         self.registers, self.sensors, self.variances = (
             np.array(arrays[name], float) for name in ("registers", "sensors", "variances")
         )
-        self._solve()
+        self._inverses = None
 
     @property
     def noise(self) -> float:
@@ -153,39 +163,25 @@ class GaussianProcess:
         known = np.array([kernel @ inverse @ kernel for inverse in self._inverses])
         return np.asarray(np.maximum(prior - known, 0.0))
 
-    def _append(self, sensors: Array, registers: Array, noise: Array) -> None:
-        """Adds a support point; the inverse covariances follow by their block."""
-        kernel = self._kernel(registers[None])[0]
-        prior = (1 + registers @ registers / self.REACH**2) ** 2 + self.DEPARTURE
-        count = len(kernel)
-        grown = np.empty((CAMERAS, count + 1, count + 1))
-        for after, inverse, own in zip(grown, self._inverses, noise, strict=True):
-            solved = inverse @ kernel
-            left = prior + own - kernel @ solved
-            after[:count, :count] = inverse + np.outer(solved, solved) / left
-            after[:count, count] = after[count, :count] = -solved / left
-            after[count, count] = 1 / left
-        self._inverses = grown
-        self.registers = np.concatenate([self.registers, [registers]])
-        self.sensors = np.concatenate([self.sensors, [sensors]])
-        self.variances = np.concatenate([self.variances, [noise]])
-        self._weigh()
+    def _prune(self) -> None:
+        """Drops, one after the other, the support points that add least to what the others tell."""
+        self._settle()
+        inverses, kept = self._inverses, np.arange(len(self.registers))
+        while len(kept) > self.points:
+            redundant = np.einsum("cii,ic->i", inverses, self.variances[kept])
+            index = int(redundant.argmax())
+            column = inverses[:, index]
+            inverses = inverses - column[:, :, None] * (column / column[:, [index]])[:, None]
+            inverses = np.delete(np.delete(inverses, index, 1), index, 2)
+            kept = np.delete(kept, index)
+        self.registers, self.sensors, self.variances = (
+            values[kept] for values in (self.registers, self.sensors, self.variances)
+        )
 
-    def _drop(self, index: int) -> None:
-        """Forgets a support point; the inverse covariances follow by their block."""
-        column = self._inverses[:, index]
-        reduced = self._inverses - np.einsum("ci,cj->cij", column, column) / column[:, index, None, None]
-        self._inverses = np.delete(np.delete(reduced, index, 1), index, 2)
-        self.registers = np.delete(self.registers, index, 0)
-        self.sensors = np.delete(self.sensors, index, 0)
-        self.variances = np.delete(self.variances, index, 0)
-        self._weigh()
-
-    def _solve(self) -> None:
-        kernel = self._kernel(self.registers)
-        self._inverses = np.array([np.linalg.inv(kernel + np.diag(noise)) for noise in self.variances.T])
-        self._weigh()
-
-    def _weigh(self) -> None:
-        seen = self.sensors.reshape(-1, CAMERAS, 2)
-        self._weights = np.concatenate([self._inverses[i] @ seen[:, i] for i in range(CAMERAS)], 1)
+    def _settle(self) -> None:
+        """Solves for what was learned since it was last asked."""
+        if self._inverses is None:
+            kernel = self._kernel(self.registers)
+            self._inverses = np.array([np.linalg.inv(kernel + np.diag(own)) for own in self.variances.T])
+            seen = self.sensors.reshape(-1, CAMERAS, 2).swapaxes(0, 1)
+            self._weights = np.concatenate([*(self._inverses @ seen)], 1)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from agents.agent import Array
 
-Change = Callable[[Array], Array]
-"""From sensor vectors (n, 4) as they were seen, to what is now seen in their place."""
+Change = Callable[[Array, Array], tuple[Array, Array]]
+"""From sensor vectors (n, 4) and registers (n, m) that belonged together, to those that now do."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,12 @@
+"""Weights that let a mistaken point count little."""
+
+import numpy as np
+
+from agents.agent import Array
+
+HUBER = 3.0
+
+
+def robust_weights(deviations: Array) -> Array:
+    """Huber's weights (n,) of residuals (n,) in standard deviations."""
+    return np.asarray(1 / np.maximum(1.0, np.abs(deviations) / HUBER))
