@@ -45,6 +45,7 @@ def _learning_servo(
     servo: str = "unified_servo",
     jump_px: float = 60.0,
     every_look: bool = True,
+    on_change: str = "keep",
     **settings: Any,
 ) -> Agent:
     own = _own_settings(KNOWLEDGE[knowledge])
@@ -52,10 +53,10 @@ def _learning_servo(
         env.action_space.shape[0],  # type: ignore[index]
         **{name: settings.pop(name) for name in own if name in settings},
     )
-    return LearningServo(env, remembered, SERVOS[servo](**settings), seed, jump_px, every_look)
+    return LearningServo(env, remembered, SERVOS[servo](**settings), seed, jump_px, every_look, on_change)
 
 
-def _own_settings(knowledge: type[Knowledge]) -> tuple[str, ...]:
+def _own_settings(knowledge: Callable[..., Knowledge]) -> tuple[str, ...]:
     return tuple(name for name in signature(knowledge).parameters if name != "motors")
 
 
@@ -65,7 +66,7 @@ def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:
     return SacAgent(env, seed, **settings)
 
 
-KNOWLEDGE: dict[str, type[Knowledge]] = {
+KNOWLEDGE: dict[str, Callable[..., Knowledge]] = {
     "grid_table": GridTable,
     "gaussian_process": GaussianProcess,
     "memory": GaussianProcess,
@@ -76,15 +77,19 @@ SERVOS: dict[str, type[UnifiedServo] | type[WorkPlaneServo]] = {
     "work_plane_servo": WorkPlaneServo,
 }
 """The servos that knowledge can be laid over."""
-PAPERS = {"grid_table": {"every_look": False, "estimator": "test_motions"}}
-"""Settings of knowledge bases as the paper has them: only success teaches, and test motions correct."""
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "grid_table": {"every_look": False, "estimator": "test_motions"},
+    "gaussian_process": {"on_change": "recognise"},
+    "memory": {"on_change": "recognise"},
+}
+"""Settings of agents that bear a knowledge base's name; with the paper's only success teaches."""
 
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,
     "unified_servo": _unified_servo,
     "work_plane_servo": _work_plane_servo,
     "learning_servo": _learning_servo,
-    **{name: partial(_learning_servo, knowledge=name, **PAPERS.get(name, {})) for name in KNOWLEDGE},
+    **{name: partial(_learning_servo, knowledge=name, **DEFAULTS.get(name, {})) for name in KNOWLEDGE},
     "joint_space_servo": JointSpaceServo,
     "affine_stereo": AffineStereo,
     "model_based": ModelBased,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.agent import Array, Look, Procedure
+from agents.change.recognition import Recognition
 from agents.jacobian import Estimator, distance_jacobian
 from agents.knowledge.knowledge import Knowledge
 from agents.redundancy import solve
@@ -36,6 +37,8 @@ class LearningServo(ServoAgent):
         seed: See `Agent`.
         jump_px: It moves at once only where it expects to end up no further off than this.
         every_look: Whether every look at the gripper teaches, not only the rendezvous.
+        on_change: What it does with its knowledge where the world has changed: one of
+            `agents.change.recognition.ON_CHANGE`.
     """
 
     def __init__(
@@ -46,32 +49,36 @@ class LearningServo(ServoAgent):
         seed: int = 0,
         jump_px: float = 60.0,
         every_look: bool = True,
-        on_change: str = "recognise",
+        on_change: str = "keep",
     ) -> None:
         super().__init__(env, servo, seed)
-        self.knowledge = knowledge
+        (motors,) = env.action_space.shape  # type: ignore[misc]
+        if on_change != "keep" and not every_look:
+            raise ValueError(
+                f"on_change {on_change!r} needs every_look: by looks at the gripper changes show"
+            )
+        self.recognition = Recognition(knowledge, motors, on_change)
         self.jump_px = jump_px
         self.every_look = every_look
-        from agents.knowledge.recognition import Recognition
-        self.recognition=Recognition(knowledge,on_change)
-        self.carriers = np.zeros(env.action_space.shape, bool)
+        self.carriers = np.zeros(motors, bool)
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """What it remembers."""
+        return self.recognition.knowledge
 
     def seek(self, look: Look, estimator: Estimator) -> Procedure:
         """See `ServoAgent`."""
-        knowledge = self.knowledge
-        if not self.recognition.as_ever(look.gripper):
-            back = self.recognition.recollected(look.gripper)
-            if back is None:
-                yield from super().seek(look, estimator)
-                return
-            knowledge = back
-        recall = knowledge.recall(look.object)
-        if recall is not None and recall.deviation_px <= self.jump_px:
-            home, look = look, (yield recall.registers - look.registers)
-            if not look.visible.all():
-                look = yield home.registers - look.registers
-        if (jacobian := self._implied(look.registers, knowledge)) is not None:
-            estimator.restart(jacobian)
+        knowledge = self.recognition.fitting(look.gripper)
+        if knowledge is not None:
+            recall = knowledge.recall(look.object)
+            if recall is not None and recall.deviation_px <= self.jump_px:
+                home, look = look, (yield recall.registers - look.registers)
+                if not look.visible.all():
+                    look = yield home.registers - look.registers
+            jacobian = self._implied(knowledge, look.registers)
+            if jacobian is not None:
+                estimator.restart(jacobian)
         yield from super().seek(look, estimator)
 
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
@@ -80,14 +87,13 @@ class LearningServo(ServoAgent):
         if self.jacobian is not None:
             gripper, object_ = np.square(self.jacobian).reshape(2, 4, -1).sum(1)
             self.carriers = object_ > gripper
-        pairs = [
-            (np.where(self.carriers, 0.0, look.registers), look.gripper)
-            for look in looks
-            if look.visible[:2].all()
-        ]
-        if ended:
-            pairs.append((self._rendezvous(looks[-1]), looks[0].object))
-        self.recognition.learn(*map(np.array, zip(*pairs)))
+        registers = [np.where(self.carriers, 0.0, look.registers) for look in looks]
+        sensors = [look.gripper for look in looks]
+        taught = [self.every_look and bool(look.visible[:2].all()) for look in looks]
+        registers.append(self._rendezvous(looks[-1]))
+        sensors.append(looks[0].object)
+        taught.append(ended)
+        self.recognition.learn(np.array(registers)[taught], np.array(sensors)[taught])
 
     def _rendezvous(self, look: Look) -> Array:
         """Registers (m,) at which gripper and object would have met exactly, from the last look."""
@@ -95,7 +101,7 @@ class LearningServo(ServoAgent):
             return look.registers
         return look.registers + solve(distance_jacobian(self.jacobian), look.distance, 0.0)
 
-    def _implied(self, registers: Array, knowledge) -> Array | None:
+    def _implied(self, knowledge: Knowledge, registers: Array) -> Array | None:
         """The Jacobian (8, m) of gripper and object points that knowledge implies at `registers`.
 
         Motors that carry the cameras leave the gripper's image where it is, and move the object's the
@@ -113,10 +119,10 @@ class LearningServo(ServoAgent):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        return super().arrays() | self.knowledge.arrays() | {"carriers": self.carriers}
+        return super().arrays() | self.recognition.arrays() | {"carriers": self.carriers}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
         super().restore(arrays)
-        self.knowledge.restore(arrays)
+        self.recognition.restore(arrays)
         self.carriers = np.array(arrays["carriers"])

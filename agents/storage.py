@@ -42,3 +42,14 @@ def load(path: str | Path, kind: str) -> tuple[dict[str, NDArray[Any]], int]:
             f"this agent is {kind} (version {_VERSION})"
         )
     return arrays, int(header["num_timesteps"])
+
+
+def prefixed(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Arrays under the names prefix/name, beside which others can stand."""
+    return {f"{prefix}/{name}": array for name, array in arrays.items()}
+
+
+def under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Those that `prefixed` put under a prefix, by their own names; empty where there are none."""
+    start = f"{prefix}/"
+    return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}

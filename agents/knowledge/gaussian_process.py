@@ -61,20 +61,21 @@ class GaussianProcess:
         self.registers = np.empty((0, motors))
         self.sensors = np.empty((0, 2 * CAMERAS))
         self.variances = np.empty((0, CAMERAS))
-        self._inverses: Array | None = None
+        self._inverses = np.empty((CAMERAS, 0, 0))
+        self._settled = True
         self._weights = np.empty((0, 2 * CAMERAS))
 
     def __repr__(self) -> str:
         return f"GaussianProcess(points={self.points})"
 
     def recall(self, sensors: Array) -> Recall | None:
-        """See `Knowledge`. Solves view(registers) = sensors by Gauss-Newton steps from the nearest point."""
+        """See `Knowledge`. Solves views(registers) = sensors by Gauss-Newton steps from the nearest point."""
         if not len(self.registers):
             return None
         self._settle()
         apart = self.sensors - sensors
         registers = self.registers[np.einsum("ij,ij->i", apart, apart).argmin()]
-        weights = 1 / np.repeat(self._variances_at(registers) + self.noise, 2)
+        weights = 1 / np.repeat(self.views(registers[None])[1][0] + self.noise, 2)
         for _ in range(self.ITERATIONS):
             view, jacobian = self._view_and_jacobian(registers)
             pulled = jacobian.T * weights
@@ -85,15 +86,16 @@ class GaussianProcess:
             registers = np.clip(registers + step * min(1.0, self.STEP / max(size, 1e-12)), -1, 1)
             if size < self.SAME:
                 break
-        view, _ = self._view_and_jacobian(registers)
+        (view,), (variances,) = self.views(registers[None])
         missed = np.square(sensors - view).reshape(CAMERAS, 2).sum(1)
-        variances = self._variances_at(registers) + np.maximum(0, missed - 9 * self.noise)
+        variances = variances + np.maximum(0, missed - 9 * self.noise)
         return Recall(registers, float(np.sqrt(variances.max())) / IMAGE_UNIT)
 
-    def view(self, registers: Array) -> tuple[Array, Array]:
-        """What should be seen at registers (m,): sensors (4,), and their variance in each camera (2,)."""
+    def views(self, registers: Array) -> tuple[Array, Array]:
+        """What should be seen at registers (k, m): sensors (k, 4), and variances in each camera (k, 2)."""
         self._settle()
-        return self._kernel(registers[None])[0] @ self._weights, self._variances_at(registers)
+        kernel = self._kernel(registers)
+        return kernel @ self._weights, self._variances(kernel, registers)
 
     def jacobian(self, registers: Array) -> Array | None:
         """See `Knowledge`."""
@@ -116,14 +118,14 @@ class GaussianProcess:
             self.variances = np.concatenate([self.variances, [noise]])
             if len(self.registers) > self.points + self.SPARE:
                 self._prune()
-        self._inverses = None
+        self._settled = False
 
     def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
         """See `Knowledge`."""
         if len(self.registers):
             self.sensors, self.registers = change(self.sensors, self.registers)
             self.variances = self.variances + (deviation_px * IMAGE_UNIT) ** 2
-            self._inverses = None
+            self._settled = False
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""
@@ -134,7 +136,7 @@ class GaussianProcess:
         self.registers, self.sensors, self.variances = (
             np.array(arrays[name], float) for name in ("registers", "sensors", "variances")
         )
-        self._inverses = None
+        self._settled = False
 
     @property
     def noise(self) -> float:
@@ -156,12 +158,11 @@ class GaussianProcess:
         slopes = 2 * (1 + products)[:, None] * self.registers - near[:, None] * apart
         return view, self._weights.T @ slopes / self.REACH**2
 
-    def _variances_at(self, registers: Array) -> Array:
-        """Posterior variance of what is seen, in each camera (2,)."""
-        kernel = self._kernel(registers[None])[0]
-        prior = (1 + registers @ registers / self.REACH**2) ** 2 + self.DEPARTURE
-        known = np.array([kernel @ inverse @ kernel for inverse in self._inverses])
-        return np.asarray(np.maximum(prior - known, 0.0))
+    def _variances(self, kernel: Array, registers: Array) -> Array:
+        """Posterior variance (k, 2) of what is seen at registers (k, m), from their kernel (k, n)."""
+        prior = (1 + np.square(registers).sum(1) / self.REACH**2) ** 2 + self.DEPARTURE
+        known = [np.einsum("kn,kn->k", kernel @ inverse, kernel) for inverse in self._inverses]
+        return np.maximum(prior[:, None] - np.transpose(known), 0.0)
 
     def _prune(self) -> None:
         """Drops, one after the other, the support points that add least to what the others tell."""
@@ -180,8 +181,9 @@ class GaussianProcess:
 
     def _settle(self) -> None:
         """Solves for what was learned since it was last asked."""
-        if self._inverses is None:
+        if not self._settled:
             kernel = self._kernel(self.registers)
             self._inverses = np.array([np.linalg.inv(kernel + np.diag(own)) for own in self.variances.T])
             seen = self.sensors.reshape(-1, CAMERAS, 2).swapaxes(0, 1)
             self._weights = np.concatenate([*(self._inverses @ seen)], 1)
+            self._settled = True

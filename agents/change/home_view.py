@@ -53,21 +53,19 @@ class HomeView:
         """In which cameras the gripper is now seen elsewhere than in the last few trials."""
         return self._displaced(np.concatenate([self.seen[-self.FEW :], [gripper]]), 1)
 
-    def displaced(self) -> tuple[int, Cameras]:
-        """How many of the latest looks are elsewhere than those before, in which cameras; 0 where none are."""
+    def drifting(self) -> Cameras:
+        """In which cameras the latest looks are elsewhere than those before."""
         for latest in range(2, min(self.LATEST, len(self.seen) - 1) + 1):
             cameras = self._displaced(self.seen, latest)
             if cameras.any():
-                return latest, cameras
-        return 0, np.zeros(2, bool)
+                return cameras
+        return np.zeros(2, bool)
 
-    def drift(self, latest: int) -> tuple[Array, Cameras]:
-        """How far the view goes each trial (4,), by the latest looks, and in which cameras it surely does."""
+    def rate(self, latest: int) -> Array:
+        """How far the view goes each trial (4,), by the latest looks."""
         seen = self.seen[-latest:]
         times = np.arange(len(seen)) - (len(seen) - 1) / 2
-        rate = times @ seen / max(times @ times, 1.0)
-        sure = lengths_px(rate) > SIGMAS * self.noise_px() / np.sqrt(max(times @ times, 1.0))
-        return rate, sure
+        return np.asarray(times @ seen / max(float(times @ times), 1.0))
 
     def _displaced(self, seen: Array, latest: int) -> Cameras:
         if len(seen) == latest:

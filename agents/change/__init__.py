@@ -1,0 +1,1 @@
+"""How a robot recognises that its world has changed, and what it then does (paper, section 5)."""
