@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.agent import Array
-from agents.change.robust import huber
+from agents.change.robust import huber, typical
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.world import IMAGE_UNIT
 
@@ -55,9 +55,10 @@ def fit_arm(before: GaussianProcess, sensors: Array, registers: Array) -> ArmCha
     lines = [_line(*both, trust) for both in zip(once.T, registers.T, strict=True)]
     scale, offset = np.array(lines).T
     views, _ = before.views((registers - offset) / scale)
-    missed = (sensors - views).reshape(-1, 2, 2)
-    spare = max(len(missed) - registers.shape[1], 1)
-    return ArmChange(scale, offset, np.sqrt(np.square(missed).sum((0, 2)) / (2 * spare)) / IMAGE_UNIT)
+    missed = (sensors - views).reshape(-1, 2, 2).swapaxes(0, 1)
+    spent = len(sensors) / max(len(sensors) - registers.shape[1], 1)
+    deviation_px = np.sqrt([typical(camera) * spent for camera in missed]) / IMAGE_UNIT
+    return ArmChange(scale, offset, deviation_px)
 
 
 def _line(once: Array, now: Array, trust: Array) -> tuple[float, float]:

@@ -12,15 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.agent import Array
-from agents.change.robust import huber
+from agents.change.robust import huber, typical
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.world import IMAGE_UNIT
 
 FOCUS = 0.6
 """1 / f² in square image units: the perspective that goes with a shift where a camera is turned."""
 ITERATIONS = 12
-MOVED_PX, TURNED, ZOOMED = 4.0, np.radians(2), 0.04
-"""Beyond that a change has the kind's name: fit's deviation, rotation, and logarithm of the scale."""
+TURNED, ZOOMED = np.radians(3), 0.04
+"""Rotation, and logarithm of the scale, of a camera that was rolled or zoomed; or replaced, if it was both."""
+MOVED_PX, PARALLAX_PX = 1.0, 1.5
+"""Deviation of the fit, and part that follows the depth, of a camera that was moved."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +37,14 @@ class CameraChange:
         parameters: (12,): a, b, shear (2), t (2), g (2), B (4).
         plane: How the other camera's points follow from p (3, 2), as far as they do.
         deviation_px: How far off the fit is in each camera (2,), in pixels, at points left out of it.
+        parallax_px: How large the part B q is, root mean square over the points.
     """
 
     camera: int
     parameters: Array
     plane: Array
     deviation_px: Array
+    parallax_px: float
 
     def __call__(self, sensors: Array, registers: Array) -> tuple[Array, Array]:
         """What has become of sensor vectors (n, 4); and their registers (n, m), which stay."""
@@ -53,11 +57,12 @@ class CameraChange:
     def kind(self) -> str:
         """What has been done to the camera."""
         a, b = self.parameters[:2]
-        if self.deviation_px.max() > MOVED_PX:
-            return "moved"
-        if abs(np.arctan2(b, a)) > TURNED:
-            return "rolled"
-        return "zoomed" if abs(np.log(np.hypot(a, b))) > ZOOMED else "re-aimed"
+        turned, zoomed = abs(np.arctan2(b, a)) > TURNED, abs(np.log(np.hypot(a, b))) > ZOOMED
+        if turned:
+            return "replaced" if zoomed else "rolled"
+        if zoomed:
+            return "moved" if self.parallax_px > PARALLAX_PX else "zoomed"
+        return "moved" if self.deviation_px.max() > MOVED_PX else "re-aimed"
 
 
 def fit_camera(before: GaussianProcess, camera: int, sensors: Array, registers: Array) -> CameraChange:
@@ -85,13 +90,13 @@ def fit_camera(before: GaussianProcess, camera: int, sensors: Array, registers: 
         covariance = np.linalg.inv(heavy @ derivative + np.diag(deviation**-2))
         parameters = parameters + covariance @ (heavy @ missed + (expected - parameters) / deviation**2)
         leverage = np.einsum("ij,ji->i", derivative @ covariance, heavy)
-        left_out = (missed / np.maximum(1 - leverage, 0.05)).reshape(-1, 2)
-        squares = np.square(left_out).sum(1) / 2
-        unexplained = np.average(squares, weights=np.sqrt(weights)) - sure.mean()
-        variances = sure + max(0.0, unexplained / 2)
+        left_out = typical((missed / np.maximum(1 - leverage, 0.05)).reshape(-1, 2))
+        variances = sure + max(0.0, left_out - np.median(sure)) / 2
     deviation_px = np.zeros(2)
-    deviation_px[camera] = np.sqrt(np.average(squares, weights=weights * variances)) / IMAGE_UNIT
-    return CameraChange(camera, parameters, plane, deviation_px)
+    deviation_px[camera] = np.sqrt(left_out) / IMAGE_UNIT
+    parallax = depth @ parameters[8:].reshape(2, 2).T
+    parallax_px = float(np.sqrt(np.square(parallax).sum(1).mean())) / IMAGE_UNIT
+    return CameraChange(camera, parameters, plane, deviation_px, parallax_px)
 
 
 def _plane(sensors: Array, camera: int) -> Array:

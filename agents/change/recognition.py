@@ -68,8 +68,10 @@ class Recognition:
     STRANGE = 3.0
     """What is strange is so many times further off, for what is known there, than is usual."""
     USUAL = 20
-    """What is usual is known from so many trials, and from no fewer than half of them."""
-    DISCARD_PX = 25.0
+    """What is usual is known from so many trials."""
+    AGAIN = 4
+    """What is strange counts where it is so again within so many trials."""
+    DISCARD_PX = 40.0
     """Beyond this deviation of the best explanation it is better to start empty."""
     SURE = 30
     """So many trials after a change it is no longer thought over."""
@@ -127,16 +129,17 @@ class Recognition:
         strange = self._strange(pairs)
         if jumped.any():
             self._change(pairs, jumped)
+        elif strange.any() and len(self._held):
+            self._change(self._held + pairs, strange)
         elif strange.any():
-            suspected, self._held = self._held + pairs, pairs
-            if len(suspected) > len(pairs):
-                self._change(suspected, strange)
+            self._held = pairs
         else:
-            self._go_on(self._held + pairs)
+            if len(self._held) and self._held.trials[0] <= self._trial - self.AGAIN:
+                pairs, self._held = self._held + pairs, self._nothing
+            self._go_on(pairs)
 
     def _go_on(self, pairs: Pairs) -> None:
         """Nothing has jumped: learns, thinks on about the last change, and follows a drift."""
-        self._held = self._nothing
         self._recent = (self._recent + pairs).latest(self.DRIFT)
         if self._before:
             self._since = self._since + pairs
@@ -153,7 +156,7 @@ class Recognition:
 
     def _change(self, pairs: Pairs, cameras: Cameras) -> None:
         """Something has jumped: sets aside what was known, and looks for what explains it."""
-        trials = len(np.unique(pairs.trials))
+        trials = self._trial - int(pairs.trials[0])
         before = {**self._known(), "home": self.home.seen[:-trials].mean(0)}
         self.home.keep(trials)
         self._held = self._recent = self._nothing
@@ -228,11 +231,13 @@ class Recognition:
         views, variances = self.views.views(pairs.registers[1:])
         missed = lengths_px(pairs.sensors[1:] - views)
         scores = missed / np.sqrt(variances / IMAGE_UNIT**2 + NOISE_PX**2)
-        usual, self._scores = self._scores, np.concatenate([self._scores, [scores.max(0)]])[-self.USUAL :]
-        if len(usual) < self.USUAL // 2:
-            return np.zeros(2, bool)
-        limit = np.maximum(SIGMAS, self.STRANGE * np.quantile(usual, 0.9, axis=0))
-        return np.asarray(((scores > limit) & (missed > self.STRANGE_PX)).any(0))
+        limit = np.full(2, np.inf)
+        if len(self._scores) == self.USUAL:
+            limit = np.maximum(SIGMAS, self.STRANGE * np.quantile(self._scores, 0.9, axis=0))
+        strange = ((scores > limit) & (missed > self.STRANGE_PX)).any(0)
+        if not strange.any():
+            self._scores = np.concatenate([self._scores, [scores.max(0)]])[-self.USUAL :]
+        return np.asarray(strange)
 
     def explain(self, pairs: Pairs) -> bool:
         """Whether most of it was to be expected."""
