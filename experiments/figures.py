@@ -40,7 +40,7 @@ STYLE: Any = {
 
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """How the world changed, and between which lifetime motions it did so in the runs."""
+    """How the world changed, and between which lifetime motions (or trials) it did so in the runs."""
 
     first: int
     last: int

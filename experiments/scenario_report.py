@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 
 from experiments import figures
-from experiments.config import ScenarioConfig, Suite
+from experiments.config import EvaluationConfig, ScenarioConfig, Suite
 from experiments.finished import Finished
 from experiments.pages import Section, Table, number, percent
 from experiments.plan import LifeRun
@@ -25,15 +25,15 @@ _HOW_TO_READ = (
 )
 
 
-def scenario_section(finished: Finished, scenario: ScenarioConfig) -> Section:
+def scenario_section(finished: Finished, scenario: ScenarioConfig, evaluation: EvaluationConfig) -> Section:
     """The learning curves of one scenario, and the table of their moments."""
     rows = with_cost(finished.results, scenario)
     suite, cap = finished.suite, scenario.env.max_episode_steps
     labels = tuple(agent.label for agent in suite.agents)
-    width = max(suite.evaluation.every, 2 * cap)
-    perturbations = _perturbations(finished, scenario)
+    width = max(evaluation.every, 2 * cap)
+    perturbations = perturbations_met(finished, scenario, "motions")
     held_out = figures.learning_curves(
-        f"{scenario.name}: held-out trials, {suite.evaluation.trials} at each checkpoint",
+        f"{scenario.name}: held-out trials, {evaluation.trials} at each checkpoint",
         lambda agent, measure: held_out_curve(rows, agent, measure, suite.worlds, scenario),
         labels,
         cap,
@@ -49,7 +49,7 @@ def scenario_section(finished: Finished, scenario: ScenarioConfig) -> Section:
     folder = finished.out / "figures"
     return Section(
         title=f"Scenario {scenario.name}",
-        text=_about(suite, scenario),
+        text=about(suite, scenario),
         figures={
             f"{scenario.name}-{what}": figures.save(figure, folder, f"{scenario.name}-{what}")
             for what, figure in (("held-out", held_out), ("training", training))
@@ -59,18 +59,22 @@ def scenario_section(finished: Finished, scenario: ScenarioConfig) -> Section:
     )
 
 
-def _about(suite: Suite, scenario: ScenarioConfig) -> str:
+def about(suite: Suite, scenario: ScenarioConfig) -> str:
+    """What the runs of a scenario have in common, in words."""
     env = scenario.env
+    length, of = scenario.length
     return (
         f"{env.id}, {env.world} worlds, cameras on the {env.camera_mount}, tolerance "
         f"{env.tolerance_px:g} px, {env.dynamics} dynamics, at most {env.max_episode_steps} "
-        f"motions a trial, {scenario.motions:,} motions a life, {suite.worlds} worlds, the same "
+        f"motions a trial, {length:,} {of} a life, {suite.worlds} worlds, the same "
         f"for every agent. Lines: mean over worlds; bands: 95 % bootstrap over worlds."
     )
 
 
-def _perturbations(finished: Finished, scenario: ScenarioConfig) -> tuple[figures.Perturbation, ...]:
-    """When the runs were perturbed, and how: a span where they were perturbed after different motions.
+def perturbations_met(
+    finished: Finished, scenario: ScenarioConfig, of: str
+) -> tuple[figures.Perturbation, ...]:
+    """After how many motions, or trials (`of`), the runs were perturbed, and how; a span where they differ.
 
     Spans of the same perturbation that overlap, as where it comes at every trial, are one.
     """
@@ -78,13 +82,13 @@ def _perturbations(finished: Finished, scenario: ScenarioConfig) -> tuple[figure
     for spec in finished.runs:
         if isinstance(spec, LifeRun) and spec.scenario == scenario and spec.id in finished.outcomes:
             seen: Counter[str] = Counter()
-            for motions, perturbation in finished.outcomes[spec.id]["perturbations"]:
+            for motions, trials, perturbation in finished.outcomes[spec.id]["perturbations"]:
                 what = _in_words(_as_given(perturbation, scenario))
-                met.setdefault((what, seen[what]), []).append(motions)
+                met.setdefault((what, seen[what]), []).append(motions if of == "motions" else trials)
                 seen[what] += 1
     spans: list[figures.Perturbation] = []
-    for (what, _), motions in sorted(met.items(), key=lambda item: (item[0][0], min(item[1]))):
-        first, last = min(motions), max(motions)
+    for (what, _), counts in sorted(met.items(), key=lambda item: (item[0][0], min(item[1]))):
+        first, last = min(counts), max(counts)
         if spans and spans[-1].what == what and first <= spans[-1].last:
             first, last = spans[-1].first, max(last, spans.pop().last)
         spans.append(figures.Perturbation(first, last, what))
@@ -93,7 +97,7 @@ def _perturbations(finished: Finished, scenario: ScenarioConfig) -> tuple[figure
 
 def _as_given(perturbation: dict[str, Any], scenario: ScenarioConfig) -> dict[str, Any]:
     """The perturbation as in the schedule, without what it drew (which differs from world to world)."""
-    given = (entry["do"] for entry in scenario.perturbations)
+    given = (entry["do"] for entry in scenario.perturbations if "do" in entry)
     return next((do for do in given if do.items() <= perturbation.items()), perturbation)
 
 
