@@ -64,7 +64,7 @@ class EnvironmentConfig(Model):
 
 
 class ScenarioConfig(Model):
-    """The life that every agent leads: where, how long, in motions or in trials, and how its world is perturbed."""
+    """The life that every agent leads: where, for how many motions or trials, and how it is perturbed."""
 
     name: Name
     env: EnvironmentConfig
