@@ -43,7 +43,7 @@ def knowledge() -> str:
 def _region(worlds: int = 10) -> Iterator[str]:
     """Robot seconds per reach of the paper's table, where objects lie anywhere and in a region."""
     yield (
-        f"grid_table, wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, waist, kinematic, {TRIALS} trials: robot "
+        f"grid_table, {_named(worlds)}, waist, kinematic, {TRIALS} trials: robot "
         "seconds per reach (the paper: 50, then a few; wanted: 3 times fewer in the region)"
     )
     for settings in TABLES:
@@ -165,7 +165,7 @@ def _recall_time(base: Knowledge, rng: np.random.Generator, recalls: int) -> flo
 def _memory(worlds: int = 20) -> Iterator[str]:
     """Motions per reach of memory in blocks of trials."""
     yield (
-        f"memory, wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, physics: motions per reach, worst world "
+        f"memory, {_named(worlds)}, physics: motions per reach, worst world "
         "in brackets (wanted in trials 26-50: 1.8, in 101-150: 1.25 [1.6], in 301-400: 1.15; success 99.5%)"
     )
     for mount in calfree_gym.MOUNTS:
@@ -183,6 +183,10 @@ def _memory(worlds: int = 20) -> Iterator[str]:
 
 def _mean_and_worst(motions: NDArray[np.int64]) -> str:
     return f"{motions.mean():.2f} [{motions.mean(1).max():.2f}]"
+
+
+def _named(worlds: int) -> str:
+    return f"wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}"
 
 
 def _lives(

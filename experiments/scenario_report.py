@@ -5,6 +5,7 @@ from typing import Any
 
 import pandas as pd
 
+from calfree_gym.undo import Undo
 from experiments import figures
 from experiments.config import EvaluationConfig, ScenarioConfig, Suite
 from experiments.finished import Finished
@@ -83,7 +84,7 @@ def perturbations_met(
         if isinstance(spec, LifeRun) and spec.scenario == scenario and spec.id in finished.outcomes:
             seen: Counter[str] = Counter()
             for motions, trials, perturbation in finished.outcomes[spec.id]["perturbations"]:
-                what = _in_words(_as_given(perturbation, scenario))
+                what = _in_words(perturbation, scenario)
                 met.setdefault((what, seen[what]), []).append(motions if of == "motions" else trials)
                 seen[what] += 1
     spans: list[figures.Perturbation] = []
@@ -95,17 +96,22 @@ def perturbations_met(
     return tuple(sorted(spans, key=lambda span: span.first))
 
 
-def _as_given(perturbation: dict[str, Any], scenario: ScenarioConfig) -> dict[str, Any]:
-    """The perturbation as in the schedule, without what it drew (which differs from world to world)."""
-    given = (entry["do"] for entry in scenario.perturbations if "do" in entry)
-    return next((do for do in given if do.items() <= perturbation.items()), perturbation)
+def _in_words(perturbation: dict[str, Any], scenario: ScenarioConfig) -> str:
+    """A perturbation as in the schedule, without what it drew (which differs from world to world)."""
+    schedule = scenario.perturbations
+    if perturbation["type"] == Undo.type:
+        return f"undo: {_named(schedule[perturbation['event']]['do'])}"
+    given = (entry for entry in schedule if "do" in entry)
+    entry = next((e for e in given if e["do"].items() <= perturbation.items()), {"do": perturbation})
+    drift = "drift" in {**entry, **entry.get("at", {})}
+    return ("drift: " if drift else "") + _named(entry["do"])
 
 
 def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _in_words(perturbation: dict[str, Any]) -> str:
+def _named(perturbation: dict[str, Any]) -> str:
     given = ", ".join(f"{key} {_short(value)}" for key, value in perturbation.items() if key != "type")
     return f"{perturbation['type']} ({given})" if given else str(perturbation["type"])
 

@@ -8,13 +8,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.figures import STYLE, Perturbation, line_of
 from experiments.statistics import Array
 from experiments.summary import MOTIONS, SECONDS
 from experiments.trial_summary import Blocks
 
-_MOST_WORDS = 34
+_ROOM_FOR_WORDS = 5  # labels side by side above the panels
 
 
 def trial_curves(
@@ -40,9 +41,9 @@ def trial_curves(
                 _draw(axes, blocks_of(agent, measure), agent, index)
             axes.set_ylabel(f"{what} per reach")
             axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_formatter("{x:g}")
-            axes.tick_params(axis="y", which="minor", labelsize=8)
+            axes.yaxis.set_minor_formatter(NullFormatter())
             for perturbation in perturbations:
                 axes.axvline(_place(edges, perturbation.first), color="#555555", linewidth=1, linestyle=":")
         _name_blocks(panels[1], edges)
@@ -76,10 +77,9 @@ def _name_blocks(axes: Axes, edges: Array) -> None:
 
 
 def _name_events(axes: Axes, edges: Array, perturbations: Sequence[Perturbation]) -> None:
-    for perturbation in perturbations:
-        words = perturbation.what
+    for perturbation in perturbations if len(perturbations) <= _ROOM_FOR_WORDS else ():
         axes.annotate(
-            words if len(words) <= _MOST_WORDS else f"{words[: _MOST_WORDS - 1]}…",
+            perturbation.what.replace(" (", "\n("),
             (_place(edges, perturbation.first), 1),
             xycoords=("data", "axes fraction"),
             xytext=(2, 3),
