@@ -218,7 +218,8 @@ class Suite(Model):
         cls, value: EvaluationConfig | None, info: ValidationInfo
     ) -> EvaluationConfig | None:
         for scenario in info.data.get("scenarios", ()):
-            life = f"scenario {scenario.name!r} has {scenario.most_motions} motions"
+            at_most = "" if scenario.motions is not None else "at most "
+            life = f"scenario {scenario.name!r} has {at_most}{scenario.most_motions} motions"
             if value is None and scenario.motions is not None:
                 raise ValueError(f"{life}: only lives counted in trials do without held-out trials")
             if value is not None and value.every > scenario.most_motions:

@@ -48,7 +48,7 @@ def _region(worlds: int = 10) -> Iterator[str]:
     )
     for settings in TABLES:
         for share, where in ((1.0, "whole work space"), (WIDTH, f"region of width {WIDTH:g}")):
-            lives, tables = _lives("grid_table", "waist", worlds, share, "kinematic", **settings)
+            lives, tables = _lives("grid_table", "waist", worlds, share, "kinematic", TRIALS, **settings)
             seconds = np.array([[record.robot_seconds for record in life] for life in lives])
             first, last = seconds[:, :25].mean(), seconds[:, -100:].mean()
             known = [~np.isnan(table.knowledge.records).any(-1) for table in tables]
@@ -113,13 +113,13 @@ def _trials_until(
     target: float, sensors: Array, dimensions: int, cells: int, rng: np.random.Generator
 ) -> int:
     """After how many trials `target` records have been visited; objects are drawn from `sensors` (n, 4)."""
-    visited = np.zeros((cells + 1) ** dimensions, bool)
-    trials, step = 0, 10
-    while visited.sum() < target:
-        seen = sensors[rng.integers(len(sensors), size=step)]
-        directions = rng.uniform(-1, 1, (step, dimensions - sensors.shape[1]))
-        visited[_corners(np.hstack([seen, directions]), cells)] = True
-        trials += step
+    visited: set[int] = set()
+    trials = 0
+    while len(visited) < target:
+        direction = rng.uniform(-1, 1, dimensions - sensors.shape[1])
+        place = np.concatenate([sensors[rng.integers(len(sensors))], direction])
+        visited.update(_corners(place[None], cells)[0].tolist())
+        trials += 1
     return trials
 
 
@@ -169,8 +169,8 @@ def _memory(worlds: int = 20) -> Iterator[str]:
         "in brackets (wanted in trials 26-50: 1.8, in 101-150: 1.25 [1.6], in 301-400: 1.15; success 99.5%)"
     )
     for mount in calfree_gym.MOUNTS:
-        lives, _ = _lives("memory", mount, worlds, 1.0, "physics")
-        first, _ = _lives("unified_servo", mount, worlds, 1.0, "physics", trials=1)
+        lives, _ = _lives("memory", mount, worlds, 1.0, "physics", TRIALS)
+        first, _ = _lives("unified_servo", mount, worlds, 1.0, "physics", 1)
         motions = np.array([[record.motions for record in life] for life in lives])
         blocks = "".join(f"   {a + 1}-{b}: {_mean_and_worst(motions[:, a:b])}" for a, b in ASKED)
         success = np.mean([record.success for life in lives for record in life])
@@ -190,7 +190,7 @@ def _named(worlds: int) -> str:
 
 
 def _lives(
-    name: str, mount: str, worlds: int, share: float, dynamics: str, trials: int = TRIALS, **settings: Any
+    name: str, mount: str, worlds: int, share: float, dynamics: str, trials: int, **settings: Any
 ) -> tuple[list[list[TrialRecord]], list[Any]]:
     """What an agent's own trials came to in each world, and the agents after them."""
     lives, lived = [], []
