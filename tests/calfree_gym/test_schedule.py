@@ -122,7 +122,7 @@ def test_what_undoing_brings_back_must_be_in_view():
     env.reset(seed=0)
     env.reset()
     env.reset()
-    with pytest.raises(ValueError, match="the world after .*undo.* is not in view"):
+    with pytest.raises(ValueError, match=r"the world after .*undo.* is not in view"):
         env.reset()
 
 
