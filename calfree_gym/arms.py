@@ -17,6 +17,7 @@ from calfree_gym.perturbation import Perturbation
 from calfree_gym.sensing import Sensing
 from calfree_gym.simulation import DYNAMICS, Simulation
 from calfree_gym.strikes import Strikes
+from calfree_gym.undo import Undo
 from calfree_gym.workspace import ATTEMPTS, Workspaces, first_in_view, in_view
 from calfree_gym.world import IMAGE_SIZE, World, WorldDistribution, near_misses
 
@@ -283,7 +284,7 @@ class StereoArms:
         )
 
 
-Perturbed = tuple[int, Perturbation]
+Perturbed = tuple[int, Perturbation | Undo]
 """A row, and the perturbation that struck it, with all that it drew."""
 
 

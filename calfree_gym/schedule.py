@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.perturbation import Perturbation
 from calfree_gym.perturbations import parse_perturbation
+from calfree_gym.undo import Undo
 from calfree_gym.world import near_misses
 
 CLOCKS = ("motion", "trial")
@@ -24,14 +25,14 @@ class Event:
     Attributes:
         clock: "motion": counted over the environment's life, in mid-trial too; or "trial".
         at: How many motions or trials have gone before it strikes.
-        perturbation: What it does.
+        perturbation: What it does, or which event it undoes.
         every: Whether it strikes again each time as many more have gone.
         drift: Whether what it does is a step of a drift.
     """
 
     clock: str
     at: int
-    perturbation: Perturbation
+    perturbation: Perturbation | Undo
     every: bool = False
     drift: bool = False
 
@@ -61,6 +62,10 @@ def parse_schedule(entries: Iterable[Mapping[str, Any]] | None, where: str = "pe
 
     `at: {every: ...}` and `at: {drift: ...}` are read likewise.
 
+    Beside `at`, `undo: k` may stand in place of `do`: what the entry at place k (from 0) has changed is again
+    as it was before; what else has happened since stays. So the old camera comes back, where entry k replaced
+    it. Entry k is one that strikes once, earlier and on the same clock.
+
     Args:
         entries: The list; None is an empty one.
         where: What errors call it.
@@ -72,15 +77,20 @@ def parse_schedule(entries: Iterable[Mapping[str, Any]] | None, where: str = "pe
         return ()
     if isinstance(entries, Mapping | str) or not isinstance(entries, Iterable):
         raise ValueError(f"{where} is {entries!r}; it must be a list of {{at: ..., do: ...}}")
-    return tuple(
-        _event(entry, f"{where}.{i}") if not isinstance(entry, Event) else entry
-        for i, entry in enumerate(entries)
-    )
+    events: list[Event] = []
+    for i, entry in enumerate(entries):
+        events.append(entry if isinstance(entry, Event) else _event(entry, f"{where}.{i}", events))
+    return tuple(events)
 
 
-def _event(entry: Mapping[str, Any], where: str) -> Event:
+def _event(entry: Mapping[str, Any], where: str, earlier: list[Event]) -> Event:
+    if isinstance(entry, Mapping) and entry.keys() == {"at", "undo"}:
+        return _undoing(entry, where, earlier)
     if not isinstance(entry, Mapping) or len(entry) != 2 or "do" not in entry:
-        raise ValueError(f"{where} is {entry!r}; it must be a mapping of do and one of {', '.join(WHENS)}")
+        raise ValueError(
+            f"{where} is {entry!r}; it must be a mapping of do and one of {', '.join(WHENS)}, "
+            "or of at and undo"
+        )
     ((how, when),) = ((key, value) for key, value in entry.items() if key != "do")
     if how not in WHENS:
         raise ValueError(f"{where} has {how!r}{near_misses(how, WHENS)}; allowed: do and {', '.join(WHENS)}")
@@ -96,6 +106,24 @@ def _event(entry: Mapping[str, Any], where: str) -> Event:
     if how == "every" and count == 0:
         raise ValueError(f"{place}.{clock} is 0; it must be at least 1")
     return Event(clock, count, perturbation, every=how == "every")
+
+
+def _undoing(entry: Mapping[str, Any], where: str, earlier: list[Event]) -> Event:
+    clock, count = _count(entry["at"], f"{where}.at")
+    allowed = [
+        i
+        for i, event in enumerate(earlier)
+        if event.clock == clock
+        and event.at < count
+        and not (event.every or isinstance(event.perturbation, Undo))
+    ]
+    place = entry["undo"]
+    if isinstance(place, bool) or place not in allowed:
+        raise ValueError(
+            f"{where}.undo is {place!r}; it must be the place of an entry before it that strikes once, "
+            f"at an earlier {clock}: {', '.join(map(str, allowed)) or 'there is none'}"
+        )
+    return Event(clock, count, Undo(int(place)))
 
 
 def _count(when: Any, where: str) -> tuple[str, int]:

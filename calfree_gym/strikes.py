@@ -7,6 +7,7 @@ from typing import Any
 from calfree_gym.perturbation import Perturbation
 from calfree_gym.schedule import CLOCKS, Event, parse_schedule
 from calfree_gym.streams import stream
+from calfree_gym.undo import Undo, undone
 from calfree_gym.workspace import first_in_view, in_view
 from calfree_gym.world import World
 
@@ -31,15 +32,18 @@ class Strikes:
         self._keep_in_view = keep_in_view
         self._seeds = [0] * rows
         self._drifts: list[dict[int, tuple[Perturbation, bool]]] = [{} for _ in range(rows)]
+        self._to_undo = {e.perturbation.event for _, e in events if isinstance(e.perturbation, Undo)}
+        self._undoable: list[dict[int, tuple[World, World]]] = [{} for _ in range(rows)]
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`."""
         self._seeds[row] = seed
         self._drifts[row] = {}
+        self._undoable[row] = {}
 
     def strike(
         self, number: int, event: Event, row: int, count: int, world: World
-    ) -> tuple[World, Perturbation | None]:
+    ) -> tuple[World, Perturbation | Undo | None]:
         """Lets an event strike the world of a row.
 
         Returns:
@@ -47,21 +51,38 @@ class Strikes:
             of a drift that was told before.
 
         Raises:
-            ValueError: What it draws is never in view.
+            ValueError: What it draws is never in view, or what it brings back is not.
         """
+        perturbation = event.perturbation
+        if isinstance(perturbation, Undo):
+            return self._undo(perturbation, row, world), perturbation
         if event.drift:
-            return self._drift(number, event.perturbation, row, world)
-        drawn = event.perturbation
+            return self._drift(number, perturbation, row, world)
+        after, drawn = self._strike(number, perturbation, row, count, world)
+        if number in self._to_undo:
+            self._undoable[row][number] = world, after
+        return after, drawn
+
+    def _strike(
+        self, number: int, perturbation: Perturbation, row: int, count: int, world: World
+    ) -> tuple[World, Perturbation]:
+        drawn = perturbation
 
         def perturbed(attempt: int) -> World:
             nonlocal drawn
-            drawn = event.perturbation.drawn(stream(self._seeds[row], "perturbation", number, count, attempt))
+            drawn = perturbation.drawn(stream(self._seeds[row], "perturbation", number, count, attempt))
             return drawn.change(world)
 
         if not self._keep_in_view:
             return perturbed(0), drawn
-        what = f"the world after {event.perturbation.to_dict()}"
+        what = f"the world after {perturbation.to_dict()}"
         return first_in_view(perturbed, self._mount, what), drawn
+
+    def _undo(self, undo: Undo, row: int, world: World) -> World:
+        there = undone(world, *self._undoable[row][undo.event])
+        if self._keep_in_view and not in_view(there, self._mount):
+            raise ValueError(f"the world after {undo.to_dict()} is not in view: {there.to_dict()}")
+        return there
 
     def _drift(
         self, number: int, perturbation: Perturbation, row: int, world: World

@@ -1,6 +1,5 @@
 """What is compared with what: a suite, read from YAML into frozen models."""
 
-import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
@@ -65,25 +64,46 @@ class EnvironmentConfig(Model):
 
 
 class ScenarioConfig(Model):
-    """The life that every agent leads: where, for how long, and how its world is perturbed."""
+    """The life that every agent leads: where, for how many motions or trials, and how it is perturbed."""
 
     name: Name
     env: EnvironmentConfig
-    motions: int = Field(gt=0)
+    motions: int | None = Field(None, gt=0)
+    trials: int | None = Field(None, gt=0, validate_default=True)
     perturbations: tuple[dict[str, Any], ...] = Field((), strict=False)
+
+    @field_validator("trials")
+    @classmethod
+    def _motions_or_trials(cls, value: int | None, info: ValidationInfo) -> int | None:
+        if "motions" in info.data and (info.data["motions"] is None) == (value is None):
+            given = "neither is" if value is None else "both are"
+            raise ValueError(f"a life is of so many motions, or of so many trials; {given} given")
+        return value
 
     @field_validator("perturbations")
     @classmethod
     def _within_the_life(
         cls, value: tuple[dict[str, Any], ...], info: ValidationInfo
     ) -> tuple[dict[str, Any], ...]:
-        motions = info.data.get("motions", math.inf)
         for i, event in enumerate(parse_schedule(list(value))):
-            if event.clock == "motion" and event.at >= motions:
+            length = info.data.get(f"{event.clock}s")
+            if length is not None and event.at >= length:
                 raise ValueError(
-                    f"perturbations.{i}.at.motion is {event.at}: never, in a life of {motions} motions"
+                    f"perturbations.{i}.at.{event.clock} is {event.at}: never, "
+                    f"in a life of {length} {event.clock}s"
                 )
         return value
+
+    @property
+    def length(self) -> tuple[int, str]:
+        """How long a life is, and what it is counted in: "motions" or "trials"."""
+        return (self.motions, "motions") if self.motions is not None else (self.trials or 0, "trials")
+
+    @property
+    def most_motions(self) -> int:
+        """The most motions that a life can have."""
+        length, of = self.length
+        return length if of == "motions" else length * self.env.max_episode_steps
 
 
 class SweepConfig(Model):
@@ -166,7 +186,7 @@ class Suite(Model):
     worlds: int = Field(gt=0)
     scenarios: tuple[ScenarioConfig, ...] = Field((), strict=False)
     sweeps: tuple[SweepConfig, ...] = Field((), strict=False, validate_default=True)
-    evaluation: EvaluationConfig = EvaluationConfig(every=1_000, trials=20)
+    evaluation: EvaluationConfig | None = EvaluationConfig(every=1_000, trials=20)
     agents: tuple[AgentConfig, ...] = Field(min_length=1, strict=False)
 
     @field_validator("scenarios")
@@ -194,10 +214,15 @@ class Suite(Model):
 
     @field_validator("evaluation")
     @classmethod
-    def _within_every_life(cls, value: EvaluationConfig, info: ValidationInfo) -> EvaluationConfig:
+    def _within_every_life(
+        cls, value: EvaluationConfig | None, info: ValidationInfo
+    ) -> EvaluationConfig | None:
         for scenario in info.data.get("scenarios", ()):
-            if value.every > scenario.motions:
-                life = f"scenario {scenario.name!r} has {scenario.motions} motions"
+            at_most = "" if scenario.motions is not None else "at most "
+            life = f"scenario {scenario.name!r} has {at_most}{scenario.most_motions} motions"
+            if value is None and scenario.motions is not None:
+                raise ValueError(f"{life}: only lives counted in trials do without held-out trials")
+            if value is not None and value.every > scenario.most_motions:
                 raise ValueError(f"evaluation.every is {value.every}; {life}")
         return value
 

@@ -40,7 +40,7 @@ STYLE: Any = {
 
 @dataclass(frozen=True, slots=True)
 class Perturbation:
-    """How the world changed, and between which lifetime motions it did so in the runs."""
+    """How the world changed, and between which lifetime motions (or trials) it did so in the runs."""
 
     first: int
     last: int
@@ -89,10 +89,11 @@ def learning_curves(
 
 def line_of(index: int) -> dict[str, Any]:
     """How the line of the agent with this index is drawn, in every figure."""
+    again = index // len(_COLOURS)  # a colour that comes again has another marker and other dashes
     return {
         "color": _COLOURS[index % len(_COLOURS)],
-        "linestyle": _DASHES[index % len(_DASHES)],
-        "marker": _MARKERS[index % len(_MARKERS)],
+        "linestyle": _DASHES[(index + again) % len(_DASHES)],
+        "marker": _MARKERS[(index + again) % len(_MARKERS)],
         "markersize": 4,
         "linewidth": 1.6,
     }

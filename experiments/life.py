@@ -21,8 +21,10 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     Attributes:
         motions: Lifetime motions.
+        trials: Trials that have come to their end.
         world: The world in which the last motion was made (at first: the world to begin in).
-        perturbations: All up to the last motion: lifetime motions made before it, and what it was.
+        perturbations: All up to the last motion: lifetime motions made before it, index of the trial
+            that it met, and what it was.
 
     Args:
         env: The environment to live in, with its schedule of perturbations.
@@ -40,7 +42,8 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._on_trial = on_trial
         self._trial = 0
         self.motions = 0
-        self.perturbations: list[tuple[int, dict[str, Any]]] = []
+        self.trials = 0
+        self.perturbations: list[tuple[int, int, dict[str, Any]]] = []
         self._begin(*env.reset(seed=seed))
         self._note(())
 
@@ -71,6 +74,7 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.motions += 1
         self._meter.add(info)
         if terminated or truncated:
+            self.trials += 1
             self._on_trial(self._meter.record())
         return observation, reward, terminated, truncated, info
 
@@ -81,7 +85,7 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def _note(self, perturbed: Any) -> None:
         for perturbation in (*self._perturbed_by_reset, *perturbed):
-            self.perturbations.append((self.motions, perturbation.to_dict()))
+            self.perturbations.append((self.motions, self._trial, perturbation.to_dict()))
         self._perturbed_by_reset = ()
         env: Any = self.env.unwrapped
         self.world = env.world

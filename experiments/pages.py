@@ -43,14 +43,15 @@ class Section:
     alarming: bool = False
 
 
-def percent(cell: Cell) -> str:
+def percent(cell: Cell, digits: int = 0) -> str:
     """A share with its interval."""
-    return f"{cell.value:.0%} [{cell.low:.0%}, {cell.high:.0%}]".replace("%", " %")
+    value, low, high = (f"{part:.{digits}%}" for part in (cell.value, cell.low, cell.high))
+    return f"{value} [{low}, {high}]".replace("%", " %")
 
 
-def number(cell: Cell) -> str:
+def number(cell: Cell, digits: int = 1) -> str:
     """A number with its interval."""
-    return f"{cell.value:.1f} [{cell.low:.1f}, {cell.high:.1f}]"
+    return f"{cell.value:.{digits}f} [{cell.low:.{digits}f}, {cell.high:.{digits}f}]"
 
 
 def html_page(title: str, question: str, sections: Sequence[Section]) -> str:

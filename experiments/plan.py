@@ -45,14 +45,14 @@ class LifeRun(Run):
 
     Attributes:
         scenario: Where it lives, and how its world is perturbed.
-        evaluation: When it is evaluated.
+        evaluation: When it is evaluated on held-out trials, if ever.
         world: Index of the world; the same for all agents that are compared in it.
         world_seed: Seeds the world, its objects and its noise.
         evaluation_seed: Seeds the held-out trials.
     """
 
     scenario: ScenarioConfig
-    evaluation: EvaluationConfig
+    evaluation: EvaluationConfig | None
     world: int
     world_seed: int
     evaluation_seed: int
@@ -65,7 +65,7 @@ class LifeRun(Run):
     @property
     def work(self) -> tuple[int, str]:
         """See `Run`."""
-        return self.scenario.motions, "motions"
+        return self.scenario.length
 
 
 class SweepRun(Run):

@@ -50,7 +50,7 @@ def table(worlds: int = 10, trials: int = 400, before: int = 250) -> str:
             records: list[TrialRecord] = []
             env = gym.make(REACH, camera_mount=mount, perturbations=schedule)
             agent = agents.make("grid_table", Life(env, seed, records.append))
-            agent.learn(trials * 60, callback=_until(trials, records))
+            agent.learn(trials * 60, callback=until(trials, records))
             lives.append(records)
         motions = np.array([[r.motions for r in life] for life in lives])
         success = np.array([[r.success for r in life] for life in lives])
@@ -63,7 +63,8 @@ def table(worlds: int = 10, trials: int = 400, before: int = 250) -> str:
     return "\n".join(lines)
 
 
-def _until(trials: int, records: list[TrialRecord]) -> Callable[[Any], bool]:
+def until(trials: int, records: list[TrialRecord]) -> Callable[[Any], bool]:
+    """A callback that ends a life with that trial."""
     return lambda progress: len(records) < trials
 
 

@@ -10,6 +10,7 @@ from experiments.folder import FAILED, LOG, VERSIONS, folder_of, read_json, writ
 from experiments.pages import Section, Table, html_page, markdown_page
 from experiments.scenario_report import scenario_section
 from experiments.sweep_report import sweep_sections
+from experiments.trial_report import trial_section
 
 
 def write_report(out: Path) -> Path:
@@ -26,7 +27,12 @@ def write_report(out: Path) -> Path:
     """
     finished = read(out)
     sections = [_failures(finished)] if finished.unfinished else []
-    sections += [scenario_section(finished, scenario) for scenario in finished.suite.scenarios]
+    evaluation = finished.suite.evaluation
+    for scenario in finished.suite.scenarios:
+        if evaluation:
+            sections.append(scenario_section(finished, scenario, evaluation))
+        if scenario.trials:
+            sections.append(trial_section(finished, scenario))
     sections += sweep_sections(finished)
     sections += [_told(finished), _versions(finished), _provenance(finished)]
     title, question = finished.suite.name, finished.suite.question

@@ -5,8 +5,9 @@ from typing import Any
 
 import pandas as pd
 
+from calfree_gym.undo import Undo
 from experiments import figures
-from experiments.config import ScenarioConfig, Suite
+from experiments.config import EvaluationConfig, ScenarioConfig, Suite
 from experiments.finished import Finished
 from experiments.pages import Section, Table, number, percent
 from experiments.plan import LifeRun
@@ -25,15 +26,15 @@ _HOW_TO_READ = (
 )
 
 
-def scenario_section(finished: Finished, scenario: ScenarioConfig) -> Section:
+def scenario_section(finished: Finished, scenario: ScenarioConfig, evaluation: EvaluationConfig) -> Section:
     """The learning curves of one scenario, and the table of their moments."""
     rows = with_cost(finished.results, scenario)
     suite, cap = finished.suite, scenario.env.max_episode_steps
     labels = tuple(agent.label for agent in suite.agents)
-    width = max(suite.evaluation.every, 2 * cap)
-    perturbations = _perturbations(finished, scenario)
+    width = max(evaluation.every, 2 * cap)
+    perturbations = perturbations_met(finished, scenario, "motions")
     held_out = figures.learning_curves(
-        f"{scenario.name}: held-out trials, {suite.evaluation.trials} at each checkpoint",
+        f"{scenario.name}: held-out trials, {evaluation.trials} at each checkpoint",
         lambda agent, measure: held_out_curve(rows, agent, measure, suite.worlds, scenario),
         labels,
         cap,
@@ -49,7 +50,7 @@ def scenario_section(finished: Finished, scenario: ScenarioConfig) -> Section:
     folder = finished.out / "figures"
     return Section(
         title=f"Scenario {scenario.name}",
-        text=_about(suite, scenario),
+        text=about(suite, scenario),
         figures={
             f"{scenario.name}-{what}": figures.save(figure, folder, f"{scenario.name}-{what}")
             for what, figure in (("held-out", held_out), ("training", training))
@@ -59,18 +60,22 @@ def scenario_section(finished: Finished, scenario: ScenarioConfig) -> Section:
     )
 
 
-def _about(suite: Suite, scenario: ScenarioConfig) -> str:
+def about(suite: Suite, scenario: ScenarioConfig) -> str:
+    """What the runs of a scenario have in common, in words."""
     env = scenario.env
+    length, of = scenario.length
     return (
         f"{env.id}, {env.world} worlds, cameras on the {env.camera_mount}, tolerance "
         f"{env.tolerance_px:g} px, {env.dynamics} dynamics, at most {env.max_episode_steps} "
-        f"motions a trial, {scenario.motions:,} motions a life, {suite.worlds} worlds, the same "
+        f"motions a trial, {length:,} {of} a life, {suite.worlds} worlds, the same "
         f"for every agent. Lines: mean over worlds; bands: 95 % bootstrap over worlds."
     )
 
 
-def _perturbations(finished: Finished, scenario: ScenarioConfig) -> tuple[figures.Perturbation, ...]:
-    """When the runs were perturbed, and how: a span where they were perturbed after different motions.
+def perturbations_met(
+    finished: Finished, scenario: ScenarioConfig, of: str
+) -> tuple[figures.Perturbation, ...]:
+    """After how many motions, or trials (`of`), the runs were perturbed, and how; a span where they differ.
 
     Spans of the same perturbation that overlap, as where it comes at every trial, are one.
     """
@@ -78,30 +83,35 @@ def _perturbations(finished: Finished, scenario: ScenarioConfig) -> tuple[figure
     for spec in finished.runs:
         if isinstance(spec, LifeRun) and spec.scenario == scenario and spec.id in finished.outcomes:
             seen: Counter[str] = Counter()
-            for motions, perturbation in finished.outcomes[spec.id]["perturbations"]:
-                what = _in_words(_as_given(perturbation, scenario))
-                met.setdefault((what, seen[what]), []).append(motions)
+            for motions, trials, perturbation in finished.outcomes[spec.id]["perturbations"]:
+                what = _in_words(perturbation, scenario)
+                met.setdefault((what, seen[what]), []).append(motions if of == "motions" else trials)
                 seen[what] += 1
     spans: list[figures.Perturbation] = []
-    for (what, _), motions in sorted(met.items(), key=lambda item: (item[0][0], min(item[1]))):
-        first, last = min(motions), max(motions)
+    for (what, _), counts in sorted(met.items(), key=lambda item: (item[0][0], min(item[1]))):
+        first, last = min(counts), max(counts)
         if spans and spans[-1].what == what and first <= spans[-1].last:
             first, last = spans[-1].first, max(last, spans.pop().last)
         spans.append(figures.Perturbation(first, last, what))
     return tuple(sorted(spans, key=lambda span: span.first))
 
 
-def _as_given(perturbation: dict[str, Any], scenario: ScenarioConfig) -> dict[str, Any]:
-    """The perturbation as in the schedule, without what it drew (which differs from world to world)."""
-    given = (entry["do"] for entry in scenario.perturbations)
-    return next((do for do in given if do.items() <= perturbation.items()), perturbation)
+def _in_words(perturbation: dict[str, Any], scenario: ScenarioConfig) -> str:
+    """A perturbation as in the schedule, without what it drew (which differs from world to world)."""
+    schedule = scenario.perturbations
+    if perturbation["type"] == Undo.type:
+        return f"undo: {_named(schedule[perturbation['event']]['do'])}"
+    given = (entry for entry in schedule if "do" in entry)
+    entry = next((e for e in given if e["do"].items() <= perturbation.items()), {"do": perturbation})
+    drift = "drift" in {**entry, **entry.get("at", {})}
+    return ("drift: " if drift else "") + _named(entry["do"])
 
 
 def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _in_words(perturbation: dict[str, Any]) -> str:
+def _named(perturbation: dict[str, Any]) -> str:
     given = ", ".join(f"{key} {_short(value)}" for key, value in perturbation.items() if key != "type")
     return f"{perturbation['type']} ({given})" if given else str(perturbation["type"])
 

@@ -12,7 +12,7 @@ import pandas as pd
 from experiments.config import ScenarioConfig
 from experiments.statistics import Array, bootstrap_band, interquartile_mean, wilson_interval
 
-SUCCESS, MOTIONS = "success", "motions_per_reach"
+SUCCESS, MOTIONS, SECONDS = "success", "motions_per_reach", "robot_seconds"
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ def _curve(
     worst = 0.0 if measure == SUCCESS else float(scenario.env.max_episode_steps)
     of_phase = mine[mine["phase"] == phase]
     if of_phase.empty:
-        motions = np.array([0.0, scenario.motions] if mine.empty else [])
+        motions = np.array([0.0, scenario.most_motions] if mine.empty else [])
         return Curve(motions, np.full((worlds, len(motions)), worst))
     table = of_phase.pivot_table(index="world", columns=axis, values=measure, aggfunc="mean")
     finished = table.ffill(axis=1).bfill(axis=1).to_numpy(dtype=float)

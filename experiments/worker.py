@@ -20,6 +20,9 @@ from experiments.plan import LifeRun, SweepRun
 from experiments.records import TrialLog
 from experiments.sweep import sweep
 
+_TOLD = 25
+"""A life that is counted in trials tells how far it is each time that so many have ended."""
+
 
 class Checkpoints:
     """Evaluates an agent in mid-life: on schedule, and right after a perturbation.
@@ -29,6 +32,8 @@ class Checkpoints:
     """
 
     def __init__(self, spec: LifeRun, life: Life, log: TrialLog, curves: Curves, tell: tuple[str, ...]):
+        assert spec.evaluation is not None
+        self._evaluation = spec.evaluation
         self._spec = spec
         self._life = life
         self._log = log
@@ -44,7 +49,7 @@ class Checkpoints:
         perturbations = len(self._life.perturbations)
         if self._life.motions >= self._next_scheduled:
             self._evaluate(agent)
-            self._next_scheduled += self._spec.evaluation.every
+            self._next_scheduled += self._evaluation.every
             self._perturbations_seen, self._one_more_made = perturbations, False
         elif perturbations > self._perturbations_seen and not self._one_more_made:
             self._evaluate(agent)
@@ -58,18 +63,20 @@ class Checkpoints:
     def _evaluate(self, agent: Any) -> None:
         held_out: Any = self._env.unwrapped
         held_out.set_world(self._life.world)
-        trials = self._spec.evaluation.trials
+        trials = self._evaluation.trials
         records = evaluate(agent, self._env, trials, self._spec.evaluation_seed)
         for record in records:
             self._log.write("eval", self._life.motions, self._life.since_perturbation, record)
         self._curves.write("eval", self._life.motions, records)
         self._last = self._life.motions
         reached = sum(record.success for record in records)
-        print(
-            f"motions {self._life.motions}/{self._spec.scenario.motions}: "
-            f"{reached} of {trials} held-out trials reached",
-            flush=True,
-        )
+        tell_progress(self._spec, self._life, f": {reached} of {trials} held-out trials reached")
+
+
+def tell_progress(spec: LifeRun, life: Life, more: str = "") -> None:
+    """Prints how far a life is, as `progress.done_by` reads it."""
+    length, of = spec.work
+    print(f"{of} {getattr(life, of)}/{length}{more}", flush=True)
 
 
 def live(spec: LifeRun, folder: Path) -> dict[str, Any]:
@@ -83,24 +90,29 @@ def live(spec: LifeRun, folder: Path) -> dict[str, Any]:
         def log_trial(record: TrialRecord) -> None:
             log.write("train", life.motions, life.since_perturbation, record)
             curves.write("train", life.motions, [record])
+            if scenario.trials is not None and life.trials % _TOLD == 0:
+                tell_progress(spec, life)
 
-        tell, settings = asked(spec.agent, spec.scenario.env)
-        env = spec.scenario.env.make(spec.scenario.perturbations, tell)
+        scenario = spec.scenario
+        tell, settings = asked(spec.agent, scenario.env)
+        env = scenario.env.make(scenario.perturbations, tell)
         life = Life(env, spec.world_seed, log_trial)
         agent = agents.make(spec.agent.name, life, seed=spec.agent_seed, **settings)
-        checkpoints = Checkpoints(spec, life, log, curves, tell)
-        checkpoints.evaluate_if_due(agent)
+        checkpoints = Checkpoints(spec, life, log, curves, tell) if spec.evaluation else None
+        if checkpoints:
+            checkpoints.evaluate_if_due(agent)
 
         def after_motion(progress: Any) -> bool:
-            checkpoints.evaluate_if_due(agent)
-            return True
+            if checkpoints:
+                checkpoints.evaluate_if_due(agent)
+            return life.trials != scenario.trials
 
-        agent.learn(spec.scenario.motions, callback=after_motion)
-        if life.motions != spec.scenario.motions:
-            raise RuntimeError(
-                f"{spec.agent.name} made {life.motions} motions; it was given {spec.scenario.motions}"
-            )
-        checkpoints.finish(agent)
+        agent.learn(scenario.most_motions, callback=after_motion)
+        length, of = spec.work
+        if getattr(life, of) != length:
+            raise RuntimeError(f"{spec.agent.name} made {getattr(life, of)} {of}; it was given {length}")
+        if checkpoints:
+            checkpoints.finish(agent)
     return {"told": list(tell), "perturbations": life.perturbations}
 
 

@@ -76,6 +76,56 @@ def test_schedules_strike_when_they_say():
     assert strikes([{"drift": {"per": "trial"}, "do": roll}]) == [(1, 0)]  # told when it begins
 
 
+REPLACED = {"at": {"trial": 1}, "do": {"type": "camera_replace", "camera": "left"}}
+BACK = {"at": {"trial": 3}, "undo": 0}
+
+
+@pytest.mark.parametrize(
+    ("earlier", "change", "message"),
+    [
+        (REPLACED, {"undo": 1}, "perturbations.1.undo is 1; it must be the place .* at an earlier trial: 0"),
+        (REPLACED, {"undo": True}, "undo is True"),
+        (REPLACED, {"undo": "first"}, "undo is 'first'"),
+        (REPLACED, {"at": {"trial": 1}}, "there is none"),
+        (REPLACED, {"at": {"motion": 9}}, "an earlier motion: there is none"),
+        ({**REPLACED, "at": {"every": {"trial": 1}}}, {}, "there is none"),
+        (REPLACED, {"at": {"trail": 3}}, "perturbations.1.at has 'trail'"),
+        (REPLACED, {"do": {"type": "lens"}}, "or of at and undo"),
+    ],
+)
+def test_damaged_undoing(earlier, change, message):
+    with pytest.raises(ValueError, match=message):
+        parse_schedule([earlier, BACK | change])
+
+
+def test_undoing_brings_the_old_camera_back_and_leaves_the_rest():
+    zoomed = {"at": {"trial": 2}, "do": {"type": "camera_zoom", "camera": "right", "factor": 1.1}}
+    env = made([REPLACED, BACK, zoomed])
+    worlds, told = [], []
+    for trial in range(4):
+        _, info = env.reset(seed=5 if trial == 0 else None)
+        worlds.append(env.world)
+        told.append([perturbation.to_dict() for perturbation in info["perturbed"]])
+    assert told[3] == [{"type": "undo", "event": 0}]
+    for name in ("camera_position", "camera_orientation", "lens_k1", "focal_length"):
+        at = [getattr(world, name) for world in worlds]
+        assert (at[1][0] != at[0][0]).any()
+        np.testing.assert_array_equal(at[3][0], at[0][0])
+        np.testing.assert_array_equal(at[3][1], at[2][1])
+    assert worlds[3].focal_length[1] == pytest.approx(1.1 * worlds[0].focal_length[1])
+
+
+def test_what_undoing_brings_back_must_be_in_view():
+    wide = {"at": {"trial": 1}, "do": {"type": "camera_zoom", "camera": "left", "factor": 0.4}}
+    away = {"at": {"trial": 2}, "do": {"type": "camera_aim", "camera": "left", "degrees": 40, "direction": 0}}
+    env = made([wide, away, BACK], world="nominal")
+    env.reset(seed=0)
+    env.reset()
+    env.reset()
+    with pytest.raises(ValueError, match=r"the world after .*undo.* is not in view"):
+        env.reset()
+
+
 def test_every_and_drift_may_stand_within_at():
     do = {"type": "camera_roll"}
     for when in ({"every": {"motion": 5}}, {"drift": {"per": "trial"}}):

@@ -92,8 +92,8 @@ def test_one_wrong_key_is_one_error(suite_data, write_config):
 
 
 def test_a_missing_key_is_named(suite_data, write_config):
-    del suite_data["scenarios"][0]["motions"]
-    with pytest.raises(ConfigError, match=r"scenarios\.0\.motions: missing"):
+    del suite_data["scenarios"][0]["name"]
+    with pytest.raises(ConfigError, match=r"scenarios\.0\.name: missing"):
         load(write_config(suite_data))
 
 

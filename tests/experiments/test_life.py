@@ -53,9 +53,9 @@ def test_motions_and_perturbations_are_counted_over_trials():
         since.append(life.since_perturbation)
         if terminated:
             life.reset()
-    assert life.motions == 6
+    assert (life.motions, life.trials) == (6, 1)
     assert since == [None] * 5 + [1, 2]
-    assert life.perturbations == [(4, {"type": "shake", "degrees": 3.0})]
+    assert life.perturbations == [(4, 0, {"type": "shake", "degrees": 3.0})]
 
 
 def test_a_trial_that_is_cut_off_is_not_recorded():
@@ -78,13 +78,13 @@ def test_what_a_reset_perturbs_belongs_to_the_next_motion():
     assert (life.world, life.perturbations, life.since_perturbation) == (at_first, [], None)
     life.step(WORD)
     assert life.world is env.world
-    assert life.perturbations == [(motions, {"type": "shake", "degrees": 3.0})]
+    assert life.perturbations == [(motions, 1, {"type": "shake", "degrees": 3.0})]
     assert life.since_perturbation == 1
 
 
 def test_a_life_may_begin_perturbed():
     life = Life(CountdownEnv(perturb_trial=0), seed=5)
-    assert life.perturbations == [(0, {"type": "shake", "degrees": 3.0})]
+    assert life.perturbations == [(0, 0, {"type": "shake", "degrees": 3.0})]
     assert life.since_perturbation == 0
 
 

@@ -5,7 +5,7 @@ from experiments.config import Suite
 from experiments.figures import Perturbation
 from experiments.finished import Finished
 from experiments.plan import runs_of
-from experiments.scenario_report import _perturbations
+from experiments.scenario_report import perturbations_met
 
 
 @pytest.mark.parametrize(
@@ -22,8 +22,10 @@ def test_perturbations_are_marked_where_the_runs_met_them(suite_data, tmp_path, 
     suite = Suite.model_validate(suite_data)
     runs = runs_of(suite)
     outcomes = {
-        spec.id: {"perturbations": [(motions, {"type": "lens"}) for motions in of_run]}
+        spec.id: {"perturbations": [(motions, 0, {"type": "lens"}) for motions in of_run]}
         for spec, of_run in zip(runs, met, strict=False)
     }
     finished = Finished(tmp_path, suite, "", runs, outcomes, pd.DataFrame())
-    assert _perturbations(finished, suite.scenarios[0]) == tuple(Perturbation(*s, "lens") for s in spans)
+    assert perturbations_met(finished, suite.scenarios[0], "motions") == tuple(
+        Perturbation(*s, "lens") for s in spans
+    )

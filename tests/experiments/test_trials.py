@@ -1,0 +1,160 @@
+"""Lives counted in trials: their configuration, their blocks, and one from a YAML file to the report."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.__main__ import main
+from experiments.config import ScenarioConfig
+from experiments.errors import ConfigError
+from experiments.figures import Perturbation
+from experiments.loading import load
+from experiments.summary import MOTIONS, SECONDS, SUCCESS, with_cost
+from experiments.trial_figure import span, trial_curves
+from experiments.trial_summary import COARSE, FINE, blocks, edges_of, trial_costs
+
+AIM = {"at": {"trial": 4}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}
+BACK = {"at": {"trial": 6}, "undo": 0}
+
+
+@pytest.fixture
+def in_trials(suite_data):
+    """The suite of seconds, its lives counted in trials and without held-out ones."""
+    del suite_data["scenarios"][0]["motions"]
+    suite_data["scenarios"][0] |= {"trials": 8, "perturbations": [AIM, BACK]}
+    return suite_data | {"evaluation": None, "agents": ["unified_servo", "grid_table"]}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"motions": 90}, "scenarios.0.trials: found 8: .* trials; both are given"),
+        ({"trials": None}, "scenarios.0.trials: found None: .* trials; neither is given"),
+        ({"trials": 0}, r"scenarios.0.trials: found 0: .*greater than 0"),
+        ({"trials": 6}, "perturbations.1.at.trial is 6: never, in a life of 6 trials"),
+        ({"trials": None, "motions": 90}, "scenario 'aimed' has 90 motions: only lives counted in trials"),
+        ({"perturbations": [AIM, BACK | {"undo": 1}]}, "scenarios.0.perturbations.1.undo is 1; it must be"),
+    ],
+)
+def test_a_life_has_one_length(in_trials, write_config, change, said):
+    in_trials["scenarios"][0] |= change
+    with pytest.raises(ConfigError, match=said):
+        load(write_config(in_trials))
+
+
+def test_held_out_trials_are_never_rarer_than_a_life_is_long(in_trials, write_config):
+    in_trials["evaluation"] = {"every": 161, "trials": 2}
+    with pytest.raises(ConfigError, match="scenario 'aimed' has at most 160 motions"):
+        load(write_config(in_trials))
+
+
+def scenario(trials, *at):
+    events = [{"at": {"trial": trial}, "do": {"type": "lens"}} for trial in at]
+    env = {"id": "CalFree/Reach-v0", "world": "wild", "max_episode_steps": 20}
+    return ScenarioConfig(name="s", env=env, trials=trials, perturbations=events)
+
+
+def test_blocks_begin_anew_after_each_event():
+    assert list(edges_of(scenario(60), FINE)) == [0, 1, 5, 10, 25, 50, 60]
+    assert list(edges_of(scenario(20, 7, 12), FINE)) == [0, 1, 5, 7, 8, 12, 13, 17, 20]
+    assert list(edges_of(scenario(400), COARSE)) == [0, 25, 50, 100, 150, 300, 400]
+    assert list(edges_of(scenario(1), FINE)) == [0, 1]
+    assert [span(0, 1), span(1, 5), span(1_000, 2_000)] == ["1", "2–5", "1,001–2,000"]
+
+
+def table(of, *rows):
+    """From (world, trial, motions, success); every motion takes 3 s."""
+    data = pd.DataFrame(rows, columns=["world", "trial", "motions", "success"])
+    data = data.assign(scenario=of.name, agent="servo", phase="train", robot_seconds=3.0 * data["motions"])
+    return trial_costs(with_cost(data, of), of)
+
+
+def test_blocks_are_means_of_trials_in_each_run():
+    of = scenario(6)
+    first = [(0, trial, motions, True) for trial, motions in enumerate([9, 4, 4, 2, 2, 1])]
+    other = [(1, 0, 11, True), (1, 1, 10, False), *((1, trial, 2, True) for trial in (2, 3, 4, 5))]
+    costs = table(of, *first, *other)
+    edges = edges_of(of, FINE)
+    assert list(edges) == [0, 1, 5, 6]
+
+    motions = blocks(costs, "servo", MOTIONS, 2, edges, cap=20)
+    np.testing.assert_array_equal(motions.runs, [[9, 3, 1], [11, (20 + 3 * 2) / 4, 2]])
+    cells = motions.cells()
+    assert [cell.value for cell in cells] == [10, 4.75, 1.5]
+    assert [(cell.low, cell.high) for cell in cells] == [(9, 11), (3, 6.5), (1, 2)]
+
+    seconds = blocks(costs, "servo", SECONDS, 2, edges, cap=20)  # the failed trial goes on to 20 motions
+    np.testing.assert_array_equal(seconds.runs, 3 * motions.runs)
+    success = blocks(costs, "servo", SUCCESS, 2, edges, cap=20)
+    np.testing.assert_array_equal(success.runs, [[1, 1, 1], [1, 0.75, 1]])
+
+
+def test_runs_without_a_row_are_worst():
+    of = scenario(2)
+    costs, edges = table(of, (0, 0, 5, True), (0, 1, 4, True)), edges_of(of, FINE)
+    worst = {SUCCESS: 0, MOTIONS: 20, SECONDS: 15}
+    for measure, value in worst.items():
+        assert list(blocks(costs, "servo", measure, 2, edges, 20).runs[1]) == [value, value]
+        np.testing.assert_array_equal(
+            blocks(costs, "sac", measure, 2, edges, 20).runs, np.full((2, 2), value)
+        )
+
+
+def test_the_figure_draws_each_block_in_its_middle_and_events_between_trials():
+    of = scenario(6, 3)
+    costs, edges = table(of, *((0, trial, 6 - trial, True) for trial in range(6))), edges_of(of, FINE)
+    figure = trial_curves(
+        "s",
+        lambda agent, measure: blocks(costs, agent, measure, 1, edges, 20),
+        ("servo",),
+        edges,
+        [Perturbation(3, 3, "lens (k1 0.1)")],
+    )
+    above, below = figure.axes
+    curve, event = above.lines
+    assert list(edges) == [0, 1, 3, 4, 6]
+    np.testing.assert_array_equal(curve.get_xydata(), [[0.5, 6], [1.5, 4.5], [2.5, 3], [3.5, 1.5]])
+    np.testing.assert_array_equal(below.lines[0].get_ydata(), [18, 13.5, 9, 4.5])
+    assert list(event.get_xdata()) == [2, 2]
+    assert [label.get_text() for label in below.get_xticklabels()] == ["1", "2–3", "4", "5–6"]
+    assert "lens\n(k1 0.1)" in [text.get_text() for text in above.texts]
+
+
+def test_a_life_in_trials_from_configuration_to_report(in_trials, write_config, tmp_path, capsys):
+    config, out = write_config(in_trials), tmp_path / "out"
+    assert main(["validate", str(config)]) == 0
+    assert "4 runs, 32 trials" in capsys.readouterr().out
+    assert main(["run", str(config), "--out", str(out), "--jobs", "2"]) == 0
+
+    results = pd.read_parquet(out / "results.parquet")
+    assert set(results["phase"]) == {"train"}
+    assert all(list(of_run["trial"]) == list(range(8)) for _, of_run in results.groupby("run"))
+    for done in out.glob("runs/*/DONE.json"):
+        struck = json.loads(done.read_text())["perturbations"]
+        assert [(trial, what["type"]) for _, trial, what in struck] == [(4, "camera_aim"), (6, "undo")]
+
+    page = (out / "report.html").read_text()
+    assert "8 trials a life" in page
+    assert page.count("<svg") == 1
+    assert "undo: camera_aim" in page
+    assert (out / "figures" / "aimed-trials.png").exists()
+    assert "<td>5–6</td><td>grid_table</td>" in page
+    capsys.readouterr()
+    assert main(["status", str(out)]) == 0
+    assert "8 trials" in capsys.readouterr().out
+    assert main(["run", str(config), "--out", str(out)]) == 0
+    assert "4 runs, 4 of them finished already" in capsys.readouterr().out
+
+
+def test_lives_in_trials_may_have_held_out_trials_too(in_trials, write_config, tmp_path):
+    in_trials |= {"worlds": 1, "agents": ["unified_servo"], "evaluation": {"every": 10, "trials": 2}}
+    out = tmp_path / "out"
+    assert main(["run", str(write_config(in_trials)), "--out", str(out)]) == 0
+    results = pd.read_parquet(out / "results.parquet")
+    assert len(results[results["phase"] == "train"]) == 8
+    assert len(results[results["phase"] == "eval"]) >= 6
+    assert (out / "report.html").read_text().count("<svg") == 3
+    (log,) = out.glob("runs/*/log.txt")
+    assert log.read_text().splitlines()[-1].startswith("trials 8/8: ")
