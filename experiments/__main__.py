@@ -11,7 +11,7 @@ from experiments.errors import ConfigError
 from experiments.loading import load
 from experiments.plan import runs_of
 
-BENCHMARKS = ("speed", "servo", "controllers", "models", "robust", "table", "knowledge", "sac")
+BENCHMARKS = ("speed", "servo", "controllers", "models", "robust", "table", "knowledge", "changes", "sac")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -137,7 +137,7 @@ def _report(folder: Path) -> int:
 
 
 def _benchmark(options: argparse.Namespace) -> int:
-    from experiments import controlling, reaching, remembering
+    from experiments import changing, controlling, reaching, remembering
     from experiments.speed import speed
 
     def speeds() -> str:
@@ -152,6 +152,7 @@ def _benchmark(options: argparse.Namespace) -> int:
         "robust": controlling.robust,
         "table": reaching.table,
         "knowledge": remembering.knowledge,
+        "changes": changing.changes,
         "sac": reaching.sac,
     }
     for part in [options.parts] if isinstance(options.parts, str) else options.parts:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import product
 from typing import Any
 
@@ -126,11 +126,11 @@ def _trials_until(
 def _stored(recalls: int = 300) -> Iterator[str]:
     """Bytes and recall time against pairs stored, of a smooth map without noise."""
     yield "bytes held, and median microseconds a recall (wanted: 300 at 10,000 pairs), after so many pairs"
-    kinds: dict[type[Knowledge], list[str]] = {}
+    kinds: dict[Callable[..., Knowledge], list[str]] = {}
     for name, kind in agents.KNOWLEDGE.items():
         kinds.setdefault(kind, []).append(name)
     for kind, names in kinds.items():
-        base: Any = kind(len(MOTORS))  # type: ignore[call-arg]
+        base: Any = kind(len(MOTORS))
         rng = np.random.default_rng(0)
         found, stored = [], 0
         for count in STORED:

@@ -20,7 +20,7 @@ FOCUS = 0.6
 """1 / f² in square image units: the perspective that goes with a shift where a camera is turned."""
 ITERATIONS = 12
 TURNED, ZOOMED = np.radians(3), 0.04
-"""Rotation, and logarithm of the scale, of a camera that was rolled or zoomed; or replaced, if it was both."""
+"""Rotation, and logarithm of the scale, of a camera that was rolled, zoomed; replaced, if it was both."""
 MOVED_PX, PARALLAX_PX = 1.0, 1.5
 """Deviation of the fit, and part that follows the depth, of a camera that was moved."""
 

@@ -64,13 +64,15 @@ class Recognition:
         on_change: One of `ON_CHANGE`.
     """
 
-    STRANGE_PX = 6.0
-    STRANGE = 3.0
+    STRANGE_PX = 4.0
+    STRANGE = 2.5
     """What is strange is so many times further off, for what is known there, than is usual."""
     USUAL = 20
     """What is usual is known from so many trials."""
     AGAIN = 4
     """What is strange counts where it is so again within so many trials."""
+    MANY = 4
+    """So many looks in one trial are enough to be sure, where most of them are strange."""
     DISCARD_PX = 40.0
     """Beyond this deviation of the best explanation it is better to start empty."""
     SURE = 30
@@ -129,8 +131,8 @@ class Recognition:
         strange = self._strange(pairs)
         if jumped.any():
             self._change(pairs, jumped)
-        elif strange.any() and len(self._held):
-            self._change(self._held + pairs, strange)
+        elif strange.any() and (len(self._held) or self._surely(strange)):
+            self._change(self._held + pairs, np.asarray(strange.any(0)))
         elif strange.any():
             self._held = pairs
         else:
@@ -224,20 +226,24 @@ class Recognition:
         ages = self._trial - 1 - self._since.trials
         return replace(self._since, sensors=self._since.sensors + np.outer(ages, rate))
 
-    def _strange(self, pairs: Pairs) -> Cameras:
-        """Which cameras (2,) show what was not expected, by far more than is usual."""
+    def _strange(self, pairs: Pairs) -> NDArray[np.bool_]:
+        """Which looks (n - 1, 2) away from home, in each camera, are off by far more than is usual."""
         if not len(self.views.registers):
-            return np.zeros(2, bool)
+            return np.zeros((len(pairs) - 1, 2), bool)
         views, variances = self.views.views(pairs.registers[1:])
         missed = lengths_px(pairs.sensors[1:] - views)
         scores = missed / np.sqrt(variances / IMAGE_UNIT**2 + NOISE_PX**2)
         limit = np.full(2, np.inf)
         if len(self._scores) == self.USUAL:
             limit = np.maximum(SIGMAS, self.STRANGE * np.quantile(self._scores, 0.9, axis=0))
-        strange = ((scores > limit) & (missed > self.STRANGE_PX)).any(0)
+        strange = (scores > limit) & (missed > self.STRANGE_PX)
         if not strange.any():
             self._scores = np.concatenate([self._scores, [scores.max(0)]])[-self.USUAL :]
         return np.asarray(strange)
+
+    def _surely(self, strange: NDArray[np.bool_]) -> bool:
+        """Whether so much (n, 2) was strange in one trial that it needs no other."""
+        return len(strange) >= self.MANY and bool(strange.any(1).mean() > 0.5)
 
     def explain(self, pairs: Pairs) -> bool:
         """Whether most of it was to be expected."""
