@@ -31,12 +31,8 @@ KINDS: dict[str, str] = {
     "zoomed": "camera_zoom",
     "moved": "camera_shift",
     "replaced": "camera_replace",
-    "joint zero": "joint_zero",
-    "link length": "link_length",
-    "motor gain": "motor_gain",
-    "motor sign": "motor_sign",
 }
-OF_THE_ARM = ("joint zero", "link length", "motor gain", "motor sign")
+OF_THE_ARM = ("joint_zero", "link_length", "motor_gain", "motor_sign")
 ASKED = {
     "re-aimed": (3, 8, 0.25),
     "rolled": (3, 8, 0.25),
@@ -82,14 +78,11 @@ def _always(value: Any) -> list[Any]:
 
 
 def _schedule(kind: str) -> list[dict[str, Any]]:
-    """Five changes of one kind, of one camera where it is of cameras; "back": of those that were replaced."""
+    """Five changes of one camera; where it is the old one that comes back, each some trials after another came."""
+    do = {"type": KINDS.get(kind, "camera_replace"), "camera": CAMERAS[0]}
     if kind != "back":
-        camera = {"camera": CAMERAS[0]} if KINDS[kind].startswith("camera") else {}
-        return [{"at": {"trial": int(t)}, "do": {"type": KINDS[kind], **camera}} for t in _CHANGES]
-    replaced = [
-        {"at": {"trial": int(t) - APART // 2}, "do": {"type": "camera_replace", "camera": CAMERAS[0]}}
-        for t in _CHANGES
-    ]
+        return [{"at": {"trial": int(t)}, "do": do} for t in _CHANGES]
+    replaced = [{"at": {"trial": int(t) - APART // 2}, "do": do} for t in _CHANGES]
     undone = [{"at": {"trial": int(t)}, "undo": 2 * i} for i, t in enumerate(_CHANGES)]
     return [event for pair in zip(replaced, undone, strict=True) for event in pair]
 
@@ -124,7 +117,7 @@ def _right(each: Map) -> Iterator[str]:
         "copies that kept, mapped or discarded what was known, told of the change (right: within 10 % of the "
         "best; wanted: 90 %)"
     )
-    kinds = ("none", "drift", *KINDS)
+    kinds = ("none", "drift", *KINDS, "arm changed")
     for mount in calfree_gym.MOUNTS:
         found = [branch for world in each(_branches, WORLDS, _always(mount)) for branch in world]
         for kind in kinds:
@@ -165,10 +158,11 @@ def _branches(seed: int, mount: str) -> list[tuple[str, list[int], str]]:
 
     agent.learn(60 * BRANCHES[-1], callback=remember)
     found = []
-    for kind, (i, trial) in product(("none", "drift", *KINDS), enumerate(BRANCHES)):
+    for kind, (i, trial) in product(("none", "drift", *KINDS, "arm changed"), enumerate(BRANCHES)):
         camera = CAMERAS[i % 2]
-        schedule = _at_once(kind, camera)
-        changed = np.array([camera == each or kind in OF_THE_ARM for each in CAMERAS])
+        of_the_arm = OF_THE_ARM[(seed + i) % len(OF_THE_ARM)]
+        schedule = _at_once(kind, camera, of_the_arm)
+        changed = np.array([camera == each or kind == "arm changed" for each in CAMERAS])
         ways = [
             _go(env.unwrapped.world, mount, schedule, 1000 * seed + trial, states[trial], way, told)
             for way, told in (("recognise", None), ("keep", None), ("map", changed), ("discard", changed))
@@ -177,14 +171,14 @@ def _branches(seed: int, mount: str) -> list[tuple[str, list[int], str]]:
     return found
 
 
-def _at_once(kind: str, camera: str) -> list[dict[str, Any]]:
+def _at_once(kind: str, camera: str, of_the_arm: str) -> list[dict[str, Any]]:
     """A change of that kind before the first trial, or slowly from it on."""
     if kind == "none":
         return []
     if kind == "drift":
         return [{"drift": {"per": "trial"}, "do": {**PAN, "camera": camera}}]
-    of = {"camera": camera} if KINDS[kind].startswith("camera") else {}
-    return [{"at": {"trial": 0}, "do": {"type": KINDS[kind], **of}}]
+    change = {"type": KINDS[kind], "camera": camera} if kind in KINDS else {"type": of_the_arm}
+    return [{"at": {"trial": 0}, "do": change}]
 
 
 def _go(

@@ -54,7 +54,7 @@ class GaussianProcess:
     ITERATIONS = 5
     STEP = 0.5
 
-    def __init__(self, motors: int, points: int = 300) -> None:
+    def __init__(self, motors: int, points: int = 200) -> None:
         if isinstance(points, bool) or not isinstance(points, int) or points < 10:
             raise ValueError(f"points is {points!r}; it must be a whole number, 10 or more")
         self.points = points
