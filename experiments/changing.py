@@ -24,6 +24,8 @@ REACH, _ = calfree_gym.ENV_IDS
 WORLDS = range(2000, 2020)
 FIRST, APART, EVENTS = 60, 60, 5
 """Trials before the first change of a life, from each to the next, and how many there are."""
+BEFORE, AWAY = 50, 30
+"""Trials before a change that it is compared with; trials for which the old camera is away."""
 POLICIES = ("recognise", "discard", "keep")
 KINDS: dict[str, str] = {
     "re-aimed": "camera_aim",
@@ -61,12 +63,14 @@ def _struck(each: Map) -> Iterator[str]:
     """Motions per reach after changes of one kind, beside those who always discard and who never act."""
     yield (
         f"memory, wild worlds {WORLDS[0]}-{WORLDS[-1]}, kinematic, {EVENTS} changes a world: motions per "
-        "reach in the 50 trials before, and in those after (wanted: before + so much)"
+        "reach in the 50 trials before, those of another camera aside, and in those after (wanted: before + so much)"
     )
     for kind, mount in product((*KINDS, "back"), calfree_gym.MOUNTS):
         for policy in POLICIES:
             lives = list(each(_life, WORLDS, *map(_always, (mount, policy, _schedule(kind), _STRUCK))))
-            yield f"  {kind:11} {mount:6} {policy:9} " + _after(lives, ASKED.get(kind))
+            yield f"  {kind:11} {mount:6} {policy:9} " + _after(
+                lives, ASKED.get(kind), AWAY if kind == "back" else 0
+            )
 
 
 _STRUCK = FIRST + APART * EVENTS
@@ -78,19 +82,20 @@ def _always(value: Any) -> list[Any]:
 
 
 def _schedule(kind: str) -> list[dict[str, Any]]:
-    """Five changes of one camera; where it is the old one that comes back, each some trials after another came."""
+    """Changes of one camera; where it is the old one that comes back, some trials after another came."""
     do = {"type": KINDS.get(kind, "camera_replace"), "camera": CAMERAS[0]}
     if kind != "back":
         return [{"at": {"trial": int(t)}, "do": do} for t in _CHANGES]
-    replaced = [{"at": {"trial": int(t) - APART // 2}, "do": do} for t in _CHANGES]
+    replaced = [{"at": {"trial": int(t) - AWAY}, "do": do} for t in _CHANGES]
     undone = [{"at": {"trial": int(t)}, "undo": 2 * i} for i, t in enumerate(_CHANGES)]
     return [event for pair in zip(replaced, undone, strict=True) for event in pair]
 
 
-def _after(lives: list[list[TrialRecord]], asked: tuple[int, int, float] | None) -> str:
+def _after(lives: list[list[TrialRecord]], asked: tuple[int, int, float] | None, away: int) -> str:
+    """Means of motions before changes, and in blocks of trials after them; `away`: trials of another camera."""
     motions = np.array([[record.motions for record in life] for life in lives])
     success = np.mean([record.success for life in lives for record in life])
-    before = np.mean([motions[:, t - 50 : t] for t in _CHANGES])
+    before = np.mean([motions[:, t - BEFORE : t - away] for t in _CHANGES])
     blocks = dict.fromkeys([(0, 1), *([asked[:2]] if asked else []), (3, 8), (25, 50)])
     told = "".join(
         f"   {a + 1}-{b}: {np.mean([motions[:, t + a : t + b] for t in _CHANGES]):5.2f}"
