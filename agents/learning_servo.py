@@ -76,7 +76,7 @@ class LearningServo(ServoAgent):
                 home, look = look, (yield recall.registers - look.registers)
                 if not look.visible.all():
                     look = yield home.registers - look.registers
-            jacobian = self._implied(knowledge, look.registers)
+            jacobian = self.implied_jacobian(knowledge, look.registers)
             if jacobian is not None:
                 estimator.restart(jacobian)
         yield from super().seek(look, estimator)
@@ -101,7 +101,7 @@ class LearningServo(ServoAgent):
             return look.registers
         return look.registers + solve(distance_jacobian(self.jacobian), look.distance, 0.0)
 
-    def _implied(self, knowledge: Knowledge, registers: Array) -> Array | None:
+    def implied_jacobian(self, knowledge: Knowledge, registers: Array) -> Array | None:
         """The Jacobian (8, m) of gripper and object points that knowledge implies at `registers`.
 
         Motors that carry the cameras leave the gripper's image where it is, and move the object's the

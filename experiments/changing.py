@@ -63,7 +63,7 @@ def _struck(each: Map) -> Iterator[str]:
     """Motions per reach after changes of one kind, beside those who always discard and who never act."""
     yield (
         f"memory, wild worlds {WORLDS[0]}-{WORLDS[-1]}, kinematic, {EVENTS} changes a world: motions per "
-        "reach in the 50 trials before, those of another camera aside, and in those after (wanted: before + so much)"
+        "reach before, those of another camera aside, and in trials after (wanted: before + so much)"
     )
     for kind, mount in product((*KINDS, "back"), calfree_gym.MOUNTS):
         for policy in POLICIES:
@@ -92,7 +92,7 @@ def _schedule(kind: str) -> list[dict[str, Any]]:
 
 
 def _after(lives: list[list[TrialRecord]], asked: tuple[int, int, float] | None, away: int) -> str:
-    """Means of motions before changes, and in blocks of trials after them; `away`: trials of another camera."""
+    """Mean motions before changes, less the trials `away` from the old camera, and in blocks after."""
     motions = np.array([[record.motions for record in life] for life in lives])
     success = np.mean([record.success for life in lives for record in life])
     before = np.mean([motions[:, t - BEFORE : t - away] for t in _CHANGES])

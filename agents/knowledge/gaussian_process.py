@@ -116,9 +116,9 @@ class GaussianProcess:
             self.registers = np.concatenate([self.registers, [registers]])
             self.sensors = np.concatenate([self.sensors, [sensors]])
             self.variances = np.concatenate([self.variances, [noise]])
-            if len(self.registers) > self.points + self.SPARE:
-                self._prune()
         self._settled = False
+        if len(self.registers) > self.points + self.SPARE:
+            self._prune()
 
     def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
         """See `Knowledge`."""
@@ -178,6 +178,7 @@ class GaussianProcess:
         self.registers, self.sensors, self.variances = (
             values[kept] for values in (self.registers, self.sensors, self.variances)
         )
+        self._settled = False
 
     def _settle(self) -> None:
         """Solves for what was learned since it was last asked."""
