@@ -14,6 +14,7 @@ from agents.agent import Agent
 from agents.knowledge.gaussian_process import GaussianProcess
 from agents.knowledge.grid_table import GridTable
 from agents.knowledge.knowledge import Knowledge
+from agents.knowledge.support_points import SupportPoints
 from agents.learning_servo import LearningServo
 from agents.model_based import ModelBased
 from agents.random_agent import RandomAgent
@@ -67,6 +68,7 @@ def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:
 
 KNOWLEDGE: dict[str, type[Knowledge]] = {
     "grid_table": GridTable,
+    "support_points": SupportPoints,
     "gaussian_process": GaussianProcess,
     "memory": GaussianProcess,
 }

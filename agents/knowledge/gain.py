@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from agents.agent import Array
 
@@ -17,14 +18,14 @@ class Gain:
     Attributes:
         rate: Share of an error that one success corrects, where the gain is constant.
         kalman: Whether each record is corrected by how uncertain it is.
+        seen: Variance of what corrects, in px².
     """
 
-    rate: float = 0.7
-    kalman: bool = False
+    rate: float
+    kalman: bool
+    seen: float
 
-    SEEN = 8.0
-    """Variance of a success, px²: an end anywhere within 4 px of the object misses by 4 px / √2."""
-    DRIFT = 2.0
+    DRIFT: ClassVar[float] = 2.0
     """What one success adds to all variances, px²: a camera that pans by 0.2 px a trial has panned by 10 px
     when a record is met again after 50 trials, and 10² = 50 · 2."""
 
@@ -35,6 +36,11 @@ class Gain:
         if not isinstance(self.kalman, bool):
             raise ValueError(f"kalman is {self.kalman!r}; allowed: True, False")
 
+    @property
+    def drift(self) -> float:
+        """What is added to all variances, in px²; a constant gain knows of no drift."""
+        return self.DRIFT if self.kalman else 0.0
+
     def __call__(self, weights: Array, variances: Array) -> tuple[Array, Array]:
         """Shares (k,) of the sum's error by which records change, and their variances (k,) after that.
 
@@ -42,6 +48,6 @@ class Gain:
             weights: Of the records in the sum (k,).
             variances: Of the records (k,), in px².
         """
-        expected = weights**2 @ variances + self.SEEN
+        expected = weights**2 @ variances + self.seen
         gains = variances * weights / expected if self.kalman else self.rate * weights / (weights @ weights)
         return gains, variances - 2 * gains * weights * variances + gains**2 * expected

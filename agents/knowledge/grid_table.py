@@ -40,6 +40,8 @@ class GridTable:
         kalman: Whether a Kalman filter for each record decides instead.
     """
 
+    SEEN = 8.0
+    """Variance of a success, px²: an end anywhere within 4 px of the object misses by 4 px / √2."""
     TRUSTED = 3
     """A cell is trusted once so many successes have corrected each of its records."""
     SWEEPS = 30
@@ -47,7 +49,7 @@ class GridTable:
 
     def __init__(self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = False) -> None:
         self.cells = check_whole("cells", cells, least=1)
-        self.gain = Gain(rate, kalman)
+        self.gain = Gain(rate, kalman, self.SEEN)
         self.records = np.full(((cells + 1) ** DIMENSIONS, motors), np.nan)
         self.variances = np.zeros(len(self.records))
         self.successes = np.zeros(len(self.records))
@@ -71,7 +73,7 @@ class GridTable:
     def learn(self, sensors: Array, registers: Array) -> None:
         """Fills the empty corners of the cell and corrects all of them."""
         corners, weights = self._cell(sensors)
-        self.variances += Gain.DRIFT
+        self.variances += self.gain.drift
         records, variances = self.records[corners], self.variances[corners]
         empty = np.isnan(records).any(1)
         records[empty] = registers
