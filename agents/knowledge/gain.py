@@ -41,13 +41,14 @@ class Gain:
         """What is added to all variances, in px²; a constant gain knows of no drift."""
         return self.DRIFT if self.kalman else 0.0
 
-    def __call__(self, weights: Array, variances: Array) -> tuple[Array, Array]:
+    def __call__(self, weights: Array, variances: Array, more: float = 0.0) -> tuple[Array, Array]:
         """Shares (k,) of the sum's error by which records change, and their variances (k,) after that.
 
         Args:
             weights: Of the records in the sum (k,).
             variances: Of the records (k,), in px².
+            more: Variance that what is seen there has of its own, in px².
         """
-        expected = weights**2 @ variances + self.seen
+        expected = weights**2 @ variances + self.seen + more
         gains = variances * weights / expected if self.kalman else self.rate * weights / (weights @ weights)
         return gains, variances - 2 * gains * weights * variances + gains**2 * expected

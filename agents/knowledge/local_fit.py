@@ -28,6 +28,8 @@ class LocalFit:
     SLOPE = 2.0
     """Prior standard deviation of a slope, in image units by register: a whole register's travel crosses
     the image."""
+    NEAR = 0.03
+    """Points are taken to reach at least so far, in registers."""
     BEND = 0.5 * IMAGE_UNIT
     """A line misses by so many pixels by square pixel of distance: by d²/2 in image units, as a circle of
     radius 1 departs from its tangent."""
@@ -55,18 +57,34 @@ class LocalFit:
         row = self._row(registers)
         return float(row @ self._covariance @ row) * self._scale
 
+    def bend(self, registers: Array) -> float:
+        """Variance of what an affine fit leaves out at registers (m,), in px²."""
+        moved = self.jacobian @ (registers - self.centre)
+        return float(self.BEND * squared_px(moved)) ** 2
+
     def weights(self, registers: Array) -> Array:
         """What each point (k,) contributes to the view at registers (m,)."""
         return self._row(registers) @ self._covariance @ self._pulled
 
     def inverse(self, sensors: Array) -> tuple[Array, float]:
-        """Registers (m,) at which sensors (4,) should be seen, and the variance of what is seen, in px²."""
+        """Registers (m,) at which sensors (4,) should be seen, and the variance of what is seen, in px².
+
+        They are expected no further off than the points are: the more so, the less is known there.
+        """
         normal = self.jacobian.T @ self.jacobian
-        normal.flat[:: len(normal) + 1] += IMAGE_UNIT**2
-        step = np.linalg.solve(normal, self.jacobian.T @ (sensors - self.view(self.centre)))
-        registers = np.clip(self.centre + step, -1, 1)
+        reach = max(float(np.square(self._features[:, 1:]).sum(1).max()), self.NEAR**2)
+        pulled = self.jacobian.T @ (sensors - self.view(self.centre))
+        registers = self.centre
+        for _ in range(2):
+            noise = self.variance(registers) * IMAGE_UNIT**2
+            step = np.linalg.solve(normal + noise / reach * np.eye(len(normal)), pulled)
+            registers = np.clip(self.centre + step, -1, 1)
         missed = float(squared_px(sensors - self.view(registers)))
         return registers, self.variance(registers) + missed
+
+    def slope_deviation(self) -> float:
+        """Standard deviation of the least known slope, in image units by register."""
+        return float(np.sqrt(np.diagonal(self._covariance)[1:].max() * self._scale)) * IMAGE_UNIT
 
     def _row(self, registers: Array) -> Array:
         return np.concatenate([[1.0], registers - self.centre])

@@ -35,10 +35,14 @@ class SupportPoints:
         kalman: Whether a Kalman filter for each support point decides instead; then older ones weigh less.
     """
 
-    MISSED_PX = 3.0
+    MISSED_PX = 2.0
     """A fit that is off by more needs a new point,"""
-    CLOSE_PX = 12.0
-    """unless there is one as close as that."""
+    CLOSE = 0.03
+    """unless there is one whose registers differ by no more than this."""
+    SLOPE_DEVIATION = 0.3
+    """A Jacobian is implied where no slope is less certain, in image units by register."""
+    SURPRISING = 9.0
+    """A square miss so many times its variance is the world's, not the fit's: neighbours are corrected too."""
     SEEN = 1.0
     """Variance of what is seen, px²: 0.7 px in each coordinate, as of a good marker."""
 
@@ -69,7 +73,8 @@ class SupportPoints:
         """See `Knowledge`."""
         if len(self.registers) < self.neighbours:
             return None
-        return self._fit(self._nearest(self.registers, registers)).jacobian
+        fit = self._fit(self._nearest(self.registers, registers))
+        return fit.jacobian if fit.slope_deviation() < self.SLOPE_DEVIATION else None
 
     def learn(self, sensors: Array, registers: Array) -> None:
         """Corrects the nearest support points by what their fit missed, or adds one."""
@@ -78,17 +83,20 @@ class SupportPoints:
             nearest = self._nearest(self.registers, registers)
             fit = self._fit(nearest)
             missed = sensors - fit.view(registers)
-            close = squared_px(fit.centre_sensors - fit.view(registers)) < self.CLOSE_PX**2
-            if close or squared_px(missed) < self.MISSED_PX**2:
-                gains, self.variances[nearest] = self.gain(fit.weights(registers), self.variances[nearest])
+            square, bend = float(squared_px(missed)), fit.bend(registers)
+            expected = fit.variance(registers) + bend + self.gain.seen
+            enough = square < self.MISSED_PX**2 or np.abs(fit.centre - registers).max() < self.CLOSE
+            if enough or square > self.SURPRISING * expected:
+                weights = fit.weights(registers)
+                gains, self.variances[nearest] = self.gain(weights, self.variances[nearest], bend)
                 self.sensors[nearest] += gains[:, None] * missed
+            if enough:
                 return
         self.registers = np.concatenate([self.registers, [registers]])
         self.sensors = np.concatenate([self.sensors, [sensors]])
         self.variances = np.concatenate([self.variances, [self.gain.seen]])
         if len(self.registers) > self.points:
-            kept = np.delete(np.arange(len(self.registers)), self.variances.argmax())
-            self._keep(kept)
+            self._keep(np.delete(np.arange(len(self.registers)), self.variances[:-1].argmax()))
 
     def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
         """See `Knowledge`."""
