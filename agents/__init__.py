@@ -11,6 +11,7 @@ from typing import Any
 import gymnasium as gym
 
 from agents.agent import Agent
+from agents.knowledge.factored_table import FactoredTable
 from agents.knowledge.gaussian_process import GaussianProcess
 from agents.knowledge.grid_table import GridTable
 from agents.knowledge.knowledge import Knowledge
@@ -68,6 +69,7 @@ def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:
 
 KNOWLEDGE: dict[str, type[Knowledge]] = {
     "grid_table": GridTable,
+    "factored_table": FactoredTable,
     "support_points": SupportPoints,
     "gaussian_process": GaussianProcess,
     "memory": GaussianProcess,

@@ -42,6 +42,9 @@ class GridTable:
 
     SEEN = 8.0
     """Variance of a success, px²: an end anywhere within 4 px of the object misses by 4 px / √2."""
+    DRIFT = 2.0
+    """What one success adds to variances, px²: a camera that pans by 0.2 px a trial has panned by 10 px when
+    a cell is met again after some 50 trials, and 10² = 50 · 2."""
     TRUSTED = 3
     """A cell is trusted once so many successes have corrected each of its records."""
     SWEEPS = 30
@@ -49,7 +52,7 @@ class GridTable:
 
     def __init__(self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = False) -> None:
         self.cells = check_whole("cells", cells, least=1)
-        self.gain = Gain(rate, kalman, self.SEEN)
+        self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
         self.records = np.full(((cells + 1) ** DIMENSIONS, motors), np.nan)
         self.variances = np.zeros(len(self.records))
         self.successes = np.zeros(len(self.records))
@@ -73,12 +76,12 @@ class GridTable:
     def learn(self, sensors: Array, registers: Array) -> None:
         """Fills the empty corners of the cell and corrects all of them."""
         corners, weights = self._cell(sensors)
-        self.variances += self.gain.drift
+        self.variances = self.gain.aged(self.variances)
         records, variances = self.records[corners], self.variances[corners]
         empty = np.isnan(records).any(1)
         records[empty] = registers
         variances[empty] = squared_px(self._places[corners[empty]] - sensors)
-        gains, self.variances[corners] = self.gain(weights, variances)
+        gains, self.variances[corners] = self.gain.each(weights, variances)
         self.records[corners] = records + gains[:, None] * (registers - weights @ records)
         self.successes[corners] += 1
 

@@ -45,13 +45,15 @@ class SupportPoints:
     """A square miss so many times its variance is the world's, not the fit's: neighbours are corrected too."""
     SEEN = 1.0
     """Variance of what is seen, px²: 0.7 px in each coordinate, as of a good marker."""
+    DRIFT = 0.04
+    """What one success adds to variances, px²: (0.2 px)², as points are met in every trial."""
 
     def __init__(
         self, motors: int, points: int = 1000, neighbours: int = 8, rate: float = 0.7, kalman: bool = True
     ) -> None:
         self.neighbours = check_whole("neighbours", neighbours, least=motors + 1)
         self.points = check_whole("points", points, least=neighbours)
-        self.gain = Gain(rate, kalman, self.SEEN)
+        self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
         self.registers = np.empty((0, motors))
         self.sensors = np.empty((0, 4))
         self.variances = np.empty(0)
@@ -78,7 +80,7 @@ class SupportPoints:
 
     def learn(self, sensors: Array, registers: Array) -> None:
         """Corrects the nearest support points by what their fit missed, or adds one."""
-        self.variances += self.gain.drift
+        self.variances = self.gain.aged(self.variances)
         if len(self.registers):
             nearest = self._nearest(self.registers, registers)
             fit = self._fit(nearest)
@@ -88,7 +90,7 @@ class SupportPoints:
             enough = square < self.MISSED_PX**2 or np.abs(fit.centre - registers).max() < self.CLOSE
             if enough or square > self.SURPRISING * expected:
                 weights = fit.weights(registers)
-                gains, self.variances[nearest] = self.gain(weights, self.variances[nearest], bend)
+                gains, self.variances[nearest] = self.gain.each(weights, self.variances[nearest], bend)
                 self.sensors[nearest] += gains[:, None] * missed
             if enough:
                 return
