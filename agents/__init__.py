@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import partial
@@ -80,8 +81,11 @@ SERVOS: dict[str, type[UnifiedServo] | type[WorkPlaneServo]] = {
     "work_plane_servo": WorkPlaneServo,
 }
 """The servos that knowledge can be laid over."""
-PAPERS = {"grid_table": {"every_look": False, "estimator": "test_motions"}}
-"""Settings of knowledge bases as the paper has them: only success teaches, and test motions correct."""
+PAPERS: dict[str, dict[str, Any]] = {
+    "grid_table": {"every_look": False, "estimator": "test_motions", "jump_px": math.inf}
+}
+"""Settings of knowledge bases as the paper has them: only success teaches, what is recalled is always tried,
+and test motions correct."""
 
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,

@@ -19,7 +19,7 @@ def check_whole(name: str, value: int, least: int) -> int:
 def fitting(
     arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int | None, ...]
 ) -> NDArray[np.float64]:
-    """A copy of the saved array `name`; raises ValueError where it is not of `shape` (None: of any length)."""
+    """A copy of the saved array `name`; raises ValueError where it is not of `shape` (None: any length)."""
     saved = arrays.get(name)
     if saved is None:
         raise ValueError(f"what was saved holds no {name}")

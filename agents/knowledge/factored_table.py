@@ -59,8 +59,9 @@ class FactoredTable:
         self.points = check_whole("points", points, least=1)
         self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
         self._prior = self._smooth()
-        self._motors = motors
-        self._forget()
+        self.records: Array = np.zeros((len(self._prior), motors))
+        self.covariance: Array = self._prior.copy()
+        self.pairs: Array = np.empty((0, DIMENSIONS + motors))
 
     def __repr__(self) -> str:
         return (
@@ -98,7 +99,9 @@ class FactoredTable:
         if not len(sensors):
             return
         gone = change(sensors)
-        self._forget()
+        self.records = np.zeros_like(self.records)
+        self.covariance = self._prior.copy()
+        self.pairs = self.pairs[:0]
         for place, there in zip(gone, registers, strict=True):
             self.learn(place, there)
         self._drift(float(np.square(deviation_px).max()))
@@ -111,20 +114,15 @@ class FactoredTable:
         """See `Knowledge`."""
         records = fitting(arrays, "records", self.records.shape)
         covariance = fitting(arrays, "covariance", self.covariance.shape)
-        self.pairs = fitting(arrays, "pairs", (None, DIMENSIONS + self._motors))
-        self.records, self.covariance = records, covariance
-
-    def _forget(self) -> None:
-        self.records = np.zeros((len(self._prior), self._motors))
-        self.covariance = self._prior.copy()
-        self.pairs = np.empty((0, DIMENSIONS + self._motors))
+        pairs = fitting(arrays, "pairs", (None, self.pairs.shape[1]))
+        self.records, self.covariance, self.pairs = records, covariance, pairs
 
     def _drift(self, variance: float) -> None:
         """All may have gone elsewhere, by this variance in px², as smoothly as a priori."""
         self.covariance += variance / self.SCALE_PX**2 * self._prior
 
     def _between(self, sensors: Array) -> tuple[NDArray[np.intp], Array]:
-        """The records around a sensor vector, two in each 1-D table and four in each 2-D one; their weights."""
+        """The records around a sensor vector: two in each 1-D, four in each 2-D table; and their weights."""
         count = self.cells + 1
         place = (np.clip(sensors, -1, 1) + 1) / 2 * self.cells
         cell = np.minimum(place.astype(np.intp), self.cells - 1)

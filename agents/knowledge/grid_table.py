@@ -119,9 +119,10 @@ class GridTable:
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""
         corners, motors = self.records.shape
-        self.records = fitting(arrays, "records", (corners, motors))
-        self.variances = fitting(arrays, "variances", (corners,))
-        self.successes = fitting(arrays, "successes", (corners,))
+        records = fitting(arrays, "records", (corners, motors))
+        variances = fitting(arrays, "variances", (corners,))
+        successes = fitting(arrays, "successes", (corners,))
+        self.records, self.variances, self.successes = records, variances, successes
 
     def known_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which cells are filled, and which of them are trusted, each (cells, cells, cells, cells)."""
@@ -142,4 +143,4 @@ class GridTable:
 
     def _spread(self, corners: NDArray[np.intp], values: Array) -> Array:
         """Sums (all corners,) of values (n, 16) for the corners (n, 16)."""
-        return np.bincount(corners.ravel(), values.ravel(), len(self.records))
+        return np.asarray(np.bincount(corners.ravel(), values.ravel(), len(self.records)), float)

@@ -42,7 +42,7 @@ class SupportPoints:
     SLOPE_DEVIATION = 0.3
     """A Jacobian is implied where no slope is less certain, in image units by register."""
     SURPRISING = 9.0
-    """A square miss so many times its variance is the world's, not the fit's: neighbours are corrected too."""
+    """A square miss so many times its variance is the world's doing: neighbours are corrected as well."""
     SEEN = 1.0
     """Variance of what is seen, px²: 0.7 px in each coordinate, as of a good marker."""
     DRIFT = 0.04
@@ -114,9 +114,9 @@ class SupportPoints:
         """See `Knowledge`."""
         registers = fitting(arrays, "registers", (None, self.registers.shape[1]))
         count = len(registers)
-        self.sensors = fitting(arrays, "sensors", (count, 4))
-        self.variances = fitting(arrays, "variances", (count,))
-        self.registers = registers
+        sensors = fitting(arrays, "sensors", (count, 4))
+        variances = fitting(arrays, "variances", (count,))
+        self.registers, self.sensors, self.variances = registers, sensors, variances
 
     def _nearest(self, points: Array, place: Array) -> NDArray[np.intp]:
         """Indices of the nearest of `points` (n, k), the very nearest first."""
