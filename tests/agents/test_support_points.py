@@ -49,16 +49,17 @@ def test_a_jacobian_is_implied_where_enough_is_known():
     assert flat.jacobian(np.zeros(3)) is None
 
 
-@settings(max_examples=20, deadline=None)
-@given(st.lists(st.floats(-0.3, 0.3), min_size=3, max_size=3).map(np.array), st.integers(0, 100))
-def test_a_fit_to_a_plane_is_the_plane(centre, seed):
-    registers = centre + np.random.default_rng(seed).uniform(-0.1, 0.1, (8, 3))
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(-0.3, 0.3), min_size=3, max_size=3).map(np.array), st.floats(0.02, 0.15))
+def test_a_fit_to_a_plane_is_the_plane(centre, apart):
+    registers = centre + apart * np.array([[0, 0, 0], *np.eye(3), *-np.eye(3), [1, 1, 1]])
     fit = LocalFit(registers, registers @ JACOBIAN.T, np.full(8, 1e-4))
-    np.testing.assert_allclose(fit.jacobian, JACOBIAN, atol=1e-2)
-    np.testing.assert_allclose(fit.weights(registers[0]) @ registers, registers[0], atol=1e-2)
-    found, variance = fit.inverse(centre @ JACOBIAN.T)
-    np.testing.assert_allclose(found, centre, atol=2e-3)
-    assert variance < 1
+    np.testing.assert_allclose(fit.jacobian, JACOBIAN, atol=0.01)
+    np.testing.assert_allclose(fit.weights(centre) @ registers, centre, atol=1e-4)
+    there = centre + 0.5 * apart
+    found, variance = fit.inverse(there @ JACOBIAN.T)
+    np.testing.assert_allclose(found, there, atol=0.01 * apart)
+    assert variance < 5
 
 
 def test_the_bound_holds_and_the_most_uncertain_go():
@@ -74,8 +75,8 @@ def test_after_a_jump_neighbours_are_corrected_as_well():
     before = knowledge.sensors.copy()
     knowledge.learn(seen(np.array([0.11, 0.12, 0.13])) + jumped, np.array([0.11, 0.12, 0.13]))
     moved = (knowledge.sensors[: len(before)] - before) @ jumped / (jumped @ jumped)
-    assert np.count_nonzero(moved > 0.02) >= 4
-    assert (moved < 1).all()
+    assert np.count_nonzero(moved) == knowledge.neighbours
+    assert 0.2 < moved.max() < 1
 
 
 def test_older_points_weigh_less_where_a_kalman_filter_corrects():
@@ -86,8 +87,7 @@ def test_older_points_weigh_less_where_a_kalman_filter_corrects():
         for knowledge in (constant, kalman):
             knowledge.learn(seen(np.full(3, -0.3)), np.full(3, -0.3))
     after = [knowledge.recall(place).deviation_px for knowledge in (constant, kalman)]
-    assert after[0] == pytest.approx(before[0], abs=0.5)
-    assert after[1] > before[1] + 1
+    assert after[1] - before[1] > 2 + after[0] - before[0]
 
 
 def test_recall_takes_well_below_a_millisecond_among_ten_thousand_points():
