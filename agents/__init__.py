@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import partial
@@ -11,9 +12,11 @@ from typing import Any
 import gymnasium as gym
 
 from agents.agent import Agent
+from agents.knowledge.factored_table import FactoredTable
 from agents.knowledge.gaussian_process import GaussianProcess
 from agents.knowledge.grid_table import GridTable
 from agents.knowledge.knowledge import Knowledge
+from agents.knowledge.support_points import SupportPoints
 from agents.learning_servo import LearningServo
 from agents.model_based import ModelBased
 from agents.random_agent import RandomAgent
@@ -68,6 +71,8 @@ def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:
 
 KNOWLEDGE: dict[str, Callable[..., Knowledge]] = {
     "grid_table": GridTable,
+    "factored_table": FactoredTable,
+    "support_points": SupportPoints,
     "gaussian_process": GaussianProcess,
     "memory": GaussianProcess,
 }
@@ -78,11 +83,12 @@ SERVOS: dict[str, type[UnifiedServo] | type[WorkPlaneServo]] = {
 }
 """The servos that knowledge can be laid over."""
 DEFAULTS: dict[str, dict[str, Any]] = {
-    "grid_table": {"every_look": False, "estimator": "test_motions"},
+    "grid_table": {"every_look": False, "estimator": "test_motions", "jump_px": math.inf},
     "gaussian_process": {"on_change": "recognise"},
     "memory": {"on_change": "recognise"},
 }
-"""Settings of agents that bear a knowledge base's name; with the paper's only success teaches."""
+"""Settings of agents that bear a knowledge base's name. With the paper's table only success teaches, what is
+recalled is always tried, and test motions correct."""
 
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,

@@ -1,4 +1,4 @@
-"""The command line: `python -m experiments {validate,run,status,report,benchmark} ...`."""
+"""The command line: `python -m experiments {validate,run,status,report,benchmark,picture} ...`."""
 
 import argparse
 import json
@@ -30,6 +30,8 @@ def main(arguments: list[str] | None = None) -> int:
             return _status(options.folder)
         if options.command == "benchmark":
             return _benchmark(options)
+        if options.command == "picture":
+            return _picture(options.table, options.out)
         return _report(options.folder)
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -81,6 +83,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="PYTHON=ENV_ID",
         help="time a Gymnasium environment of another interpreter beside ours (repeatable)",
     )
+    picture = commands.add_parser("picture", help="draw what a saved grid_table has learned")
+    picture.add_argument("table", type=Path, help="file that grid_table.save wrote")
+    picture.add_argument("--out", type=Path, required=True, help="image file, such as table.png")
     return parser
 
 
@@ -133,6 +138,14 @@ def _report(folder: Path) -> int:
     from experiments.report import write_report
 
     print(f"report: {write_report(folder)}")
+    return 0
+
+
+def _picture(table: Path, out: Path) -> int:
+    from experiments.picture import draw_table
+
+    draw_table(table, out)
+    print(f"picture: {out}")
     return 0
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.agent import Array
+from agents.knowledge.checks import check_whole, fitting
 from agents.knowledge.knowledge import Change, Recall
 from calfree_gym.world import IMAGE_UNIT
 
@@ -55,9 +56,7 @@ class GaussianProcess:
     STEP = 0.5
 
     def __init__(self, motors: int, points: int = 200) -> None:
-        if isinstance(points, bool) or not isinstance(points, int) or points < 10:
-            raise ValueError(f"points is {points!r}; it must be a whole number, 10 or more")
-        self.points = points
+        self.points = check_whole("points", points, least=10)
         self.registers = np.empty((0, motors))
         self.sensors = np.empty((0, 2 * CAMERAS))
         self.variances = np.empty((0, CAMERAS))
@@ -133,9 +132,10 @@ class GaussianProcess:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""
-        self.registers, self.sensors, self.variances = (
-            np.array(arrays[name], float) for name in ("registers", "sensors", "variances")
-        )
+        registers = fitting(arrays, "registers", (None, self.registers.shape[1]))
+        sensors = fitting(arrays, "sensors", (len(registers), 2 * CAMERAS))
+        variances = fitting(arrays, "variances", (len(registers), CAMERAS))
+        self.registers, self.sensors, self.variances = registers, sensors, variances
         self._settled = False
 
     @property

@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.agent import Array
+from agents.knowledge.checks import check_whole, fitting
+from agents.knowledge.distance import squared_px
+from agents.knowledge.gain import Gain
 from agents.knowledge.knowledge import Change, Recall
 
 DIMENSIONS = 4
@@ -25,31 +28,47 @@ class GridTable:
     Xie et al. weighted distance is not public; this is the least change that makes a recall right.
 
     Attributes:
-        records: Registers (cells + 1, ... four times, motors); NaN where there is none.
+        records: Registers (corners, m), in the order of `numpy.ndindex`; NaN where there is none.
+        variances: Of where records lead (corners,), in px². One that is filled from elsewhere in its cell is
+            off by the distance.
+        successes: How many have corrected each record (corners,).
 
     Args:
-        motors: Number of registers.
+        motors: Number of registers m.
         cells: Cells along each sensor dimension.
-        rate: Share of a recall's error that one success corrects.
+        rate: Share of a recall's error that one success corrects, where the gain is constant.
+        kalman: Whether a Kalman filter for each record decides instead.
     """
 
-    def __init__(self, motors: int, cells: int = 8, rate: float = 0.7) -> None:
-        if isinstance(cells, bool) or not isinstance(cells, int) or cells < 1:
-            raise ValueError(f"cells is {cells!r}; it must be a whole number, 1 or more")
-        if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate <= 1:
-            raise ValueError(f"rate is {rate!r}; it must be a number above 0, at most 1")
-        self.cells = cells
-        self.rate = rate
-        self.records = np.full((*[cells + 1] * DIMENSIONS, motors), np.nan)
+    SEEN = 8.0
+    """Variance of a success, px²: an end anywhere within 4 px of the object misses by 4 px / √2."""
+    DRIFT = 2.0
+    """What one success adds to variances, px²: a camera that pans by 0.2 px a trial has panned by 10 px when
+    a cell is met again after some 50 trials, and 10² = 50 · 2."""
+    TRUSTED = 3
+    """A cell is trusted once so many successes have corrected each of its records."""
+    SWEEPS = 30
+    """So many times all records are corrected at once to fit those that were mapped."""
+
+    def __init__(self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = False) -> None:
+        self.cells = check_whole("cells", cells, least=1)
+        self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
+        self.records = np.full(((cells + 1) ** DIMENSIONS, motors), np.nan)
+        self.variances = np.zeros(len(self.records))
+        self.successes = np.zeros(len(self.records))
+        self._strides = (cells + 1) ** np.arange(DIMENSIONS)[::-1]
+        self._places = np.array(list(product(np.linspace(-1, 1, cells + 1), repeat=DIMENSIONS)))
 
     def __repr__(self) -> str:
-        return f"GridTable(cells={self.cells}, rate={self.rate})"
+        return f"GridTable(cells={self.cells}, rate={self.gain.rate}, kalman={self.gain.kalman})"
 
     def recall(self, sensors: Array) -> Recall | None:
         """Interpolated registers; None where a corner of the cell has no record."""
         corners, weights = self._cell(sensors)
         records = self.records[corners]
-        return None if np.isnan(records).any() else Recall(weights @ records, 0.0)
+        if np.isnan(records).any():
+            return None
+        return Recall(weights @ records, float(np.sqrt(weights**2 @ self.variances[corners])))
 
     def jacobian(self, registers: Array) -> None:
         """See `Knowledge`. A table implies none: in the paper test motions measure it."""
@@ -57,31 +76,70 @@ class GridTable:
     def learn(self, sensors: Array, registers: Array) -> None:
         """Fills the empty corners of the cell and corrects all of them."""
         corners, weights = self._cell(sensors)
-        records = self.records[corners]
-        records = np.where(np.isnan(records), registers, records)
-        missed = registers - weights @ records
-        gain = self.rate * weights / (weights @ weights)
-        self.records[corners] = records + gain[:, None] * missed
+        self.variances = self.gain.aged(self.variances)
+        records, variances = self.records[corners], self.variances[corners]
+        empty = np.isnan(records).any(1)
+        records[empty] = registers
+        variances[empty] = squared_px(self._places[corners[empty]] - sensors)
+        gains, self.variances[corners] = self.gain.each(weights, variances)
+        self.records[corners] = records + gains[:, None] * (registers - weights @ records)
+        self.successes[corners] += 1
 
     def map(self, change: Change, deviation_px: Array) -> None:
-        """See `Knowledge`. Each record is taken for a success at where its corner has gone."""
-        raise NotImplementedError
+        """See `Knowledge`. Each record is taken for a success at where its corner has gone.
+
+        All of them at once, so that their order does not matter: corners get the averages by interpolation
+        weights, and then are corrected until they fit. What has gone out of the images is lost.
+        """
+        filled = np.flatnonzero(~np.isnan(self.records).any(1))
+        if not len(filled):
+            return
+        gone, registers = change(self._places[filled], self.records[filled])
+        inside = (np.abs(gone) <= 1 + 1e-9).all(1)
+        filled, gone, registers = filled[inside], gone[inside], registers[inside]
+        corners, weights = self._cell(gone)
+        off = squared_px(self._places[corners] - gone[:, None]) + np.square(deviation_px).max()
+        landed = self._spread(corners, weights)
+        here = landed > 0
+        share = np.divide(1, landed, out=np.zeros_like(landed), where=here)
+        self.variances = self._spread(corners, weights**2 * (self.variances[filled, None] + off)) * share**2
+        self.successes = self._spread(corners, weights * self.successes[filled, None]) * share
+        mapped = np.zeros_like(self.records)
+        for _ in range(self.SWEEPS):
+            missed = registers - np.einsum("nk,nkm->nm", weights, mapped[corners])
+            for motor, by in enumerate(missed.T):
+                mapped[:, motor] += self._spread(corners, weights * by[:, None]) * share
+        self.records = np.where(here[:, None], mapped, np.nan)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""
-        return {"records": self.records}
+        return {"records": self.records, "variances": self.variances, "successes": self.successes}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""
-        records = arrays["records"]
-        if records.shape != self.records.shape:
-            raise ValueError(f"the saved table has shape {records.shape}, this one {self.records.shape}")
-        self.records = records.copy()
+        corners, motors = self.records.shape
+        records = fitting(arrays, "records", (corners, motors))
+        variances = fitting(arrays, "variances", (corners,))
+        successes = fitting(arrays, "successes", (corners,))
+        self.records, self.variances, self.successes = records, variances, successes
 
-    def _cell(self, sensors: Array) -> tuple[tuple[NDArray[np.intp], ...], Array]:
-        """Indices of the 16 corners around a sensor vector, and their interpolation weights (16,)."""
-        place = (np.clip(sensors, -1, 1) + 1) / 2 * self.cells
+    def known_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which cells are filled, and which of them are trusted, each (cells, cells, cells, cells)."""
+        cells = np.array(list(np.ndindex(*[self.cells] * DIMENSIONS)))
+        corners = (cells[:, None] + _CORNERS) @ self._strides
+        filled = ~np.isnan(self.records[corners][..., 0]).any(1)
+        trusted = filled & (self.successes[corners].min(1) >= self.TRUSTED)
+        shape = [self.cells] * DIMENSIONS
+        return filled.reshape(shape), trusted.reshape(shape)
+
+    def _cell(self, sensors: Array) -> tuple[NDArray[np.intp], Array]:
+        """The corners (..., 16) around sensor vectors (..., 4), and their interpolation weights (..., 16)."""
+        place = np.round((np.clip(sensors, -1, 1) + 1) / 2 * self.cells, 9)
         cell = np.minimum(place.astype(np.intp), self.cells - 1)
-        part = place - cell
-        weights = np.where(_CORNERS, part, 1 - part).prod(1)
-        return tuple((cell + _CORNERS).T), weights
+        part = (place - cell)[..., None, :]
+        weights = np.where(_CORNERS, part, 1 - part).prod(-1)
+        return (cell[..., None, :] + _CORNERS) @ self._strides, weights
+
+    def _spread(self, corners: NDArray[np.intp], values: Array) -> Array:
+        """Sums (all corners,) of values (n, 16) for the corners (n, 16)."""
+        return np.asarray(np.bincount(corners.ravel(), values.ravel(), len(self.records)), float)

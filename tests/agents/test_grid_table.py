@@ -8,9 +8,11 @@ from hypothesis import strategies as st
 
 import agents
 from agents.knowledge.grid_table import GridTable
+from tests.agents.changes import seen_as
 from tests.agents.lengths import Lengths
 
 POINT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(np.array)
+CORNERS = np.array(list(np.ndindex(9, 9, 9, 9))) / 4 - 1
 REGISTERS = st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3).map(np.array)
 
 
@@ -20,13 +22,14 @@ def test_the_first_success_fills_all_sixteen_corners_of_its_cell_and_no_more(sen
     table = GridTable(3)
     assert table.recall(sensors) is None
     table.learn(sensors, registers)
-    filled = ~np.isnan(table.records).any(-1)
+    assert table.records.shape == (6561, 3)
+    filled = ~np.isnan(table.records).any(1)
     assert filled.sum() == 16
-    corners = np.argwhere(filled) / 8 * 2 - 1
+    corners = CORNERS[filled]
     assert (np.ptp(corners, axis=0) <= 0.25 + 1e-9).all()
     assert (corners.min(0) <= sensors + 1e-9).all()
     assert (corners.max(0) >= sensors - 1e-9).all()
-    np.testing.assert_allclose(table.recall(sensors), registers, atol=1e-12)
+    np.testing.assert_allclose(table.recall(sensors).registers, registers, atol=1e-12)
 
 
 @settings(max_examples=30, deadline=None)
@@ -35,24 +38,24 @@ def test_a_success_corrects_the_recall_by_its_rate(sensors, first, second, rate)
     table = GridTable(3, rate=rate)
     table.learn(sensors, first)
     table.learn(sensors, second)
-    np.testing.assert_allclose(table.recall(sensors), first + rate * (second - first), atol=1e-9)
+    np.testing.assert_allclose(table.recall(sensors).registers, first + rate * (second - first), atol=1e-9)
 
 
 def test_nearer_corners_are_corrected_more():
     table = GridTable(1, cells=1)
     table.learn(np.zeros(4), np.zeros(1))
     table.learn(np.full(4, -0.8), np.ones(1) * 0.5)
-    near, far = table.records[0, 0, 0, 0, 0], table.records[1, 1, 1, 1, 0]
+    near, far = table.records[0, 0], table.records[-1, 0]
     assert near > 10 * far >= 0
 
 
 def test_recall_is_multilinear_between_the_corners():
     table = GridTable(1, cells=2)
     grid = np.stack(np.meshgrid(*[[-1, 0, 1]] * 4, indexing="ij"), -1)
-    table.records = (grid @ [0.1, 0.2, -0.3, 0.1] + 0.05 * grid.prod(-1))[..., None]
+    table.records = (grid @ [0.1, 0.2, -0.3, 0.1] + 0.05 * grid.prod(-1)).reshape(81, 1)
     for sensors in np.random.default_rng(0).uniform(-1, 1, (50, 4)):
         expected = sensors @ [0.1, 0.2, -0.3, 0.1] + 0.05 * sensors.prod()
-        np.testing.assert_allclose(table.recall(sensors), [expected], atol=1e-12)
+        np.testing.assert_allclose(table.recall(sensors).registers, [expected], atol=1e-12)
 
 
 @pytest.mark.parametrize("mount", ["waist", "stand"])
@@ -79,3 +82,109 @@ def test_a_trial_cut_off_teaches_nothing():
     agent = agents.make("grid_table", env)
     agent.learn(40)
     assert np.isnan(agent.knowledge.records).all()
+
+
+def line(sensors):
+    """Registers (n, 2) that lead to sensors (n, 4) where all is straight."""
+    return sensors @ np.array([[0.3, -0.1], [0.1, 0.4], [0.2, 0.1], [-0.2, 0.2]])
+
+
+def experienced(successes=6000, within=0.5, **settings):
+    table = GridTable(2, **settings)
+    for sensors in np.random.default_rng(0).uniform(-within, within, (successes, 4)):
+        table.learn(sensors, line(sensors))
+    return table
+
+
+def missed(table, places, wanted):
+    recalls = [table.recall(place) for place in places]
+    pairs = zip(recalls, wanted, strict=True)
+    return np.array([np.nan if r is None else np.abs(r.registers - w).max() for r, w in pairs])
+
+
+@pytest.mark.parametrize("cells", [3, 8])
+def test_mapping_to_the_same_place_changes_nothing(cells):
+    table = experienced(500, cells=cells)
+    before = table.arrays()
+    table.map(seen_as(lambda sensors: sensors + 0.0), np.zeros(2))
+    for name, array in table.arrays().items():
+        known = ~np.isnan(before["records"]).any(1)
+        np.testing.assert_allclose(array[known], before[name][known], atol=1e-12, err_msg=name)
+    np.testing.assert_array_equal(np.isnan(table.records), np.isnan(before["records"]))
+
+
+def test_after_a_re_aim_a_mapped_table_recalls_far_better_than_an_unmapped_one():
+    """The left camera is turned: a homography of its image."""
+    matrix = np.array([[0.98, -0.10, 0.16], [0.11, 0.97, -0.10], [0.05, -0.04, 1.0]])
+
+    def turned(sensors):
+        after = np.column_stack([sensors[:, :2], np.ones(len(sensors))]) @ matrix.T
+        return np.column_stack([after[:, :2] / after[:, 2:], sensors[:, 2:]])
+
+    table, stale = experienced(), experienced()
+    places = np.random.default_rng(1).uniform(-0.3, 0.3, (200, 4))
+    table.map(seen_as(turned), np.zeros(2))
+    found, unmapped = (missed(t, turned(places), line(places)) for t in (table, stale))
+    assert np.isfinite(found).all()
+    assert np.mean(found) < 0.2 * np.nanmean(unmapped)
+
+
+def test_the_order_of_records_makes_no_difference_to_mapping():
+    """Records mirrored before are the mirror image of records mapped."""
+    table, mirrored = experienced(300), experienced(300)
+    mirrored.records = mirrored.records[::-1].copy()
+    mirrored.variances = mirrored.variances[::-1].copy()
+    mirrored.successes = mirrored.successes[::-1].copy()
+    table.map(seen_as(lambda sensors: 0.9 * sensors + 0.07), np.ones(2))
+    mirrored.map(seen_as(lambda sensors: 0.9 * sensors - 0.07), np.ones(2))
+    np.testing.assert_allclose(mirrored.records[::-1], table.records, atol=1e-12)
+    np.testing.assert_allclose(mirrored.variances[::-1], table.variances, rtol=1e-9)
+
+
+def test_what_has_gone_out_of_the_images_is_lost():
+    table = experienced(300)
+    table.map(seen_as(lambda sensors: sensors + np.array([2.5, 0, 0, 0])), np.zeros(2))
+    assert np.isnan(table.records).all()
+
+
+def test_cells_are_filled_by_one_success_and_trusted_after_some():
+    table = GridTable(3)
+    sensors = np.array([0.1, 0.1, -0.1, 0.3])
+    for successes in range(1, 5):
+        table.learn(sensors, np.zeros(3))
+        filled, trusted = table.known_cells()
+        assert np.argwhere(filled).tolist() == [[4, 4, 3, 5]]
+        assert trusted.sum() == (successes >= GridTable.TRUSTED)
+
+
+def test_a_kalman_filter_corrects_what_is_uncertain():
+    """A cell beside one that is well known: what it teaches changes the new corners, not the old ones."""
+    tables = [GridTable(1, cells=2, kalman=kalman) for kalman in (False, True)]
+    for table in tables:
+        for _ in range(30):
+            table.learn(np.full(4, -0.5), np.zeros(1))
+        table.learn(np.array([0.5, -0.5, -0.5, -0.5]), np.ones(1) * 0.8)
+    constant, kalman = (table.recall(np.full(4, -0.5)).registers[0] for table in tables)
+    assert abs(kalman) < 0.5 * abs(constant)
+    after = [table.recall(np.array([0.5, -0.5, -0.5, -0.5])).registers[0] for table in tables]
+    assert min(after) > 0.5
+
+
+def test_a_kalman_filter_averages_noise_and_forgets_when_time_goes_by():
+    noise = np.random.default_rng(0).normal(0, 0.1, 200)
+    misses, deviations = [], []
+    for kalman in (False, True):
+        table = GridTable(1, cells=1, kalman=kalman)
+        ends = []
+        for error in noise:
+            table.learn(np.zeros(4), np.array([error]))
+            ends.append(table.recall(np.zeros(4)).registers[0])
+        misses.append(np.std(ends[50:]))
+        deviations.append(table.recall(np.zeros(4)).deviation_px)
+    assert misses[1] < misses[0]
+    table = GridTable(1, cells=8, kalman=True)
+    table.learn(np.full(4, 0.9), np.zeros(1))
+    before = table.recall(np.full(4, 0.9)).deviation_px
+    for _ in range(100):
+        table.learn(np.full(4, -0.9), np.zeros(1))
+    assert table.recall(np.full(4, 0.9)).deviation_px > before

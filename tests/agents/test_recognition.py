@@ -20,7 +20,7 @@ KNOWLEDGE = taught(120)
 
 
 def turned(points, roll=0.0, tilt=0.0, pan=0.0, zoom=1.0, focus=1.2):
-    """Image points (n, 2) after the camera was turned by angles (rad) about its optical centre, and zoomed."""
+    """Image points (n, 2) after the camera was turned by angles (rad) about its centre, and zoomed."""
     cos, sin = np.cos([roll, tilt, pan]), np.sin([roll, tilt, pan])
     about_z = np.array([[cos[0], -sin[0], 0], [sin[0], cos[0], 0], [0, 0, 1]])
     about_x = np.array([[1, 0, 0], [0, cos[1], -sin[1]], [0, sin[1], cos[1]]])
@@ -81,7 +81,8 @@ def homes(count, seed, rate_px=0.0):
     home = HomeView()
     rng = np.random.default_rng(seed)
     for i in range(count):
-        home.add(rng.normal(0, 0.5 * IMAGE_UNIT, 4) + [i * rate_px * IMAGE_UNIT, 0, 0, 0])
+        gone = np.array([i * rate_px * IMAGE_UNIT, 0, 0, 0])
+        home.add(gone + rng.normal(0, 0.5 * IMAGE_UNIT, 4))
     return home
 
 
@@ -106,7 +107,7 @@ def test_a_view_that_jumps_or_drifts_does_so_in_the_camera_that_moved():
 
 
 def lived(perturbations, mount="waist", motions=260, seed=3, **settings_):
-    """An agent, and how long its trials were; a perturbation at trial t strikes before its trial t, from 0."""
+    """An agent, and how long its trials were; what is scheduled at trial t strikes before its trial t."""
     log = Lengths(
         gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", perturbations=perturbations)
     )

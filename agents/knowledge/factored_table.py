@@ -1,0 +1,157 @@
+"""Small tables over one or two sensor coordinates each, whose sum are registers (section 4.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.agent import Array
+from agents.knowledge.checks import check_whole, fitting
+from agents.knowledge.gain import Gain
+from agents.knowledge.knowledge import Change, Recall
+from calfree_gym.world import IMAGE_UNIT
+
+DIMENSIONS = 4
+PAIRS = ((0, 1), (2, 3), (0, 2), (1, 3))
+"""Coordinates that share a 2-D table: those of an image, and those alike in both."""
+
+
+class FactoredTable:
+    """Registers as the sum of 1-D tables of each sensor coordinate and 2-D tables of pairs of them.
+
+    Records lie at `cells` + 1 places of a coordinate, or of both; between them the tables interpolate. With 8
+    cells they are 360 records where the paper's table has 6561: so few that one Kalman filter keeps all their
+    covariances, and shares out what a success teaches among the tables. A priori tables are smooth, so that
+    a few successes already tell about the whole image.
+
+    Attributes:
+        records: Parts of registers (records, m): the 1-D tables', then the 2-D tables'.
+        covariance: Of where they lead (records, records), in px²: the registers' own scale cancels.
+        pairs: The latest sensors and registers learned (n, 4 + m), the oldest first; `map` needs them.
+
+    Args:
+        motors: Number of registers m.
+        cells: Cells along each sensor dimension.
+        points: So many pairs are kept.
+        rate: Share of a recall's error that one success corrects, where the gain is constant.
+        kalman: Whether the Kalman filter decides instead.
+    """
+
+    SCALE_PX = 1 / IMAGE_UNIT
+    """Prior standard deviation of where nothing but home is known to lead: half an image."""
+    DEPARTURE, LENGTH = 0.05, 0.6
+    """Prior variance of what is not a quadratic, as a share of that, and how far it reaches in the images."""
+    SEEN = 8.0
+    """Variance of a success, px²: an end anywhere within 4 px of the object misses by 4 px / √2."""
+    DRIFT = 0.2
+    """What one success adds to variances, px²: five times the square of 0.2 px, as a pan goes on one way and
+    is seen anew in every trial."""
+    FAR_PX = 128.0
+    """Where more uncertain than that, nothing is known: a quarter of the image."""
+
+    def __init__(
+        self, motors: int, cells: int = 8, points: int = 300, rate: float = 0.7, kalman: bool = True
+    ) -> None:
+        self.cells = check_whole("cells", cells, least=1)
+        self.points = check_whole("points", points, least=1)
+        self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
+        self._prior = self._smooth()
+        self.records: Array = np.zeros((len(self._prior), motors))
+        self.covariance: Array = self._prior.copy()
+        self.pairs: Array = np.empty((0, DIMENSIONS + motors))
+
+    def __repr__(self) -> str:
+        return (
+            f"FactoredTable(cells={self.cells}, points={self.points}, "
+            f"rate={self.gain.rate}, kalman={self.gain.kalman})"
+        )
+
+    def recall(self, sensors: Array) -> Recall | None:
+        """See `Knowledge`. None where it leads is known to no better than `FAR_PX`."""
+        which, weights = self._between(sensors)
+        variance = weights @ self.covariance[np.ix_(which, which)] @ weights
+        deviation = float(np.sqrt(variance))
+        return Recall(weights @ self.records[which], deviation) if deviation <= self.FAR_PX else None
+
+    def jacobian(self, registers: Array) -> None:
+        """See `Knowledge`. A table implies none."""
+
+    def learn(self, sensors: Array, registers: Array) -> None:
+        """See `Knowledge`."""
+        self.pairs = np.concatenate([self.pairs, [[*sensors, *registers]]])[-self.points :]
+        if self.gain.kalman:
+            self._drift(self.gain.drift)
+        which, near = self._between(sensors)
+        weights = np.zeros(len(self.records))
+        weights[which] = near
+        told = self.covariance[:, which] @ near
+        expected = float(near @ told[which]) + self.gain.seen
+        gains = self.gain.shares(weights, told, expected)
+        self.records += np.outer(gains, registers - near @ self.records[which])
+        self.covariance += np.outer(gains * expected - told, gains) - np.outer(gains, told)
+
+    def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
+        """See `Knowledge`. The pairs that were kept are learned anew from where they have gone."""
+        sensors, registers = np.split(self.pairs, [DIMENSIONS], axis=1)
+        if not len(sensors):
+            return
+        gone, registers = change(sensors, registers)
+        self.records = np.zeros_like(self.records)
+        self.covariance = self._prior.copy()
+        self.pairs = self.pairs[:0]
+        for place, there in zip(gone, registers, strict=True):
+            self.learn(place, there)
+        self._drift(float(np.square(deviation_px).max()))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """See `Knowledge`."""
+        return {"records": self.records, "covariance": self.covariance, "pairs": self.pairs}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """See `Knowledge`."""
+        records = fitting(arrays, "records", self.records.shape)
+        covariance = fitting(arrays, "covariance", self.covariance.shape)
+        pairs = fitting(arrays, "pairs", (None, self.pairs.shape[1]))
+        self.records, self.covariance, self.pairs = records, covariance, pairs
+
+    def _drift(self, variance: float) -> None:
+        """All may have gone elsewhere, by this variance in px², as smoothly as a priori."""
+        self.covariance += variance / self.SCALE_PX**2 * self._prior
+
+    def _between(self, sensors: Array) -> tuple[NDArray[np.intp], Array]:
+        """The records around a sensor vector: two in each 1-D, four in each 2-D table; and their weights."""
+        count = self.cells + 1
+        place = (np.clip(sensors, -1, 1) + 1) / 2 * self.cells
+        cell = np.minimum(place.astype(np.intp), self.cells - 1)
+        part = place - cell
+        near = cell[:, None] + [0, 1]
+        shares = np.stack([1 - part, part], 1)
+        lines = near + count * np.arange(DIMENSIONS)[:, None]
+        first, second = np.array(PAIRS).T
+        planes = near[first][:, :, None] * count + near[second][:, None, :]
+        planes += DIMENSIONS * count + count**2 * np.arange(len(PAIRS))[:, None, None]
+        both = shares[first][:, :, None] * shares[second][:, None, :]
+        return np.concatenate([lines.ravel(), planes.ravel()]), np.concatenate([shares.ravel(), both.ravel()])
+
+    def _smooth(self) -> Array:
+        """Prior covariance (records, records): quadratics of unknown coefficients, and smooth departures."""
+        x = np.linspace(-1, 1, self.cells + 1)
+        flat = np.stack(np.meshgrid(x, x, indexing="ij"), -1).reshape(-1, 2)
+        lines, planes = np.outer(x, x), np.outer(flat.prod(1), flat.prod(1))
+        apart = np.square(x[:, None] - x)
+        apart_flat = np.square(flat[:, None] - flat).sum(-1)
+        blocks = [1 / DIMENSIONS + lines + lines**2 / 2 + self._departing(apart)] * DIMENSIONS
+        blocks += [planes + self._departing(apart_flat)] * len(PAIRS)
+        prior = np.zeros((sum(map(len, blocks)),) * 2)
+        start = 0
+        for block in blocks:
+            end = start + len(block)
+            prior[start:end, start:end] = block
+            start = end
+        return self.SCALE_PX**2 * prior
+
+    def _departing(self, squares: Array) -> Array:
+        return np.asarray(self.DEPARTURE * np.exp(squares / (-2 * self.LENGTH**2)))

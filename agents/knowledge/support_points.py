@@ -1,0 +1,139 @@
+"""Scattered support points with local affine fits: placed "where they are actually needed" (section 4.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.agent import Array
+from agents.knowledge.checks import check_whole, fitting
+from agents.knowledge.distance import squared_px
+from agents.knowledge.gain import Gain
+from agents.knowledge.knowledge import Change, Recall
+from agents.knowledge.local_fit import LocalFit
+
+
+class SupportPoints:
+    """Pairs of sensors and registers, no two of them close; recall reads a local affine fit backwards.
+
+    Registers are known exactly and image points are noisy; so the nearest pairs are fitted as sensors over
+    registers. A success between support points corrects theirs: it makes a new one only where the fit missed.
+
+    Attributes:
+        registers: Of the support points (n, m).
+        sensors: What is seen there (n, 4), in image units.
+        variances: Of what is seen there (n,), in px².
+
+    Args:
+        motors: Number of registers m.
+        points: The most support points that are kept; the most uncertain one is dropped.
+        neighbours: So many nearest points are fitted.
+        rate: Share of a miss that one success corrects, where the gain is constant.
+        kalman: Whether a Kalman filter for each support point decides instead; then older ones weigh less.
+    """
+
+    MISSED_PX = 2.0
+    """A fit that is off by more needs a new point,"""
+    CLOSE = 0.03
+    """unless there is one whose registers differ by no more than this."""
+    SLOPE_DEVIATION = 0.3
+    """A Jacobian is implied where no slope is less certain, in image units by register."""
+    SURPRISING = 9.0
+    """A square miss so many times its variance is the world's doing: neighbours are corrected as well."""
+    SEEN = 1.0
+    """Variance of what is seen, px²: 0.7 px in each coordinate, as of a good marker."""
+    DRIFT = 0.04
+    """What one success adds to variances, px²: (0.2 px)², as points are met in every trial."""
+
+    def __init__(
+        self, motors: int, points: int = 1000, neighbours: int = 8, rate: float = 0.7, kalman: bool = True
+    ) -> None:
+        self.neighbours = check_whole("neighbours", neighbours, least=motors + 1)
+        self.points = check_whole("points", points, least=neighbours)
+        self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
+        self.registers = np.empty((0, motors))
+        self.sensors = np.empty((0, 4))
+        self.variances = np.empty(0)
+
+    def __repr__(self) -> str:
+        return (
+            f"SupportPoints(points={self.points}, neighbours={self.neighbours}, "
+            f"rate={self.gain.rate}, kalman={self.gain.kalman})"
+        )
+
+    def recall(self, sensors: Array) -> Recall | None:
+        """See `Knowledge`."""
+        if not len(self.sensors):
+            return None
+        registers, variance = self._fit(self._nearest(self.sensors, sensors)).inverse(sensors)
+        return Recall(registers, float(np.sqrt(variance)))
+
+    def jacobian(self, registers: Array) -> Array | None:
+        """See `Knowledge`."""
+        if len(self.registers) < self.neighbours:
+            return None
+        fit = self._fit(self._nearest(self.registers, registers))
+        return fit.jacobian if fit.slope_deviation() < self.SLOPE_DEVIATION else None
+
+    def learn(self, sensors: Array, registers: Array) -> None:
+        """Corrects the nearest support points by what their fit missed, or adds one."""
+        self.variances = self.gain.aged(self.variances)
+        if len(self.registers):
+            nearest = self._nearest(self.registers, registers)
+            fit = self._fit(nearest)
+            missed = sensors - fit.view(registers)
+            square, bend = float(squared_px(missed)), fit.bend(registers)
+            expected = fit.variance(registers) + bend + self.gain.seen
+            enough = square < self.MISSED_PX**2 or np.abs(fit.centre - registers).max() < self.CLOSE
+            if enough or square > self.SURPRISING * expected:
+                weights = fit.weights(registers)
+                gains, self.variances[nearest] = self.gain.each(weights, self.variances[nearest], bend)
+                self.sensors[nearest] += gains[:, None] * missed
+            if enough:
+                return
+        self.registers = np.concatenate([self.registers, [registers]])
+        self.sensors = np.concatenate([self.sensors, [sensors]])
+        self.variances = np.concatenate([self.variances, [self.gain.seen]])
+        if len(self.registers) > self.points:
+            self._keep(np.delete(np.arange(len(self.registers)), self.variances[:-1].argmax()))
+
+    def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
+        """See `Knowledge`."""
+        if len(self.sensors):
+            self.sensors, self.registers = change(self.sensors, self.registers)
+            self.variances = self.variances + np.square(deviation_px).max()
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """See `Knowledge`."""
+        return {"registers": self.registers, "sensors": self.sensors, "variances": self.variances}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """See `Knowledge`."""
+        registers = fitting(arrays, "registers", (None, self.registers.shape[1]))
+        count = len(registers)
+        sensors = fitting(arrays, "sensors", (count, 4))
+        variances = fitting(arrays, "variances", (count,))
+        self.registers, self.sensors, self.variances = registers, sensors, variances
+
+    def _nearest(self, points: Array, place: Array) -> NDArray[np.intp]:
+        """Indices of the nearest of `points` (n, k), the very nearest first."""
+        apart = points - place
+        squares = np.einsum("ij,ij->i", apart, apart)
+        if len(points) > self.neighbours:
+            nearest = np.argpartition(squares, self.neighbours)[: self.neighbours]
+        else:
+            nearest = np.arange(len(points))
+        return nearest[np.argsort(squares[nearest], kind="stable")]
+
+    def _fit(self, nearest: NDArray[np.intp]) -> LocalFit:
+        return LocalFit(self.registers[nearest], self.sensors[nearest], self.variances[nearest])
+
+    def _keep(self, kept: NDArray[np.intp]) -> None:
+        self.registers, self.sensors, self.variances = (
+            self.registers[kept],
+            self.sensors[kept],
+            self.variances[kept],
+        )

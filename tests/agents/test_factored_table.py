@@ -1,0 +1,100 @@
+"""Tables of one and two coordinates, combined (paper, section 4.3)."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import agents
+from agents.knowledge.factored_table import PAIRS, FactoredTable
+from tests.agents.changes import seen_as
+from tests.agents.lengths import Lengths
+
+POINT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(np.array)
+
+
+def parts(sensors):
+    """A sum of parts of which no table can do without: each of one coordinate, or of a pair (n, 2)."""
+    xa, ya, xb, yb = sensors.T
+    return np.stack([np.sin(2 * xa) + 0.8 * xb * xa - yb**2, np.exp(ya) / 2 - xb * yb + 0.5 * ya * yb], 1)
+
+
+def test_so_few_records():
+    assert FactoredTable(3).records.shape == (4 * 9 + 4 * 81, 3)
+    assert FactoredTable(3, cells=4).records.shape == (4 * 5 + 4 * 25, 3)
+
+
+@settings(max_examples=50, deadline=None)
+@given(POINT, st.integers(1, 9))
+def test_the_tables_interpolate(sensors, cells):
+    """Records that are linear in a coordinate, or in both, sum to what is linear in all."""
+    table = FactoredTable(1, cells=cells)
+    x = np.linspace(-1, 1, cells + 1)
+    lines = [slope * x for slope in (0.1, 0.2, -0.3, 0.4)]
+    planes = [(np.outer(x, x) * 0.1 + x[:, None]).ravel() for _ in PAIRS]
+    table.records = np.concatenate([*lines, *planes])[:, None]
+    table.covariance = 1e-6 * np.eye(len(table.records))
+    expected = sensors @ [0.1, 0.2, -0.3, 0.4] + sum(
+        0.1 * sensors[i] * sensors[j] + sensors[i] for i, j in PAIRS
+    )
+    np.testing.assert_allclose(table.recall(sensors).registers, [expected], atol=1e-9)
+
+
+def test_it_learns_any_sum_of_parts_also_where_nothing_was_shown():
+    """Learned where xa + yb < 0.5, it knows the rest, as no 4-D table can."""
+    rng = np.random.default_rng(0)
+    table = FactoredTable(2)
+    shown = [p for p in rng.uniform(-0.7, 0.7, (900, 4)) if p[0] + p[3] < 0.5]
+    for sensors, registers in zip(shown, parts(np.array(shown)), strict=True):
+        table.learn(sensors, registers)
+    hidden = np.array([p for p in rng.uniform(-0.6, 0.6, (400, 4)) if p[0] + p[3] > 0.6])
+    missed = np.abs([table.recall(p).registers for p in hidden] - parts(hidden))
+    assert missed.max() < 0.1
+    assert np.median(missed) < 0.02
+
+
+def test_the_filter_is_least_squares():
+    """Without drift, records are those of regularised least squares over all that was learned."""
+    rng = np.random.default_rng(1)
+    table = FactoredTable(1, cells=3)
+    prior, noise = table.covariance.copy(), FactoredTable.SEEN
+    sensors, registers = rng.uniform(-1, 1, (30, 4)), rng.normal(size=(30, 1))
+    rows = np.zeros((30, len(prior)))
+    for row, place in zip(rows, sensors, strict=True):
+        which, weights = table._between(place)
+        np.add.at(row, which, weights)
+    object.__setattr__(table.gain, "drift", 0.0)
+    for pair in zip(sensors, registers, strict=True):
+        table.learn(*pair)
+    expected = prior @ rows.T @ np.linalg.solve(rows @ prior @ rows.T + noise * np.eye(30), registers)
+    np.testing.assert_allclose(table.records, expected, atol=1e-7)
+
+
+def test_a_constant_gain_corrects_a_recall_by_its_rate():
+    table = FactoredTable(1, kalman=False, rate=0.4)
+    table.learn(np.full(4, 0.3), np.ones(1))
+    for registers in (0.5, -0.5):
+        before = table.recall(np.full(4, 0.3)).registers if table.recall(np.full(4, 0.3)) else np.array([0.4])
+        table.learn(np.full(4, 0.3), np.array([registers]))
+        after = table.records[table._between(np.full(4, 0.3))[0]].T @ table._between(np.full(4, 0.3))[1]
+        np.testing.assert_allclose(after, before + 0.4 * (registers - before), atol=1e-9)
+
+
+def test_mapping_to_the_same_place_changes_nothing():
+    table = FactoredTable(2)
+    for sensors in np.random.default_rng(0).uniform(-0.5, 0.5, (100, 4)):
+        table.learn(sensors, parts(sensors[None])[0])
+    before = table.records
+    table.map(seen_as(lambda sensors: sensors), np.zeros(2))
+    np.testing.assert_allclose(table.records, before, atol=1e-12)
+
+
+@pytest.mark.parametrize("mount", ["waist", "stand"])
+def test_skill_improves_by_doing(mount):
+    env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", world="wild")
+    env.reset(seed=7)
+    log = Lengths(env)
+    agents.make("factored_table", log).learn(300)
+    assert np.mean(log.lengths[-51:-1]) <= 1.7
+    assert np.mean(log.lengths[:3]) >= 3

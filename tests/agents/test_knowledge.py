@@ -1,0 +1,144 @@
+"""What all knowledge bases have in common."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import agents
+from calfree_gym.world import IMAGE_UNIT
+from tests.agents.changes import seen_as
+
+NAMES = list(agents.KNOWLEDGE)
+JACOBIAN = np.array([[1.1, 0.3, 0.1], [0.2, -0.9, 0.5], [1.0, 0.2, -0.3], [-0.1, -0.7, 0.6]])
+
+
+def seen(registers):
+    """What a smooth world shows at registers (..., 3)."""
+    bent = 0.1 * np.stack([registers[..., 0] ** 2, registers[..., 1] * registers[..., 2]] * 2, -1)
+    return registers @ JACOBIAN.T + bent
+
+
+def taught(name, pairs=60, seed=0, **settings):
+    knowledge = agents.KNOWLEDGE[name](3, **settings)
+    for registers in np.random.default_rng(seed).uniform(-0.3, 0.3, (pairs, 3)):
+        knowledge.learn(seen(registers), registers)
+    return knowledge
+
+
+def missed_px(recall, sensors):
+    """How far from `sensors` the recalled registers lead, in the worse image."""
+    apart = seen(recall.registers) - sensors
+    return max(np.hypot(*apart[:2]), np.hypot(*apart[2:])) / IMAGE_UNIT
+
+
+def recalled(knowledge, places):
+    return [
+        None if (r := knowledge.recall(place)) is None else (*r.registers, r.deviation_px) for place in places
+    ]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_recalled_from_nothing(name):
+    knowledge = agents.KNOWLEDGE[name](3)
+    assert knowledge.recall(np.zeros(4)) is None
+    assert knowledge.jacobian(np.zeros(3)) is None
+    knowledge.map(seen_as(lambda sensors: sensors + 0.1), np.ones(2))
+    assert knowledge.recall(np.zeros(4)) is None
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.floats(-0.4, 0.4), min_size=3, max_size=3).map(np.array))
+def test_what_was_learned_is_recalled_at_its_place(name, registers):
+    knowledge = agents.KNOWLEDGE[name](3)
+    for _ in range(3):
+        knowledge.learn(seen(registers), registers)
+    recall = knowledge.recall(seen(registers))
+    assert missed_px(recall, seen(registers)) < 3
+    assert 0 <= recall.deviation_px < 20
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "grid_table"])
+def test_between_what_was_learned_it_is_as_right_as_it_says(name):
+    knowledge = taught(name, 120)
+    places = seen(np.random.default_rng(1).uniform(-0.25, 0.25, (40, 3)))
+    recalls = [knowledge.recall(place) for place in places]
+    missed = np.array([missed_px(*each) for each in zip(recalls, places, strict=True)])
+    assert np.median(missed) < 3
+    deviations = np.array([recall.deviation_px for recall in recalls])
+    assert np.mean(missed < 3 * deviations + 1) > 0.9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_far_from_all_that_was_learned_is_doubtful(name):
+    knowledge = taught(name, 8)
+    near, far = seen(np.array([0.05, 0.0, 0.05])), np.array([0.9, -0.9, -0.9, 0.9])
+    close, doubtful = knowledge.recall(near), knowledge.recall(far)
+    assert doubtful is None or close is None or doubtful.deviation_px > 2 * close.deviation_px
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_restored_recalls_and_learns_alike(name):
+    knowledge, again = taught(name), agents.KNOWLEDGE[name](3)
+    arrays = knowledge.arrays()
+    again.restore(arrays)
+    before = {key: array.copy() for key, array in arrays.items()}
+    places = np.random.default_rng(2).uniform(-0.5, 0.5, (30, 4))
+    assert recalled(knowledge, places) == recalled(again, places)
+    again.learn(np.full(4, 0.1), np.full(3, 0.1))
+    for key, array in arrays.items():
+        np.testing.assert_array_equal(array, before[key])
+    knowledge.learn(np.full(4, 0.1), np.full(3, 0.1))
+    assert recalled(knowledge, places) == recalled(again, places)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_foreign_shapes_are_not_restored(name):
+    knowledge, other = taught(name), taught(name)
+    places = np.random.default_rng(2).uniform(-0.5, 0.5, (30, 4))
+    before = recalled(knowledge, places)
+    for key, array in other.arrays().items():
+        with pytest.raises(ValueError, match=f"{key}.*shape"):
+            knowledge.restore({**other.arrays(), key: array[..., None]})
+        with pytest.raises(ValueError, match=f"holds no {key}"):
+            knowledge.restore({k: v for k, v in other.arrays().items() if k != key})
+    foreign = agents.KNOWLEDGE[name](2)
+    with pytest.raises(ValueError, match="shape"):
+        foreign.restore(other.arrays())
+    assert recalled(knowledge, places) == before
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_recalls_move_with_a_known_change(name):
+    knowledge = taught(name, 400 if name == "grid_table" else 100)
+
+    def aimed(sensors):
+        return sensors * [1.1, 1.1, 1, 1] + [0.2, -0.15, 0, 0]
+
+    places = seen(np.random.default_rng(3).uniform(-0.2, 0.2, (40, 3)))
+    before = [recall for place in places if (recall := knowledge.recall(place)) is not None]
+    unmapped = [missed_px(r, p) for p in places if (r := knowledge.recall(aimed(p))) is not None]
+    knowledge.map(seen_as(aimed), np.array([1.0, 0.0]))
+    after = [missed_px(r, p) for p in places if (r := knowledge.recall(aimed(p))) is not None]
+    assert len(after) >= 0.9 * len(before)
+    assert np.median(after) < 0.25 * np.median(unmapped)
+
+
+@pytest.mark.parametrize("name", ["factored_table", "support_points", "gaussian_process"])
+def test_mapping_with_doubt_makes_recalls_doubtful(name):
+    sharp, blurred = taught(name), taught(name)
+    for knowledge, deviation in ((sharp, 0.0), (blurred, 30.0)):
+        knowledge.map(seen_as(lambda sensors: sensors), np.array([deviation, 0.0]))
+    place = seen(np.array([0.1, 0.0, -0.1]))
+    assert blurred.recall(place).deviation_px > sharp.recall(place).deviation_px + 3
+
+
+@pytest.mark.parametrize("name", ["factored_table", "support_points"])
+@pytest.mark.parametrize(
+    "setting", [{"points": 0}, {"rate": 0}, {"rate": 2}, {"kalman": "yes"}, {"points": "x"}]
+)
+def test_settings_that_are_not_allowed(name, setting):
+    ((key, value),) = setting.items()
+    with pytest.raises(ValueError, match=f"{key} is {value!r}"):
+        agents.KNOWLEDGE[name](3, **setting)
