@@ -83,9 +83,9 @@ class LearningServo(ServoAgent):
 
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
         """See `ProcedureAgent`."""
-        super().learn_trial(looks, ended)
-        if self.jacobian is not None:
-            gripper, object_ = np.square(self.jacobian).reshape(2, 4, -1).sum(1)
+        jacobian = self.learn_jacobian(looks)
+        if jacobian.any(0).all():
+            gripper, object_ = np.square(jacobian).reshape(2, 4, -1).sum(1)
             self.carriers = object_ > gripper
         registers = [np.where(self.carriers, 0.0, look.registers) for look in looks]
         sensors = [look.gripper for look in looks]

@@ -36,10 +36,15 @@ class ServoAgent(ProcedureAgent):
 
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
         """See `ProcedureAgent`. Motions teach the Jacobian, however the trial ends."""
+        self.learn_jacobian(looks)
+
+    def learn_jacobian(self, looks: Sequence[Look]) -> Array:
+        """The Jacobian (8, m) that a trial of its own ended with; it is remembered where it lasts."""
         estimator = self._estimator(looks[0])
+        relive(self.seek(looks[0], estimator), looks)
         if estimator.lasting:
-            relive(self.seek(looks[0], estimator), looks)
             self.jacobian = estimator.jacobian
+        return estimator.jacobian
 
     def _estimator(self, look: Look) -> Estimator:
         return ESTIMATORS[self.servo.estimator](len(look.registers), self.jacobian)

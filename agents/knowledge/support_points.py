@@ -49,7 +49,7 @@ class SupportPoints:
     """What one success adds to variances, px²: (0.2 px)², as points are met in every trial."""
 
     def __init__(
-        self, motors: int, points: int = 1000, neighbours: int = 8, rate: float = 0.7, kalman: bool = True
+        self, motors: int, points: int = 1000, neighbours: int = 8, rate: float = 0.7, kalman: bool = False
     ) -> None:
         self.neighbours = check_whole("neighbours", neighbours, least=motors + 1)
         self.points = check_whole("points", points, least=neighbours)

@@ -80,7 +80,7 @@ def test_after_a_jump_neighbours_are_corrected_as_well():
 
 
 def test_older_points_weigh_less_where_a_kalman_filter_corrects():
-    constant, kalman = taught(100, kalman=False), taught(100)
+    constant, kalman = taught(100), taught(100, kalman=True)
     place = seen(np.array([0.1, 0.1, 0.1]))
     before = [knowledge.recall(place).deviation_px for knowledge in (constant, kalman)]
     for _ in range(1000):
