@@ -50,6 +50,7 @@ class Estimator(ABC):
         jacobian: Gripper and object points by words (8, m), in image units; zero where nothing is known.
         noise_px: Standard deviation of an image coordinate, as far as known.
         reach_px: How far the images may be moved in one step by what it knows.
+        trusted: The looks of a trial that were believed, none of them merely expected.
         bridging: Whether it learns also where the beginning of a displacement was predicted, not seen.
         lasting: Whether it holds beyond the next step; else test motions come before every one.
 
@@ -65,10 +66,13 @@ class Estimator(ABC):
         self.jacobian = np.zeros((8, motors)) if start is None else start.copy()
         self.noise_px = NOISE_PX
         self.reach_px = np.inf
+        self.trusted: list[Look] = []
 
     def restart(self, start: Array) -> None:
-        """Begins anew with a Jacobian (8, m)."""
+        """Begins anew with a Jacobian (8, m); what was seen stays."""
+        trusted = self.trusted
         self.__init__(start.shape[1], start)  # type: ignore[misc]
+        self.trusted = trusted
 
     @abstractmethod
     def learn(self, words: Array, moved: Array, seen: Flags) -> Array:

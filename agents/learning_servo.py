@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from agents.agent import Array, Look, Procedure
 from agents.change.recognition import Recognition
-from agents.jacobian import Estimator, distance_jacobian
+from agents.jacobian import Estimator, both_points, displacement_px, distance_jacobian
 from agents.knowledge.knowledge import Knowledge
 from agents.redundancy import solve
+from agents.sensing import Senses
 from agents.servo import Servo
 from agents.servo_agent import ServoAgent
 
@@ -40,6 +41,9 @@ class LearningServo(ServoAgent):
         on_change: What it does with its knowledge where the world has changed: one of
             `agents.change.recognition.ON_CHANGE`.
     """
+
+    LATE_PX = 16.0
+    """Where gripper and object are seen further apart at the end of a trial, that look came late."""
 
     def __init__(
         self,
@@ -69,6 +73,9 @@ class LearningServo(ServoAgent):
 
     def seek(self, look: Look, estimator: Estimator) -> Procedure:
         """See `ServoAgent`."""
+        senses = Senses()
+        look = yield from senses.first(look)
+        estimator.trusted.append(look)
         knowledge = self.recognition.fitting(look.gripper)
         if knowledge is not None:
             recall = knowledge.recall(look.object)
@@ -76,6 +83,9 @@ class LearningServo(ServoAgent):
                 home, look = look, (yield recall.registers - look.registers)
                 if not look.visible.all():
                     look = yield home.registers - look.registers
+                as_seen = both_points(look) - both_points(home)
+                look = yield from senses.settle(look, home, as_seen, np.zeros(4, bool))
+                estimator.trusted.append(look)
             jacobian = self.implied_jacobian(knowledge, look.registers)
             if jacobian is not None:
                 estimator.restart(jacobian)
@@ -83,21 +93,23 @@ class LearningServo(ServoAgent):
 
     def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
         """See `ProcedureAgent`."""
-        jacobian = self.learn_jacobian(looks)
+        estimator = self.learn_jacobian(looks)
+        jacobian = estimator.jacobian
         if jacobian.any(0).all():
             gripper, object_ = np.square(jacobian).reshape(2, 4, -1).sum(1)
             self.carriers = object_ > gripper
-        registers = [np.where(self.carriers, 0.0, look.registers) for look in looks]
-        sensors = [look.gripper for look in looks]
-        taught = [self.every_look and bool(look.visible[:2].all()) for look in looks]
+        trusted = estimator.trusted
+        registers = [np.where(self.carriers, 0.0, look.registers) for look in trusted]
+        sensors = [look.gripper for look in trusted]
+        taught = [self.every_look and bool(look.visible[:2].all()) for look in trusted]
         registers.append(self._rendezvous(looks[-1]))
-        sensors.append(looks[0].object)
-        taught.append(ended)
+        sensors.append(trusted[0].object)
+        taught.append(ended and bool(trusted[0].visible[2:].all()))
         self.recognition.learn(np.array(registers)[taught], np.array(sensors)[taught])
 
     def _rendezvous(self, look: Look) -> Array:
         """Registers (m,) at which gripper and object would have met exactly, from the last look."""
-        if self.jacobian is None:
+        if self.jacobian is None or displacement_px(look.distance) > self.LATE_PX:
             return look.registers
         return look.registers + solve(distance_jacobian(self.jacobian), look.distance, 0.0)
 

@@ -38,13 +38,13 @@ class ServoAgent(ProcedureAgent):
         """See `ProcedureAgent`. Motions teach the Jacobian, however the trial ends."""
         self.learn_jacobian(looks)
 
-    def learn_jacobian(self, looks: Sequence[Look]) -> Array:
-        """The Jacobian (8, m) that a trial of its own ended with; it is remembered where it lasts."""
+    def learn_jacobian(self, looks: Sequence[Look]) -> Estimator:
+        """What a trial of its own has taught; the Jacobian is remembered where it lasts."""
         estimator = self._estimator(looks[0])
         relive(self.seek(looks[0], estimator), looks)
         if estimator.lasting:
             self.jacobian = estimator.jacobian
-        return estimator.jacobian
+        return estimator
 
     def _estimator(self, look: Look) -> Estimator:
         return ESTIMATORS[self.servo.estimator](len(look.registers), self.jacobian)

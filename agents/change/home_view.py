@@ -21,6 +21,7 @@ class HomeView:
 
     Attributes:
         seen: Sensor vectors (n, 4), the latest last.
+        steps: From each of the latest looks to the next (n, 4), whatever changed between: what noise is.
     """
 
     KEPT = 40
@@ -32,11 +33,13 @@ class HomeView:
     """Looks by which noise is believed to be usual before it is known."""
     NORMAL_MEDIAN = 0.6745
 
-    def __init__(self, seen: Array | None = None) -> None:
+    def __init__(self, seen: Array | None = None, steps: Array | None = None) -> None:
         self.seen = np.empty((0, 4)) if seen is None else seen
+        self.steps = np.empty((0, 4)) if steps is None else steps
 
     def add(self, gripper: Array) -> None:
         """Takes in where the gripper (4,) is seen now."""
+        self.steps = np.concatenate([self.steps, np.abs(gripper - self.seen[-1:])])[-self.KEPT :]
         self.seen = np.concatenate([self.seen, [gripper]])[-self.KEPT :]
 
     def keep(self, latest: int) -> None:
@@ -45,7 +48,7 @@ class HomeView:
 
     def noise_px(self) -> float:
         """Standard deviation of a coordinate, from one look to the next."""
-        steps = np.abs(np.diff(self.seen, axis=0)).ravel() / (np.sqrt(2) * IMAGE_UNIT)
+        steps = self.steps.ravel() / (np.sqrt(2) * IMAGE_UNIT)
         usual = np.full(self.USUAL, self.NORMAL_MEDIAN * NOISE_PX)
         return float(np.median(np.concatenate([steps, usual]))) / self.NORMAL_MEDIAN
 

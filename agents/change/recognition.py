@@ -71,6 +71,8 @@ class Recognition:
     """What is usual is known from so many trials."""
     AGAIN = 4
     """What is strange counts where it is so again within so many trials."""
+    MISTAKEN_PX = 30.0
+    """What was further off, and was not seen again so, was mistaken."""
     MANY = 4
     """So many looks in one trial are enough to be sure, where most of them are strange."""
     DISCARD_PX = 40.0
@@ -96,6 +98,7 @@ class Recognition:
         self._empty = copy.deepcopy(self._known())
         self._trial = 0
         self._told = np.zeros(2, bool)
+        self._doubted = np.empty((0, 4))
         self._scores = np.empty((0, 2))
         self._held = self._recent = self._since = self._nothing
         self._before: Arrays = {}
@@ -125,9 +128,9 @@ class Recognition:
             return
         if not len(pairs) or registers[0].any():
             return
-        jumped = self._told | self.home.jumped(sensors[0])
+        jumped = self._told | self._jumped(pairs)
         self._told = np.zeros(2, bool)
-        self.home.add(sensors[0])
+        self.home.add(pairs.sensors[0])
         strange = self._strange(pairs)
         if jumped.any():
             self._change(pairs, jumped)
@@ -137,7 +140,7 @@ class Recognition:
             self._held = pairs
         else:
             if len(self._held) and self._held.trials[0] <= self._trial - self.AGAIN:
-                pairs, self._held = self._held + pairs, self._nothing
+                pairs, self._held = self._credible(self._held) + pairs, self._nothing
             self._go_on(pairs)
 
     def _go_on(self, pairs: Pairs) -> None:
@@ -230,9 +233,7 @@ class Recognition:
         """Which looks (n - 1, 2) away from home, in each camera, are off by far more than is usual."""
         if not len(self.views.registers):
             return np.zeros((len(pairs) - 1, 2), bool)
-        views, variances = self.views.views(pairs.registers[1:])
-        missed = lengths_px(pairs.sensors[1:] - views)
-        scores = missed / np.sqrt(variances / IMAGE_UNIT**2 + NOISE_PX**2)
+        missed, scores = self._off_by(pairs)
         limit = np.full(2, np.inf)
         if len(self._scores) == self.USUAL:
             limit = np.maximum(SIGMAS, self.STRANGE * np.quantile(self._scores, 0.9, axis=0))
@@ -240,6 +241,39 @@ class Recognition:
         if not strange.any():
             self._scores = np.concatenate([self._scores, [scores.max(0)]])[-self.USUAL :]
         return np.asarray(strange)
+
+    def _jumped(self, pairs: Pairs) -> Cameras:
+        """In which cameras home is seen elsewhere, and so is most of the rest, or home was so once before.
+
+        Else that look was mistaken, and home is taken to be where it was.
+        """
+        home = pairs.sensors[0]
+        jumped = self.home.jumped(home)
+        near = lengths_px(self._doubted - home) < SIGMAS * self.home.noise_px()
+        if not jumped.any() or (jumped & self._off_elsewhere(pairs)).any() or near.all(1).any():
+            self._doubted = self._nothing.sensors
+            return jumped
+        self._doubted = home[None].copy()
+        pairs.sensors[0] = self.home.seen[-self.home.FEW :].mean(0)
+        return np.zeros(2, bool)
+
+    def _off_elsewhere(self, pairs: Pairs) -> Cameras:
+        """In which cameras (2,) most of what was seen away from home was not where it was expected."""
+        missed, scores = self._off_by(pairs)
+        off = (scores > SIGMAS) & (missed > self.STRANGE_PX)
+        return np.asarray(2 * off.sum(0) > len(off) - (len(off) > 2))
+
+    def _credible(self, pairs: Pairs) -> Pairs:
+        """Without looks that were far off and were not confirmed: they were mistaken."""
+        missed, _ = self._off_by(pairs)
+        near = np.concatenate([[True], (missed < self.MISTAKEN_PX).all(1)])
+        return Pairs(pairs.registers[near], pairs.sensors[near], pairs.trials[near])
+
+    def _off_by(self, pairs: Pairs) -> tuple[Array, Array]:
+        """How far off (n - 1, 2) looks away from home were, in pixels; and for what was known there."""
+        views, variances = self.views.views(pairs.registers[1:])
+        missed = lengths_px(pairs.sensors[1:] - views)
+        return missed, missed / np.sqrt(variances / IMAGE_UNIT**2 + NOISE_PX**2)
 
     def _surely(self, strange: NDArray[np.bool_]) -> bool:
         """Whether so much (n, 2) was strange in one trial that it needs no other."""
@@ -298,6 +332,8 @@ class Recognition:
                 for name, array in prefixed(key, each.arrays()).items()
             },
             "home": self.home.seen,
+            "steps": self.home.steps,
+            "doubted": self._doubted,
             "scores": self._scores,
             "cameras": self._cameras,
             "clock": np.array([self._trial, self._drifting]),
@@ -316,7 +352,9 @@ class Recognition:
         self._held, self._recent, self._since = (
             Pairs.of(under(key, arrays)) for key in ("held", "recent", "since")
         )
-        self.home = HomeView(arrays["home"])
-        self._scores, self._cameras = arrays["scores"], arrays["cameras"]
+        self.home = HomeView(arrays["home"], arrays["steps"])
+        self._doubted, self._scores, self._cameras = (
+            arrays[name] for name in ("doubted", "scores", "cameras")
+        )
         self._trial, self._drifting = int(arrays["clock"][0]), bool(arrays["clock"][1])
         self.events = [Event(int(trial), kind, action) for trial, kind, action in arrays["events"]]

@@ -85,6 +85,7 @@ class Trial:
         moved = self.estimator.learn(executed, seen - start, np.repeat(believable, 2))
         moved = np.where(np.repeat(look.visible & ~believable, 2), seen - start, moved)
         self.look = look.believed(start + moved, look.visible)
+        self.estimator.trusted.append(look.believed(seen, look.visible & ~doubtful))
         self._seen_at[look.visible] = look.registers
         if np.count_nonzero(moving) == 1:
             self.known[believable, moving.argmax()] = True
