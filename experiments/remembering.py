@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import time
 from collections.abc import Callable, Iterator
 from itertools import product
@@ -51,21 +50,15 @@ def _region(worlds: int = 10) -> Iterator[str]:
             lives, tables = _lives("grid_table", "waist", worlds, share, "kinematic", TRIALS, **settings)
             seconds = np.array([[record.robot_seconds for record in life] for life in lives])
             first, last = seconds[:, :25].mean(), seconds[:, -100:].mean()
-            known = [~np.isnan(table.knowledge.records).any(-1) for table in tables]
+            records = [~np.isnan(table.knowledge.records).any(-1) for table in tables]
+            filled = [table.knowledge.known_cells()[0] for table in tables]
             label = " ".join(f"{key} {value}" for key, value in settings.items()) or "as it is"
             yield (
                 f"  {label:9} {where:20} trials 1-5: {seconds[:, :5].mean():4.1f}   1-25: {first:4.1f}"
                 f"   {TRIALS - 99}-{TRIALS}: {last:4.1f}   times fewer {first / last:.1f}"
-                f"   records {np.mean([table.sum() for table in known]):5,.0f}"
-                f"   cells filled {np.mean([_cells_filled(table) for table in known]):4,.0f}"
+                f"   records {np.mean([each.sum() for each in records]):5,.0f}"
+                f"   cells filled {np.mean([each.sum() for each in filled]):4,.0f}"
             )
-
-
-def _cells_filled(known: NDArray[np.bool_]) -> int:
-    """How many cells have records at all their corners."""
-    for axis in range(known.ndim):
-        known = np.logical_and(*(np.take(known, range(i, known.shape[axis] - 1 + i), axis) for i in (0, 1)))
-    return int(known.sum())
 
 
 def _records(worlds: int = 5, objects: int = 4_000, cells: int = 8) -> Iterator[str]:
@@ -124,8 +117,8 @@ def _trials_until(
 
 
 def _stored(recalls: int = 300) -> Iterator[str]:
-    """Bytes and recall time against pairs stored, of a smooth map without noise."""
-    yield "bytes held, and median microseconds a recall (wanted: 300 at 10,000 pairs), after so many pairs"
+    """Bytes to save and recall time against pairs stored, of a smooth map without noise."""
+    yield "bytes to save, and median microseconds a recall (wanted: 300 at 10,000 pairs), after so many pairs"
     kinds: dict[Callable[..., Knowledge], list[str]] = {}
     for name, kind in agents.KNOWLEDGE.items():
         kinds.setdefault(kind, []).append(name)
@@ -137,9 +130,8 @@ def _stored(recalls: int = 300) -> Iterator[str]:
             for _ in range(count - stored):
                 base.learn(*_pair(rng))
             stored = count
-            found.append(
-                f"{count:,}: {len(pickle.dumps(base)):,} B {_recall_time(base, rng, recalls):.0f} us"
-            )
+            size = sum(array.nbytes for array in base.arrays().values())
+            found.append(f"{count:,}: {size:,} B {_recall_time(base, rng, recalls):.0f} us")
         yield f"  {', '.join(names):28} " + "   ".join(found)
 
 

@@ -24,12 +24,9 @@ def test_objects_lie_in_a_region_of_the_given_width():
     assert (width <= 0.25 * (region.HIGH - region.LOW) + 1e-8).all()
 
 
-def test_corners_and_filled_cells_are_counted():
+def test_corners_are_counted():
     corners = remembering._corners(np.array([[-1.0, -1.0], [0.9, 1.0]]), cells=2)
     assert corners.tolist() == [[0, 1, 3, 4], [4, 5, 7, 8]]
-    known = np.zeros((3, 3), bool)
-    known.flat[corners.ravel()] = True
-    assert remembering._cells_filled(known) == 2
 
 
 def test_visits_are_counted_until_enough_records_were_met():
