@@ -26,6 +26,8 @@ FIRST, APART, EVENTS = 60, 60, 5
 """Trials before the first change of a life, from each to the next, and how many there are."""
 BEFORE, AWAY = 50, 30
 """Trials before a change that it is compared with; trials for which the old camera is away."""
+OTHERS = 10
+"""So many of the worlds for those who always discard and who never act."""
 POLICIES = ("recognise", "discard", "keep")
 KINDS: dict[str, str] = {
     "re-aimed": "camera_aim",
@@ -63,11 +65,13 @@ def _struck(each: Map) -> Iterator[str]:
     """Motions per reach after changes of one kind, beside those who always discard and who never act."""
     yield (
         f"memory, wild worlds {WORLDS[0]}-{WORLDS[-1]}, kinematic, {EVENTS} changes a world: motions per "
-        "reach before, those of another camera aside, and in trials after (wanted: before + so much)"
+        "reach before, those of another camera aside, and in trials after (wanted: before + so much); "
+        f"those who always discard or never act in the first {OTHERS} of the worlds"
     )
     for kind, mount in product((*KINDS, "back"), calfree_gym.MOUNTS):
         for policy in POLICIES:
-            lives = list(each(_life, WORLDS, *map(_always, (mount, policy, _schedule(kind), _STRUCK))))
+            worlds = WORLDS if policy == "recognise" else WORLDS[:OTHERS]
+            lives = list(each(_life, worlds, *map(_always, (mount, policy, _schedule(kind), _STRUCK))))
             yield f"  {kind:11} {mount:6} {policy:9} " + _after(
                 lives, ASKED.get(kind), AWAY if kind == "back" else 0
             )
