@@ -65,6 +65,7 @@ class Recognition:
     """
 
     STRANGE_PX = 4.0
+    """What is off by less is not worth a thought."""
     STRANGE = 2.5
     """What is strange is so many times further off, for what is known there, than is usual."""
     USUAL = 20
@@ -84,6 +85,7 @@ class Recognition:
     DRIFT = 12
     """Trials by which a drift is followed."""
     ARCHIVED = 8
+    """So many worlds are kept in the archive."""
 
     def __init__(self, knowledge: Knowledge, motors: int, on_change: str = "recognise") -> None:
         if on_change not in ON_CHANGE:
@@ -113,7 +115,10 @@ class Recognition:
         return archived.knowledge if archived else None
 
     def tell(self, cameras: Cameras) -> None:
-        """Takes it from somebody who knows: before the next trial these cameras (2,) have been changed."""
+        """Takes it from somebody who knows: before the next trial these cameras (2,) have been changed.
+
+        Both, where it is the arm.
+        """
         self._told = np.asarray(cameras, bool)
 
     def learn(self, registers: Array, sensors: Array) -> None:
@@ -128,7 +133,9 @@ class Recognition:
             return
         if not len(pairs) or registers[0].any():
             return
-        jumped = self._told | self._jumped(pairs)
+        jumped = self._jumped(pairs)
+        if len(self.views.registers):
+            jumped = jumped | self._told
         self._told = np.zeros(2, bool)
         self.home.add(pairs.sensors[0])
         strange = self._strange(pairs)

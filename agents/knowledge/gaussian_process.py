@@ -108,6 +108,7 @@ class GaussianProcess:
         apart = np.abs(self.registers - registers).max(1, initial=0.0)
         if len(apart) and apart.min() < self.SAME:
             same = int(apart.argmin())
+            self.sensors, self.variances = self.sensors.copy(), self.variances.copy()
             share = self.variances[same] / (self.variances[same] + noise)
             self.sensors[same] += np.repeat(share, 2) * (sensors - self.sensors[same])
             self.variances[same] = np.maximum(self.variances[same] * (1 - share), self.noise / self.MOST)
