@@ -226,8 +226,14 @@ class ProcedureAgent(Agent):
         Raises:
             ValueError: The file is damaged, no saved agent, or of another kind or other settings.
         """
-        arrays, self.num_timesteps = storage.load(path, self.kind)
-        self.restore(arrays)
+        arrays, motions = storage.load(path, self.kind)
+        before = self.arrays()
+        try:
+            self.restore(arrays)
+        except (KeyError, ValueError) as error:
+            self.restore(before)
+            raise ValueError(f"{path} is damaged: {error}") from error
+        self.num_timesteps = motions
         return self
 
 

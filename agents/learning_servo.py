@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from agents.agent import Array, Look, Procedure
 from agents.change.recognition import Recognition
 from agents.jacobian import Estimator, both_points, displacement_px, distance_jacobian
+from agents.knowledge.checks import fitting
 from agents.knowledge.knowledge import Knowledge
 from agents.redundancy import solve
 from agents.sensing import Senses
@@ -22,7 +23,7 @@ from agents.servo_agent import ServoAgent
 class LearningServo(ServoAgent):
     """Moves at once to where it remembers; corrects by `servo`; remembers where it succeeded.
 
-    It takes a trial for a success where the environment ends it, so it learns nothing from one with
+    It takes a trial for a success where the environment ends it, so it learns no rendezvous from one with
     `terminate_on_success=False`.
 
     Knowledge is keyed by the object's sensor vector as seen from home and holds registers: that is well
@@ -42,7 +43,7 @@ class LearningServo(ServoAgent):
             `agents.change.recognition.ON_CHANGE`.
     """
 
-    LATE_PX = 16.0
+    LATE_PX = 6.0
     """Where gripper and object are seen further apart at the end of a trial, that look came late."""
 
     def __init__(
@@ -57,6 +58,10 @@ class LearningServo(ServoAgent):
     ) -> None:
         super().__init__(env, servo, seed)
         (motors,) = env.action_space.shape  # type: ignore[misc]
+        if isinstance(jump_px, bool) or not isinstance(jump_px, int | float) or not jump_px >= 0:
+            raise ValueError(f"jump_px is {jump_px!r}; it must be a number, 0 or more")
+        if not isinstance(every_look, bool):
+            raise ValueError(f"every_look is {every_look!r}; allowed: True, False")
         if on_change != "keep" and not every_look:
             raise ValueError(
                 f"on_change {on_change!r} needs every_look: by looks at the gripper changes show"
@@ -81,11 +86,11 @@ class LearningServo(ServoAgent):
             recall = knowledge.recall(look.object)
             if recall is not None and recall.deviation_px <= self.jump_px:
                 home, look = look, (yield recall.registers - look.registers)
-                if not look.visible.all():
-                    look = yield home.registers - look.registers
                 as_seen = both_points(look) - both_points(home)
                 look = yield from senses.settle(look, home, as_seen, np.zeros(4, bool))
                 estimator.trusted.append(look)
+                if not look.visible.all():
+                    look = yield home.registers - look.registers
             jacobian = self.implied_jacobian(knowledge, look.registers)
             if jacobian is not None:
                 estimator.restart(jacobian)
@@ -99,6 +104,8 @@ class LearningServo(ServoAgent):
             gripper, object_ = np.square(jacobian).reshape(2, 4, -1).sum(1)
             self.carriers = object_ > gripper
         trusted = estimator.trusted
+        if not trusted:
+            return
         registers = [np.where(self.carriers, 0.0, look.registers) for look in trusted]
         sensors = [look.gripper for look in trusted]
         taught = [self.every_look and bool(look.visible[:2].all()) for look in trusted]
@@ -127,7 +134,9 @@ class LearningServo(ServoAgent):
     @property
     def kind(self) -> str:
         """See `ProcedureAgent`."""
-        return f"{self.knowledge!r} over {self.servo!r}"
+        settings = f"jump_px={self.jump_px:g}, every_look={self.every_look}"
+        on_change = self.recognition.on_change
+        return f"{self.knowledge!r} over {self.servo!r}, {settings}, on_change={on_change}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
@@ -137,4 +146,4 @@ class LearningServo(ServoAgent):
         """See `ProcedureAgent`."""
         super().restore(arrays)
         self.recognition.restore(arrays)
-        self.carriers = np.array(arrays["carriers"])
+        self.carriers = fitting(arrays, "carriers", self.carriers.shape) > 0

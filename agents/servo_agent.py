@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 from numpy.typing import NDArray
 
 from agents.agent import Array, Look, Procedure, ProcedureAgent, relive
 from agents.jacobian import ESTIMATORS, Estimator
+from agents.knowledge.checks import fitting
 from agents.servo import Servo
 
 
@@ -60,4 +60,4 @@ class ServoAgent(ProcedureAgent):
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
-        self.jacobian = np.array(arrays["jacobian"]) if "jacobian" in arrays else None
+        self.jacobian = fitting(arrays, "jacobian", (8, None)) if "jacobian" in arrays else None

@@ -22,13 +22,15 @@ from agents.change.camera import CameraChange, fit_camera
 from agents.change.home_view import SIGMAS, Cameras, HomeView, lengths_px
 from agents.change.pairs import Pairs
 from agents.jacobian import NOISE_PX
+from agents.knowledge.checks import fitting
 from agents.knowledge.gaussian_process import GaussianProcess
 from agents.knowledge.knowledge import Knowledge
 from agents.storage import prefixed, under
 from calfree_gym.world import IMAGE_UNIT
 
 ON_CHANGE = ("recognise", "map", "discard", "keep")
-"""What is done where the world has changed: what is best by what was seen, or always the same."""
+"""What is done where something has jumped: what is best by what was seen, or always the same. A drift is
+followed, unless all is to be kept."""
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -39,7 +41,8 @@ class Event:
 
     Attributes:
         trial: The first trial, counted from 0, that showed it.
-        kind: "drift", "re-aimed", "rolled", "zoomed", "moved", "replaced", "arm changed", or "back".
+        kind: "drift", "re-aimed", "rolled", "zoomed", "moved", "replaced", "arm changed", "back", or
+            "unknown" where it was not looked into.
         action: What was done with what was known: "map", "discard", or "recall" from the archive.
     """
 
@@ -126,7 +129,7 @@ class Recognition:
 
         A trial in which home was not seen teaches nothing, unless changes are of no interest.
         """
-        pairs = Pairs(registers, sensors, np.full(len(registers), self._trial))
+        pairs = Pairs(registers, sensors.copy(), np.full(len(registers), self._trial))
         self._trial += 1
         if self.on_change == "keep":
             self._learn(pairs)
@@ -238,7 +241,7 @@ class Recognition:
 
     def _strange(self, pairs: Pairs) -> NDArray[np.bool_]:
         """Which looks (n - 1, 2) away from home, in each camera, are off by far more than is usual."""
-        if not len(self.views.registers):
+        if not len(self.views.registers) or len(pairs) == 1:
             return np.zeros((len(pairs) - 1, 2), bool)
         missed, scores = self._off_by(pairs)
         limit = np.full(2, np.inf)
@@ -359,9 +362,10 @@ class Recognition:
         self._held, self._recent, self._since = (
             Pairs.of(under(key, arrays)) for key in ("held", "recent", "since")
         )
-        self.home = HomeView(arrays["home"], arrays["steps"])
-        self._doubted, self._scores, self._cameras = (
-            arrays[name] for name in ("doubted", "scores", "cameras")
-        )
-        self._trial, self._drifting = int(arrays["clock"][0]), bool(arrays["clock"][1])
+        self.home = HomeView(fitting(arrays, "home", (None, 4)), fitting(arrays, "steps", (None, 4)))
+        self._doubted = fitting(arrays, "doubted", (None, 4))
+        self._scores = fitting(arrays, "scores", (None, 2))
+        self._cameras = fitting(arrays, "cameras", (2,)) > 0
+        clock = fitting(arrays, "clock", (2,))
+        self._trial, self._drifting = int(clock[0]), bool(clock[1])
         self.events = [Event(int(trial), kind, action) for trial, kind, action in arrays["events"]]

@@ -99,16 +99,17 @@ class FactoredTable:
         if not len(sensors):
             return
         gone, registers = change(sensors, registers)
+        inside = (np.abs(gone) <= 1).all(1)
         self.records = np.zeros_like(self.records)
         self.covariance = self._prior.copy()
         self.pairs = self.pairs[:0]
-        for place, there in zip(gone, registers, strict=True):
+        for place, there in zip(gone[inside], registers[inside], strict=True):
             self.learn(place, there)
         self._drift(float(np.square(deviation_px).max()))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""
-        return {"records": self.records, "covariance": self.covariance, "pairs": self.pairs}
+        return {name: getattr(self, name).copy() for name in ("records", "covariance", "pairs")}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""

@@ -26,8 +26,7 @@ class GaussianProcess:
 
     The kernel is that of a quadratic whose coefficients are unknown, and of smooth departures from it. Each
     support point has its own noise in each camera: so what was mapped with doubt weighs less than what was
-    seen. Beyond `points` of them, the one that
-    adds least to what the others tell is dropped.
+    seen. Where there are too many, those that add least to what the others tell are dropped.
 
     Attributes:
         registers: Of the support points (n, m).
@@ -36,7 +35,7 @@ class GaussianProcess:
 
     Args:
         motors: Number of registers m.
-        points: The most support points that are kept.
+        points: Support points are pruned to so many, each time that `SPARE` more have come.
     """
 
     REACH = 0.6

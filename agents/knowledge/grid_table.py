@@ -113,7 +113,7 @@ class GridTable:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""
-        return {"records": self.records, "variances": self.variances, "successes": self.successes}
+        return {name: getattr(self, name).copy() for name in ("records", "variances", "successes")}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""

@@ -108,7 +108,7 @@ class SupportPoints:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""
-        return {"registers": self.registers, "sensors": self.sensors, "variances": self.variances}
+        return {name: getattr(self, name).copy() for name in ("registers", "sensors", "variances")}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""

@@ -142,3 +142,14 @@ def test_settings_that_are_not_allowed(name, setting):
     ((key, value),) = setting.items()
     with pytest.raises(ValueError, match=f"{key} is {value!r}"):
         agents.KNOWLEDGE[name](3, **setting)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_was_handed_out_stays_as_it_was(name):
+    knowledge = taught(name)
+    handed = knowledge.arrays()
+    before = {key: array.copy() for key, array in handed.items()}
+    for registers in np.random.default_rng(0).uniform(-0.3, 0.3, (60, 3)):
+        knowledge.learn(seen(registers) + 0.01, registers)
+    for key, array in handed.items():
+        np.testing.assert_array_equal(array, before[key])

@@ -177,15 +177,6 @@ def test_an_agent_saved_while_it_thinks_over_a_change_goes_on_alike(tmp_path):
         np.testing.assert_array_equal(array, traces[1][name], err_msg=name)
 
 
-def test_what_was_known_stays_as_it_was_handed_out():
-    knowledge = taught(20)
-    handed = knowledge.arrays()
-    before = {name: array.copy() for name, array in handed.items()}
-    knowledge.learn(np.zeros(4), knowledge.registers[3])
-    for name, array in handed.items():
-        np.testing.assert_array_equal(array, before[name])
-
-
 def test_being_told_of_a_change_before_anything_is_known_changes_nothing():
     log = Lengths(gym.make("CalFree/Reach-v0", dynamics="kinematic"))
     agent = agents.make("memory", log)
