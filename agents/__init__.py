@@ -11,22 +11,22 @@ from typing import Any
 
 import gymnasium as gym
 
-from agents.agent import Agent
+from agents.base.agent import Agent
+from agents.calibrated.affine_stereo import AffineStereo
+from agents.calibrated.model_based import ModelBased
+from agents.calibrated.self_calibrating import SelfCalibrating
 from agents.knowledge.factored_table import FactoredTable
 from agents.knowledge.gaussian_process import GaussianProcess
 from agents.knowledge.grid_table import GridTable
 from agents.knowledge.knowledge import Knowledge
 from agents.knowledge.support_points import SupportPoints
 from agents.learning_servo import LearningServo
-from agents.model_based import ModelBased
 from agents.random_agent import RandomAgent
-from agents.self_calibrating import SelfCalibrating
-from agents.servo.affine_stereo import AffineStereo
 from agents.servo.joint_space import JointSpaceServo
+from agents.servo.servo_agent import ServoAgent
 from agents.servo.unified import UnifiedServo
 from agents.servo.work_plane import WorkPlaneServo
-from agents.servo_agent import ServoAgent
-from calfree_gym.world import near_misses
+from calfree_gym.errors import near_misses
 
 __all__ = ["Agent", "make", "names"]
 

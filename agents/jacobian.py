@@ -12,8 +12,8 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.agent import Array, Look
-from calfree_gym.world import IMAGE_UNIT
+from agents.base.agent import Array, Look
+from calfree_gym.image import IMAGE_UNIT
 
 Flags = NDArray[np.bool_]
 

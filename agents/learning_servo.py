@@ -9,15 +9,15 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.agent import Array, Look, Procedure
-from agents.change.recognition import Recognition
+from agents.adaptation.recognition import Recognition
+from agents.base.agent import Array, Look, Procedure
+from agents.base.checks import fitting
 from agents.jacobian import Estimator, both_points, displacement_px, distance_jacobian
-from agents.knowledge.checks import fitting
 from agents.knowledge.knowledge import Knowledge
-from agents.redundancy import solve
-from agents.sensing import Senses
+from agents.perception.observation_filter import Senses
 from agents.servo import Servo
-from agents.servo_agent import ServoAgent
+from agents.servo.redundancy import solve
+from agents.servo.servo_agent import ServoAgent
 
 
 class LearningServo(ServoAgent):
@@ -40,7 +40,7 @@ class LearningServo(ServoAgent):
         jump_px: It moves at once only where it expects to end up no further off than this.
         every_look: Whether every look at the gripper teaches, not only the rendezvous.
         on_change: What it does with its knowledge where the world has changed: one of
-            `agents.change.recognition.ON_CHANGE`.
+            `agents.adaptation.recognition.ON_CHANGE`.
     """
 
     LATE_PX = 6.0

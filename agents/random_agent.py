@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.agent import Look, Procedure, ProcedureAgent
+from agents.base.agent import Look, Procedure, ProcedureAgent
 
 
 class RandomAgent(ProcedureAgent):

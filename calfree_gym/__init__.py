@@ -7,7 +7,7 @@ from typing import Any
 
 import gymnasium
 
-from calfree_gym.cameras import MOUNTS
+from calfree_gym.vision.cameras import MOUNTS
 from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
 
 _REWARDS = {"CalFree/Reach-v0": "sparse", "CalFree/ReachDense-v0": "dense"}
@@ -19,8 +19,8 @@ for _id, _reward in _REWARDS.items():
     _arguments: dict[str, Any] = {"reward": _reward}
     gymnasium.register(
         _id,
-        entry_point="calfree_gym.envs:StereoArmEnv",
-        vector_entry_point="calfree_gym.vector_env:StereoArmVectorEnv",
+        entry_point="calfree_gym.envs.single:StereoArmEnv",
+        vector_entry_point="calfree_gym.envs.vector:StereoArmVectorEnv",
         max_episode_steps=60,
         kwargs=_arguments,
     )

@@ -28,6 +28,6 @@ def make_sb3_env(env_id: str = "CalFree/ReachDense-v0", n_envs: int = 64, **argu
         raise ImportError(
             "make_sb3_env needs stable-baselines3: pip install 'calfree-gym[agents]'"
         ) from error
-    from calfree_gym.sb3_vec_env import StereoArmVecEnv
+    from calfree_gym.envs.sb3_vec_env import StereoArmVecEnv
 
     return VecMonitor(StereoArmVecEnv(env_id.removeprefix("calfree_gym:"), n_envs, **arguments))

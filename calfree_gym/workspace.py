@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.arm import gripper_position
-from calfree_gym.cameras import image_points, inside, pinhole
 from calfree_gym.geometry import Array, Flags, rotation_matrix
-from calfree_gym.motors import JOINT_LIMITS, MotorMap
-from calfree_gym.world import IMAGE_UNIT, World
+from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.robot.kinematics import gripper_position
+from calfree_gym.robot.motors import JOINT_LIMITS, MotorMap
+from calfree_gym.vision.cameras import image_points, inside, pinhole
+from calfree_gym.world import World
 
 HEIGHT = (0.03, 0.25)
 """Objects lie between these heights above the table (m)."""

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
+from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, looking_at, quaternion_about, quaternion_product
+from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.streams import stream
 
-CAMERAS = ("left", "right")
 LINKS = ("base", "shoulder", "upper_arm", "forearm", "hand")
 LENGTHS = np.array([0.40, 0.12, 0.25, 0.20, 0.25])
 """Nominal link lengths in m: base to shoulder (up), base to shoulder (forward), shoulder to elbow,
 elbow to wrist, wrist to gripper point."""
-IMAGE_SIZE = 512
-"""Width and height of an image in pixels."""
-IMAGE_UNIT = 2 / IMAGE_SIZE
-"""A pixel in image units: +-1 are the image's borders."""
 FOCAL_LENGTH = IMAGE_SIZE / 2 / np.tan(np.radians(40.0))
 """Nominal focal length in pixels: a field of view of 80 degrees."""
 CAMERA_POSITION = np.array([[0.05, 0.35, 0.60], [0.05, -0.35, 0.60]])
@@ -269,9 +265,3 @@ class WorldDistribution:
             trial: The trial, where each has a world of its own.
         """
         return DISTRIBUTIONS[self.name](lambda group: stream(seed, "world_" + group, trial, attempt))
-
-
-def near_misses(name: object, known: Iterable[str]) -> str:
-    """A hint such as `" (did you mean wild?)"`, or nothing."""
-    close = difflib.get_close_matches(str(name), list(known))
-    return f" (did you mean {' or '.join(close)}?)" if close else ""

@@ -7,9 +7,9 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+from experiments.config.loading import load
 from experiments.errors import ConfigError
-from experiments.loading import load
-from experiments.plan import runs_of
+from experiments.running.plan import runs_of
 
 BENCHMARKS = ("speed", "servo", "controllers", "models", "robust", "table", "knowledge", "changes", "sac")
 
@@ -112,8 +112,8 @@ def _validate(config: Path, overrides: list[str]) -> int:
 def _run(options: argparse.Namespace) -> int:
     config, out, jobs = options.config, options.out, options.jobs
     suite = load(config, options.set)
-    from experiments.progress import display
-    from experiments.runner import Runner
+    from experiments.running.progress import display
+    from experiments.running.runner import Runner
 
     words = ["python", "-m", "experiments", "run", str(config), "--out", str(out), "--jobs", str(jobs)]
     words += [word for override in options.set for word in ("--set", override)]
@@ -127,7 +127,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _status(folder: Path) -> int:
-    from experiments.status import status
+    from experiments.running.status import status
 
     text, failed = status(folder)
     print(text)
@@ -135,14 +135,14 @@ def _status(folder: Path) -> int:
 
 
 def _report(folder: Path) -> int:
-    from experiments.report import write_report
+    from experiments.reporting.report import write_report
 
     print(f"report: {write_report(folder)}")
     return 0
 
 
 def _picture(table: Path, out: Path) -> int:
-    from experiments.picture import draw_table
+    from experiments.reporting.picture import draw_table
 
     draw_table(table, out)
     print(f"picture: {out}")
@@ -150,8 +150,8 @@ def _picture(table: Path, out: Path) -> int:
 
 
 def _benchmark(options: argparse.Namespace) -> int:
-    from experiments import changing, controlling, reaching, remembering
-    from experiments.speed import speed
+    from experiments.benchmarks import baselines, changes, controllers, knowledge
+    from experiments.benchmarks.speed import speed
 
     def speeds() -> str:
         found = speed(options.peer)
@@ -159,14 +159,14 @@ def _benchmark(options: argparse.Namespace) -> int:
 
     measures = {
         "speed": speeds,
-        "servo": reaching.servo,
-        "controllers": controlling.controllers,
-        "models": controlling.models,
-        "robust": controlling.robust,
-        "table": reaching.table,
-        "knowledge": remembering.knowledge,
-        "changes": changing.changes,
-        "sac": reaching.sac,
+        "servo": baselines.servo,
+        "controllers": controllers.controllers,
+        "models": controllers.models,
+        "robust": controllers.robust,
+        "table": baselines.table,
+        "knowledge": knowledge.knowledge,
+        "changes": changes.changes,
+        "sac": baselines.sac,
     }
     for part in [options.parts] if isinstance(options.parts, str) else options.parts:
         print(measures[part](), flush=True)

@@ -14,11 +14,13 @@ import torch
 
 import agents
 from calfree_gym import WorldDistribution, nominal
-from calfree_gym.envs import StereoArmEnv
-from calfree_gym.goal import observation_space
-from calfree_gym.motors import MOTORS
-from calfree_gym.perturbations import TYPES
-from experiments import config, loading, records
+from calfree_gym.envs.goal import observation_space
+from calfree_gym.envs.single import StereoArmEnv
+from calfree_gym.perturbations.types import TYPES
+from calfree_gym.robot.motors import MOTORS
+from experiments.config import loading
+from experiments.config import suite as config
+from experiments.running import trial_log as records
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["README.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs").glob("*.md"))]
@@ -98,7 +100,7 @@ def test_pages_load_nothing_from_elsewhere(site):
 
 def test_environments_page_is_the_docstrings(site):
     page = Page(site / "environments.html")
-    single, batched = "calfree_gym.envs.StereoArmEnv", "calfree_gym.vector_env.StereoArmVectorEnv"
+    single, batched = "calfree_gym.envs.single.StereoArmEnv", "calfree_gym.envs.vector.StereoArmVectorEnv"
     actions = page.table(f"{single}--action-space")
     assert [word for word, _ in actions.values()] == list(MOTORS)
     observations = page.table(f"{single}--observation-space")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.agent import Array
-from calfree_gym.world import IMAGE_UNIT
+from agents.base.agent import Array
+from calfree_gym.image import IMAGE_UNIT
 
 
 def squared_px(apart: Array) -> Array:

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.agent import Array
-from agents.knowledge.checks import check_whole, fitting
+from agents.base.agent import Array
+from agents.base.checks import check_whole, fitting
 from agents.knowledge.gain import Gain
 from agents.knowledge.knowledge import Change, Recall
-from calfree_gym.world import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT
 
 DIMENSIONS = 4
 PAIRS = ((0, 1), (2, 3), (0, 2), (1, 3))

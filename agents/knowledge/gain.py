@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from agents.agent import Array
+from agents.base.agent import Array
 
 
 @dataclass(frozen=True)

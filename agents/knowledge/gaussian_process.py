@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.agent import Array
-from agents.knowledge.checks import check_whole, fitting
+from agents.base.agent import Array
+from agents.base.checks import check_whole, fitting
 from agents.knowledge.knowledge import Change, Recall
-from calfree_gym.world import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT
 
 CAMERAS = 2
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.agent import Array
-from agents.knowledge.checks import check_whole, fitting
+from agents.base.agent import Array
+from agents.base.checks import check_whole, fitting
 from agents.knowledge.distance import squared_px
 from agents.knowledge.gain import Gain
 from agents.knowledge.knowledge import Change, Recall

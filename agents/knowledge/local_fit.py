@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.agent import Array
+from agents.base.agent import Array
 from agents.knowledge.distance import squared_px
-from calfree_gym.world import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT
 
 
 class LocalFit:

@@ -16,7 +16,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 
-from agents.agent import Agent, Callback, Observation
+from agents.base.agent import Agent, Callback, Observation
 
 _WORDS = "calfree.json"
 _OURS = ("policy", "env", "policy_kwargs", "device", "_init_setup_model")

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from agents.agent import Look, Procedure
+from agents.base.agent import Look, Procedure
 from agents.jacobian import Estimator
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.agent import Array, Look, Procedure, ProcedureAgent
+from agents.base.agent import Array, Look, Procedure, ProcedureAgent
 from agents.jacobian import TestMotions, distance_jacobian
-from agents.redundancy import solve
+from agents.servo.redundancy import solve
 from agents.servo.trial import Trial
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from calfree_gym.world import near_misses
+from calfree_gym.errors import near_misses
 
 
 def check_one_of(servo: object, name: str, known: Iterable[str]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.agent import Array
+from agents.base.agent import Array
 from agents.jacobian import both_points, displacement_px
 from agents.servo.trial import Motions, Trial
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.agent import Array, Look
+from agents.base.agent import Array, Look
 from agents.jacobian import Estimator, Flags, both_points, displacement_px, distance_jacobian
-from agents.sensing import Senses
+from agents.perception.observation_filter import Senses
 
 Motions = Generator[Array, Look, Any]
 """Yields control words, is sent what was seen after them."""

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.agent import Array, Look, Procedure
+from agents.base.agent import Array, Look, Procedure
 from agents.jacobian import ESTIMATORS, Estimator, displacement_px, distance_jacobian
-from agents.redundancy import REDUNDANCIES, solve_within
+from agents.servo.redundancy import REDUNDANCIES, solve_within
 from agents.servo.settings import check_motions, check_numbers, check_one_of
 from agents.servo.steps import Steps
 from agents.servo.trial import Trial
@@ -25,7 +25,8 @@ class UnifiedServo:
 
     Attributes:
         estimator: How J is estimated: a name of `agents.jacobian.ESTIMATORS`.
-        redundancy: What is done with four equations for three words: one of `agents.redundancy.REDUNDANCIES`.
+        redundancy: What is done with four equations for three words: one of
+            `agents.servo.redundancy.REDUNDANCIES`.
         first_word: Size of the very first test word.
         test_px: Image displacement wanted of a test motion; its word adapts to that.
         step_px: No step is predicted to move a point further than this in an image.

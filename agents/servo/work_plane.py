@@ -18,13 +18,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.agent import Array, Look, Procedure
+from agents.base.agent import Array, Look, Procedure
 from agents.jacobian import Estimator, distance_jacobian
-from agents.redundancy import solve, solve_within
+from agents.servo.redundancy import solve, solve_within
 from agents.servo.settings import check_motions, check_numbers, check_one_of
 from agents.servo.steps import Steps
 from agents.servo.trial import Trial
-from calfree_gym.world import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT
 
 WAIST = 0
 ARM = (1, 2)

@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 
-from calfree_gym.motors import JOINT_LIMITS, SPAN
-from calfree_gym.world import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.robot.motors import JOINT_LIMITS, SPAN
 
 
 def points_jacobian(env, registers=None):

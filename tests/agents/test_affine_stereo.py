@@ -6,9 +6,9 @@ import pytest
 
 import agents
 import calfree_gym
-from agents.agent import Look
-from agents.calibration.calibrated_model import CalibratedModel
-from agents.servo.affine_stereo import Affine, AffineStereo
+from agents.base.agent import Look
+from agents.calibrated.affine_stereo import Affine, AffineStereo
+from agents.calibrated.model import CalibratedModel
 from experiments.evaluation import evaluate
 
 MOUNTS = calfree_gym.MOUNTS

@@ -8,11 +8,12 @@ from scipy.optimize import least_squares as scipy_least_squares
 from scipy.spatial.transform import Rotation
 
 import calfree_gym
-from agents.calibration import identification, parameters
-from agents.calibration.calibrated_model import CalibratedModel
-from agents.calibration.least_squares import least_squares
-from agents.calibration.looks import Looks
-from agents.calibration.rotations import rotation, rotation_axes
+from agents.calibrated import identification, parameters
+from agents.calibrated.least_squares import least_squares
+from agents.calibrated.model import CalibratedModel
+from agents.calibrated.observations import Looks
+from agents.calibrated.rotations import rotation, rotation_axes
+from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.world import AIM
 
 MOUNTS = calfree_gym.MOUNTS
@@ -30,7 +31,7 @@ def looks_of(world, mount, rng, noise_px=0.0, trials=(8, 6, 4)):
     registers[0] = 0
     objects = AIM + rng.uniform(-0.05, 0.05, (len(trials), 3))
     points = model.points(registers, objects[trial])
-    noise = noise_px * calfree_gym.world.IMAGE_UNIT * rng.standard_normal(points.shape)
+    noise = noise_px * IMAGE_UNIT * rng.standard_normal(points.shape)
     return Looks(registers, points + noise, np.ones(points.shape, bool), trial), objects
 
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import agents
-from agents.agent import Look
+from agents.base.agent import Look
 from agents.knowledge.gaussian_process import GaussianProcess
-from calfree_gym.world import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT
 from tests.agents.analytic import distance_jacobian
 from tests.agents.lengths import Lengths
 

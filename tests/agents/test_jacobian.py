@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import calfree_gym
-from agents.agent import Look
+from agents.base.agent import Look
 from agents.jacobian import ESTIMATORS, both_points, both_seen, displacement_px, distance_jacobian
-from calfree_gym.world import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT
 from tests.agents import analytic
 
 MOUNTS = calfree_gym.MOUNTS

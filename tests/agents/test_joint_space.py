@@ -8,7 +8,7 @@ import pytest
 
 import agents
 import calfree_gym
-from agents.agent import Look
+from agents.base.agent import Look
 from agents.servo.joint_space import JointSpaceServo
 from experiments.evaluation import evaluate
 from tests.agents.analytic import distance_jacobian

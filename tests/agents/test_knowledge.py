@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import agents
-from calfree_gym.world import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT
 from tests.agents.changes import seen_as
 
 NAMES = list(agents.KNOWLEDGE)

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import agents
 import calfree_gym
-from agents.agent import Look
-from agents.calibration.calibrated_model import CalibratedModel
-from calfree_gym.perturbations import CameraRoll
+from agents.base.agent import Look
+from agents.calibrated.model import CalibratedModel
+from calfree_gym.perturbations.types import CameraRoll
 from experiments.evaluation import evaluate
 
 MOUNTS = calfree_gym.MOUNTS

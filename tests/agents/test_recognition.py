@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import agents
-from agents.change.arm import fit_arm
-from agents.change.camera import fit_camera
-from agents.change.home_view import HomeView
-from calfree_gym.world import IMAGE_UNIT
+from agents.adaptation.arm_change import fit_arm
+from agents.adaptation.camera_change import fit_camera
+from agents.adaptation.home_view import HomeView
+from calfree_gym.image import IMAGE_UNIT
 from tests.agents.lengths import Lengths
 from tests.agents.test_gaussian_process import taught, view
 

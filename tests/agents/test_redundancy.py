@@ -6,8 +6,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from agents.redundancy import REDUNDANCIES, fault_px, omit, solve, solve_within, transform, weighted
-from calfree_gym.world import IMAGE_UNIT
+from agents.servo.redundancy import REDUNDANCIES, fault_px, omit, solve, solve_within, transform, weighted
+from calfree_gym.image import IMAGE_UNIT
 
 
 def numbers(*shape, low=-1.0, high=1.0):

@@ -11,12 +11,12 @@ import pytest
 
 import agents
 import calfree_gym
-from agents.agent import Look
-from agents.calibration.calibrated_model import CalibratedModel
-from agents.calibration.identification import identify
-from agents.calibration.looks import Looks
-from agents.calibration.parameters import model_of
-from calfree_gym.perturbations import CameraRoll
+from agents.base.agent import Look
+from agents.calibrated.identification import identify
+from agents.calibrated.model import CalibratedModel
+from agents.calibrated.observations import Looks
+from agents.calibrated.parameters import model_of
+from calfree_gym.perturbations.types import CameraRoll
 from experiments.evaluation import evaluate
 
 MOUNTS = calfree_gym.MOUNTS

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 import calfree_gym
-from agents.agent import Look
+from agents.base.agent import Look
 from agents.jacobian import Kalman, both_points
-from agents.sensing import Senses
+from agents.perception.observation_filter import Senses
 from agents.servo.trial import Trial
 from agents.servo.unified import UnifiedServo
-from calfree_gym.world import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT
 
 MOUNTS = calfree_gym.MOUNTS
 HOME = np.zeros(3)

@@ -7,8 +7,8 @@ import pytest
 import agents
 import calfree_gym
 from agents.jacobian import ESTIMATORS
-from agents.redundancy import REDUNDANCIES
-from calfree_gym.goal import TELLS
+from agents.servo.redundancy import REDUNDANCIES
+from calfree_gym.envs.goal import TELLS
 from experiments.evaluation import evaluate
 from tests.agents.lengths import Lengths
 

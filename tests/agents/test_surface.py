@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import agents
-from calfree_gym.goal import TELLS
+from calfree_gym.envs.goal import TELLS
 
 NAMES = agents.names()
 QUICK = {"sac": {"net_arch": [16], "learning_starts": 20, "buffer_size": 500}}

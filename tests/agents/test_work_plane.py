@@ -11,10 +11,10 @@ from hypothesis.extra.numpy import arrays
 
 import agents
 import calfree_gym
-from agents.agent import Look
-from agents.redundancy import solve
+from agents.base.agent import Look
+from agents.servo.redundancy import solve
 from agents.servo.work_plane import CAMERAS, WAIST, disparity, disparity_weight, turn
-from calfree_gym.world import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT
 from experiments.evaluation import evaluate
 from tests.agents import analytic
 

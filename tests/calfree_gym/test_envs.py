@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import calfree_gym
-import calfree_gym.envs
+import calfree_gym.envs.single
 from calfree_gym import nominal
 
 MOUNTS = calfree_gym.MOUNTS
@@ -134,7 +134,7 @@ def _words_to(env, target):
     """Registers that bring the gripper of a row-0 arm to `target`, by Newton's method on the simulation."""
     from scipy.optimize import least_squares
 
-    from calfree_gym.arm import gripper_position
+    from calfree_gym.robot.kinematics import gripper_position
 
     motors, lengths = env.arms.simulation.motors, env.world.link_lengths
 
@@ -224,7 +224,7 @@ def test_bad_actions(action, message):
 )
 def test_bad_arguments(arguments, message):
     with pytest.raises(ValueError, match=message):
-        calfree_gym.envs.StereoArmEnv(**arguments)
+        calfree_gym.envs.single.StereoArmEnv(**arguments)
 
 
 def test_before_the_first_reset():

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import calfree_gym
-from calfree_gym.rendering import GRIPPER_COLOUR, OBJECT_COLOUR, Renderer, camera_image
-from calfree_gym.world import IMAGE_SIZE
+from calfree_gym.envs.rendering import GRIPPER_COLOUR, OBJECT_COLOUR, Renderer, camera_image
+from calfree_gym.image import IMAGE_SIZE
 
 
 @pytest.fixture(scope="module")

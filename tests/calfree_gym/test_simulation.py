@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from calfree_gym import MOUNTS, WorldDistribution
-from calfree_gym.arm import gripper_position
-from calfree_gym.cameras import image_points, pinhole
 from calfree_gym.geometry import rotation_matrix
-from calfree_gym.simulation import DYNAMICS, Simulation
+from calfree_gym.robot.kinematics import gripper_position
+from calfree_gym.robot.simulation import DYNAMICS, Simulation
+from calfree_gym.vision.cameras import image_points, pinhole
 
 ROWS = 32
 EVERY = slice(None)

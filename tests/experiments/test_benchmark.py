@@ -5,10 +5,10 @@ import sys
 
 import pytest
 
-from experiments import speed
 from experiments.__main__ import main
+from experiments.benchmarks import speed
+from experiments.benchmarks.peer import Peer
 from experiments.errors import ConfigError
-from experiments.peer import Peer
 
 
 def test_a_peer_steps_when_it_is_asked_to_and_tells_what_it_is():

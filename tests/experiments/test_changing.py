@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calfree_gym.schedule import parse_schedule
-from experiments import changing
+from calfree_gym.perturbations.schedule import parse_schedule
+from experiments.benchmarks import changes as changing
 from experiments.evaluation import TrialRecord
 
 RECORD = TrialRecord(0, 1, 1.0, True, 1.0, 1.0, {})

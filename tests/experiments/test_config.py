@@ -5,8 +5,8 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from experiments.config.loading import load
 from experiments.errors import ConfigError
-from experiments.loading import load
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

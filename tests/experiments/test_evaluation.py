@@ -3,7 +3,7 @@ import random
 import numpy as np
 import pytest
 
-from experiments import evaluate
+from experiments.evaluation import evaluate
 from tests.experiments.fakes import CountdownEnv, Halver
 
 

@@ -54,7 +54,7 @@ def workers(out):
             words = entry.read_bytes().split(b"\0")
         except OSError:
             continue
-        if b"experiments.worker" in words and any(str(out).encode() in word for word in words):
+        if b"experiments.running.worker" in words and any(str(out).encode() in word for word in words):
             found.append(int(entry.parent.name))
     return found
 

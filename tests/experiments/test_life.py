@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from experiments.evaluation import TrialRecord
-from experiments.life import Life
+from experiments.running.lifetime import Life
 from tests.experiments.fakes import CountdownEnv
 
 WORD = np.array([0.5], np.float32)

@@ -10,7 +10,7 @@ import pytest
 import agents
 from agents.knowledge.grid_table import GridTable
 from experiments.__main__ import main
-from experiments.picture import table_figure
+from experiments.reporting.picture import table_figure
 
 
 @pytest.fixture

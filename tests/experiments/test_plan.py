@@ -1,5 +1,5 @@
-from experiments.config import Suite
-from experiments.plan import runs_of
+from experiments.config.suite import Suite
+from experiments.running.plan import runs_of
 
 
 def test_agents_meet_the_same_worlds_and_trials(suite_data):

@@ -4,8 +4,9 @@ import gymnasium as gym
 import numpy as np
 
 import calfree_gym
-from experiments import region, remembering
-from experiments.life import Life
+from experiments.benchmarks import knowledge as remembering
+from experiments.benchmarks import region
+from experiments.running.lifetime import Life
 
 REACH, _ = calfree_gym.ENV_IDS
 

@@ -1,11 +1,11 @@
 import pandas as pd
 import pytest
 
-from experiments.config import Suite
-from experiments.figures import Perturbation
-from experiments.finished import Finished
-from experiments.plan import runs_of
-from experiments.scenario_report import perturbations_met
+from experiments.config.suite import Suite
+from experiments.reporting.held_out.figure import Perturbation
+from experiments.reporting.held_out.section import perturbations_met
+from experiments.reporting.results import Finished
+from experiments.running.plan import runs_of
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from experiments.__main__ import main
-from experiments.folder import locked
+from experiments.running.results_folder import locked
 
 UNIQUE_PER_RUN = ["run", "phase", "lifetime_motions", "trial"]
 
@@ -171,7 +171,7 @@ def test_status_tells_done_failed_interrupted_and_waiting(finished, capsys):
 
 def test_two_runners_in_one_folder_are_refused(finished, monkeypatch, capsys):
     config, out = finished
-    monkeypatch.setattr("experiments.folder.PATIENCE", 0.0)
+    monkeypatch.setattr("experiments.running.results_folder.PATIENCE", 0.0)
     with locked(out):
         assert main(["run", str(config), "--out", str(out)]) == 2
     assert "another runner is at work here" in capsys.readouterr().err

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.statistics import bootstrap_band, interquartile_mean, wilson_interval
+from experiments.reporting.statistics import bootstrap_band, interquartile_mean, wilson_interval
 
 
 def test_interquartile_mean_leaves_out_a_quarter_at_each_end():

@@ -4,8 +4,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.config import ScenarioConfig
-from experiments.summary import MOTIONS, SUCCESS, held_out_curve, moments, training_curve, with_cost
+from experiments.config.suite import ScenarioConfig
+from experiments.reporting.held_out.summary import (
+    MOTIONS,
+    SUCCESS,
+    held_out_curve,
+    moments,
+    training_curve,
+    with_cost,
+)
 
 CAP = 60
 

@@ -6,15 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments import sweep
 from experiments.__main__ import main
-from experiments.asking import asked
-from experiments.config import AgentConfig, EnvironmentConfig, Suite, SweepConfig
+from experiments.config.loading import load
+from experiments.config.requirements import asked
+from experiments.config.suite import AgentConfig, EnvironmentConfig, Suite, SweepConfig
 from experiments.errors import ConfigError
-from experiments.loading import load
-from experiments.plan import SweepRun, runs_of
-from experiments.sweep_figure import sweep_figure
-from experiments.sweep_summary import points
+from experiments.reporting.sweep.figure import sweep_figure
+from experiments.reporting.sweep.summary import points
+from experiments.running import sweep_trials as sweep
+from experiments.running.plan import SweepRun, runs_of
 
 ENV = {"id": "CalFree/Reach-v0", "world": "nominal", "dynamics": "kinematic", "keep_in_view": False}
 ROLL = {"name": "roll", "env": ENV, "do": {"type": "camera_roll", "camera": "left"}, "vary": "degrees"}

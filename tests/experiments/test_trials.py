@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 
 from experiments.__main__ import main
-from experiments.config import ScenarioConfig
+from experiments.config.loading import load
+from experiments.config.suite import ScenarioConfig
 from experiments.errors import ConfigError
-from experiments.figures import Perturbation
-from experiments.loading import load
-from experiments.summary import MOTIONS, SECONDS, SUCCESS, with_cost
-from experiments.trial_figure import span, trial_curves
-from experiments.trial_summary import COARSE, FINE, blocks, edges_of, trial_costs
+from experiments.reporting.by_trial.figure import span, trial_curves
+from experiments.reporting.by_trial.summary import COARSE, FINE, blocks, edges_of, trial_costs
+from experiments.reporting.held_out.figure import Perturbation
+from experiments.reporting.held_out.summary import MOTIONS, SECONDS, SUCCESS, with_cost
 
 AIM = {"at": {"trial": 4}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}
 BACK = {"at": {"trial": 6}, "undo": 0}

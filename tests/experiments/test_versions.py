@@ -1,21 +1,55 @@
+"""What decides whether kept results are of this code."""
+
 import ast
 
-from experiments.versions import _WHAT_MAKES_A_RESULT, REPOSITORY
+from experiments.running import versions
+from experiments.running.versions import REPOSITORY, WHAT_MAKES_A_RESULT
+
+ONLY_STORES = {
+    "experiments/errors.py",
+    "experiments/running/results_folder.py",
+    "experiments/running/tensorboard_curves.py",
+}
+"""What the worker needs besides, which moves no number of a result."""
 
 
-def imported_from(module, seen):
-    """Files of `experiments` that a module imports, and what those import."""
-    path = f"experiments/{module}.py"
+def imported_from(path, seen):
+    """Files of `experiments` that a file imports, and what those import."""
     if path not in seen:
         seen.add(path)
         for node in ast.walk(ast.parse((REPOSITORY / path).read_text())):
             if isinstance(node, ast.ImportFrom) and str(node.module).startswith("experiments."):
-                imported_from(node.module.removeprefix("experiments."), seen)
+                imported_from(node.module.replace(".", "/") + ".py", seen)
     return seen
 
 
-ONLY_STORES = {"experiments/curves.py", "experiments/errors.py", "experiments/folder.py"}
-
-
 def test_the_code_that_makes_a_run_is_all_hashed():
-    assert imported_from("worker", set()) - ONLY_STORES <= set(_WHAT_MAKES_A_RESULT)
+    assert imported_from("experiments/running/worker.py", set()) - ONLY_STORES <= set(WHAT_MAKES_A_RESULT)
+
+
+def test_all_that_is_hashed_is_there():
+    for path in WHAT_MAKES_A_RESULT:
+        assert (REPOSITORY / path).exists(), path
+
+
+def test_an_edit_of_any_hashed_file_makes_results_foreign(tmp_path, monkeypatch):
+    for root in WHAT_MAKES_A_RESULT:
+        target = tmp_path / root
+        if root.endswith(".py"):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes((REPOSITORY / root).read_bytes())
+        else:
+            for file in [*(REPOSITORY / root).rglob("*.py"), *(REPOSITORY / root).rglob("*.xml")]:
+                copy = tmp_path / file.relative_to(REPOSITORY)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                copy.write_bytes(file.read_bytes())
+    monkeypatch.setattr(versions, "REPOSITORY", tmp_path)
+    before = versions.versions()["code"]
+    files = [*tmp_path.rglob("*.py"), *tmp_path.rglob("*.xml")]
+    assert len(files) > 80
+    for file in files:
+        source = file.read_bytes()
+        file.write_bytes(source + b"\n")
+        assert versions.versions()["code"] != before, file
+        file.write_bytes(source)
+    assert versions.versions()["code"] == before

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from experiments import worker
-from experiments.config import Suite
-from experiments.life import Life
-from experiments.plan import runs_of
+from experiments.config.suite import Suite
+from experiments.running import worker
+from experiments.running.lifetime import Life
+from experiments.running.plan import runs_of
 
 AGENTS = [
     {"name": "random"},

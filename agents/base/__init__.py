@@ -1,0 +1,1 @@
+"""What every agent has: the surface of stable-baselines3, procedures, observations, saved files."""

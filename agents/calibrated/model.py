@@ -1,0 +1,186 @@
+"""What a calibrated robot believes of itself in numbers: cameras, arm and motors (paper, section 2.2).
+
+Directions and signs are those of `calfree_gym.world`: a camera looks along its -z axis, y up.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from agents.base.agent import Array
+from calfree_gym.geometry import rotation_matrix
+from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.robot.kinematics import gripper_position
+from calfree_gym.robot.motors import HOME, JOINT_LIMITS, SPAN
+from calfree_gym.vision.cameras import MOUNTS, image_points, pinhole
+from calfree_gym.world import World
+
+_GRID = np.linspace(-1.0, 1.0, 2001)
+_TO_OPENCV = np.diag([1.0, -1.0, -1.0])
+_UNDISTORTING = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-12)
+
+
+@dataclass(frozen=True)
+class CalibratedModel:
+    """Cameras, arm and motors of one robot, or of several at once along leading axes (...).
+
+    Attributes:
+        camera_position: Optical centres (..., 2, 3) in m, in the frame of their mount.
+        camera_axes: Camera axes as columns (..., 2, 3, 3).
+        focal_length: In image units (..., 2).
+        lens_k1: Radial distortion (..., 2).
+        link_lengths: In m (..., 5), in the order of `calfree_gym.world.LINKS`.
+        joint_zeros: Of J1-J4 in rad (..., 4).
+        motor_gain: Relative to the built robot's, with its sign (..., 3).
+        motor_curvature: Of the map from register to angle (..., 3).
+        turning: Whether the cameras turn with the waist.
+    """
+
+    camera_position: Array
+    camera_axes: Array
+    focal_length: Array
+    lens_k1: Array
+    link_lengths: Array
+    joint_zeros: Array
+    motor_gain: Array
+    motor_curvature: Array
+    turning: bool
+
+    @classmethod
+    def of(cls, world: World, camera_mount: str) -> CalibratedModel:
+        """A model that is true in `world`, with the cameras fixed to "waist" or "stand".
+
+        Raises:
+            ValueError: `camera_mount` is neither.
+        """
+        if camera_mount not in MOUNTS:
+            raise ValueError(f"camera_mount is {camera_mount!r}; allowed: {', '.join(MOUNTS)}")
+        return cls(
+            camera_position=world.camera_position,
+            camera_axes=np.stack([rotation_matrix(q) for q in world.camera_orientation]),
+            focal_length=world.focal_length * IMAGE_UNIT,
+            lens_k1=world.lens_k1,
+            link_lengths=world.link_lengths,
+            joint_zeros=world.joint_zeros,
+            motor_gain=world.motor_sign * world.motor_gain,
+            motor_curvature=world.motor_curvature,
+            turning=camera_mount == "waist",
+        )
+
+    def joints(self, registers: Array) -> Array:
+        """Angles (..., n, 4) of J1-J4 in rad at `registers` (n, 3); J4 is held vertical, as believed."""
+        bent = registers + self.motor_curvature[..., None, :] * registers * (registers * registers - 1)
+        first = self._rest + self._scale * bent
+        wrist = self._vertical[..., None] - first[..., 1] - first[..., 2]
+        wrist = np.minimum(np.maximum(wrist, JOINT_LIMITS[3, 0]), JOINT_LIMITS[3, 1])
+        return np.concatenate([first, wrist[..., None]], -1)
+
+    def gripper(self, joints: Array) -> Array:
+        """Gripper points (..., n, 3) in the room, in m, at `joints` (..., n, 4)."""
+        return gripper_position(joints, self.link_lengths[..., None, :])
+
+    def image(self, points: Array, joints: Array) -> Array:
+        """Sensor vectors (..., n, 4) of `points` (..., n, 3) in the room, seen with the arm at `joints`."""
+        flat, _ = pinhole(
+            self.mounted(points, joints)[..., None, :],
+            self.camera_position[..., None, :, :],
+            self.camera_axes[..., None, :, :, :],
+        )
+        seen, _ = image_points(
+            flat, self.focal_length[..., None, :, None], np.zeros(2), self.lens_k1[..., None, :]
+        )
+        return seen.reshape(*seen.shape[:-2], 4)
+
+    def points(self, registers: Array, objects: Array) -> Array:
+        """Gripper and object points (..., n, 8) seen at `registers` (n, 3), with objects at (..., n, 3)."""
+        joints = self.joints(registers)
+        both = np.concatenate([self.gripper(joints), objects], -2)
+        seen = self.image(both, np.concatenate([joints, joints], -2))
+        return np.concatenate([seen[..., : len(registers), :], seen[..., len(registers) :, :]], -1)
+
+    def mounted(self, points: Array, joints: Array) -> Array:
+        """Points (..., n, 3) in the room, in the frame of the cameras' mount."""
+        return self._turned(points, -joints[..., 0]) if self.turning else points
+
+    def triangulate(self, sensors: Array, joints: Array) -> Array:
+        """Points (n, 3) in the room that one robot, its arm at `joints` (n, 4), sees at `sensors` (n, 4)."""
+        left, right = (
+            cv2.undistortPoints(sensors[:, None, 2 * i : 2 * i + 2], *lens, criteria=_UNDISTORTING)[:, 0].T
+            for i, lens in enumerate(self._lenses)
+        )
+        first, second = self._projections
+        found = cv2.triangulatePoints(first, second, left, right)
+        points = (found[:3] / found[3]).T
+        return self._turned(points, joints[:, 0]) if self.turning else points
+
+    def registers(self, point: Array) -> Array:
+        """Registers (3,) that bring the gripper of one robot to `point` (3,), or as near as they can.
+
+        Inverse kinematics in closed form, with the elbow up and the hand as vertical as the wrist can hold
+        it: at its limit, forearm and hand are one link. The plane of the arm is that of complex numbers.
+        """
+        base, shoulder, upper_arm, forearm, hand = self.link_lengths
+        target = complex(np.hypot(point[0], point[1]) - shoulder, point[2] - base)
+        lifted, bent = _two_links(target - cmath.rect(hand, self._vertical), upper_arm, forearm)
+        wrist = self._vertical - lifted - bent
+        if not JOINT_LIMITS[3, 0] <= wrist <= JOINT_LIMITS[3, 1]:
+            limit = min(max(wrist, JOINT_LIMITS[3, 0]), JOINT_LIMITS[3, 1])
+            length, ahead = cmath.polar(forearm + cmath.rect(hand, limit))
+            lifted, bent = _two_links(target, upper_arm, length)
+            bent -= ahead
+        angles = (np.arctan2(point[1], point[0]), lifted, bent)
+        return np.array([np.interp(angles[m], *self._motors[m]) for m in range(3)])
+
+    @staticmethod
+    def _turned(points: Array, waist: Array) -> Array:
+        """Points (..., n, 3) turned about the waist's axis by `waist` (..., n) in rad."""
+        c, s = np.cos(waist), np.sin(waist)
+        x, y = points[..., 0], points[..., 1]
+        turned = np.empty((*np.broadcast_shapes(c.shape, x.shape), 3))
+        turned[..., 0], turned[..., 1], turned[..., 2] = c * x - s * y, s * x + c * y, points[..., 2]
+        return turned
+
+    @cached_property
+    def _rest(self) -> Array:
+        return HOME + self.joint_zeros[..., None, :3]
+
+    @cached_property
+    def _scale(self) -> Array:
+        return self.motor_gain[..., None, :] * SPAN
+
+    @cached_property
+    def _vertical(self) -> Array:
+        """Sum of the angles of J2-J4 (...) with the hand held vertical, as believed."""
+        return -np.pi / 2 + self.joint_zeros[..., 1:].sum(-1)
+
+    @cached_property
+    def _lenses(self) -> list[tuple[Array, Array]]:
+        return [
+            (np.diag([focal, focal, 1.0]), np.array([k1, 0.0, 0.0, 0.0]))
+            for focal, k1 in zip(self.focal_length, self.lens_k1, strict=True)
+        ]
+
+    @cached_property
+    def _projections(self) -> list[Array]:
+        turns = [_TO_OPENCV @ axes.T for axes in self.camera_axes]
+        return [np.column_stack([r, -r @ c]) for r, c in zip(turns, self.camera_position, strict=True)]
+
+    @cached_property
+    def _motors(self) -> list[tuple[Array, Array]]:
+        """Each motor's angles and registers, by increasing angle."""
+        angles = self.joints(np.repeat(_GRID[:, None], 3, 1))
+        order = [np.argsort(angles[:, m]) for m in range(3)]
+        return [(angles[order[m], m], _GRID[order[m]]) for m in range(3)]
+
+
+def _two_links(target: complex, first: float, second: float) -> tuple[float, float]:
+    """Angle of the first of two links and bend between them, elbow up, that reach to `target`."""
+    bend = (abs(target) ** 2 - first**2 - second**2) / (2 * first * second)
+    elbow = -math.acos(min(max(bend, -1.0), 1.0))
+    return cmath.phase(target) - cmath.phase(first + cmath.rect(second, elbow)), elbow

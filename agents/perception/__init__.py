@@ -1,0 +1,1 @@
+"""From image points that may be noisy, mistaken, missing or late to points that can be trusted."""

@@ -1,0 +1,6 @@
+"""The black box as Gymnasium environments, single and batched, over one simulation."""
+
+from calfree_gym.envs.single import StereoArmEnv
+from calfree_gym.envs.vector import StereoArmVectorEnv
+
+__all__ = ["StereoArmEnv", "StereoArmVectorEnv"]

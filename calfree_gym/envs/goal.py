@@ -1,0 +1,192 @@
+"""What the single and the batched environment share: arguments, spaces, observations, rewards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from calfree_gym.envs.stereo_arms import StereoArms
+from calfree_gym.errors import check_choice
+from calfree_gym.robot.motors import MOTORS
+from calfree_gym.tasks import reach
+
+Observation = dict[str, NDArray[np.float32]]
+REWARDS = {"sparse": reach.sparse_reward, "dense": reach.dense_reward}
+OBSERVATIONS = ("points",)
+RENDER_MODES = ("rgb_array",)
+
+
+class Tell(NamedTuple):
+    """Something that a controller may ask to be told beyond its image points.
+
+    Attributes:
+        size: How many numbers.
+        bound: On their magnitude.
+        of: Gives them for all rows (N, size).
+    """
+
+    size: int
+    bound: float
+    of: Callable[[StereoArms], NDArray[np.float64]]
+
+
+TELLS = {
+    "joint_angles": Tell(5, 2 * np.pi, lambda arms: arms.simulation.joints()),
+    "joint_zeros": Tell(
+        4, np.pi, lambda arms: np.stack([arms.world(r).joint_zeros for r in range(arms.rows)])
+    ),
+    "gripper_position": Tell(3, 5.0, lambda arms: arms.simulation.positions()[0]),
+}
+"""True joint angles J1-J5 (rad), joint zeros J1-J4 (rad), and the gripper point in the room (m)."""
+
+
+def observation_space(tell: Sequence[str]) -> spaces.Dict[Any]:
+    """The observations of one arm, with what is told beside."""
+    sizes = {"achieved_goal": 4, "desired_goal": 4, "observation": 4 + len(MOTORS)}
+    boxes: dict[str, spaces.Space[Any]] = {
+        key: spaces.Box(-1.0, 1.0, (size,), np.float32) for key, size in sizes.items()
+    }
+    for name in tell:
+        told = TELLS[name]
+        boxes[name] = spaces.Box(-told.bound, told.bound, (told.size,), np.float32)
+    return spaces.Dict(boxes)
+
+
+def action_space() -> spaces.Box[Any]:
+    """The control words of one arm."""
+    return spaces.Box(-1.0, 1.0, (len(MOTORS),), np.float32)
+
+
+def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Control words from an action, clipped to [-1, 1].
+
+    Raises:
+        ValueError: The action has another shape, or is not finite.
+    """
+    try:
+        words = np.asarray(action, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"the action is {action!r}; it must be numbers of shape {shape}") from None
+    if words.shape != shape:
+        raise ValueError(f"the action has shape {words.shape}; it must be {shape}, one word a motor")
+    if np.abs(words).max() <= 1:
+        return words
+    if not np.isfinite(words).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(words))[0])
+        raise ValueError(f"the action at {where} is {words[where]}; control words must be finite, in [-1, 1]")
+    return np.clip(words, -1.0, 1.0)
+
+
+class StereoArmGoal:
+    """What the single and the batched environment share: arguments, observations, rewards."""
+
+    def _build(
+        self,
+        rows: int,
+        threads: int,
+        reward: str,
+        observation: str,
+        terminate_on_success: bool,
+        tell: Sequence[str],
+        render_mode: Any,
+        **arms: Any,
+    ) -> None:
+        check_choice("reward", reward, tuple(REWARDS))
+        check_choice("observation", observation, OBSERVATIONS)
+        if isinstance(tell, str):
+            raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({tell!r},)")
+        for name in tell:
+            check_choice("tell", name, tuple(TELLS))
+        if render_mode is not None:
+            check_choice("render_mode", render_mode, RENDER_MODES)
+        self.arms = StereoArms(rows, threads=threads, **arms)
+        self.render_mode = render_mode
+        self._ends = terminate_on_success
+        self._tell = tuple(tell)
+        self.tolerance_px = float(arms["tolerance_px"])
+        self._reward = REWARDS[reward]
+        self._renderer: Any = None
+
+    def _outcome(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_]]:
+        """The last look: batched observations, image distances (N, 2), and rendezvous (N,).
+
+        With latency the controller's image points are old ones; distances and rendezvous are not.
+        """
+        points, visible = self.arms.delivered
+        goals = points.astype(np.float32).reshape(-1, 8)
+        now = goals if points is self.arms.points else self.arms.points.astype(np.float32).reshape(-1, 8)
+        distances = reach.image_distances(now[:, :4], now[:, 4:])
+        state = np.empty((self.arms.rows, 4 + len(MOTORS)), np.float32)
+        state[:, :4] = visible
+        state[:, 4:] = self.arms.registers
+        observation = {"achieved_goal": goals[:, :4], "desired_goal": goals[:, 4:], "observation": state}
+        for name in self._tell:
+            observation[name] = TELLS[name].of(self.arms).astype(np.float32)
+        return observation, distances, reach.rendezvous(distances, self.arms.tolerance)
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """The reward (...) for sensor vectors (..., 4); pure, and what `step` returns."""
+        distances = reach.image_distances(achieved_goal, desired_goal)
+        return self._reward(distances, reach.rendezvous(distances, self.arms.tolerance))
+
+    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Whether a trial ends (...) at sensor vectors (..., 4); pure, and what `step` returns."""
+        distances = reach.image_distances(achieved_goal, desired_goal)
+        ended = reach.rendezvous(distances, self.arms.tolerance)
+        return ended if self._ends else np.zeros_like(ended)
+
+    def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """False: no goal cuts a trial short; the number of motions does (see `max_episode_steps`)."""
+        return np.zeros(np.shape(achieved_goal)[:-1], bool)
+
+    def _truth(self) -> dict[str, Any]:
+        gripper, object_ = self.arms.simulation.positions()
+        apart = gripper - object_
+        return {
+            "error_px": self.arms.error_px(),
+            "distance_mm": 1000.0 * np.sqrt((apart * apart).sum(-1)),
+            "points": self.arms.true_points.reshape(-1, 8),
+            "gripper": gripper,
+            "object": object_,
+            "joints": self.arms.simulation.joints(),
+        }
+
+    def _frame(self, row: int) -> NDArray[np.uint8] | None:
+        if self.render_mode is None:
+            gym.logger.warn("render() shows nothing without render_mode='rgb_array'; give it to gym.make")
+            return None
+        if self._renderer is None:
+            from calfree_gym.envs.rendering import SceneRenderer
+
+            self._renderer = SceneRenderer()
+        frame: NDArray[np.uint8] = self._renderer.draw(self.arms, row)
+        return frame
+
+    def _free_renderer(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def placed_objects(options: dict[str, Any] | None, rows: int) -> NDArray[np.float64] | None:
+    """The object of reset's options (rows, 3) in m, where one is given."""
+    if not options:
+        return None
+    if not isinstance(options, dict):
+        raise ValueError(
+            f"reset's options are {options!r}; they must be a dict, such as {{'object': (x, y, z)}}"
+        )
+    if unknown := sorted(options.keys() - {"object"}):
+        raise ValueError(f"reset has no option {', '.join(map(repr, unknown))}; allowed: 'object'")
+    try:
+        position = np.asarray(options["object"], np.float64)
+    except (TypeError, ValueError):
+        position = np.empty(0)
+    if position.shape not in ((3,), (rows, 3)) or not np.isfinite(position).all():
+        raise ValueError(f"options['object'] is {options['object']!r}; it must be (x, y, z) in metres")
+    return np.broadcast_to(position, (rows, 3))

@@ -1,0 +1,198 @@
+"""The black box as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.envs.goal import (
+    RENDER_MODES,
+    Observation,
+    StereoArmGoal,
+    action_space,
+    control_words,
+    observation_space,
+    placed_objects,
+)
+from calfree_gym.envs.stereo_arms import Perturbed, WorldChoice
+from calfree_gym.robot.motors import MOTORS
+from calfree_gym.world import World
+
+
+class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
+    """A stereo arm that reaches, knowing nothing.
+
+    ## Description
+    A robot arm of five joints, seen by two cameras, is to bring its gripper to an object. The controller
+    sends one control word to each of three motors and gets image points back; it knows neither cameras nor
+    arm nor motors. All of that is the hidden `World`. After V. Graefe, "Calibration-Free Robots" (1999).
+
+    ## Action space
+    `Box(-1, 1, (3,), float32)`: one control word each for the motors of waist, shoulder and elbow.
+
+    | num | word | effect |
+    |---|---|---|
+    | 0 | waist | unknown in sign and size, smooth, 0 moves nothing; adds up in a register that ends at +-1 |
+    | 1 | shoulder | likewise |
+    | 2 | elbow | likewise |
+
+    One step is one motion, executed until the arm has settled. Words outside the box are clipped to it.
+
+    ## Observation space
+    A `Dict` of a goal environment. Image points are (x, y), x right and y down, +-1 the image border.
+
+    | key | shape | content |
+    |---|---|---|
+    | achieved_goal | (4,) | the gripper's sensor vector: (xa, ya, xb, yb), cameras a (left) and b (right) |
+    | desired_goal | (4,) | the object's sensor vector |
+    | observation | (7,) | 1 where seen now: gripper left, right, object left, right; then 3 registers |
+
+    A point is seen where it is before a camera and inside its image; that the arm may hide it is left out.
+    A point that is not seen keeps its last seen value (the centre, where it never was seen).
+
+    ## Rewards
+    `CalFree/Reach-v0`: 0 on the motion that reaches the rendezvous, -1 on every other.
+    `CalFree/ReachDense-v0`: minus the mean of both image distances. Both follow from the observed points.
+
+    ## Starting state
+    The arm at home, registers zero; the object somewhere in the work space, seen by both cameras.
+    `reset(seed=k)` draws the world (where `world` names a distribution), objects and noise from k;
+    `reset()` places the next object in the same world; `reset(options={"object": (x, y, z)})` puts it there
+    (in m), seen or not.
+
+    ## Episode end
+    Terminated at the rendezvous: both observed image distances within `tolerance_px`, unless
+    `terminate_on_success=False`. Truncated after `max_episode_steps` (60) motions.
+
+    ## Information
+    `is_success`: the observed rendezvous. `robot_seconds`: time that a real arm would take for the motion.
+    `perturbed`: perturbations that struck before it, with all that they drew (a drift where it begins).
+    `truth`: for scoring only, never for a controller: `error_px` (larger noise-free image distance),
+    `distance_mm`, `points`, `gripper`, `object`, `joints`.
+
+    ## Arguments
+
+    Args:
+        world: A `World`, or the distribution to draw from: "nominal", "coarse", "wild".
+        camera_mount: "waist" (cameras on the arm's first link, turning with it: the object then moves in the
+            images when the waist turns, so hindsight relabelling is not valid) or "stand" (in the room).
+        observation: "points".
+        tolerance_px: Image distance of the rendezvous, in pixels of 512.
+        dynamics: "physics", or "kinematic": the arm is put where physics would settle.
+        perturbations: A schedule, `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`, as told in
+            `calfree_gym.perturbations.parse_schedule`; the types and their settings are the classes of
+            `calfree_gym.perturbations`.
+        redraw: "never", or "trial": every trial in a new world, where `world` is a distribution.
+        terminate_on_success: Whether the rendezvous ends the trial.
+        keep_in_view: Whether worlds, perturbations and objects that the cameras do not see are drawn again.
+        tell: What is told beside the image points, as further observation keys: "joint_angles" (5,) and
+            "joint_zeros" (4,) in rad, "gripper_position" (3,) in m.
+        reward: "sparse" or "dense".
+        render_mode: None or "rgb_array".
+
+    Raises:
+        ValueError: An argument is not allowed, or the given world is not in view.
+
+    ## Version history
+    v0: first version.
+    """
+
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012
+
+    def __init__(
+        self,
+        *,
+        world: WorldChoice = "wild",
+        camera_mount: str = "waist",
+        observation: str = "points",
+        tolerance_px: float = 4.0,
+        dynamics: str = "physics",
+        perturbations: Any = None,
+        redraw: str = "never",
+        terminate_on_success: bool = True,
+        keep_in_view: bool = True,
+        tell: Sequence[str] = (),
+        reward: str = "sparse",
+        render_mode: str | None = None,
+    ) -> None:
+        self._build(
+            1,
+            1,
+            reward,
+            observation,
+            terminate_on_success,
+            tell,
+            render_mode,
+            world=world,
+            camera_mount=camera_mount,
+            tolerance_px=tolerance_px,
+            dynamics=dynamics,
+            perturbations=perturbations,
+            redraw=redraw,
+            keep_in_view=keep_in_view,
+        )
+        self.observation_space = observation_space(tell)
+        self.action_space = action_space()
+
+    @property
+    def world(self) -> World:
+        """The hidden world. For experiments, not for controllers."""
+        return self.arms.world(0)
+
+    def set_world(self, world: World) -> None:
+        """Puts the robot into `world`; later seeds draw objects and noise only."""
+        self.arms.set_world(0, world)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begins a trial, see the class."""
+        super().reset(seed=seed)
+        if seed is None and self.arms.needs_seed(0):
+            seed = int(self.np_random.integers(2**31))
+        if seed is not None:
+            self.arms.seed(0, seed)
+        struck = self.arms.begin_trial(slice(None), placed_objects(options, 1))
+        self.arms.look()
+        observation, _, success = self._outcome()
+        return {key: value[0] for key, value in observation.items()}, self._info(success, 0.0, struck)
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Executes one motion, see the class."""
+        seconds, struck = self.arms.move(slice(None), control_words(action, (len(MOTORS),)))
+        self.arms.look()
+        observation, distances, success = self._outcome()
+        return (
+            {key: value[0] for key, value in observation.items()},
+            float(self._reward(distances, success)[0]),
+            self._ends and bool(success[0]),
+            False,
+            self._info(success, float(seconds[0]), struck),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The scene (720, 1080, 3), and at its side both camera images with the image points.
+
+        A ring is thin where its point is not seen now: there it was seen last.
+
+        Raises:
+            gymnasium.error.DependencyNotInstalled: No GL is there; says which package to install.
+        """
+        return self._frame(0)
+
+    def _info(self, success: Any, seconds: float, struck: list[Perturbed]) -> dict[str, Any]:
+        truth = {k: v[0] if v.ndim > 1 else float(v[0]) for k, v in self._truth().items()}
+        return {
+            "is_success": bool(success[0]),
+            "robot_seconds": seconds,
+            "perturbed": [perturbation for _, perturbation in struck],
+            "truth": truth,
+        }
+
+    def close(self) -> None:
+        """Frees the renderer, if an image was ever asked for."""
+        self._free_renderer()

@@ -1,0 +1,238 @@
+"""Many black boxes stepped together, as a Gymnasium vector environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from calfree_gym.envs.goal import (
+    RENDER_MODES,
+    Observation,
+    StereoArmGoal,
+    action_space,
+    control_words,
+    observation_space,
+    placed_objects,
+)
+from calfree_gym.envs.stereo_arms import Perturbed, WorldChoice
+from calfree_gym.errors import check_choice
+from calfree_gym.robot.motors import MOTORS
+from calfree_gym.world import World
+
+
+class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
+    """Many stereo arms stepped together by MuJoCo's threads; row i is `StereoArmEnv` reset with seed + i.
+
+    Perturbations and all else strike each row by its own count of motions and trials.
+
+    Args:
+        num_envs: Rows.
+        max_episode_steps: Motions after which a trial is truncated.
+        autoreset_mode: Of `gymnasium.vector.AutoresetMode`. NEXT_STEP: a row whose trial is over begins the
+            next one at the next step, whatever its action. SAME_STEP: at once; its last observation is in
+            `infos["final_obs"]`. DISABLED: by `reset(options={"reset_mask": ...})`.
+        threads: Threads of the simulation (0: all cores); they change no number.
+        world: As for `StereoArmEnv`, or a list of one a row.
+        **arguments: As for `StereoArmEnv`.
+    """
+
+    metadata = {  # noqa: RUF012
+        "render_modes": list(RENDER_MODES),
+        "render_fps": 2,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        *,
+        num_envs: int = 1,
+        max_episode_steps: int = 60,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 0,
+        world: WorldChoice | Sequence[WorldChoice] = "wild",
+        camera_mount: str = "waist",
+        observation: str = "points",
+        tolerance_px: float = 4.0,
+        dynamics: str = "physics",
+        perturbations: Any = None,
+        redraw: str = "never",
+        terminate_on_success: bool = True,
+        keep_in_view: bool = True,
+        tell: Sequence[str] = (),
+        reward: str = "sparse",
+        render_mode: str | None = None,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs}; it must be 1 or more")
+        if max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
+        modes = tuple(mode.value for mode in AutoresetMode)
+        check_choice("autoreset_mode", getattr(autoreset_mode, "value", autoreset_mode), modes)
+        self._build(
+            num_envs,
+            threads,
+            reward,
+            observation,
+            terminate_on_success,
+            tell,
+            render_mode,
+            world=world,
+            camera_mount=camera_mount,
+            tolerance_px=tolerance_px,
+            dynamics=dynamics,
+            perturbations=perturbations,
+            redraw=redraw,
+            keep_in_view=keep_in_view,
+        )
+        self.num_envs = num_envs
+        self._max_episode_steps = max_episode_steps
+        self._autoreset = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._autoreset}
+        self.single_observation_space = observation_space(tell)
+        self.single_action_space = action_space()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._steps = np.zeros(num_envs, np.int64)
+        self._over = np.zeros(num_envs, bool)
+
+    @property
+    def worlds(self) -> list[World]:
+        """The hidden world of each row. For experiments, not for controllers."""
+        return [self.arms.world(row) for row in range(self.num_envs)]
+
+    def set_world(self, world: World, row: int | None = None) -> None:
+        """Puts one row, or every row, into `world`; later seeds draw objects and noise only."""
+        for r in range(self.num_envs) if row is None else [row]:
+            self.arms.set_world(r, world)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begins a trial in every row, or in those of a mask.
+
+        Args:
+            seed: Row i is seeded with seed + i; or one seed a row, None where a row just goes on.
+            options: {"object": (x, y, z)} or one object a row (num_envs, 3), in m; {"reset_mask": (num_envs,)
+                of bool}: only these rows begin a trial, the others stay as they are.
+        """
+        given = dict(options or {})
+        rows = self._masked(given.pop("reset_mask", None))
+        seeds = self._row_seeds(seed)
+        for row in rows:
+            if (row_seed := seeds[row]) is not None:
+                self.arms.seed(row, row_seed)
+        objects = placed_objects(given, self.num_envs)
+        struck = self._begin(rows, None if objects is None else objects[rows])
+        self.arms.look()
+        observation, _, success = self._outcome()
+        return observation, self._infos(success, np.zeros(self.num_envs), struck)
+
+    def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
+        """Executes one motion in every row whose trial is not over.
+
+        Raises:
+            gymnasium.error.ResetNeeded: A trial is over, and nobody began the next (autoreset disabled).
+        """
+        words = control_words(actions, (self.num_envs, len(MOTORS)))
+        over, beginning = self._over.copy(), np.flatnonzero(self._over)
+        seconds = np.zeros(self.num_envs)
+        if not len(beginning):
+            seconds, struck = self.arms.move(slice(None), words)
+        elif self._autoreset is AutoresetMode.NEXT_STEP:
+            struck = self._begin(beginning)
+            moving = np.flatnonzero(~over)
+            if len(moving):
+                seconds[moving], more = self.arms.move(moving, words[moving])
+                struck += more
+        else:
+            raise gym.error.ResetNeeded(
+                f"the trials of rows {beginning.tolist()} are over: reset them, with a reset_mask in options"
+            )
+        self._steps += ~over
+        self.arms.look()
+        observation, distances, success = self._outcome()
+        rewards = np.where(over, 0.0, self._reward(distances, success))
+        terminated = success & ~over if self._ends else np.zeros(self.num_envs, bool)
+        truncated = self._steps >= self._max_episode_steps
+        self._over = terminated | truncated
+        infos = self._infos(success, seconds, struck)
+        if self._autoreset is AutoresetMode.SAME_STEP and self._over.any():
+            observation, infos = self._begin_at_once(observation, infos)
+        return observation, rewards, terminated, truncated, infos
+
+    def _begin(self, rows: NDArray[np.intp], objects: NDArray[np.float64] | None = None) -> list[Perturbed]:
+        self._steps[rows] = 0
+        self._over[rows] = False
+        return self.arms.begin_trial(rows, objects)
+
+    def _begin_at_once(
+        self, final: Observation, final_infos: dict[str, Any]
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begins the next trials of the rows that are over; their last observations go into infos."""
+        over = self._over.copy()
+        struck = self._begin(np.flatnonzero(over))
+        self.arms.look()
+        observation, _, success = self._outcome()
+        infos = self._infos(success, np.where(over, 0.0, final_infos["robot_seconds"]), struck)
+        return observation, infos | {
+            "final_obs": final,
+            "_final_obs": over,
+            "final_info": final_infos,
+            "_final_info": over,
+        }
+
+    def render(self) -> Any:
+        """One frame a row, as `StereoArmEnv.render`; None without a render mode."""
+        frames = tuple(self._frame(row) for row in range(self.num_envs))
+        return frames if self.render_mode else None
+
+    def _row_seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        rows = range(self.num_envs)
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + row for row in rows]
+        seeds = [None] * self.num_envs if seed is None else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed has {len(seeds)} entries; it must have {self.num_envs}, one a row")
+        drawn = int(self.np_random.integers(2**31))
+        return [
+            drawn + row if seeds[row] is None and self.arms.needs_seed(row) else seeds[row] for row in rows
+        ]
+
+    def _masked(self, mask: Any) -> NDArray[np.intp]:
+        """The rows that a reset is for."""
+        if mask is None:
+            return np.arange(self.num_envs)
+        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,):
+            raise ValueError(f"options['reset_mask'] is {mask!r}; it must be a bool array ({self.num_envs},)")
+        if not mask.any():
+            raise ValueError("options['reset_mask'] is False everywhere; at least one row must begin")
+        return np.flatnonzero(mask)
+
+    def _infos(self, success: Any, seconds: Any, struck: list[Perturbed]) -> dict[str, Any]:
+        every = np.ones(self.num_envs, bool)
+        truth = self._truth()
+        truth |= {"_" + key: every for key in truth}
+        perturbed, was_perturbed = np.empty(self.num_envs, object), np.zeros(self.num_envs, bool)
+        for row, perturbation in struck:
+            was_perturbed[row] = True
+            perturbed[row] = [*(perturbed[row] or ()), perturbation]
+        infos = {
+            "is_success": success,
+            "robot_seconds": seconds,
+            "perturbed": perturbed,
+            "truth": truth,
+        }
+        return infos | {"_" + key: every for key in infos} | {"_perturbed": was_perturbed}
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Frees the renderer, if an image was ever asked for."""
+        self._free_renderer()

@@ -1,0 +1,148 @@
+"""Schedules: when perturbations strike, as they stand in YAML."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.errors import near_misses
+from calfree_gym.perturbations.base import Perturbation
+from calfree_gym.perturbations.types import parse_perturbation
+from calfree_gym.perturbations.undo import Undo
+
+CLOCKS = ("motion", "trial")
+WHENS = ("at", "every", "drift")
+
+
+@dataclass(frozen=True)
+class Event:
+    """One entry of a schedule.
+
+    Attributes:
+        clock: "motion": counted over the environment's life, in mid-trial too; or "trial".
+        at: How many motions or trials have gone before it strikes.
+        perturbation: What it does, or which event it undoes.
+        every: Whether it strikes again each time as many more have gone.
+        drift: Whether what it does is a step of a drift.
+    """
+
+    clock: str
+    at: int
+    perturbation: Perturbation | Undo
+    every: bool = False
+    drift: bool = False
+
+    def strikes(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether it strikes when so many motions or trials have gone (n,)."""
+        if self.every:
+            return (counts > 0) & (counts % self.at == 0)
+        return counts == self.at
+
+
+Schedule = tuple[Event, ...]
+
+
+def parse_schedule(entries: Iterable[Mapping[str, Any]] | None, where: str = "perturbations") -> Schedule:
+    """Reads a list such as `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`.
+
+    `do` names a type of `perturbations.TYPES` and any of its settings. Beside it stands one of
+
+    - `at: {motion: n}` or `at: {trial: n}`: it strikes once, when n motions or trials have gone since the
+      environment was seeded, before the next;
+    - `every: {motion: n}` or `every: {trial: n}`: it strikes each time that n more have gone, and draws anew
+      what it is not given;
+    - `drift: {per: motion}` or `drift: {per: trial}`: before each but the first, the world goes one step
+      further on a way that is drawn once, and turns back where the cameras would no longer see the work
+      space (with `keep_in_view`) or a quantity is at the end of its range. What the settings give is one
+      step; amounts that they do not give are a hundredth of what the perturbation draws.
+
+    `at: {every: ...}` and `at: {drift: ...}` are read likewise.
+
+    Beside `at`, `undo: k` may stand in place of `do`: what the entry at place k (from 0) has changed is again
+    as it was before; what else has happened since stays. So the old camera comes back, where entry k replaced
+    it. Entry k is one that strikes once, earlier and on the same clock.
+
+    Args:
+        entries: The list; None is an empty one.
+        where: What errors call it.
+
+    Raises:
+        ValueError: An entry is malformed; names it by its place, what was found and what is allowed.
+    """
+    if entries is None:
+        return ()
+    if isinstance(entries, Mapping | str) or not isinstance(entries, Iterable):
+        raise ValueError(f"{where} is {entries!r}; it must be a list of {{at: ..., do: ...}}")
+    events: list[Event] = []
+    for i, entry in enumerate(entries):
+        events.append(entry if isinstance(entry, Event) else _event(entry, f"{where}.{i}", events))
+    return tuple(events)
+
+
+def _event(entry: Mapping[str, Any], where: str, earlier: list[Event]) -> Event:
+    if isinstance(entry, Mapping) and entry.keys() == {"at", "undo"}:
+        return _undoing(entry, where, earlier)
+    if not isinstance(entry, Mapping) or len(entry) != 2 or "do" not in entry:
+        raise ValueError(
+            f"{where} is {entry!r}; it must be a mapping of do and one of {', '.join(WHENS)}, "
+            "or of at and undo"
+        )
+    ((how, when),) = ((key, value) for key, value in entry.items() if key != "do")
+    if how not in WHENS:
+        raise ValueError(f"{where} has {how!r}{near_misses(how, WHENS)}; allowed: do and {', '.join(WHENS)}")
+    place = f"{where}.{how}"
+    if how == "at" and isinstance(when, Mapping) and len(when) == 1 and set(when) <= set(WHENS):
+        ((how, when),) = when.items()
+        place = f"{place}.{how}"
+    do = entry["do"]
+    perturbation = do if isinstance(do, Perturbation) else parse_perturbation(do, f"{where}.do")
+    if how == "drift":
+        return Event(_drifting(when, place), 1, perturbation, every=True, drift=True)
+    clock, count = _count(when, place)
+    if how == "every" and count == 0:
+        raise ValueError(f"{place}.{clock} is 0; it must be at least 1")
+    return Event(clock, count, perturbation, every=how == "every")
+
+
+def _undoing(entry: Mapping[str, Any], where: str, earlier: list[Event]) -> Event:
+    clock, count = _count(entry["at"], f"{where}.at")
+    allowed = [
+        i
+        for i, event in enumerate(earlier)
+        if event.clock == clock
+        and event.at < count
+        and not (event.every or isinstance(event.perturbation, Undo))
+    ]
+    place = entry["undo"]
+    if isinstance(place, bool) or place not in allowed:
+        raise ValueError(
+            f"{where}.undo is {place!r}; it must be the place of an entry before it that strikes once, "
+            f"at an earlier {clock}: {', '.join(map(str, allowed)) or 'there is none'}"
+        )
+    return Event(clock, count, Undo(int(place)))
+
+
+def _count(when: Any, where: str) -> tuple[str, int]:
+    if not isinstance(when, Mapping) or len(when) != 1:
+        raise ValueError(f"{where} is {when!r}; it must be one of {{motion: n}}, {{trial: n}}")
+    ((clock, count),) = when.items()
+    if clock not in CLOCKS:
+        raise ValueError(f"{where} has {clock!r}{near_misses(clock, CLOCKS)}; allowed: {', '.join(CLOCKS)}")
+    if isinstance(count, bool) or not isinstance(count, int) or count < 0:
+        raise ValueError(f"{where}.{clock} is {count!r}; it must be a whole number, 0 or more")
+    return clock, count
+
+
+def _drifting(when: Any, where: str) -> str:
+    if not isinstance(when, Mapping) or set(when) != {"per"}:
+        raise ValueError(f"{where} is {when!r}; it must be {{per: motion}} or {{per: trial}}")
+    clock = when["per"]
+    if clock not in CLOCKS:
+        raise ValueError(
+            f"{where}.per is {clock!r}{near_misses(clock, CLOCKS)}; allowed: {', '.join(CLOCKS)}"
+        )
+    return str(clock)

@@ -1,0 +1,1 @@
+"""The stereo pair, and what a measurement of its image points adds."""

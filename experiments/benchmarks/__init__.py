@@ -1,0 +1,1 @@
+"""What agents and environments reach, and how fast: `python -m experiments benchmark`."""

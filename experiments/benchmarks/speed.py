@@ -1,0 +1,235 @@
+"""Speed as ratios, measured in turns within one run, so that a drifting machine cancels."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from typing import Any
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from calfree_gym.robot.simulation import SUBSTEPS, build_model
+from experiments.benchmarks.peer import Peer
+
+REACH = "calfree_gym:CalFree/Reach-v0"
+ROUNDS = 60
+FLOORS = {("PandaReach-v3", 1): 5.0, ("PandaReach-v3", 256): 9.0}
+"""The least ratio of physics substeps a second that the project asks of itself beside a peer, by our rows."""
+WAIST_TIMESTEP = float(build_model("waist").opt.timestep)
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """One line of the benchmark.
+
+    Attributes:
+        name: What was compared with what.
+        unit: What is counted a second: "environment steps", "physics substeps" or "simulated seconds".
+        ratio: Median over rounds of our rate by the other's, each pair timed in turn.
+        wanted: The least that the project asks of itself, if it asks.
+        ours, other: Counts a second, medians.
+        rounds: How many pairs.
+    """
+
+    name: str
+    unit: str
+    ratio: float
+    wanted: float | None
+    ours: float
+    other: float
+    rounds: int
+
+
+@dataclass(frozen=True)
+class Speed:
+    """All lines of one benchmark, and where it was made."""
+
+    ratios: tuple[Ratio, ...]
+    machine: dict[str, Any]
+
+    def __str__(self) -> str:
+        width = max(len(f"{r.name}, {r.unit}") for r in self.ratios)
+        lines = [f"{'':{width}}{'ratio':>8}{'wanted':>8}{'ours/s':>13}{'other/s':>13}"]
+        for r in self.ratios:
+            wanted = "" if r.wanted is None else f"{r.wanted:.2f}"
+            numbers = f"{r.ratio:8.2f}{wanted:>8}{r.ours:13,.0f}{r.other:13,.0f}"
+            lines.append(f"{f'{r.name}, {r.unit}':{width}}{numbers}")
+        lines.append(", ".join(f"{key} {value}" for key, value in self.machine.items()))
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values, for JSON."""
+        return asdict(self)
+
+
+def speed(peers: Sequence[str] = (), rounds: int = ROUNDS) -> Speed:
+    """Measures all ratios; peers, as "PYTHON=ENV_ID", beside them.
+
+    Raises:
+        ConfigError: A peer cannot be had.
+    """
+    machine: dict[str, Any] = {
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        **{name: version(name) for name in ("mujoco", "gymnasium", "numpy", "stable-baselines3", "torch")},
+    }
+    with ExitStack() as stack:
+        others = [stack.enter_context(Peer(spec)) for spec in peers]
+        ratios = [_single(rounds), _batched(rounds), _kinematic(rounds)]
+        ratios += [_ppo("kinematic", 0.70, rounds), _ppo("physics", None, rounds)]
+        for peer in others:
+            for rows in (1, 256):
+                ratios += _beside(peer, rows, FLOORS.get((peer.env_id, rows)), rounds)
+            machine[peer.env_id] = " ".join(f"{k} {v}" for k, v in peer.versions.items())
+    return Speed(tuple(ratios), machine)
+
+
+def _single(rounds: int) -> Ratio:
+    """One environment against `mj_step` over the same substeps, one thread."""
+    steps = 50
+    model = build_model("waist")
+    data = mujoco.MjData(model)
+
+    def bare() -> None:
+        for _ in range(steps * SUBSTEPS):
+            mujoco.mj_step(model, data)
+
+    with _pinned(1):
+        return _ratio("one environment / bare mj_step", 0.85, _stepping(1, steps), bare, steps, rounds)
+
+
+def _batched(rounds: int) -> Ratio:
+    """256 rows on all cores against a bare `Batch` over the same substeps."""
+    rows, steps = 256, 4
+    batch = Batch(build_model("waist"), rows)
+
+    def bare() -> None:
+        for _ in range(steps):
+            batch.step(nstep=SUBSTEPS)
+
+    name = f"{rows} rows / bare Batch"
+    return _ratio(name, 0.90, _stepping(rows, steps), bare, steps * rows, rounds)
+
+
+def _kinematic(rounds: int) -> Ratio:
+    """1,024 rows of kinematic dynamics on all cores against a bare `Batch.forward(POS)`."""
+    rows, steps = 1024, 60
+    batch = Batch(build_model("waist"), rows)
+    stage = int(mujoco.mjtStage.mjSTAGE_POS)
+
+    def bare() -> None:
+        for _ in range(steps):
+            batch.forward(stage=stage)
+
+    name = f"{rows:,} kinematic rows / bare Batch.forward(POS)"
+    ours = _stepping(rows, steps, dynamics="kinematic")
+    return _ratio(name, 0.40, ours, bare, steps * rows, rounds)
+
+
+def _ppo(dynamics: str, wanted: float | None, rounds: int) -> Ratio:
+    """PPO through `make_sb3_env` against PPO on an environment that costs nothing, 64 rows, defaults."""
+    import torch
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecMonitor
+
+    from calfree_gym.sb3 import make_sb3_env
+    from experiments.benchmarks.free_env import FreeVecEnv
+
+    torch.set_num_threads(1)
+    rows, steps = 64, 64
+    env = make_sb3_env(n_envs=rows, dynamics=dynamics)
+    free = VecMonitor(FreeVecEnv(rows, env.observation_space, env.action_space))
+    ours, other = (PPO("MultiInputPolicy", each, n_steps=steps, seed=0, device="cpu") for each in (env, free))
+
+    def learning(model: PPO) -> Callable[[], object]:
+        return lambda: model.learn(rows * steps, reset_num_timesteps=False)
+
+    name = f"PPO, 64 {dynamics} rows / PPO on a free environment"
+    rounds = max(rounds // 6, 1)
+    return _ratio(name, wanted, learning(ours), learning(other), rows * steps, rounds)
+
+
+def _beside(peer: Peer, rows: int, wanted: float | None, rounds: int) -> list[Ratio]:
+    """Our environment, on one core or in rows on all, against a peer's, which has one row."""
+    steps = 50 if rows == 1 else 4
+    stepping = _stepping(rows, steps)
+    seconds = np.empty((rounds, 2))
+    with _pinned(1 if rows == 1 else os.cpu_count() or 1):
+        for row in seconds:
+            row[:] = _seconds(stepping), peer.seconds(50)
+    ours, other = (steps * rows, 50) / np.median(seconds, axis=0)
+    ratio = float(np.median(seconds[:, 1] / seconds[:, 0])) * steps * rows / 50
+    name = f"{'one environment' if rows == 1 else f'{rows} rows'} / {peer.env_id}"
+    found = [Ratio(name, "environment steps", ratio, None, float(ours), float(other), rounds)]
+    if peer.substeps:
+        more = SUBSTEPS / peer.substeps
+        rates = float(ours) * SUBSTEPS, float(other) * peer.substeps
+        found.append(Ratio(name, "physics substeps", ratio * more, wanted, *rates, rounds))
+        if peer.timestep:
+            more *= WAIST_TIMESTEP / peer.timestep
+            rates = rates[0] * WAIST_TIMESTEP, rates[1] * peer.timestep
+            found.append(Ratio(name, "simulated seconds", ratio * more, None, *rates, rounds))
+    return found
+
+
+def _stepping(rows: int, steps: int, **arguments: Any) -> Callable[[], None]:
+    """Makes motions there and back again, so that registers stay where they can be."""
+    words = np.random.default_rng(0).uniform(-0.1, 0.1, (steps, rows, 3)).astype(np.float32)
+    words[1::2] = -words[::2]
+    env: Any
+    if rows == 1:
+        env = gym.make(REACH, terminate_on_success=False, **arguments).unwrapped
+        words = words[:, 0]
+    else:
+        env = gym.make_vec(REACH, num_envs=rows, **arguments)
+    env.reset(seed=0)
+
+    def ours() -> None:
+        for word in words:
+            env.step(word)
+
+    return ours
+
+
+def _ratio(
+    name: str,
+    wanted: float | None,
+    ours: Callable[[], object],
+    other: Callable[[], object],
+    steps: int,
+    rounds: int,
+) -> Ratio:
+    seconds = np.array([(_seconds(ours), _seconds(other)) for _ in range(rounds)])
+    ratio = float(np.median(seconds[:, 1] / seconds[:, 0]))
+    ours_s, other_s = np.median(seconds, axis=0)
+    return Ratio(
+        name, "environment steps", ratio, wanted, steps / float(ours_s), steps / float(other_s), rounds
+    )
+
+
+def _seconds(function: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    function()
+    return time.perf_counter() - start
+
+
+@contextmanager
+def _pinned(cores: int) -> Iterator[None]:
+    """Holds the process to this many cores, where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, set(sorted(before)[:cores]))
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)

@@ -1,0 +1,1 @@
+"""A comparison, read from YAML into frozen models."""

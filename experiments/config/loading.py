@@ -1,0 +1,135 @@
+"""Reading a suite from a YAML file, with errors that say where, what and what else."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from calfree_gym.errors import near_misses
+from experiments.config.overrides import with_overrides
+from experiments.config.requirements import asked
+from experiments.config.suite import Suite
+from experiments.errors import ConfigError
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """`yaml.SafeLoader`, except that a key that stands twice is an error."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        for (key_node, _), key in zip(node.value, keys, strict=True):
+            if keys.count(key) > 1:
+                line = key_node.start_mark.line + 1
+                raise yaml.YAMLError(f"line {line}: the key {key!r} stands twice")
+        return super().construct_mapping(node, deep)
+
+
+def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
+    """Reads and validates a suite; every environment, and every agent in it, is built once.
+
+    Args:
+        path: A YAML file. An agent's `settings` may name a YAML file, relative to this one.
+        overrides: Values to put in place of those in the file, such as "worlds=2".
+
+    Raises:
+        ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
+    """
+    data = read_yaml(path)
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
+    data = with_overrides(_with_settings_files(data, path.parent), overrides)
+    try:
+        suite = Suite.model_validate(_with_settings_files(data, path.parent))
+    except ValidationError as error:
+        wrong = [_describe(details) for details in _own_errors(error)]
+    else:
+        wrong = _unbuildable(suite)
+    if wrong:
+        raise ConfigError("\n".join([f"{path}:", *(f"  {line}" for line in wrong)]))
+    return suite
+
+
+def read_yaml(path: Path) -> Any:
+    """The plain values in a YAML file.
+
+    Raises:
+        ConfigError: The file cannot be read, is no YAML, or has a key twice.
+    """
+    try:
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from None
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: is not valid YAML: {error}") from None
+
+
+def _with_settings_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    if not isinstance(data.get("agents"), list):
+        return data
+    return {**data, "agents": [_with_settings_file(agent, folder) for agent in data["agents"]]}
+
+
+def _with_settings_file(agent: Any, folder: Path) -> Any:
+    if isinstance(agent, dict) and isinstance(agent.get("settings"), str):
+        return {**agent, "settings": read_yaml(folder / agent["settings"])}
+    return agent
+
+
+def _unbuildable(suite: Suite) -> list[str]:
+    """What is wrong with environments and settings, found by building each once."""
+    wrong = {}
+    for i, scenario in enumerate(suite.scenarios):
+        try:
+            scenario.env.make(scenario.perturbations).close()
+        except ValueError as error:
+            wrong[f"scenarios.{i}.env"] = f"{error}"
+    for env in [scenario.env for scenario in suite.scenarios] + [sweep.env for sweep in suite.sweeps]:
+        for j, agent in enumerate(suite.agents):
+            try:
+                asked(agent, env)
+            except Exception as error:  # whatever a library raises at a setting that it cannot use
+                wrong[f"agents.{j}.settings"] = f"found {_short(agent.settings)}: {error}"
+    return [f"{where}: {what}" for where, what in wrong.items()]
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 200 else text[:200] + "…"
+
+
+def _own_errors(error: ValidationError) -> list[dict[str, Any]]:
+    """Without those that only count wrong items as missing."""
+    found: list[dict[str, Any]] = [dict(details) for details in error.errors()]
+    within = {details["loc"][:depth] for details in found for depth in range(len(details["loc"]))}
+    return [details for details in found if details["loc"] not in within]
+
+
+def _describe(error: dict[str, Any]) -> str:
+    where = ".".join(str(part) for part in error["loc"])
+    message = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "missing":
+        return f"{where}: missing"
+    if error["type"] == "extra_forbidden":
+        allowed = _siblings(error["loc"])
+        hint = near_misses(error["loc"][-1], allowed)
+        return f"{where}: unknown key{hint}; allowed: {', '.join(allowed)}"
+    if message.startswith(f"{error['loc'][-1]}."):  # it has a path of its own, further in
+        return ".".join([*map(str, error["loc"][:-1]), message])
+    return f"{where}: found {_short(error['input'])}: {message}"
+
+
+def _siblings(location: tuple[str | int, ...]) -> list[str]:
+    """The keys that are allowed beside the one at `location`."""
+    model: type[BaseModel] = Suite
+    for part in location[:-1]:
+        if isinstance(part, str):
+            model = _model_in(model.model_fields[part].annotation)
+    return list(model.model_fields)
+
+
+def _model_in(annotation: Any) -> type[BaseModel]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(_model_in(argument) for argument in get_args(annotation) if argument is not ...)

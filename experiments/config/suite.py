@@ -1,0 +1,235 @@
+"""What is compared with what: a suite, read from YAML into frozen models."""
+
+from itertools import pairwise
+from typing import Annotated, Any, Literal
+
+import gymnasium
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+
+import agents
+import calfree_gym
+from calfree_gym.errors import near_misses
+from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.perturbations.schedule import parse_schedule
+from calfree_gym.perturbations.types import TYPES, parse_perturbation
+from calfree_gym.world import DISTRIBUTIONS
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+
+
+def _one_of(found: str, allowed: tuple[str, ...]) -> str:
+    if found in allowed:
+        return found
+    raise ValueError(f"unknown{near_misses(found, allowed)}; allowed: {', '.join(allowed)}")
+
+
+class Model(BaseModel):
+    """A frozen value that knows all its keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class EnvironmentConfig(Model):
+    """The arguments of `gymnasium.make`."""
+
+    id: str
+    world: str
+    camera_mount: str = "waist"
+    tolerance_px: float = Field(4.0, gt=0, lt=IMAGE_SIZE)
+    dynamics: Literal["physics", "kinematic"] = "physics"
+    max_episode_steps: int = Field(60, gt=0)
+    redraw: Literal["never", "trial"] = "never"
+    terminate_on_success: bool = True
+    keep_in_view: bool = True
+
+    @field_validator("id")
+    @classmethod
+    def _known_id(cls, value: str) -> str:
+        return _one_of(value, tuple(k for k in gymnasium.registry if k.startswith("CalFree/")))
+
+    @field_validator("world")
+    @classmethod
+    def _known_world(cls, value: str) -> str:
+        return _one_of(value, tuple(DISTRIBUTIONS))
+
+    @field_validator("camera_mount")
+    @classmethod
+    def _known_mount(cls, value: str) -> str:
+        return _one_of(value, calfree_gym.MOUNTS)
+
+    def make(
+        self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()
+    ) -> gymnasium.Env[Any, Any]:
+        """Builds the environment for an agent that must be told `tell`."""
+        arguments = {**self.model_dump(exclude={"id"}), "tell": tell}
+        return gymnasium.make(self.id, perturbations=list(perturbations) or None, **arguments)
+
+
+class ScenarioConfig(Model):
+    """The life that every agent leads: where, for how many motions or trials, and how it is perturbed."""
+
+    name: Name
+    env: EnvironmentConfig
+    motions: int | None = Field(None, gt=0)
+    trials: int | None = Field(None, gt=0, validate_default=True)
+    perturbations: tuple[dict[str, Any], ...] = Field((), strict=False)
+
+    @field_validator("trials")
+    @classmethod
+    def _motions_or_trials(cls, value: int | None, info: ValidationInfo) -> int | None:
+        if "motions" in info.data and (info.data["motions"] is None) == (value is None):
+            given = "neither is" if value is None else "both are"
+            raise ValueError(f"a life is of so many motions, or of so many trials; {given} given")
+        return value
+
+    @field_validator("perturbations")
+    @classmethod
+    def _within_the_life(
+        cls, value: tuple[dict[str, Any], ...], info: ValidationInfo
+    ) -> tuple[dict[str, Any], ...]:
+        for i, event in enumerate(parse_schedule(list(value))):
+            length = info.data.get(f"{event.clock}s")
+            if length is not None and event.at >= length:
+                raise ValueError(
+                    f"perturbations.{i}.at.{event.clock} is {event.at}: never, "
+                    f"in a life of {length} {event.clock}s"
+                )
+        return value
+
+    @property
+    def length(self) -> tuple[int, str]:
+        """How long a life is, and what it is counted in: "motions" or "trials"."""
+        return (self.motions, "motions") if self.motions is not None else (self.trials or 0, "trials")
+
+    @property
+    def most_motions(self) -> int:
+        """The most motions that a life can have."""
+        length, of = self.length
+        return length if of == "motions" else length * self.env.max_episode_steps
+
+
+class SweepConfig(Model):
+    """One setting of one perturbation, varied: how every agent, untaught, does at each of its values."""
+
+    name: Name
+    env: EnvironmentConfig
+    do: dict[str, Any]
+    vary: str
+    over: tuple[int | float, ...] = Field(min_length=1, strict=False)
+
+    @field_validator("do")
+    @classmethod
+    def _known_perturbation(cls, value: dict[str, Any]) -> dict[str, Any]:
+        parse_perturbation(value, "do")
+        return value
+
+    @field_validator("vary")
+    @classmethod
+    def _a_number_of_it(cls, value: str, info: ValidationInfo) -> str:
+        do = info.data.get("do")
+        if do is None:
+            return value
+        settings = TYPES[do["type"]].settings()
+        numbers = tuple(name for name, setting in settings.items() if not setting.names)
+        if value in do:
+            raise ValueError(f"do gives {value} already")
+        return _one_of(value, tuple(name for name in numbers if name not in do))
+
+    @field_validator("over")
+    @classmethod
+    def _ascending_and_allowed(cls, value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        if {"do", "vary"} <= info.data.keys():
+            for i, found in enumerate(value):
+                parse_perturbation({**info.data["do"], info.data["vary"]: found}, f"over.{i}")
+        if any(later <= earlier for earlier, later in pairwise(value)):
+            raise ValueError("the values must ascend")
+        return value
+
+    def perturbations(self, value: float) -> tuple[dict[str, Any], ...]:
+        """The schedule at one of the values: it strikes before a world's first trial."""
+        return ({"at": {"trial": 0}, "do": {**self.do, self.vary: value}},)
+
+
+class EvaluationConfig(Model):
+    """Held-out trials, every so many lifetime motions and right after a perturbation."""
+
+    every: int = Field(gt=0)
+    trials: int = Field(gt=0)
+
+
+class AgentConfig(Model):
+    """An agent by name, or a name alone, with its settings; `label` tells apart two of the same name."""
+
+    name: str
+    label: Name
+    settings: dict[str, Any] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _label_defaults_to_name(cls, data: Any) -> Any:
+        if isinstance(data, str):
+            return {"label": data, "name": data}
+        if isinstance(data, dict) and "name" in data:
+            return {"label": data["name"], **data}
+        return data
+
+    @field_validator("name")
+    @classmethod
+    def _known_name(cls, value: str) -> str:
+        return _one_of(value, agents.names())
+
+
+class Suite(Model):
+    """A question, and the runs that answer it: every agent in every scenario and sweep, in every world."""
+
+    name: Name
+    question: str
+    seed: int = Field(0, ge=0)
+    worlds: int = Field(gt=0)
+    scenarios: tuple[ScenarioConfig, ...] = Field((), strict=False)
+    sweeps: tuple[SweepConfig, ...] = Field((), strict=False, validate_default=True)
+    evaluation: EvaluationConfig | None = EvaluationConfig(every=1_000, trials=20)
+    agents: tuple[AgentConfig, ...] = Field(min_length=1, strict=False)
+
+    @field_validator("scenarios")
+    @classmethod
+    def _distinct_scenarios(cls, value: tuple[ScenarioConfig, ...]) -> tuple[ScenarioConfig, ...]:
+        _distinct([scenario.name for scenario in value], "name")
+        return value
+
+    @field_validator("sweeps")
+    @classmethod
+    def _something_to_run(
+        cls, value: tuple[SweepConfig, ...], info: ValidationInfo
+    ) -> tuple[SweepConfig, ...]:
+        scenarios = info.data.get("scenarios")
+        if scenarios == () == value:
+            raise ValueError("there is nothing to run: neither scenarios nor sweeps are given")
+        _distinct([part.name for part in scenarios or ()] + [sweep.name for sweep in value], "name")
+        return value
+
+    @field_validator("agents")
+    @classmethod
+    def _distinct_agents(cls, value: tuple[AgentConfig, ...]) -> tuple[AgentConfig, ...]:
+        _distinct([agent.label for agent in value], "label")
+        return value
+
+    @field_validator("evaluation")
+    @classmethod
+    def _within_every_life(
+        cls, value: EvaluationConfig | None, info: ValidationInfo
+    ) -> EvaluationConfig | None:
+        for scenario in info.data.get("scenarios", ()):
+            at_most = "" if scenario.motions is not None else "at most "
+            life = f"scenario {scenario.name!r} has {at_most}{scenario.most_motions} motions"
+            if value is None and scenario.motions is not None:
+                raise ValueError(f"{life}: only lives counted in trials do without held-out trials")
+            if value is not None and value.every > scenario.most_motions:
+                raise ValueError(f"evaluation.every is {value.every}; {life}")
+        return value
+
+
+def _distinct(values: list[str], key: str) -> None:
+    twice = sorted({value for value in values if values.count(value) > 1})
+    if twice:
+        raise ValueError(f"{key} {', '.join(twice)} stands twice; give each its own {key}")

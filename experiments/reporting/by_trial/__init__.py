@@ -1,0 +1,1 @@
+"""Scenarios counted in trials: learning curves against trials."""

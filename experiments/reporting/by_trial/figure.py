@@ -1,0 +1,94 @@
+"""The learning curves of lives counted in trials, on an axis whose blocks widen after each event."""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from experiments.reporting.by_trial.summary import Blocks
+from experiments.reporting.held_out.figure import STYLE, Perturbation, line_of
+from experiments.reporting.held_out.summary import MOTIONS, SECONDS
+from experiments.reporting.statistics import Array
+
+_ROOM_FOR_WORDS = 5  # labels side by side above the panels
+
+
+def trial_curves(
+    title: str,
+    blocks_of: Callable[[str, str], Blocks],
+    agents: tuple[str, ...],
+    edges: Array,
+    perturbations: Sequence[Perturbation],
+) -> Figure:
+    """Motions per reach above robot seconds per reach; every block of trials has the same width.
+
+    Args:
+        title: Stands above both panels.
+        blocks_of: From an agent's label and a measure to its blocks.
+        agents: The labels, in the order of their colours.
+        edges: Where the blocks begin and end.
+        perturbations: Marked where they fall, between trials.
+    """
+    with plt.rc_context(STYLE):
+        figure, panels = plt.subplots(2, 1, figsize=(10, 8), sharex=True, layout="constrained")
+        for axes, measure, what in zip(panels, (MOTIONS, SECONDS), ("motions", "robot seconds"), strict=True):
+            for index, agent in enumerate(agents):
+                _draw(axes, blocks_of(agent, measure), agent, index)
+            axes.set_ylabel(f"{what} per reach")
+            axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter(NullFormatter())
+            for perturbation in perturbations:
+                axes.axvline(_place(edges, perturbation.first), color="#555555", linewidth=1, linestyle=":")
+        _name_blocks(panels[1], edges)
+        _name_events(panels[0], edges, perturbations)
+        figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(4, max(1, len(labels))))
+    return figure
+
+
+def _draw(axes: Axes, blocks: Blocks, agent: str, index: int) -> None:
+    line: dict[str, Any] = line_of(index)
+    cells = blocks.cells()
+    places = np.arange(len(cells)) + 0.5
+    low, high = [cell.low for cell in cells], [cell.high for cell in cells]
+    axes.fill_between(places, low, high, color=line["color"], alpha=0.18, linewidth=0)
+    axes.plot(places, [cell.value for cell in cells], label=agent, **line)
+
+
+def _place(edges: Array, trial: float) -> float:
+    """Where on the axis so many trials have gone."""
+    return float(np.interp(trial, edges, np.arange(len(edges))))
+
+
+def _name_blocks(axes: Axes, edges: Array) -> None:
+    names = [span(first, end) for first, end in pairwise(edges)]
+    axes.set_xticks(np.arange(len(names)) + 0.5, names, rotation=60, ha="right", rotation_mode="anchor")
+    axes.tick_params(axis="x", labelsize=8)
+    axes.set_xlim(0, len(names))
+    axes.set_xlabel("trials")
+
+
+def _name_events(axes: Axes, edges: Array, perturbations: Sequence[Perturbation]) -> None:
+    for perturbation in perturbations if len(perturbations) <= _ROOM_FOR_WORDS else ():
+        axes.annotate(
+            perturbation.what.replace(" (", "\n("),
+            (_place(edges, perturbation.first), 1),
+            xycoords=("data", "axes fraction"),
+            xytext=(2, 3),
+            textcoords="offset points",
+            fontsize=8,
+            color="#555555",
+        )
+
+
+def span(first: float, end: float) -> str:
+    """The trials of a block in words, counted from 1."""
+    return f"{end:,.0f}" if end == first + 1 else f"{first + 1:,.0f}–{end:,.0f}"

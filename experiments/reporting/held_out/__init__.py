@@ -1,0 +1,1 @@
+"""Scenarios with held-out trials: learning curves against lifetime motions."""

@@ -1,0 +1,1 @@
+"""Sweeps: success and motions against one setting of a perturbation."""

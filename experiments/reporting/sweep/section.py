@@ -1,0 +1,88 @@
+"""A sweep's part of the report."""
+
+import numpy as np
+
+from calfree_gym.perturbations.types import TYPES
+from experiments.config.suite import SweepConfig
+from experiments.reporting.held_out import figure as figures
+from experiments.reporting.pages import Section, Table, percent
+from experiments.reporting.results import Finished
+from experiments.reporting.sweep.figure import sweep_figure
+from experiments.reporting.sweep.summary import Point, points
+
+_SHOWN = 5
+"""Values that stand in the table; the figure has all."""
+
+_ALL = "_all"
+
+_HOW_TO_READ_FIGURES = (
+    "Bands: 95 % Wilson intervals of success; of the median motions, 95 % bootstrap intervals over worlds. "
+    "Thin: the share that an agent's first motion brings there, if any. Grey: the share of trials that begin "
+    "out of view, which are in no other number. A trial ends at the rendezvous that is observed: where noise "
+    "or outliers hide it, the trial lasts to the cap, and what counts is where the gripper is then."
+)
+
+_HOW_TO_READ = (
+    "In view: trials in whose first look both cameras show gripper and object, the same for every agent; "
+    "the others stand apart, and are in no other number. Success: the share that reaches by the noise-free "
+    "truth, with the 95 % Wilson interval. Then the median motions of those that reach; in brackets the "
+    "share that its first motion brings there, if any. Where fewer than a tenth reach, no median is told."
+)
+
+
+def sweep_sections(finished: Finished) -> list[Section]:
+    """Where there are several sweeps, all in one figure; then each with its curves and a table."""
+    sweeps, labels = finished.suite.sweeps, [agent.label for agent in finished.suite.agents]
+    curves = {
+        sweep.name: {label: points(finished.results, sweep, label, finished.suite.worlds) for label in labels}
+        for sweep in sweeps
+    }
+
+    def drawn(name: str, *of: SweepConfig) -> dict[str, str]:
+        return {name: figures.save(sweep_figure(of, curves), finished.out / "figures", name)}
+
+    each = [
+        Section(
+            title=f"Sweep {sweep.name}",
+            text=_about(finished, sweep),
+            figures=drawn(sweep.name, sweep),
+            table=_table(curves[sweep.name], sweep),
+            note=_HOW_TO_READ,
+        )
+        for sweep in sweeps
+    ]
+    if len(sweeps) < 2:
+        return each
+    return [Section(title="All sweeps", figures=drawn(_ALL, *sweeps), note=_HOW_TO_READ_FIGURES), *each]
+
+
+def _about(finished: Finished, sweep: SweepConfig) -> str:
+    env, do = sweep.env, sweep.do
+    settings = [f"{key} {value}" for key, value in do.items() if key != "type"]
+    settings += [f"any {key}" for key in TYPES[do["type"]].settings() if key not in (*do, sweep.vary)]
+    settings.append(f"{sweep.vary} from {sweep.over[0]:g} to {sweep.over[-1]:g}")
+    return (
+        f"{do['type']} ({', '.join(settings)}) before the first trial; {env.id}, {env.world} worlds, cameras "
+        f"on the {env.camera_mount}, tolerance {env.tolerance_px:g} px, {env.dynamics} dynamics, at most "
+        f"{env.max_episode_steps} motions. At each value every agent, untaught, makes one trial in each of "
+        f"{finished.suite.worlds} worlds, the same for all agents and values."
+    )
+
+
+def _table(found: dict[str, list[Point]], sweep: SweepConfig) -> Table:
+    indices = np.unique(np.linspace(0, len(sweep.over) - 1, _SHOWN).round().astype(int))
+    first = next(iter(found.values()))
+    in_view = [f"{first[i].trials} of {first[i].worlds}" for i in indices]
+    rows = [[label, *(_cell(curve[i]) for i in indices)] for label, curve in found.items()]
+    return Table(
+        [sweep.vary, *(f"{sweep.over[i]:g}" for i in indices)], [["trials in view", *in_view], *rows]
+    )
+
+
+def _cell(point: Point) -> str:
+    if point.success is None:
+        return "–"
+    if point.motions is None:
+        return percent(point.success)
+    at_once = f" ({point.at_once:.0%})".replace("%", " %") if point.at_once else ""
+    return f"{percent(point.success)}: {point.motions.value:g}{at_once}"

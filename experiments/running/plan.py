@@ -1,0 +1,130 @@
+"""The runs of a suite, each with its seeds and a name made from everything that defines it."""
+
+import hashlib
+import json
+from typing import Any
+
+import numpy as np
+
+from experiments.config.suite import AgentConfig, EvaluationConfig, Model, ScenarioConfig, Suite, SweepConfig
+
+_WORLD, _EVALUATION, _AGENT = range(3)
+
+
+class Run(Model):
+    """What one process makes. Equal contents have equal ids.
+
+    Attributes:
+        agent: Which agent, with which settings.
+        agent_seed: Seeds what the agent draws by itself.
+    """
+
+    agent: AgentConfig
+    agent_seed: int
+
+    @property
+    def where(self) -> dict[str, Any]:
+        """What all its rows of the results have in common."""
+        raise NotImplementedError
+
+    @property
+    def work(self) -> tuple[int, str]:
+        """How much there is to do, and of what."""
+        raise NotImplementedError
+
+    @property
+    def id(self) -> str:
+        """A name for the run's folder: readable words, then the hash of the whole content."""
+        content = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        digest = hashlib.sha256(content.encode()).hexdigest()[:12]
+        return "-".join([*map(str, self.where.values()), digest])
+
+
+class LifeRun(Run):
+    """One life: an agent in a scenario in one world.
+
+    Attributes:
+        scenario: Where it lives, and how its world is perturbed.
+        evaluation: When it is evaluated on held-out trials, if ever.
+        world: Index of the world; the same for all agents that are compared in it.
+        world_seed: Seeds the world, its objects and its noise.
+        evaluation_seed: Seeds the held-out trials.
+    """
+
+    scenario: ScenarioConfig
+    evaluation: EvaluationConfig | None
+    world: int
+    world_seed: int
+    evaluation_seed: int
+
+    @property
+    def where(self) -> dict[str, Any]:
+        """See `Run`."""
+        return {"scenario": self.scenario.name, "agent": self.agent.label, "world": self.world}
+
+    @property
+    def work(self) -> tuple[int, str]:
+        """See `Run`."""
+        return self.scenario.length
+
+
+class SweepRun(Run):
+    """One agent at every value of a sweep, in every world.
+
+    Attributes:
+        sweep: What is varied.
+        world_seeds: Of worlds, their objects and their noise; the same at all values, for all agents.
+    """
+
+    sweep: SweepConfig
+    world_seeds: tuple[int, ...]
+
+    @property
+    def where(self) -> dict[str, Any]:
+        """See `Run`."""
+        return {"scenario": self.sweep.name, "agent": self.agent.label}
+
+    @property
+    def work(self) -> tuple[int, str]:
+        """See `Run`."""
+        return len(self.sweep.over) * len(self.world_seeds), "trials"
+
+
+def runs_of(suite: Suite) -> list[Run]:
+    """All runs of a suite, agent by agent."""
+    return [*_lives(suite), *_sweeps(suite)]
+
+
+def _lives(suite: Suite) -> list[LifeRun]:
+    return [
+        LifeRun(
+            agent=agent,
+            scenario=scenario,
+            evaluation=suite.evaluation,
+            world=world,
+            world_seed=_seed(suite.seed, _WORLD, world),
+            evaluation_seed=_seed(suite.seed, _EVALUATION, world),
+            agent_seed=_seed(suite.seed, _AGENT, world),
+        )
+        for scenario in suite.scenarios
+        for agent in suite.agents
+        for world in range(suite.worlds)
+    ]
+
+
+def _sweeps(suite: Suite) -> list[SweepRun]:
+    return [
+        SweepRun(
+            agent=agent,
+            sweep=sweep,
+            world_seeds=tuple(_seed(suite.seed, _WORLD, world) for world in range(suite.worlds)),
+            agent_seed=_seed(suite.seed, _AGENT, 0),
+        )
+        for sweep in suite.sweeps
+        for agent in suite.agents
+    ]
+
+
+def _seed(suite_seed: int, stream: int, world: int) -> int:
+    sequence = np.random.SeedSequence(suite_seed, spawn_key=(stream, world))
+    return int(sequence.generate_state(1)[0])

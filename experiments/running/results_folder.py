@@ -1,0 +1,170 @@
+"""A results folder: what stands where, written so that a kill at any moment loses nothing."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from experiments.config.suite import Suite
+from experiments.errors import ConfigError
+from experiments.running.plan import runs_of
+
+SUITE = "suite.json"
+LOCK = ".lock"
+SPEC = "run.json"
+VERSIONS = "versions.json"
+LOG = "log.txt"
+DONE = "DONE.json"
+FAILED = "FAILED.json"
+
+PATIENCE = 10.0
+"""Seconds in which the workers of a runner that was killed are given up for dead."""
+
+
+def folder_of(out: Path, run: str) -> Path:
+    """Where a run keeps what it makes."""
+    return out / "runs" / run
+
+
+def is_done(folder: Path) -> bool:
+    """Whether a run has finished."""
+    return (folder / DONE).exists()
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Writes a file that is there as a whole or not at all."""
+    partial = path.with_name(f"{path.name}.partial")
+    with partial.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Writes a value as JSON, as `write_whole` does."""
+    write_whole(path, json.dumps(value, indent=2))
+
+
+def read_json(path: Path) -> Any:
+    """Reads what `write_json` wrote."""
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def read_suite(out: Path) -> tuple[Suite, str]:
+    """The suite that was run in a folder last, and the command that did it.
+
+    Raises:
+        ConfigError: No suite was run there.
+    """
+    try:
+        about = read_json(out / SUITE)
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise ConfigError(f"{out}: no results here ({error.filename} is missing)") from None
+    return Suite.model_validate(about["suite"]), about["command"]
+
+
+@contextmanager
+def locked(out: Path) -> Iterator[int]:
+    """Holds the folder for one runner and its workers, who inherit the lock.
+
+    Yields:
+        The descriptor to hand to workers: the lock lasts until the last of them has ended.
+
+    Raises:
+        ConfigError: Another runner is still at work there.
+    """
+    descriptor = os.open(out / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        start = time.monotonic()
+        while not _try_lock(descriptor):
+            if time.monotonic() - start > PATIENCE:
+                raise ConfigError(
+                    f"{out}: another runner is at work here; wait for it, or give another --out"
+                )
+            time.sleep(0.1)
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def at_work(out: Path) -> bool:
+    """Whether a runner, or a worker that it left behind, is at work in the folder."""
+    if not (out / LOCK).exists():
+        return False
+    descriptor = os.open(out / LOCK, os.O_RDWR)
+    try:
+        return not _try_lock(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _try_lock(descriptor: int) -> bool:
+    if sys.platform == "win32":
+        return True
+    import fcntl
+
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def refuse_foreign(out: Path, suite: Suite, versions: dict[str, str]) -> None:
+    """Checks that all that has finished in a folder was made by this code from this configuration.
+
+    More agents, worlds and scenarios than before are no other configuration.
+
+    Raises:
+        ConfigError: Names the runs, what differs, and what can be done.
+    """
+    known = {spec.id for spec in runs_of(suite)}
+    finished = sorted(folder for folder in (out / "runs").glob("*") if is_done(folder))
+    if foreign := [folder.name for folder in finished if folder.name not in known]:
+        raise ConfigError(
+            f"{out} holds {len(foreign)} finished runs that this configuration does not have: "
+            f"{_some(foreign)}{_changed(out, suite)}. Give another --out, or delete {out}"
+        )
+    for folder in finished:
+        made_by = read_json(folder / VERSIONS)
+        other = [
+            f"{key} {made_by.get(key, 'unknown')} there, {versions[key]} here"
+            for key in versions
+            if made_by.get(key) != versions[key]
+        ]
+        if other:
+            raise ConfigError(
+                f"{folder.name} in {out} was made by other versions ({'; '.join(other)}): its results are "
+                f"not comparable. Give another --out, or delete {out}"
+            )
+
+
+def _changed(out: Path, suite: Suite) -> str:
+    """Which keys differ from the configuration that was run there last, if they can be told."""
+    if not (out / SUITE).exists():
+        return ""
+    then, now = _leaves(read_json(out / SUITE)["suite"]), _leaves(suite.model_dump(mode="json"))
+    changed = [
+        f"{key} was {then[key]!r}, is {now[key]!r}" for key in then if key in now and then[key] != now[key]
+    ]
+    gone = [f"{key} is gone" for key in then if key not in now]
+    return f" ({_some([*changed, *gone])})" if changed or gone else ""
+
+
+def _leaves(value: Any, path: str = "") -> dict[str, Any]:
+    if isinstance(value, dict):
+        pairs = value.items()
+    elif isinstance(value, list):
+        pairs = enumerate(value)  # type: ignore[assignment]
+    else:
+        return {path: value}
+    return {k: v for key, item in pairs for k, v in _leaves(item, f"{path}.{key}".lstrip(".")).items()}
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -1,0 +1,55 @@
+"""How far the runs in a results folder are."""
+
+from pathlib import Path
+
+from experiments.running.plan import Run, runs_of
+from experiments.running.progress import done_by
+from experiments.running.results_folder import (
+    FAILED,
+    LOG,
+    SPEC,
+    at_work,
+    folder_of,
+    is_done,
+    read_json,
+    read_suite,
+)
+
+
+def status(out: Path) -> tuple[str, bool]:
+    """A table of all runs of the suite that was run in a folder last, and whether any has failed.
+
+    Raises:
+        ConfigError: No suite was run there.
+    """
+    suite, command = read_suite(out)
+    runner = at_work(out)
+    rows = [(spec.id, *_state(spec, folder_of(out, spec.id), runner)) for spec in runs_of(suite)]
+    width = max(len(run) for run, _, _ in rows)
+    lines = [f"{run:{width}}  {state:11}  {detail}".rstrip() for run, state, detail in rows]
+    states = [state for _, state, _ in rows]
+    counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+    lines.append(f"{len(rows)} runs: {counts}; {'a runner is' if runner else 'no runner is'} at work")
+    lines.append(f"made by: {command}")
+    return "\n".join(lines), "failed" in states
+
+
+def _state(spec: Run, folder: Path, runner: bool) -> tuple[str, str]:
+    whole, of = spec.work
+    if is_done(folder):
+        return "done", f"{whole:,} {of}"
+    if (folder / FAILED).exists():
+        failure = read_json(folder / FAILED)
+        last = failure["log_tail"][-1] if failure["log_tail"] else "it printed nothing"
+        return "failed", f"exit code {failure['exit_code']}: {last} ({folder / LOG})"
+    if not (folder / SPEC).exists():
+        return "waiting", ""
+    made = f"{_made(folder):,} of {whole:,} {of}"
+    return ("running", made) if runner else ("interrupted", f"after {made}; begins anew")
+
+
+def _made(folder: Path) -> int:
+    if not (folder / LOG).exists():
+        return 0
+    lines = (folder / LOG).read_text(encoding="utf-8").splitlines()
+    return max((done for line in lines if (done := done_by(line)) is not None), default=0)

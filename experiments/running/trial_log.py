@@ -1,0 +1,93 @@
+"""Results: one row a trial, written line by line as JSON and compacted to Parquet at the end."""
+
+import json
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from experiments.evaluation import THRESHOLDS_PX, TrialRecord
+from experiments.running.plan import Run
+
+TRIALS = "trials.jsonl"
+
+SCHEMA = pa.schema(
+    [
+        ("run", pa.string()),
+        ("scenario", pa.string()),
+        ("agent", pa.string()),
+        ("world", pa.int64()),
+        ("phase", pa.string()),  # "train": the agent's own trials; "eval": held-out ones; "sweep"
+        ("value", pa.float64()),  # of what a sweep varies; null elsewhere
+        ("in_view", pa.bool_()),  # of a sweep's trials; null elsewhere
+        ("lifetime_motions", pa.int64()),
+        ("motions_since_perturbation", pa.int64()),  # null before the first one
+        ("trial", pa.int64()),
+        ("motions", pa.int64()),
+        ("robot_seconds", pa.float64()),
+        ("success", pa.bool_()),
+        ("error_px", pa.float64()),
+        ("distance_mm", pa.float64()),
+        *((f"motions_to_{threshold}", pa.int64()) for threshold in THRESHOLDS_PX),
+    ]
+)
+
+
+class TrialLog:
+    """The append-only curve of one run."""
+
+    def __init__(self, folder: Path):
+        self._file = (folder / TRIALS).open("w", encoding="utf-8")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
+
+    def write(
+        self,
+        phase: str,
+        lifetime_motions: int,
+        since_perturbation: int | None,
+        record: TrialRecord,
+        **columns: Any,
+    ) -> None:
+        """Appends one trial; `columns` are those that only some runs have."""
+        row = {
+            "phase": phase,
+            "lifetime_motions": lifetime_motions,
+            "motions_since_perturbation": since_perturbation,
+            "trial": record.trial,
+            "motions": record.motions,
+            "robot_seconds": record.robot_seconds,
+            "success": record.success,
+            "error_px": record.error_px,
+            "distance_mm": record.distance_mm,
+            **{f"motions_to_{px}": motion for px, motion in record.motions_to.items()},
+            **columns,
+        }
+        self._file.write(json.dumps(row) + "\n")
+        self._file.flush()
+
+
+def compact(folders: dict[Path, Run], target: Path) -> None:
+    """Gathers the curves of finished runs into one Parquet file, replaced as a whole."""
+    rows: list[dict[str, Any]] = []
+    for folder, spec in folders.items():
+        of_run = {"run": spec.id, **spec.where}
+        lines = (folder / TRIALS).read_text(encoding="utf-8").splitlines()
+        rows.extend(of_run | json.loads(line) for line in lines)
+    partial = target.with_suffix(".partial")
+    pq.write_table(pa.Table.from_pylist(rows, schema=SCHEMA), partial)
+    partial.replace(target)

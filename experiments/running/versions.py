@@ -1,0 +1,52 @@
+"""Which code and which packages made a result."""
+
+import hashlib
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+PACKAGES = (
+    "gymnasium",
+    "mujoco",
+    "numpy",
+    "opencv-python-headless",
+    "stable-baselines3",
+    "torch",
+)
+
+WHAT_MAKES_A_RESULT = (
+    "calfree_gym",
+    "agents",
+    "experiments/config/requirements.py",
+    "experiments/config/suite.py",
+    "experiments/evaluation.py",
+    "experiments/running/lifetime.py",
+    "experiments/running/plan.py",
+    "experiments/running/sweep_trials.py",
+    "experiments/running/trial_log.py",
+    "experiments/running/worker.py",
+)
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python, of the packages that results depend on, and of our own code."""
+    found = {"code": _code(), "python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def _code() -> str:
+    """A hash over all our sources that can change a result; commits would miss edits."""
+    digest = hashlib.sha256()
+    for root in WHAT_MAKES_A_RESULT:
+        path = REPOSITORY / root
+        files = [path] if path.is_file() else [*path.rglob("*.py"), *path.rglob("*.xml")]
+        for file in sorted(files):
+            digest.update(str(file.relative_to(REPOSITORY)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:12]
