@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.adaptation.recognition import Recognition
-from agents.base.agent import Array, Look, Procedure
-from agents.base.checks import fitting
-from agents.jacobian import Estimator, both_points, displacement_px, distance_jacobian
+from agents.base.checks import check_flag, check_number, checked_array
+from agents.base.observation import POINTS, Array, Observation
+from agents.base.procedure import Procedure
+from agents.jacobian import distance_jacobian
 from agents.knowledge.knowledge import Knowledge
-from agents.perception.observation_filter import Senses
-from agents.servo import Servo
+from agents.perception import ObservationFilter, Observing
 from agents.servo.redundancy import solve
-from agents.servo.servo_agent import ServoAgent
+from agents.servo.servo_agent import Servo, ServoAgent, earlier_name
+from agents.servo.trial import Findings
 
 
 class LearningServo(ServoAgent):
@@ -30,7 +31,7 @@ class LearningServo(ServoAgent):
     defined also where the cameras turn with the waist.
 
     Attributes:
-        carriers: Which motors (m,) carry the cameras: they move the object's image, not the gripper's.
+        camera_motors: Which motors (m,) move the cameras: they move the object's image, not the gripper's.
 
     Args:
         env: See `Agent`.
@@ -38,13 +39,14 @@ class LearningServo(ServoAgent):
         servo: Corrects where it misses.
         seed: See `Agent`.
         jump_px: It moves at once only where it expects to end up no further off than this.
-        every_look: Whether every look at the gripper teaches, not only the rendezvous.
+        every_look: Whether every observation of the gripper teaches, not only the rendezvous.
         on_change: What it does with its knowledge where the world has changed: one of
             `agents.adaptation.recognition.ON_CHANGE`.
     """
 
     LATE_PX = 6.0
-    """Where gripper and object are seen further apart at the end of a trial, that look came late."""
+    """Where gripper and object are seen further apart at the end of a trial, that observation came late: the
+    usual tolerance of 4 px and three times its noise, rounded."""
 
     def __init__(
         self,
@@ -57,93 +59,109 @@ class LearningServo(ServoAgent):
         on_change: str = "keep",
     ) -> None:
         super().__init__(env, servo, seed)
-        (motors,) = env.action_space.shape  # type: ignore[misc]
-        if isinstance(jump_px, bool) or not isinstance(jump_px, int | float) or not jump_px >= 0:
-            raise ValueError(f"jump_px is {jump_px!r}; it must be a number, 0 or more")
-        if not isinstance(every_look, bool):
-            raise ValueError(f"every_look is {every_look!r}; allowed: True, False")
+        if jump_px != np.inf:
+            check_number("jump_px", jump_px, least=0)
+        check_flag("every_look", every_look)
         if on_change != "keep" and not every_look:
             raise ValueError(
-                f"on_change {on_change!r} needs every_look: by looks at the gripper changes show"
+                f"on_change {on_change!r} needs every_look: changes show in observations of the gripper"
             )
-        self.recognition = Recognition(knowledge, motors, on_change)
+        self.recognition = Recognition(knowledge, self.motors, on_change)
         self.jump_px = jump_px
         self.every_look = every_look
-        self.carriers = np.zeros(motors, bool)
+        self.camera_motors = np.zeros(self.motors, bool)
 
     @property
     def knowledge(self) -> Knowledge:
         """What it remembers."""
         return self.recognition.knowledge
 
-    def seek(self, look: Look, estimator: Estimator) -> Procedure:
-        """See `ServoAgent`."""
-        senses = Senses()
-        look = yield from senses.first(look)
-        estimator.trusted.append(look)
-        knowledge = self.recognition.fitting(look.gripper)
-        if knowledge is not None:
-            recall = knowledge.recall(look.object)
-            if recall is not None and recall.deviation_px <= self.jump_px:
-                home, look = look, (yield recall.registers - look.registers)
-                as_seen = both_points(look) - both_points(home)
-                look = yield from senses.settle(look, home, as_seen, np.zeros(4, bool))
-                estimator.trusted.append(look)
-                if not look.visible.all():
-                    look = yield home.registers - look.registers
-            jacobian = self.implied_jacobian(knowledge, look.registers)
-            if jacobian is not None:
-                estimator.restart(jacobian)
-        yield from super().seek(look, estimator)
-
-    def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
+    def procedure(self, first: Observation, findings: Findings) -> Procedure:
         """See `ProcedureAgent`."""
-        estimator = self.learn_jacobian(looks)
-        jacobian = estimator.jacobian
-        if jacobian.any(0).all():
-            gripper, object_ = np.square(jacobian).reshape(2, 4, -1).sum(1)
-            self.carriers = object_ > gripper
-        trusted = estimator.trusted
+        filter_ = ObservationFilter()
+        now = yield from filter_.first(first)
+        findings.trusted.append(now)
+        knowledge = self.recognition.fitting(now.gripper)
+        if knowledge is not None:
+            now = yield from self._jump(knowledge, now, filter_, findings)
+            jacobian = self.implied_jacobian(knowledge, now.registers)
+            if jacobian is not None:
+                findings.estimator = self.servo.new_estimator(self.motors, jacobian)
+        yield from self.servo(now, findings)
+
+    def _jump(
+        self, knowledge: Knowledge, home: Observation, filter_: ObservationFilter, findings: Findings
+    ) -> Observing:
+        """Moves at once to the registers that are recalled; back where that loses a point from view."""
+        recall = knowledge.recall(home.object)
+        if recall is None or recall.deviation_px > self.jump_px:
+            return home
+        after = yield recall.registers - home.registers
+        as_seen = after.points - home.points
+        after = yield from filter_.settle(after, home, as_seen, np.zeros(POINTS, bool))
+        findings.trusted.append(after)
+        if not after.visible.all():
+            after = yield home.registers - after.registers
+        return after
+
+    def learn_trial(self, findings: Findings, last: Observation, ended: bool) -> None:
+        """See `ProcedureAgent`."""
+        super().learn_trial(findings, last, ended)
+        self._learn_camera_motors(findings.estimator.jacobian)
+        trusted = findings.trusted
         if not trusted:
             return
-        registers = [np.where(self.carriers, 0.0, look.registers) for look in trusted]
-        sensors = [look.gripper for look in trusted]
-        taught = [self.every_look and bool(look.visible[:2].all()) for look in trusted]
-        registers.append(self._rendezvous(looks[-1]))
+        registers = [np.where(self.camera_motors, 0.0, each.registers) for each in trusted]
+        sensors = [each.gripper for each in trusted]
+        teaches = [self.every_look and bool(each.visible[:2].all()) for each in trusted]
+        registers.append(self._rendezvous(last))
         sensors.append(trusted[0].object)
-        taught.append(ended and bool(trusted[0].visible[2:].all()))
-        self.recognition.learn(np.array(registers)[taught], np.array(sensors)[taught])
+        teaches.append(ended and bool(trusted[0].visible[2:].all()))
+        self.recognition.learn(np.array(registers)[teaches], np.array(sensors)[teaches])
 
-    def _rendezvous(self, look: Look) -> Array:
-        """Registers (m,) at which gripper and object would have met exactly, from the last look."""
-        if self.jacobian is None or displacement_px(look.distance) > self.LATE_PX:
-            return look.registers
-        return look.registers + solve(distance_jacobian(self.jacobian), look.distance, 0.0)
+    def _learn_camera_motors(self, jacobian: Array) -> None:
+        """Tells by J (8, m), once all motors are in it, which of them move the object's image more."""
+        if jacobian.any(0).all():
+            gripper, object_ = np.square(jacobian).reshape(2, 4, -1).sum(1)
+            self.camera_motors = object_ > gripper
+
+    def _rendezvous(self, last: Observation) -> Array:
+        """Registers (m,) at which gripper and object would have met exactly: c* = c - J⁺ d."""
+        if self.jacobian is None or last.distance_px > self.LATE_PX:
+            return last.registers
+        return last.registers + solve(distance_jacobian(self.jacobian), last.distance, 0.0)
 
     def implied_jacobian(self, knowledge: Knowledge, registers: Array) -> Array | None:
         """The Jacobian (8, m) of gripper and object points that knowledge implies at `registers`.
 
-        Motors that carry the cameras leave the gripper's image where it is, and move the object's the
+        Motors that move the cameras leave the gripper's image where it is, and move the object's the
         opposite way.
         """
-        jacobian = knowledge.jacobian(np.where(self.carriers, 0.0, registers))
+        jacobian = knowledge.jacobian(np.where(self.camera_motors, 0.0, registers))
         if jacobian is None:
             return None
-        return np.concatenate([jacobian * ~self.carriers, -jacobian * self.carriers])
+        return np.concatenate([jacobian * ~self.camera_motors, -jacobian * self.camera_motors])
 
     @property
     def kind(self) -> str:
         """See `ProcedureAgent`."""
+        return self._kind(repr(self.servo))
+
+    @property
+    def earlier_kinds(self) -> tuple[str, ...]:
+        """See `ProcedureAgent`."""
+        return (self._kind(earlier_name(self.servo)),)
+
+    def _kind(self, servo: str) -> str:
         settings = f"jump_px={self.jump_px:g}, every_look={self.every_look}"
-        on_change = self.recognition.on_change
-        return f"{self.knowledge!r} over {self.servo!r}, {settings}, on_change={on_change}"
+        return f"{self.knowledge!r} over {servo}, {settings}, on_change={self.recognition.on_change}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        return super().arrays() | self.recognition.arrays() | {"carriers": self.carriers}
+        return super().arrays() | self.recognition.arrays() | {"carriers": self.camera_motors}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
         super().restore(arrays)
         self.recognition.restore(arrays)
-        self.carriers = fitting(arrays, "carriers", self.carriers.shape) > 0
+        self.camera_motors = checked_array(arrays, "carriers", (self.motors,)) > 0

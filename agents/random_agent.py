@@ -7,7 +7,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.base.agent import Look, Procedure, ProcedureAgent
+from agents.base.checks import check_number
+from agents.base.observation import Observation
+from agents.base.procedure import Procedure, ProcedureAgent
 
 
 class RandomAgent(ProcedureAgent):
@@ -19,17 +21,15 @@ class RandomAgent(ProcedureAgent):
 
     def __init__(self, env: gym.Env[Any, Any], limit: float = 0.25, seed: int = 0) -> None:
         super().__init__(env, seed)
-        if not 0 < limit <= 1:
-            raise ValueError(f"limit is {limit}; it must be in (0, 1]")
-        self.limit = limit
+        self.limit = check_number("limit", limit, above=0, most=1)
 
     @property
     def kind(self) -> str:
         """See `ProcedureAgent`."""
         return f"RandomAgent(limit={self.limit}, seed={self.seed})"
 
-    def procedure(self, look: Look) -> Procedure:
+    def procedure(self, first: Observation, findings: None) -> Procedure:
         """See `ProcedureAgent`. Every trial has a stream of its own, so that `predict` changes nothing."""
-        rng = np.random.default_rng([self.seed, *np.frombuffer(look.object.tobytes(), np.uint32)])
+        rng = np.random.default_rng([self.seed, *np.frombuffer(first.object.tobytes(), np.uint32)])
         while True:
-            yield rng.uniform(-self.limit, self.limit, len(look.registers))
+            yield rng.uniform(-self.limit, self.limit, len(first.registers))

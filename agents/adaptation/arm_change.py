@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.adaptation.robust import huber, typical
-from agents.base.agent import Array
+from agents.base.observation import Array
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.agent import Array
-from agents.jacobian import NOISE_PX
+from agents.base.observation import Array
+from agents.jacobian.estimator import MARKER_NOISE_PX as NOISE_PX
 from calfree_gym.image import IMAGE_UNIT
 
 Cameras = NDArray[np.bool_]

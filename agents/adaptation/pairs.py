@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.agent import Array
+from agents.base.observation import Array
 
 
 @dataclass(frozen=True)

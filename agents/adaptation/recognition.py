@@ -20,10 +20,10 @@ from agents.adaptation.arm_change import ArmChange, fit_arm
 from agents.adaptation.camera_change import CameraChange, fit_camera
 from agents.adaptation.home_view import SIGMAS, Cameras, HomeView, lengths_px
 from agents.adaptation.pairs import Pairs
-from agents.base.agent import Array
-from agents.base.checks import fitting
+from agents.base.checks import checked_array
+from agents.base.observation import Array
 from agents.base.storage import prefixed, under
-from agents.jacobian import NOISE_PX
+from agents.jacobian.estimator import MARKER_NOISE_PX as NOISE_PX
 from agents.knowledge.gaussian_process import GaussianProcess
 from agents.knowledge.knowledge import Knowledge
 from calfree_gym.image import IMAGE_UNIT
@@ -362,10 +362,12 @@ class Recognition:
         self._held, self._recent, self._since = (
             Pairs.of(under(key, arrays)) for key in ("held", "recent", "since")
         )
-        self.home = HomeView(fitting(arrays, "home", (None, 4)), fitting(arrays, "steps", (None, 4)))
-        self._doubted = fitting(arrays, "doubted", (None, 4))
-        self._scores = fitting(arrays, "scores", (None, 2))
-        self._cameras = fitting(arrays, "cameras", (2,)) > 0
-        clock = fitting(arrays, "clock", (2,))
+        self.home = HomeView(
+            checked_array(arrays, "home", (None, 4)), checked_array(arrays, "steps", (None, 4))
+        )
+        self._doubted = checked_array(arrays, "doubted", (None, 4))
+        self._scores = checked_array(arrays, "scores", (None, 2))
+        self._cameras = checked_array(arrays, "cameras", (2,)) > 0
+        clock = checked_array(arrays, "clock", (2,))
         self._trial, self._drifting = int(clock[0]), bool(clock[1])
         self.events = [Event(int(trial), kind, action) for trial, kind, action in arrays["events"]]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.base.agent import Array
+from agents.base.observation import Array
 
 HUBER = 3.0
 """Residuals of more standard deviations count less."""

@@ -1,25 +1,70 @@
-"""Checking what a knowledge base is given, with errors that say what is allowed."""
+"""Checks of settings and of saved arrays, with errors that say what was found and what is allowed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-
-def check_whole(name: str, value: int, least: int) -> int:
-    """Raises ValueError where a setting is no whole number, or less than its least."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise ValueError(f"{name} is {value!r}; it must be a whole number, {least} or more")
-    return value
+from calfree_gym.errors import near_misses
 
 
-def fitting(
+def check_number(
+    name: str,
+    value: Any,
+    *,
+    least: float = -math.inf,
+    above: float = -math.inf,
+    most: float = math.inf,
+    whole: bool = False,
+) -> Any:
+    """Returns a setting that is a finite number within its bounds.
+
+    Args:
+        name: Of the setting.
+        value: As it was given.
+        least: It must not be less.
+        above: It must be greater.
+        most: It must not be more.
+        whole: Whether it must be a whole number.
+
+    Raises:
+        ValueError: It is none; says what is allowed.
+    """
+    right_kind = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+    if right_kind and math.isfinite(value) and value > above and least <= value <= most:
+        return value
+    bounds = [f"above {above:g}"] if above > -math.inf else []
+    bounds += [f"{least:g} or more"] if least > -math.inf else []
+    bounds += [f"at most {most:g}"] if most < math.inf else []
+    kind = "a whole number" if whole else "a number"
+    raise ValueError(f"{name} is {value!r}; it must be {', '.join([kind, *bounds])}")
+
+
+def check_one_of(name: str, value: Any, known: Iterable[str]) -> None:
+    """Raises ValueError, with near misses, where a setting is none of `known`."""
+    known = tuple(known)
+    if value not in known:
+        raise ValueError(f"{name} is {value!r}{near_misses(value, known)}; allowed: {', '.join(known)}")
+
+
+def check_flag(name: str, value: Any) -> None:
+    """Raises ValueError where a setting is neither True nor False."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} is {value!r}; allowed: True, False")
+
+
+def checked_array(
     arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int | None, ...]
 ) -> NDArray[np.float64]:
-    """A copy of the saved array `name`; raises ValueError where it is not of `shape` (None: any length)."""
+    """A copy of the saved array `name`.
+
+    Raises:
+        ValueError: There is none, or it is not of `shape` (None: any length).
+    """
     saved = arrays.get(name)
     if saved is None:
         raise ValueError(f"what was saved holds no {name}")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,16 @@ def save(path: str | Path, kind: str, arrays: Mapping[str, NDArray[Any]], motion
         np.savez_compressed(file, **{_HEADER: np.array(header)}, **arrays)  # type: ignore[arg-type]
 
 
-def load(path: str | Path, kind: str) -> tuple[dict[str, NDArray[Any]], int]:
+def load(
+    path: str | Path, kind: str, earlier_kinds: Sequence[str] = ()
+) -> tuple[dict[str, NDArray[Any]], int]:
     """Reads the arrays and the number of motions that `save` wrote for an agent of the same `kind`.
+
+    Args:
+        path: The file.
+        kind: What this agent is, with all settings.
+        earlier_kinds: What earlier versions of this software called the same; such a file loads with a
+            warning.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -36,7 +45,9 @@ def load(path: str | Path, kind: str) -> tuple[dict[str, NDArray[Any]], int]:
         raise
     except Exception as error:  # what NumPy raises on a damaged file depends on where the damage is
         raise ValueError(f"{path} is damaged or no saved agent: {error!r}") from error
-    if header["calfree"] != _VERSION or header["kind"] != kind:
+    if header["calfree"] == _VERSION and header["kind"] in earlier_kinds:
+        warnings.warn(f"{path} names {header['kind']}, which is now {kind}", stacklevel=3)
+    elif header["calfree"] != _VERSION or header["kind"] != kind:
         raise ValueError(
             f"{path} holds {header['kind']} (version {header['calfree']}); "
             f"this agent is {kind} (version {_VERSION})"

@@ -8,10 +8,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.base.agent import Array, Look, Procedure, ProcedureAgent
+from agents.base.checks import check_number
+from agents.base.observation import Array, Observation
+from agents.base.procedure import Procedure, ProcedureAgent
 from agents.calibrated.model import CalibratedModel
-from agents.jacobian import both_points, distance_jacobian
-from agents.perception.observation_filter import Looking, Senses
+from agents.jacobian import distance_jacobian
+from agents.perception import ObservationFilter, Observing
+from agents.servo.trial import half_way_back
 from calfree_gym.world import nominal
 
 
@@ -34,7 +37,7 @@ class AffineStereo(ProcedureAgent):
         spacing: Of the known positions, by the nominal arm, in m.
     """
 
-    told = ("gripper_position",)
+    privileged = ("gripper_position",)
 
     def __init__(
         self,
@@ -44,10 +47,8 @@ class AffineStereo(ProcedureAgent):
         seed: int = 0,
     ) -> None:
         super().__init__(env, seed)
-        if not 0 < gain <= 1 or not spacing > 0:
-            raise ValueError(f"gain is {gain}, spacing {spacing}; gain must be in (0, 1], spacing positive")
-        self.gain = gain
-        self.spacing = spacing
+        self.gain = check_number("gain", gain, above=0, most=1)
+        self.spacing = check_number("spacing", spacing, above=0)
         self._arm = CalibratedModel.of(nominal(), "stand")
 
     @property
@@ -55,46 +56,49 @@ class AffineStereo(ProcedureAgent):
         """See `ProcedureAgent`."""
         return f"AffineStereo(gain={self.gain}, spacing={self.spacing})"
 
-    def procedure(self, look: Look) -> Procedure:
+    def procedure(self, first: Observation, findings: None) -> Procedure:
         """See `ProcedureAgent`."""
-        senses = Senses()
-        look = yield from senses.first(look)
-        known = [look]
+        filter_ = ObservationFilter()
+        now = yield from filter_.first(first)
+        known = [now]
         for along in self.spacing * np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]):
-            look = yield from self._go(senses, look, self._words(look, along))
-            known.append(look)
+            now = yield from self._go(filter_, now, self._words(now, along))
+            known.append(now)
         affine = Affine.through(
-            np.array([look.told["gripper_position"] for look in known]),
-            np.array([both_points(look) for look in known]),
-            np.array([self._believed(look) for look in known]),
+            np.array([each.privileged["gripper_position"] for each in known]),
+            np.array([each.points.ravel() for each in known]),
+            np.array([self._by_nominal_arm(each) for each in known]),
         )
         while True:
-            words = self._words(look, affine.step(look.distance, self.gain))
-            look = yield from self._go(senses, look, words, affine)
+            words = self._words(now, affine.step(now.distance, self.gain))
+            now = yield from self._go(filter_, now, words, affine)
 
-    def _go(self, senses: Senses, before: Look, words: Array, affine: Affine | None = None) -> Looking:
+    def _go(
+        self, filter_: ObservationFilter, before: Observation, words: Array, affine: Affine | None = None
+    ) -> Observing:
         """Executes words (3,), and where that loses a point from view, goes half of the way back.
 
-        Looks are trusted by what the affine function predicts.
+        Observations are trusted by what the affine function predicts.
         """
         last = before
         while True:
-            look = yield words
-            moved = np.zeros(8)
+            now = yield words
+            moved = np.zeros((4, 2))
             if affine is not None:
-                moved = affine.moved(self._believed(look) - self._believed(last))
-            last = yield from senses.settle(look, last, moved, np.full(4, affine is not None))
-            if not senses.lost.any():
+                moved = affine.moved(self._by_nominal_arm(now) - self._by_nominal_arm(last))
+            last = yield from filter_.settle(now, last, moved, np.full(4, affine is not None))
+            if not filter_.lost.any():
                 return last
-            words = (before.registers - last.registers) / 2
+            words = half_way_back(before, last)
 
-    def _believed(self, look: Look) -> Array:
+    def _by_nominal_arm(self, observation: Observation) -> Array:
         """Where the nominal arm has the gripper (3,)."""
-        return self._arm.gripper(self._arm.joints(look.registers[None]))[0]
+        return self._arm.gripper(self._arm.joints(observation.registers[None]))[0]
 
-    def _words(self, look: Look, along: Array) -> Array:
+    def _words(self, observation: Observation, along: Array) -> Array:
         """Control words (3,) that move the gripper of the nominal arm by `along` (3,) in m."""
-        return self._arm.registers(self._believed(look) + along) - look.registers
+        target = self._by_nominal_arm(observation) + along
+        return self._arm.registers(target) - observation.registers
 
 
 @dataclass(frozen=True)
@@ -110,9 +114,9 @@ class Affine:
     arm: Array
 
     @classmethod
-    def through(cls, positions: Array, points: Array, believed: Array) -> Affine:
+    def through(cls, positions: Array, points: Array, nominal_positions: Array) -> Affine:
         """What four positions (4, 3), their image points (4, 8) and the nominal arm's (4, 3) determine."""
-        rows = np.diff(np.hstack([points, believed]), axis=0)
+        rows = np.diff(np.hstack([points, nominal_positions]), axis=0)
         by_room = np.asarray(np.linalg.lstsq(np.diff(positions, axis=0), rows, rcond=None)[0].T, float)
         return cls(by_room[:8], by_room[8:])
 
@@ -120,6 +124,6 @@ class Affine:
         """Displacement (3,) of the nominal arm that is to undo so much of the image distance (4,)."""
         return -gain * self.arm @ np.linalg.lstsq(distance_jacobian(self.points), distance, rcond=None)[0]
 
-    def moved(self, believed: Array) -> Array:
-        """Displacement (8,) of the points when the nominal arm has moved by `believed` (3,)."""
-        return self.points @ np.linalg.lstsq(self.arm, believed, rcond=None)[0]
+    def moved(self, along: Array) -> Array:
+        """Displacement (4, 2) of the points when the nominal arm has moved by `along` (3,) in m."""
+        return np.asarray(self.points @ np.linalg.lstsq(self.arm, along, rcond=None)[0]).reshape(4, 2)

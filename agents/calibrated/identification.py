@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from agents.base.agent import Array
+from agents.base.observation import Array
 from agents.calibrated.least_squares import least_squares
 from agents.calibrated.model import CalibratedModel
 from agents.calibrated.observations import Looks
@@ -47,7 +47,7 @@ class Identification:
     off_px: Array
     cost: Array
 
-    def surprise(self, later: Identification, noise_px: float) -> float:
+    def innovation(self, later: Identification, noise_px: float) -> float:
         """By how much `later`, of the same looks and more, had to give way to each of the further looks.
 
         The least cost rises by half the squared innovation of the further looks, in units of its standard

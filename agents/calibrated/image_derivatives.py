@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.agent import Array
+from agents.base.observation import Array
 from agents.calibrated.model import CalibratedModel
 from calfree_gym.vision.cameras import image_points, pinhole
 

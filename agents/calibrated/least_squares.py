@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from agents.base.agent import Array
+from agents.base.observation import Array
 
 Residuals = Callable[[Array], tuple[Array, Array]]
 """Residuals (starts, r) and their derivatives (starts, r, p) at parameters (starts, p)."""

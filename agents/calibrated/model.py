@@ -13,7 +13,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from agents.base.agent import Array
+from agents.base.observation import Array
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.kinematics import gripper_position

@@ -8,9 +8,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.base.agent import Array, Look, Procedure, ProcedureAgent
+from agents.base.observation import Array, Observation
+from agents.base.procedure import Procedure, ProcedureAgent
 from agents.calibrated.model import CalibratedModel
-from agents.perception.observation_filter import Senses
+from agents.perception import ObservationFilter
+from agents.servo.trial import half_way_back
 from calfree_gym.world import nominal
 
 
@@ -37,45 +39,46 @@ class ModelBased(ProcedureAgent):
         """See `ProcedureAgent`."""
         return f"ModelBased(camera_mount={self.camera_mount!r})"
 
-    def procedure(self, look: Look) -> Procedure:
+    def procedure(self, first: Observation, findings: None) -> Procedure:
         """Goes to where the object is by the model; where it misses, moves by what still lies between.
 
         The gripper is then triangulated with the object, so that what is wrong with both is wrong with
         neither (position-based look-and-move with the endpoint closed loop, after Hutchinson, Hager & Corke
-        1996). What looks say of the goal goes through a scalar Kalman filter: it hardly matters unless they
-        are noisy.
+        1996). What observations say of the goal goes through a scalar Kalman filter: it hardly matters unless
+        they are noisy.
         """
-        senses, model = Senses(), self.model
-        look = yield from senses.first(look)
+        filter_, model = ObservationFilter(), self.model
+        now = yield from filter_.first(first)
         goal, variance = np.zeros(3), np.inf
         while True:
-            joints = model.joints(look.registers[None])
-            gripper, object_ = model.triangulate(np.stack([look.gripper, look.object]), joints)
+            joints = model.joints(now.registers[None])
+            gripper, object_ = model.triangulate(np.stack([now.gripper, now.object]), joints)
             seen = object_
-            if look.registers.any():
+            if now.registers.any():
                 seen = model.gripper(joints)[0] + object_ - gripper
             variance += self.DRIFT_PX**2
-            gain = 1.0 if np.isinf(variance) else variance / (variance + senses.noise_px**2)
+            gain = 1.0 if np.isinf(variance) else variance / (variance + filter_.noise.px**2)
             goal = goal + gain * (seen - goal)
-            variance = senses.noise_px**2 * gain
-            words = model.registers(goal) - look.registers
-            look = (yield from move_by_model(model, object_, senses, look, words))[-1]
+            variance = filter_.noise.px**2 * gain
+            words = model.registers(goal) - now.registers
+            now = (yield from move_by_model(model, object_, filter_, now, words))[-1]
 
 
 def move_by_model(
-    model: CalibratedModel, object_: Array, senses: Senses, before: Look, words: Array
-) -> Generator[Array, Look, list[Look]]:
+    model: CalibratedModel, object_: Array, filter_: ObservationFilter, before: Observation, words: Array
+) -> Generator[Array, Observation, list[Observation]]:
     """Executes words (m,), and where that loses a point from view, goes half of the way back.
 
     Returns:
-        The looks after each motion, trusted by what the model, and the object (3,), predict.
+        The observations after each motion, trusted by what the model, and the object (3,), predict.
     """
-    looks = [before]
+    observations = [before]
     while True:
-        look = yield words
-        registers = np.stack([looks[-1].registers, look.registers])
+        now = yield words
+        registers = np.stack([observations[-1].registers, now.registers])
         start, end = model.points(registers, np.stack([object_, object_]))
-        looks.append((yield from senses.settle(look, looks[-1], end - start, np.ones(4, bool))))
-        if not senses.lost.any():
-            return looks[1:]
-        words = (before.registers - looks[-1].registers) / 2
+        moved = (end - start).reshape(4, 2)
+        observations.append((yield from filter_.settle(now, observations[-1], moved, np.ones(4, bool))))
+        if not filter_.lost.any():
+            return observations[1:]
+        words = half_way_back(before, observations[-1])

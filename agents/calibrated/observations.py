@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.base.agent import Array, Look
-from agents.jacobian import Flags, both_points, both_seen
+from agents.base.observation import Array, Flags, Observation
 
 
 @dataclass(frozen=True)
@@ -37,12 +36,12 @@ class Looks:
         """Number of trials."""
         return int(self.trial.max(initial=-1)) + 1
 
-    def and_trial(self, looks: Sequence[Look]) -> Looks:
+    def and_trial(self, looks: Sequence[Observation]) -> Looks:
         """These, and those of one more trial."""
         return Looks(
             np.concatenate([self.registers, [look.registers for look in looks]]),
-            np.concatenate([self.points, [both_points(look) for look in looks]]),
-            np.concatenate([self.seen, [both_seen(look) for look in looks]]),
+            np.concatenate([self.points, [look.points.ravel() for look in looks]]),
+            np.concatenate([self.seen, [np.repeat(look.visible, 2) for look in looks]]),
             np.concatenate([self.trial, np.full(len(looks), self.trials)]),
         )
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agents.base.agent import Array
+from agents.base.observation import Array
 from agents.calibrated.image_derivatives import image_derivatives
 from agents.calibrated.model import CalibratedModel
 from agents.calibrated.observations import Looks

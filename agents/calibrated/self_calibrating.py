@@ -2,36 +2,86 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from enum import Enum
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.agent import Array, Look, Procedure, ProcedureAgent, relive
+from agents.base.observation import Array, Observation
+from agents.base.procedure import Procedure, ProcedureAgent
 from agents.calibrated.identification import Identification, identify
 from agents.calibrated.model import CalibratedModel
 from agents.calibrated.model_based import move_by_model
 from agents.calibrated.observations import Looks
 from agents.calibrated.parameters import model_of
-from agents.jacobian import TestMotions, displacement_px
-from agents.servo.trial import Motions, Trial
+from agents.jacobian import TestMotions
+from agents.servo.trial import Findings, Motions, Trial
 from calfree_gym.world import nominal
 
 
+@dataclass
 class Calibration:
-    """What is known of the robot, and from which looks.
+    """What is known of the robot, and from which observations.
 
     Attributes:
-        looks: Those of earlier trials, and of this one.
+        observations: Those of earlier trials, and of this one.
         known: What was identified from them; None before there were enough.
     """
 
-    def __init__(self, looks: Looks, known: Identification | None) -> None:
-        self.looks = looks
-        self.known = known
+    observations: Looks
+    known: Identification | None
+
+
+class Validity(Enum):
+    """Whether what was identified still holds."""
+
+    VALID = "the latest observations agree with it"
+    DOUBTED = "they do not, once: the robot acts by the latest fit, and keeps the earlier one for comparison"
+    NOISE_UNKNOWN = "they do not, again; but nobody knows yet how noisy they are"
+    INVALID = "they do not, again: all that was known is dropped"
+
+
+class ValidityCheck:
+    """Judges by each motion whether what was identified still holds."""
+
+    INCONSISTENT = 50.0
+    """Observations are inconsistent with the model where the least cost rises by more, see
+    `Identification.innovation`; about 4 an observation is usual. Tuned on wild worlds 3000 and up."""
+    TRIES, MISSED = 6, 8.0
+    """So are they where the object is missed by so many times the noise after so many motions: tuned."""
+    DOUBTS = 2
+    """So many in a row end its validity: one may be a mistaken point."""
+
+    def __init__(self) -> None:
+        self._doubts = self._tries = 0
+        self._noise_known = False
+
+    def begin(self) -> None:
+        """Something new was identified."""
+        self._tries = 0
+
+    def judge(self, innovation: float, distance_px: float, noise_px: float) -> Validity:
+        """What the latest observation says of the model.
+
+        Args:
+            innovation: See `Identification.innovation`.
+            distance_px: Image distance between gripper and object.
+            noise_px: Standard deviation of an image coordinate.
+        """
+        missed = self._tries >= self.TRIES and distance_px > self.MISSED * noise_px
+        self._doubts = self._doubts + 1 if missed or innovation > self.INCONSISTENT else 0
+        if self._doubts < self.DOUBTS:
+            self._tries += 1
+            return Validity.DOUBTED if self._doubts else Validity.VALID
+        if not self._noise_known:
+            self._doubts, self._noise_known = self._doubts - 1, True
+            return Validity.NOISE_UNKNOWN
+        self._doubts = 0
+        return Validity.INVALID
 
 
 class SelfCalibrating(ProcedureAgent):
@@ -48,16 +98,11 @@ class SelfCalibrating(ProcedureAgent):
         camera_mount: What the cameras are fixed to: "waist" or "stand".
     """
 
-    SURPRISE = 50.0
-    """A look that surprises the model by more puts it into doubt, see `Identification.surprise`."""
-    TRIES, MISSED = 6, 8.0
-    """So does missing the object by so many times the noise after so many motions."""
-    DOUBTS = 2
-    """So many in a row end its validity."""
-    LOOKS = 3
-    """But not before so many looks at one place have told how noisy they are."""
+    OBSERVATIONS = 3
+    """So many at one place tell how noisy they are: `NoiseEstimate.ENOUGH` differences."""
     MEMORY = 80
-    """Looks kept from earlier trials at most; of more, the later half is."""
+    """Observations kept from earlier trials at most; of more, the later half is. Their number bounds the time
+    that a fit takes."""
 
     def __init__(self, env: gym.Env[Any, Any], camera_mount: str = "waist", seed: int = 0) -> None:
         super().__init__(env, seed)
@@ -70,53 +115,48 @@ class SelfCalibrating(ProcedureAgent):
         """See `ProcedureAgent`."""
         return f"SelfCalibrating(camera_mount={self.camera_mount!r})"
 
-    def procedure(self, look: Look) -> Procedure:
+    def new_findings(self) -> Calibration:
         """See `ProcedureAgent`."""
-        return self.seek(look, Calibration(self.calibration.looks, self.calibration.known))
+        return Calibration(self.calibration.observations, self.calibration.known)
 
-    def seek(self, look: Look, calibration: Calibration) -> Procedure:
-        """The procedure, which keeps what it finds out in `calibration`."""
-        trial = _NotedTrial(look)
+    def procedure(self, first: Observation, findings: Calibration) -> Procedure:
+        """See `ProcedureAgent`. The findings begin with what earlier trials have taught."""
+        trial = _RecordedTrial(first)
         yield from trial.begin()
-        earlier, known = calibration.looks, calibration.known
-        doubts = tries = 0
-        noise_known = False
+        earlier, known = findings.observations, findings.known
+        validity = ValidityCheck()
         while True:
             if known is None:
                 yield from trial.explore()
-                known, tries = identify(earlier.and_trial(trial.looks), self._built, trial.noise_px), 0
-            looks = earlier.and_trial(trial.looks)
-            latest = identify(looks, self._built, trial.noise_px, known)
-            missed = displacement_px(trial.look.distance) > self.MISSED * trial.noise_px
-            surprising = known.surprise(latest, trial.noise_px) > self.SURPRISE
-            doubts = doubts + 1 if surprising or (missed and tries >= self.TRIES) else 0
-            if doubts == self.DOUBTS and not noise_known:
-                yield from trial.look_again(self.LOOKS)
-                doubts, noise_known = doubts - 1, True
-                continue
-            if doubts == self.DOUBTS:
-                earlier, known, doubts = Looks.none(), None, 0
-                trial.looks = trial.looks[-self.DOUBTS :]
-                continue
-            known = known if doubts else latest
-            calibration.looks, calibration.known = looks, latest
-            model = model_of(self._built, latest.signs, latest.parameters)
-            yield from trial.go(model, latest.objects[-1])
-            tries += 1
+                known = identify(earlier.and_trial(trial.recorded), self._built, trial.noise_px)
+                validity.begin()
+            observations = earlier.and_trial(trial.recorded)
+            latest = identify(observations, self._built, trial.noise_px, known)
+            innovation = known.innovation(latest, trial.noise_px)
+            match validity.judge(innovation, trial.now.distance_px, trial.noise_px):
+                case Validity.NOISE_UNKNOWN:
+                    yield from trial.observe_again(self.OBSERVATIONS)
+                    continue
+                case Validity.INVALID:
+                    earlier, known = Looks.none(), None
+                    trial.recorded = trial.recorded[-validity.DOUBTS :]
+                    continue
+                case Validity.VALID:
+                    known = latest
+            findings.observations, findings.known = observations, latest
+            yield from trial.go(model_of(self._built, latest.signs, latest.parameters), latest.objects[-1])
 
-    def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
-        """See `ProcedureAgent`. Looks teach the model, however the trial ends."""
-        calibration = Calibration(self.calibration.looks, self.calibration.known)
-        relive(self.seek(looks[0], calibration), looks)
-        if len(calibration.looks.trial) > self.MEMORY:
-            calibration.looks = calibration.looks.latest(self.MEMORY // 2)
-            calibration.known = identify(calibration.looks, self._built, known=calibration.known)
-        self.calibration = calibration
+    def learn_trial(self, findings: Calibration, last: Observation, ended: bool) -> None:
+        """See `ProcedureAgent`. Observations teach the model, however the trial ends."""
+        if len(findings.observations.trial) > self.MEMORY:
+            kept = findings.observations.latest(self.MEMORY // 2)
+            findings = Calibration(kept, identify(kept, self._built, known=findings.known))
+        self.calibration = findings
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
         known = self.calibration.known
-        return {} if known is None else {**vars(self.calibration.looks), **vars(known)}
+        return {} if known is None else {**vars(self.calibration.observations), **vars(known)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
@@ -127,53 +167,56 @@ class SelfCalibrating(ProcedureAgent):
             self.calibration = Calibration(looks, known)
 
 
-class _NotedTrial(Trial):
-    """A trial whose looks are noted.
+class _RecordedTrial(Trial):
+    """A trial whose estimated observations are recorded.
 
     Attributes:
-        looks: Those that can be trusted.
+        recorded: The estimates after each motion, the home view first.
     """
 
     FIRST_WORD = 0.04
     TEST_PX = 30.0
+    """Tuned on wild worlds 3000 and up: larger than a servo's, so that curvature shows."""
     TOGETHER = np.array([[1.0, 1.0, -1.0], [-1.0, 1.0, 1.0]])
     """Test motions of all motors at once, in units of their test words."""
 
-    def __init__(self, look: Look) -> None:
-        super().__init__(look, TestMotions(len(look.registers)), self.FIRST_WORD, self.TEST_PX)
-        self.looks: list[Look] = []
+    def __init__(self, first: Observation) -> None:
+        findings = Findings(TestMotions(len(first.registers)))
+        super().__init__(first, findings, self.FIRST_WORD, self.TEST_PX)
+        self.recorded: list[Observation] = []
 
     @property
     def noise_px(self) -> float:
         """Standard deviation of an image coordinate."""
-        return self.senses.noise_px
+        return self.filter.noise.px
 
     def begin(self) -> Motions:
         """See `Trial`."""
         yield from super().begin()
-        self.looks.append(self.look)
+        self.recorded.append(self.now)
 
     def move(self, words: Array) -> Motions:
         """See `Trial`."""
         made = yield from super().move(words)
-        self.looks.append(self.look)
+        self.recorded.append(self.now)
         return made
 
-    def look_again(self, times: int) -> Motions:
-        """Looks so many times without a motion, and keeps none of these looks."""
+    def observe_again(self, times: int) -> Motions:
+        """Observes so many times without a motion, and records none of these observations."""
         for _ in range(times):
-            yield from super().move(np.zeros(len(self.look.registers)))
+            yield from super().move(np.zeros_like(self.now.registers))
 
     def explore(self) -> Motions:
         """Test motions of each motor alone, and a few of all together."""
         self.forget()
-        yield from self.test_hidden()
+        for motor in self.unmeasured():
+            yield from self.test(motor)
         for signs in self.TOGETHER:
             yield from self.move_in_view(signs * self.test_words)
 
     def go(self, model: CalibratedModel, object_: Array) -> Motions:
         """Goes to the object by `model`, see `move_by_model`."""
-        words = model.registers(object_) - self.look.registers
-        looks = yield from move_by_model(model, object_, self.senses, self.look, words)
-        self.look = looks[-1]
-        self.looks += looks
+        words = model.registers(object_) - self.now.registers
+        observations = yield from move_by_model(model, object_, self.filter, self.now, words)
+        self.now = observations[-1]
+        self.recorded += observations

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.agent import Array
-from agents.base.checks import check_whole, fitting
+from agents.base.checks import check_number, checked_array
+from agents.base.observation import Array
 from agents.knowledge.gain import Gain
 from agents.knowledge.knowledge import Change, Recall
 from calfree_gym.image import IMAGE_UNIT
@@ -55,8 +55,8 @@ class FactoredTable:
     def __init__(
         self, motors: int, cells: int = 8, points: int = 300, rate: float = 0.7, kalman: bool = True
     ) -> None:
-        self.cells = check_whole("cells", cells, least=1)
-        self.points = check_whole("points", points, least=1)
+        self.cells = check_number("cells", cells, least=1, whole=True)
+        self.points = check_number("points", points, least=1, whole=True)
         self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
         self._prior = self._smooth()
         self.records: Array = np.zeros((len(self._prior), motors))
@@ -113,9 +113,9 @@ class FactoredTable:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""
-        records = fitting(arrays, "records", self.records.shape)
-        covariance = fitting(arrays, "covariance", self.covariance.shape)
-        pairs = fitting(arrays, "pairs", (None, self.pairs.shape[1]))
+        records = checked_array(arrays, "records", self.records.shape)
+        covariance = checked_array(arrays, "covariance", self.covariance.shape)
+        pairs = checked_array(arrays, "pairs", (None, self.pairs.shape[1]))
         self.records, self.covariance, self.pairs = records, covariance, pairs
 
     def _drift(self, variance: float) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from agents.base.agent import Array
+from agents.base.checks import check_flag, check_number
+from agents.base.observation import Array
 
 
 @dataclass(frozen=True)
@@ -27,11 +28,8 @@ class Gain:
     drift: float
 
     def __post_init__(self) -> None:
-        rate = self.rate
-        if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate <= 1:
-            raise ValueError(f"rate is {rate!r}; it must be a number above 0, at most 1")
-        if not isinstance(self.kalman, bool):
-            raise ValueError(f"kalman is {self.kalman!r}; allowed: True, False")
+        check_number("rate", self.rate, above=0, most=1)
+        check_flag("kalman", self.kalman)
 
     def aged(self, variances: Array) -> Array:
         """Variances (n,) one success later; a constant gain knows of no drift."""

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.agent import Array
-from agents.base.checks import check_whole, fitting
+from agents.base.checks import check_number, checked_array
+from agents.base.observation import Array
 from agents.knowledge.knowledge import Change, Recall
 from calfree_gym.image import IMAGE_UNIT
 
@@ -55,7 +55,7 @@ class GaussianProcess:
     STEP = 0.5
 
     def __init__(self, motors: int, points: int = 200) -> None:
-        self.points = check_whole("points", points, least=10)
+        self.points = check_number("points", points, least=10, whole=True)
         self.registers = np.empty((0, motors))
         self.sensors = np.empty((0, 2 * CAMERAS))
         self.variances = np.empty((0, CAMERAS))
@@ -132,9 +132,9 @@ class GaussianProcess:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""
-        registers = fitting(arrays, "registers", (None, self.registers.shape[1]))
-        sensors = fitting(arrays, "sensors", (len(registers), 2 * CAMERAS))
-        variances = fitting(arrays, "variances", (len(registers), CAMERAS))
+        registers = checked_array(arrays, "registers", (None, self.registers.shape[1]))
+        sensors = checked_array(arrays, "sensors", (len(registers), 2 * CAMERAS))
+        variances = checked_array(arrays, "variances", (len(registers), CAMERAS))
         self.registers, self.sensors, self.variances = registers, sensors, variances
         self._settled = False
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.agent import Array
-from agents.base.checks import check_whole, fitting
+from agents.base.checks import check_number, checked_array
+from agents.base.observation import Array
 from agents.knowledge.distance import squared_px
 from agents.knowledge.gain import Gain
 from agents.knowledge.knowledge import Change, Recall
@@ -51,7 +51,7 @@ class GridTable:
     """So many times all records are corrected at once to fit those that were mapped."""
 
     def __init__(self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = False) -> None:
-        self.cells = check_whole("cells", cells, least=1)
+        self.cells = check_number("cells", cells, least=1, whole=True)
         self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
         self.records = np.full(((cells + 1) ** DIMENSIONS, motors), np.nan)
         self.variances = np.zeros(len(self.records))
@@ -118,9 +118,9 @@ class GridTable:
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""
         corners, motors = self.records.shape
-        records = fitting(arrays, "records", (corners, motors))
-        variances = fitting(arrays, "variances", (corners,))
-        successes = fitting(arrays, "successes", (corners,))
+        records = checked_array(arrays, "records", (corners, motors))
+        variances = checked_array(arrays, "variances", (corners,))
+        successes = checked_array(arrays, "successes", (corners,))
         self.records, self.variances, self.successes = records, variances, successes
 
     def known_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

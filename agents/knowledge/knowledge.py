@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.agent import Array
+from agents.base.observation import Array
 
 Change = Callable[[Array, Array], tuple[Array, Array]]
 """From sensor vectors (n, 4) and registers (n, m) that belonged together, to those that now do."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.agent import Array
+from agents.base.observation import Array
 from agents.knowledge.distance import squared_px
 from calfree_gym.image import IMAGE_UNIT
 

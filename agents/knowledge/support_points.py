@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.agent import Array
-from agents.base.checks import check_whole, fitting
+from agents.base.checks import check_number, checked_array
+from agents.base.observation import Array
 from agents.knowledge.distance import squared_px
 from agents.knowledge.gain import Gain
 from agents.knowledge.knowledge import Change, Recall
@@ -51,8 +51,8 @@ class SupportPoints:
     def __init__(
         self, motors: int, points: int = 1000, neighbours: int = 8, rate: float = 0.7, kalman: bool = False
     ) -> None:
-        self.neighbours = check_whole("neighbours", neighbours, least=motors + 1)
-        self.points = check_whole("points", points, least=neighbours)
+        self.neighbours = check_number("neighbours", neighbours, least=motors + 1, whole=True)
+        self.points = check_number("points", points, least=neighbours, whole=True)
         self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
         self.registers = np.empty((0, motors))
         self.sensors = np.empty((0, 4))
@@ -112,10 +112,10 @@ class SupportPoints:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""
-        registers = fitting(arrays, "registers", (None, self.registers.shape[1]))
+        registers = checked_array(arrays, "registers", (None, self.registers.shape[1]))
         count = len(registers)
-        sensors = fitting(arrays, "sensors", (count, 4))
-        variances = fitting(arrays, "variances", (count,))
+        sensors = checked_array(arrays, "sensors", (count, 4))
+        variances = checked_array(arrays, "variances", (count,))
         self.registers, self.sensors, self.variances = registers, sensors, variances
 
     def _nearest(self, points: Array, place: Array) -> NDArray[np.intp]:

@@ -16,7 +16,8 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 
-from agents.base.agent import Agent, Callback, Observation
+from agents.base.agent import Agent, Callback
+from agents.base.observation import RawObservation
 
 _WORDS = "calfree.json"
 _OURS = ("policy", "env", "policy_kwargs", "device", "_init_setup_model")
@@ -79,7 +80,7 @@ class SacAgent(Agent):
 
     def predict(
         self,
-        observation: Observation,
+        observation: RawObservation,
         state: Any = None,
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,

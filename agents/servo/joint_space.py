@@ -7,10 +7,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.base.agent import Array, Look, Procedure, ProcedureAgent
-from agents.jacobian import TestMotions, distance_jacobian
+from agents.base.checks import check_number
+from agents.base.observation import Array, Observation
+from agents.base.procedure import Procedure, ProcedureAgent
+from agents.jacobian import TestMotions
 from agents.servo.redundancy import solve
-from agents.servo.trial import Trial
+from agents.servo.trial import Findings, Trial
 
 
 class JointSpaceServo(ProcedureAgent):
@@ -29,7 +31,7 @@ class JointSpaceServo(ProcedureAgent):
         damping: Of the least squares, relative to the columns' length.
     """
 
-    told = ("joint_angles",)
+    privileged = ("joint_angles",)
     FIRST_WORD = 0.04
     TEST_PX = 8.0
 
@@ -42,34 +44,31 @@ class JointSpaceServo(ProcedureAgent):
         seed: int = 0,
     ) -> None:
         super().__init__(env, seed)
-        if not 0 < gain <= 1 or not step_rad > 0 or not damping >= 0:
-            raise ValueError(
-                f"gain is {gain}, step_rad {step_rad}, damping {damping}; gain must be in (0, 1], "
-                "step_rad positive, damping not negative"
-            )
-        self.gain = gain
-        self.step_rad = step_rad
-        self.damping = damping
+        self.gain = check_number("gain", gain, above=0, most=1)
+        self.step_rad = check_number("step_rad", step_rad, above=0)
+        self.damping = check_number("damping", damping, least=0)
 
     @property
     def kind(self) -> str:
         """See `ProcedureAgent`."""
         return f"JointSpaceServo(gain={self.gain}, step_rad={self.step_rad}, damping={self.damping})"
 
-    def procedure(self, look: Look) -> Procedure:
+    def procedure(self, first: Observation, findings: None) -> Procedure:
         """See `ProcedureAgent`."""
-        trial = Trial(look, TestMotions(len(look.registers)), self.FIRST_WORD, self.TEST_PX)
-        turned_by_word = np.ones(len(look.registers))
+        motors = len(first.registers)
+        trial = Trial(first, Findings(TestMotions(motors)), self.FIRST_WORD, self.TEST_PX)
+        turned_by_word = np.ones(motors)
         yield from trial.begin()
         while True:
-            before = trial.look
-            yield from trial.test_hidden()
-            tested = trial.look.registers != before.registers
-            turned = self._angles(trial.look) - self._angles(before)
-            words = trial.look.registers - before.registers
+            before = trial.now
+            for motor in trial.unmeasured():
+                yield from trial.test(motor)
+            words = trial.now.registers - before.registers
+            turned = _angles(trial.now) - _angles(before)
+            tested = words != 0
             turned_by_word[tested] = turned[tested] / words[tested]
-            jacobian = distance_jacobian(trial.estimator.jacobian) / turned_by_word
-            yield from trial.move_in_view(self._step(jacobian, trial.look.distance) / turned_by_word)
+            step = self._step(trial.jacobian / turned_by_word, trial.now.distance)
+            yield from trial.move_in_view(step / turned_by_word)
             trial.forget()
 
     def _step(self, jacobian: Array, distance: Array) -> Array:
@@ -77,7 +76,7 @@ class JointSpaceServo(ProcedureAgent):
         wanted = self.gain * solve(jacobian, distance, self.damping)
         return wanted * min(1.0, self.step_rad / max(np.abs(wanted).max(), 1e-9))
 
-    @staticmethod
-    def _angles(look: Look) -> Array:
-        """Angles (m,) of the joints that motors turn."""
-        return look.told["joint_angles"][: len(look.registers)]
+
+def _angles(observation: Observation) -> Array:
+    """Angles (m,) of the joints that motors turn."""
+    return observation.privileged["joint_angles"][: len(observation.registers)]

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from agents.base.agent import Array
+from agents.base.observation import Array
 from calfree_gym.image import IMAGE_UNIT
 
 Equations = tuple[Array, Array]

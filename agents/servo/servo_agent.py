@@ -2,62 +2,80 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import gymnasium as gym
+import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.agent import Array, Look, Procedure, ProcedureAgent, relive
-from agents.base.checks import fitting
-from agents.jacobian import ESTIMATORS, Estimator
-from agents.servo import Servo
+from agents.base.checks import checked_array
+from agents.base.observation import Array, Observation
+from agents.base.procedure import Procedure, ProcedureAgent
+from agents.jacobian import Estimator
+from agents.servo.trial import Findings
+
+
+class Servo(Protocol):
+    """Seeks a rendezvous; its repr names all its settings."""
+
+    def new_estimator(self, motors: int, start: Array | None) -> Estimator:
+        """Makes the estimator of its Jacobian, beginning with `start` (8, m) where one is known."""
+
+    def __call__(self, first: Observation, findings: Findings) -> Procedure:
+        """Seeks the rendezvous from `first` on, and writes into `findings` what it learns."""
 
 
 class ServoAgent(ProcedureAgent):
     """Seeks every rendezvous by `servo`, beginning with the Jacobian that the last trial ended with.
 
     Attributes:
+        servo: The servo.
         jacobian: That Jacobian (8, m); None before the first trial, and where the servo's does not last.
     """
 
     def __init__(self, env: gym.Env[Any, Any], servo: Servo, seed: int = 0) -> None:
         super().__init__(env, seed)
+        (self.motors,) = env.action_space.shape  # type: ignore[misc]
         self.servo = servo
         self.jacobian: Array | None = None
 
-    def procedure(self, look: Look) -> Procedure:
+    def new_findings(self) -> Findings:
         """See `ProcedureAgent`."""
-        return self.seek(look, self._estimator(look))
+        return Findings(self.servo.new_estimator(self.motors, self.jacobian))
 
-    def seek(self, look: Look, estimator: Estimator) -> Procedure:
-        """The procedure, which keeps what it learns of the Jacobian in `estimator`."""
-        return self.servo(look, estimator)
+    def procedure(self, first: Observation, findings: Findings) -> Procedure:
+        """See `ProcedureAgent`."""
+        return self.servo(first, findings)
 
-    def learn_trial(self, looks: Sequence[Look], ended: bool) -> None:
+    def learn_trial(self, findings: Findings, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Motions teach the Jacobian, however the trial ends."""
-        self.learn_jacobian(looks)
-
-    def learn_jacobian(self, looks: Sequence[Look]) -> Estimator:
-        """What a trial of its own has taught; the Jacobian is remembered where it lasts."""
-        estimator = self._estimator(looks[0])
-        relive(self.seek(looks[0], estimator), looks)
-        if estimator.lasting:
-            self.jacobian = estimator.jacobian
-        return estimator
-
-    def _estimator(self, look: Look) -> Estimator:
-        return ESTIMATORS[self.servo.estimator](len(look.registers), self.jacobian)
+        if findings.estimator.lasting:
+            self.jacobian = findings.estimator.jacobian
 
     @property
     def kind(self) -> str:
         """See `ProcedureAgent`."""
         return repr(self.servo)
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
+    @property
+    def earlier_kinds(self) -> tuple[str, ...]:
+        """See `ProcedureAgent`."""
+        return (earlier_name(self.servo),)
+
+    def arrays(self) -> dict[str, NDArray[np.float64]]:
         """See `ProcedureAgent`."""
         return {} if self.jacobian is None else {"jacobian": self.jacobian}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
-        self.jacobian = fitting(arrays, "jacobian", (8, None)) if "jacobian" in arrays else None
+        self.jacobian = checked_array(arrays, "jacobian", (8, None)) if "jacobian" in arrays else None
+
+
+def earlier_name(servo: Servo) -> str:
+    """What version 0.1 called a servo in saved files: the paper's was a unified servo by test motions."""
+    name = repr(servo)
+    if not name.startswith("PaperServo("):
+        return name
+    settings = name.removeprefix("PaperServo(").removesuffix(")")
+    return f"UnifiedServo(estimator='test_motions', {settings}, patience=6)"

@@ -1,12 +1,25 @@
-"""Steps: how far a motion may go by what is known of the Jacobian, and the way back where it lost a point."""
+"""Steps: words that would bring the gripper to the object, made as long as the Jacobian can be trusted."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from agents.base.agent import Array
-from agents.jacobian import both_points, displacement_px
+from agents.base.observation import Array
+from agents.servo.redundancy import REDUNDANCIES, solve_within
 from agents.servo.trial import Motions, Trial
+from calfree_gym.image import lengths_px
+
+
+def solve_distance(trial: Trial, redundancy: str, damping: float) -> Array:
+    """Control words c (m,) that solve -d = J c between the motors' stops (equation 1 of the paper).
+
+    Args:
+        trial: Knows d and J.
+        redundancy: What is done with four equations for three words, of `REDUNDANCIES`.
+        damping: See `redundancy.solve`.
+    """
+    equations = REDUNDANCIES[redundancy](trial.jacobian, trial.now.distance, trial.estimator.noise_px)
+    return solve_within(*equations, damping, *trial.word_bounds)
 
 
 class Steps:
@@ -20,6 +33,10 @@ class Steps:
     """
 
     SHORTER, LONGER = 0.4, 1.5
+    """Steps get shorter by this where one lost a point from view, and longer again with each that did not:
+    tuned on wild worlds 3000 and up."""
+    LEAST_SHARE = 0.1
+    """A step that leads out of the images keeps this share at least: else nothing would move (a guard)."""
 
     def __init__(self, trial: Trial, step_px: float, step_word: float, border: float) -> None:
         self.trial = trial
@@ -31,7 +48,7 @@ class Steps:
     def make(self, words: Array) -> Motions:
         """Executes words (m,) as far as they may go; where a point got lost, goes back, and then shorter."""
         yield from self.trial.move(self.confidence * self.bounded(words))
-        if not self.trial.senses.lost.any():
+        if not self.trial.filter.lost.any():
             self.confidence = min(1.0, self.LONGER * self.confidence)
         else:
             self.confidence *= self.SHORTER
@@ -39,17 +56,16 @@ class Steps:
 
     def bounded(self, words: Array) -> Array:
         """The same direction (m,), as far as the predicted image motion allows."""
-        jacobian = self.trial.estimator.jacobian
-        moved = jacobian @ words
+        moved = self.trial.estimator.predict(words)
         reach = min(self._step_px, self.trial.estimator.reach_px)
         shares = [
             1.0,
-            reach / max(displacement_px(moved), 1e-9),
+            reach / max(float(lengths_px(moved).max()), 1e-9),
             self._step_word / max(np.abs(words).max(), 1e-9),
         ]
-        points = both_points(self.trial.look)
+        points = self.trial.now.points
         leaving = np.abs(points + moved) > np.maximum(self._border, np.abs(points))
         if leaving.any():
             room = np.maximum(self._border - np.sign(moved) * points, 0.0)[leaving]
-            shares.append(max(0.1, float((room / np.abs(moved[leaving])).min())))
+            shares.append(max(self.LEAST_SHARE, float((room / np.abs(moved[leaving])).min())))
         return words * min(shares)

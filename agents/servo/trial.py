@@ -2,108 +2,163 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from agents.base.agent import Array, Look
-from agents.jacobian import Estimator, Flags, both_points, displacement_px, distance_jacobian
-from agents.perception.observation_filter import Senses
+from agents.base.observation import POINTS, Array, Flags, Observation
+from agents.jacobian import Estimator, distance_jacobian
+from agents.perception import ObservationFilter
+from calfree_gym.image import lengths_px
 
-Motions = Generator[Array, Look, Any]
-"""Yields control words, is sent what was seen after them."""
+Motions = Generator[Array, Observation, Any]
+"""Yields control words, is sent what is observed after them."""
+
+
+@dataclass
+class Findings:
+    """What a servo finds out in a trial.
+
+    Attributes:
+        estimator: What is known of the Jacobian.
+        trusted: The observations that were believed, none of their points merely predicted.
+    """
+
+    estimator: Estimator
+    trusted: list[Observation] = field(default_factory=list)
 
 
 class Trial:
     """What a servo knows in a trial, and the motions that all servos are made of.
 
     Attributes:
-        look: What is believed after the last motion.
-        senses: What is known of looks.
-        estimator: What is known of the Jacobian.
-        known: For which points and motors (4, m) that was learned from motions.
+        now: What is estimated after the last motion.
+        findings: What has been found out.
+        filter: What is known of observations.
+        known: For which points and motors (4, m) J was learned from motions.
         test_words: The next test word of each motor (m,).
         object_jumped: Whether the object was last seen where J cannot have brought it.
         lowest, highest: Registers (m,) at which motors are known to stop.
 
     Args:
-        look: The first look.
-        estimator: What to begin with.
+        first: The first observation.
+        findings: What to begin with.
         first_word: Size of the very first test words.
         test_px: Image displacement wanted of a test motion; its word adapts to that.
     """
 
     TRIES = 6
-    SHORT = 1e-4
-    """A motor that executes so much less than its word has met a stop."""
+    """A test motion is repeated at most so often (a guard: words double at least every other time)."""
+    STOPPED = 1e-4
+    """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
     SMALLEST_TEST, LARGEST_TEST = 0.01, 0.5
+    """Sizes of test words: tuned on wild worlds 3000 and up."""
+    MOST_GROWTH = 4.0
+    """A test word grows or shrinks by this factor at most: tuned likewise."""
     NOISES = 8.0
-    """A test motion is to move the images by so many times the noise."""
+    """A test motion is to move the images by so many times the noise: then a column is known to a sixth
+    (√2 / 8)."""
     CLEAR, HIDDEN = 4.0, 3.0
     """A column is measured until it is so many times longer than its standard deviation; and anew below."""
 
-    def __init__(self, look: Look, estimator: Estimator, first_word: float, test_px: float) -> None:
-        motors = len(look.registers)
-        self.look = look
-        self.senses = Senses()
-        self.estimator = estimator
-        self.known = np.tile(estimator.jacobian.any(0), (4, 1))
+    def __init__(self, first: Observation, findings: Findings, first_word: float, test_px: float) -> None:
+        motors = len(first.registers)
+        self.now = first
+        self.findings = findings
+        self.filter = ObservationFilter()
+        self.known = np.tile(self.estimator.jacobian.any(0), (POINTS, 1))
         self.test_words = np.full(motors, first_word)
         self.lowest = np.full(motors, -1.0)
         self.highest = np.full(motors, 1.0)
         self.object_jumped = False
-        self._seen_at = np.tile(look.registers, (4, 1))
+        self._seen_at = np.tile(first.registers, (POINTS, 1))
         self._tested = np.zeros(motors)
-        self._confirmed = np.zeros(4, bool)
+        self._confirmed = np.zeros(POINTS, bool)
         self._test_px = test_px
 
+    @property
+    def estimator(self) -> Estimator:
+        """What is known of the Jacobian."""
+        return self.findings.estimator
+
+    @property
+    def jacobian(self) -> Array:
+        """The Jacobian of the image distance (4, m), as far as it is known."""
+        return distance_jacobian(self.estimator.jacobian)
+
+    @property
+    def word_bounds(self) -> tuple[Array, Array]:
+        """The lowest and the highest words (m,) that bring motors to their stops."""
+        return self.lowest - self.now.registers, self.highest - self.now.registers
+
     def begin(self) -> Motions:
-        """Looks until all points were seen."""
-        self.look = yield from self.senses.first(self.look)
+        """Observes until all points were seen."""
+        self.now = yield from self.filter.first(self.now)
 
     def move(self, words: Array) -> Motions:
-        """Executes words (m,), and learns; returns executed words and the points' displacement (8,)."""
-        before = self.look
-        look = yield words
-        executed = look.registers - before.registers
-        moving = executed != 0
-        expected = self.estimator.jacobian @ executed
-        known = np.asarray(self.known[:, moving].all(1))
-        look = yield from self.senses.settle(look, before, expected, known)
-        short = words - executed
-        if np.abs(short).max() > self.SHORT:
-            self.highest = np.where(short > self.SHORT, look.registers, self.highest)
-            self.lowest = np.where(short < -self.SHORT, look.registers, self.lowest)
-        surprising = self.senses.surprising
-        self.object_jumped = bool((surprising & known)[2:].any())
-        doubtful = surprising & (~self._confirmed | self.object_jumped)
-        believable = look.visible & (before.visible | self.estimator.bridging) & ~doubtful
-        self._confirmed |= look.visible
-        start, seen = both_points(before), both_points(look)
-        self.estimator.noise_px = self.senses.noise_px
-        moved = self.estimator.learn(executed, seen - start, np.repeat(believable, 2))
-        moved = np.where(np.repeat(look.visible & ~believable, 2), seen - start, moved)
-        self.look = look.believed(start + moved, look.visible)
-        self.estimator.trusted.append(look.believed(seen, look.visible & ~doubtful))
-        self._seen_at[look.visible] = look.registers
-        if np.count_nonzero(moving) == 1:
-            self.known[believable, moving.argmax()] = True
-        while self.senses.curious:
-            yield from self.move(np.zeros(len(words)))
+        """Executes words (m,), and learns; returns executed words (m,) and the points' displacement (4, 2).
+
+        Where observations are noisy, and it is not known how noisy, it then observes until it is.
+        """
+        executed, moved = yield from self._move(words)
+        while self.filter.noise.needs_samples:
+            yield from self._move(np.zeros_like(words))
         return executed, moved
+
+    def _move(self, words: Array) -> Motions:
+        before = self.now
+        observation = yield words
+        executed = observation.registers - before.registers
+        moving = executed != 0
+        known = np.asarray(self.known[:, moving].all(1))
+        predicted = self.estimator.predict(executed)
+        observation = yield from self.filter.settle(observation, before, predicted, known)
+        self._learn_stops(words - executed, observation.registers)
+        moved, usable = self._learn_motion(executed, before, observation, known)
+        if np.count_nonzero(moving) == 1:
+            self.known[usable, moving.argmax()] = True
+        return executed, moved
+
+    def _learn_stops(self, short: Array, registers: Array) -> None:
+        """Motors whose words (m,) were not executed to the end have met a stop at `registers` (m,)."""
+        self.highest = np.where(short > self.STOPPED, registers, self.highest)
+        self.lowest = np.where(short < -self.STOPPED, registers, self.lowest)
+
+    def _learn_motion(
+        self, executed: Array, before: Observation, after: Observation, known: Flags
+    ) -> tuple[Array, Flags]:
+        """Learns from a motion what J is and where the points are.
+
+        Returns:
+            The points' displacement (4, 2), and from which of them (4,) J was learned.
+        """
+        inconsistent = self.filter.inconsistent
+        self.object_jumped = bool((inconsistent & known)[2:].any())
+        doubtful = inconsistent & (~self._confirmed | self.object_jumped)
+        usable = after.visible & (before.visible | self.estimator.bridging) & ~doubtful
+        seen = after.points - before.points
+        self.estimator.noise_px = self.filter.noise.px
+        moved = self.estimator.learn(executed, seen, usable)
+        moved = np.where((after.visible & ~usable)[:, None], seen, moved)
+        self.now = after.estimated(before.points + moved, after.visible)
+        self.findings.trusted.append(after.estimated(after.points, after.visible & ~doubtful))
+        self._confirmed |= after.visible
+        self._seen_at[after.visible] = after.registers
+        return moved, usable
 
     def go_back(self) -> Motions:
         """Returns to where a point that is not seen any more was seen last."""
-        lost = int(self.senses.lost.argmax())
-        yield from self.move(self._seen_at[lost] - self.look.registers)
+        lost = int(self.filter.lost.argmax())
+        yield from self.move(self._seen_at[lost] - self.now.registers)
 
     def move_in_view(self, words: Array) -> Motions:
         """Executes words (m,), and where that loses a point from view, goes half of the way back."""
-        before = self.look
+        before = self.now
         yield from self.move(words)
-        while self.senses.lost.any():
-            yield from self.move((before.registers - self.look.registers) / 2)
+        while self.filter.lost.any():
+            yield from self.move(half_way_back(before, self.now))
 
     def test(self, motor: int) -> Motions:
         """Measures one motor's column of the Jacobian by a test motion, towards the object as last known.
@@ -111,30 +166,28 @@ class Trial:
         Where the motor meets its stop or a point gets lost it tries the other way; where too little moves in
         the images to be told from noise it tries a larger word, back and forth.
         """
-        slope = distance_jacobian(self.estimator.jacobian)[:, motor] @ self.look.distance
+        slope = self.jacobian[:, motor] @ self.now.distance
         if slope:
             self.test_words[motor] = -np.sign(slope) * abs(self.test_words[motor])
         for _ in range(self.TRIES):
-            words = np.zeros(len(self.test_words))
+            words = np.zeros_like(self.test_words)
             words[motor] = self.test_words[motor]
             executed, moved = yield from self.move(words)
-            if self.senses.lost.any():
+            if self.filter.lost.any():
                 self.test_words[motor] *= -0.5
                 yield from self.go_back()
             elif abs(executed[motor]) < 0.5 * abs(words[motor]):
                 self.test_words[motor] *= -1
             else:
                 self._tested[motor] = executed[motor]
-                self._adapt(motor, float(executed[motor]), displacement_px(moved))
+                self._adapt(motor, float(executed[motor]), float(lengths_px(moved).max()))
                 if self._measured(self.CLEAR)[motor]:
                     return
                 self.test_words[motor] *= -1
 
-    def test_hidden(self) -> Motions:
-        """Test motions of all motors of which nothing is known or no more than noise, one after the other."""
-        for motor, measured in enumerate(self._measured(self.HIDDEN)):
-            if not measured:
-                yield from self.test(motor)
+    def unmeasured(self) -> Iterator[int]:
+        """The motors of whose columns nothing is known now, or no more than noise."""
+        return (int(motor) for motor in np.flatnonzero(~self._measured(self.HIDDEN)))
 
     def _measured(self, times: float) -> Flags:
         """Which columns (m,) were learned, and are so many times longer than their standard deviation."""
@@ -149,10 +202,17 @@ class Trial:
         self.known[:] = False
         for motor, column in enumerate(self.estimator.jacobian.T):
             if column.any():
-                self._adapt(motor, self.test_words[motor], displacement_px(column * self.test_words[motor]))
+                moved = (column * self.test_words[motor]).reshape(POINTS, 2)
+                self._adapt(motor, self.test_words[motor], float(lengths_px(moved).max()))
 
     def _adapt(self, motor: int, word: float, pixels: float) -> None:
-        wanted = max(self._test_px, self.NOISES * self.senses.noise_px)
-        size = word * np.clip(wanted / max(pixels, 0.1), 0.25, 4)
+        """Sizes the next test word of a motor by how far one of this size moved the images."""
+        wanted = max(self._test_px, self.NOISES * self.filter.noise.px)
+        size = word * np.clip(wanted / max(pixels, 0.1), 1 / self.MOST_GROWTH, self.MOST_GROWTH)
         size = np.sign(size) * max(abs(size), self.SMALLEST_TEST)
         self.test_words[motor] = np.clip(size, -self.LARGEST_TEST, self.LARGEST_TEST)
+
+
+def half_way_back(before: Observation, now: Observation) -> Array:
+    """Control words (m,) half of the way back to where a motion began that lost a point from view."""
+    return (before.registers - now.registers) / 2

@@ -14,22 +14,23 @@ and motion together are the least-squares solution of all four equations.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from agents.base.agent import Array, Look, Procedure
-from agents.jacobian import Estimator, distance_jacobian
+from agents.base.checks import check_number, check_one_of
+from agents.base.observation import Array, Observation
+from agents.base.procedure import Procedure
+from agents.jacobian import Estimator, TestMotions
 from agents.servo.redundancy import solve, solve_within
-from agents.servo.settings import check_motions, check_numbers, check_one_of
+from agents.servo.settings import check_motions
 from agents.servo.steps import Steps
-from agents.servo.trial import Trial
+from agents.servo.trial import Findings, Trial
 from calfree_gym.image import IMAGE_UNIT
 
 WAIST = 0
 ARM = (1, 2)
-CAMERAS = {"left": slice(0, 2), "right": slice(2, 4), "both": slice(0, 4)}
-"""Their equations among the four."""
+EQUATIONS = {"left": slice(0, 2), "right": slice(2, 4), "both": slice(0, 4)}
+"""Each camera's among the four."""
 
 
 def disparity(jacobian: Array, distance: Array, damping: float) -> Array:
@@ -42,7 +43,7 @@ def disparity(jacobian: Array, distance: Array, damping: float) -> Array:
     """
     left, right = (
         solve(jacobian[equations, 1:], distance[equations], damping)
-        for equations in (CAMERAS["left"], CAMERAS["right"])
+        for equations in (EQUATIONS["left"], EQUATIONS["right"])
     )
     return left - right
 
@@ -53,7 +54,7 @@ def disparity_weight(jacobian: Array) -> Array:
     A disparity δ has the length √(δᵀWδ): the image distance (norm over both cameras, in image units) that
     motors 2 and 3 must leave between gripper and object.
     """
-    left, right = (jacobian[CAMERAS[camera], 1:] for camera in ("left", "right"))
+    left, right = (jacobian[EQUATIONS[camera], 1:] for camera in ("left", "right"))
     left, right = left.T @ left, right.T @ right
     return np.asarray(left @ np.linalg.pinv(left + right) @ right)
 
@@ -95,8 +96,6 @@ class WorkPlaneServo:
         in_plane_px: The object counts as in the work plane where the disparity is shorter than this.
     """
 
-    estimator: ClassVar[str] = "test_motions"
-
     camera: str = "both"
     first_word: float = 0.04
     test_px: float = 16.0
@@ -107,13 +106,17 @@ class WorkPlaneServo:
     in_plane_px: float = 2.0
 
     def __post_init__(self) -> None:
-        check_one_of(self, "camera", CAMERAS)
+        check_one_of("camera", self.camera, EQUATIONS)
         check_motions(self)
-        check_numbers(self, in_plane_px=0.0)
+        check_number("in_plane_px", self.in_plane_px, least=0)
 
-    def __call__(self, look: Look, estimator: Estimator) -> Procedure:
-        """Seeks the rendezvous from `look` on, for as long as it is asked."""
-        trial = Trial(look, estimator, self.first_word, self.test_px)
+    def new_estimator(self, motors: int, start: Array | None) -> Estimator:
+        """See `Servo`."""
+        return TestMotions(motors, start)
+
+    def __call__(self, first: Observation, findings: Findings) -> Procedure:
+        """Seeks the rendezvous from the first observation on, for as long as it is asked."""
+        trial = Trial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         yield from trial.begin()
         while True:
@@ -126,23 +129,19 @@ class WorkPlaneServo:
             yield from steps.make(self._motion_in_plane(trial))
 
     def _in_plane(self, trial: Trial) -> bool:
-        jacobian = distance_jacobian(trial.estimator.jacobian)
-        apart = disparity(jacobian, trial.look.distance, self.damping)
-        squared = float(apart @ disparity_weight(jacobian) @ apart)
+        apart = disparity(trial.jacobian, trial.now.distance, self.damping)
+        squared = float(apart @ disparity_weight(trial.jacobian) @ apart)
         return squared < (self.in_plane_px * IMAGE_UNIT) ** 2
 
     def _turn(self, trial: Trial) -> Array:
         """Control words (3,) that bring the object into the work plane."""
-        word = turn(distance_jacobian(trial.estimator.jacobian), trial.look.distance, self.damping)
-        register = trial.look.registers[WAIST]
-        word = np.clip(word, trial.lowest[WAIST] - register, trial.highest[WAIST] - register)
-        return np.array([word, 0.0, 0.0])
+        lowest, highest = trial.word_bounds
+        word = turn(trial.jacobian, trial.now.distance, self.damping)
+        return np.array([np.clip(word, lowest[WAIST], highest[WAIST]), 0.0, 0.0])
 
     def _motion_in_plane(self, trial: Trial) -> Array:
         """Control words (3,) that bring the gripper to an object in the work plane."""
-        equations = CAMERAS[self.camera]
-        jacobian, registers = distance_jacobian(trial.estimator.jacobian), trial.look.registers
-        lowest, highest = (trial.lowest - registers)[1:], (trial.highest - registers)[1:]
-        distance = trial.look.distance[equations]
-        words = solve_within(jacobian[equations, 1:], distance, self.damping, lowest, highest)
-        return np.array([0.0, *words])
+        equations = EQUATIONS[self.camera]
+        lowest, highest = trial.word_bounds
+        jacobian, distance = trial.jacobian[equations, 1:], trial.now.distance[equations]
+        return np.array([0.0, *solve_within(jacobian, distance, self.damping, lowest[1:], highest[1:])])

@@ -29,4 +29,4 @@ def asked(agent: AgentConfig, env: EnvironmentConfig) -> Asked:
     made = agents.make(agent.name, telling, seed=0, **agent.settings)
     telling.close()
     mount = {"camera_mount": env.camera_mount} if hasattr(made, "camera_mount") else {}
-    return Asked(made.told, {**mount, **agent.settings})
+    return Asked(made.privileged, {**mount, **agent.settings})

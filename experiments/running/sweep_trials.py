@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import agents
-from agents.base.agent import Look
+from agents.base.observation import Observation
 from experiments.config.requirements import asked
 from experiments.evaluation import evaluate
 from experiments.running.plan import SweepRun
@@ -29,7 +29,7 @@ def sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
             agent = agents.make(run.agent.name, env, seed=run.agent_seed, **settings)
             reached = 0
             for world, seed in enumerate(run.world_seeds):
-                in_view = bool(Look.of(env.reset(seed=seed)[0]).visible.all())
+                in_view = bool(Observation.of(env.reset(seed=seed)[0]).visible.all())
                 (record,) = evaluate(agent, env, trials=1, seed=seed)
                 log.write("sweep", 0, 0, record, world=world, value=float(value), in_view=in_view)
                 reached += record.success

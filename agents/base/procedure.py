@@ -1,0 +1,184 @@
+"""A controller that is written like the paper, as a coroutine, and gets the surface of every agent.
+
+A procedure yields control words and is sent what is observed after them. What it finds out on its way it
+writes into its *findings*. `learn` hands the findings of a finished trial to the agent; `predict` drops them.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.base import storage
+from agents.base.agent import Agent, Callback
+from agents.base.observation import Array, Observation, RawObservation
+
+Procedure = Generator[Array, Observation, None]
+"""Seeks the rendezvous in one trial. After its end the agent sends zero words."""
+
+
+@dataclass
+class RunningTrial:
+    """A procedure at work, and what it has found out so far."""
+
+    procedure: Procedure
+    findings: Any
+
+    def begin(self, first: Observation) -> Array:
+        """The first control words (m,)."""
+        return next(self.procedure, np.zeros_like(first.registers))
+
+    def go_on(self, observation: Observation) -> Array:
+        """The next control words (m,); zero words once the procedure has ended."""
+        try:
+            return self.procedure.send(observation)
+        except StopIteration:
+            return np.zeros_like(observation.registers)
+
+
+class ProcedureAgent(Agent):
+    """An agent whose behaviour in one trial is a procedure."""
+
+    @abstractmethod
+    def procedure(self, first: Observation, findings: Any) -> Procedure:
+        """Seeks the rendezvous from the trial's first observation on.
+
+        Args:
+            first: What is observed at home.
+            findings: What `new_findings` returned; the procedure writes into it what it finds out.
+        """
+
+    def new_findings(self) -> Any:
+        """Where a trial's findings go; None for agents that do not learn."""
+        return None
+
+    def learn_trial(self, findings: Any, last: Observation, ended: bool) -> None:
+        """Takes over what a trial of its own has found out.
+
+        Args:
+            findings: Of the trial, its last observation included.
+            last: The trial's last observation.
+            ended: Whether the environment ended it. A trial that was cut off teaches no end.
+        """
+
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """What it is, with all settings: it loads only what its like has saved."""
+
+    @property
+    def earlier_kinds(self) -> tuple[str, ...]:
+        """What earlier versions of this software called the same thing in saved files."""
+        return ()
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All that it knows, as named arrays; nothing, unless it learns."""
+        return {}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Takes over what `arrays` returned."""
+
+    def predict(
+        self,
+        observation: RawObservation,
+        state: list[RunningTrial] | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], list[RunningTrial]]:
+        """See `Agent`. The state is opaque and consumed by the call.
+
+        Raises:
+            ValueError: `state` is None in the middle of a trial, or of another number of environments.
+        """
+        single = np.ndim(observation["achieved_goal"]) == 1
+        rows = [observation] if single else _rows(observation)
+        starts = np.zeros(len(rows), bool) if episode_start is None else np.atleast_1d(episode_start)
+        if state is not None and len(state) != len(rows):
+            raise ValueError(f"the state is of {len(state)} environments, the observation of {len(rows)}")
+        if len(starts) != len(rows):
+            raise ValueError(f"episode_start has {len(starts)} entries for {len(rows)} environments")
+        words, after = [], []
+        for i, row in enumerate(rows):
+            now = Observation.of(row)
+            if state is not None and not starts[i]:
+                trial = state[i]
+                words.append(trial.go_on(now))
+            else:
+                if not starts[i]:
+                    _check_at_home(now)
+                trial = self._new_trial(now)
+                words.append(trial.begin(now))
+            after.append(trial)
+        stacked = np.asarray(words, np.float32)
+        return (stacked[0] if single else stacked), after
+
+    def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
+        """See `Agent`."""
+        target = self.num_timesteps + total_timesteps
+        go_on = True
+        while go_on and self.num_timesteps < target:
+            go_on = self._live_trial(target, callback)
+        return self
+
+    def _live_trial(self, target: int, callback: Callback | None) -> bool:
+        """One trial of its own, cut off where `target` motions were made; whether the callback goes on."""
+        raw, _ = self.env.reset()
+        now = Observation.of(raw)
+        trial = self._new_trial(now)
+        words = trial.begin(now)
+        while True:
+            raw, _, terminated, truncated, _ = self.env.step(words.astype(np.float32))
+            now = Observation.of(raw)
+            self.num_timesteps += 1
+            over = bool(terminated or truncated)
+            if over:
+                trial.go_on(now)
+                self.learn_trial(trial.findings, now, bool(terminated))
+            go_on = callback is None or callback(self)
+            if over or not go_on or self.num_timesteps >= target:
+                return go_on
+            words = trial.go_on(now)
+
+    def _new_trial(self, first: Observation) -> RunningTrial:
+        findings = self.new_findings()
+        return RunningTrial(self.procedure(first, findings), findings)
+
+    def save(self, path: str | Path) -> None:
+        """See `Agent`."""
+        storage.save(path, self.kind, self.arrays(), self.num_timesteps)
+
+    def load(self, path: str | Path) -> Self:
+        """See `Agent`.
+
+        Raises:
+            ValueError: The file is damaged, no saved agent, or of another kind or other settings.
+        """
+        arrays, motions = storage.load(path, self.kind, self.earlier_kinds)
+        before = self.arrays()
+        try:
+            self.restore(arrays)
+        except (KeyError, ValueError) as error:
+            self.restore(before)
+            raise ValueError(f"{path} is damaged: {error}") from error
+        self.num_timesteps = motions
+        return self
+
+
+def _check_at_home(now: Observation) -> None:
+    if np.abs(now.registers).max() > 0:
+        raise ValueError(
+            "predict got state=None in the middle of a trial (registers are "
+            f"{now.registers.tolist()}): pass the state back that the last call returned, "
+            "or episode_start where a new trial begins"
+        )
+
+
+def _rows(observation: RawObservation) -> list[RawObservation]:
+    count = len(observation["achieved_goal"])
+    return [{key: value[i] for key, value in observation.items()} for i in range(count)]

@@ -1,0 +1,193 @@
+"""Agents by name, and the settings that each of them takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from functools import partial
+from inspect import signature
+from typing import Any
+
+import gymnasium as gym
+
+from agents.base.agent import Agent
+from agents.base.checks import check_number, check_one_of
+from agents.calibrated.affine_stereo import AffineStereo
+from agents.calibrated.model_based import ModelBased
+from agents.calibrated.self_calibrating import SelfCalibrating
+from agents.jacobian import ESTIMATORS
+from agents.knowledge.factored_table import FactoredTable
+from agents.knowledge.gaussian_process import GaussianProcess
+from agents.knowledge.grid_table import GridTable
+from agents.knowledge.knowledge import Knowledge
+from agents.knowledge.support_points import SupportPoints
+from agents.learning_servo import LearningServo
+from agents.random_agent import RandomAgent
+from agents.servo.joint_space import JointSpaceServo
+from agents.servo.paper import PaperServo
+from agents.servo.servo_agent import Servo, ServoAgent
+from agents.servo.unified import UnifiedServo
+from agents.servo.work_plane import WorkPlaneServo
+from calfree_gym.errors import near_misses
+
+Environment = gym.Env[Any, Any]
+
+
+def _servo_agent(env: Environment, seed: int = 0, *, servo: str, **settings: Any) -> Agent:
+    return ServoAgent(env, make_servo(servo, settings), seed)
+
+
+def make_servo(name: str, settings: Mapping[str, Any]) -> Servo:
+    """Makes a servo by its name in `SERVOS`.
+
+    `unified_servo` with `estimator="test_motions"` is another name of `paper_servo`, which has no `patience`.
+
+    Raises:
+        ValueError: A setting is not allowed.
+    """
+    if name != "unified_servo" or "estimator" not in settings:
+        return SERVOS[name](**settings)
+    check_one_of("estimator", settings["estimator"], ("test_motions", *ESTIMATORS))
+    if settings["estimator"] != "test_motions":
+        return UnifiedServo(**settings)
+    check_number("patience", settings.get("patience", 1), least=1)
+    return PaperServo(**{key: settings[key] for key in settings if key not in ("estimator", "patience")})
+
+
+def _learning_servo(
+    env: Environment,
+    seed: int = 0,
+    knowledge: str = "memory",
+    servo: str = "unified_servo",
+    jump_px: float = 60.0,
+    every_look: bool = True,
+    on_change: str = "keep",
+    **settings: Any,
+) -> Agent:
+    own = _own_settings(KNOWLEDGE[knowledge])
+    remembered = KNOWLEDGE[knowledge](
+        env.action_space.shape[0],  # type: ignore[index]
+        **{name: settings.pop(name) for name in own if name in settings},
+    )
+    return LearningServo(env, remembered, make_servo(servo, settings), seed, jump_px, every_look, on_change)
+
+
+def _own_settings(knowledge: Callable[..., Knowledge]) -> tuple[str, ...]:
+    return tuple(name for name in signature(knowledge).parameters if name != "motors")
+
+
+def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:
+    from agents.neural.sb3 import SacAgent
+
+    return SacAgent(env, seed, **settings)
+
+
+KNOWLEDGE: dict[str, Callable[..., Knowledge]] = {
+    "grid_table": GridTable,
+    "factored_table": FactoredTable,
+    "support_points": SupportPoints,
+    "gaussian_process": GaussianProcess,
+    "memory": GaussianProcess,
+}
+"""Knowledge bases by name; `memory` is the best of them."""
+SERVOS: dict[str, type[PaperServo] | type[UnifiedServo] | type[WorkPlaneServo]] = {
+    "paper_servo": PaperServo,
+    "unified_servo": UnifiedServo,
+    "work_plane_servo": WorkPlaneServo,
+}
+"""The servos that knowledge can be laid over."""
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "grid_table": {"every_look": False, "servo": "paper_servo", "jump_px": math.inf},
+    "gaussian_process": {"on_change": "recognise"},
+    "memory": {"on_change": "recognise"},
+}
+"""Settings of agents that bear a knowledge base's name. With the paper's table only success teaches, what is
+recalled is always tried, and the paper's servo corrects, unless an `estimator` is chosen."""
+
+_MAKERS: dict[str, Callable[..., Agent]] = {
+    "random": RandomAgent,
+    **{name: partial(_servo_agent, servo=name) for name in SERVOS},
+    "learning_servo": _learning_servo,
+    **{name: partial(_learning_servo, knowledge=name) for name in KNOWLEDGE},
+    "joint_space_servo": JointSpaceServo,
+    "affine_stereo": AffineStereo,
+    "model_based": ModelBased,
+    "self_calibrating": SelfCalibrating,
+    "sac": _sac,
+}
+
+
+def names() -> tuple[str, ...]:
+    """The names that `make` knows."""
+    return tuple(_MAKERS)
+
+
+def make(name: str, env: Environment, **settings: Any) -> Agent:
+    """Makes the agent `name` for `env`.
+
+    Args:
+        name: One of `names()`.
+        env: The environment that it learns in, and whose spaces it acts in.
+        **settings: Of the agent; `seed` for all.
+
+    Raises:
+        ValueError: An unknown name, with the near misses, or a setting that is not allowed.
+    """
+    if name not in _MAKERS:
+        hint = near_misses(name, _MAKERS)
+        raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(_MAKERS)}")
+    shape = getattr(env.action_space, "shape", None)
+    if shape is None or len(shape) != 1:
+        raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
+    settings = _defaults(name, settings) | settings
+    allowed = _settings_of(name, settings)
+    for setting in settings:
+        if setting not in allowed:
+            hint = near_misses(setting, allowed)
+            raise ValueError(
+                f"agent {name!r} has no setting {setting!r}{hint}; allowed: {', '.join(allowed)}"
+            )
+    try:
+        return _MAKERS[name](env, **settings)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"agent {name!r}: {error}") from error
+
+
+def _defaults(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """An agent's own defaults; estimators are settings of `unified_servo`, the servo of all others."""
+    defaults = DEFAULTS.get(name, {})
+    return {key: defaults[key] for key in defaults if not (key == "servo" and "estimator" in given)}
+
+
+def _settings_of(name: str, given: Mapping[str, Any]) -> tuple[str, ...]:
+    """The settings that an agent takes; a learning servo's depend on the knowledge and servo `given`."""
+    if name == "sac":
+        from agents.neural.sb3 import SETTINGS
+
+        return SETTINGS
+    named = _named_settings(_MAKERS[name])
+    if name in SERVOS:
+        return ("seed", *_fields(name))
+    if name not in KNOWLEDGE and name != "learning_servo":
+        return named
+    chosen = {"servo": "unified_servo", "knowledge": "memory", **given}
+    if name in KNOWLEDGE:
+        named = tuple(setting for setting in named if setting != "knowledge")
+        chosen["knowledge"] = name
+    for setting, known in (("knowledge", KNOWLEDGE), ("servo", SERVOS)):
+        if chosen[setting] not in known:
+            raise ValueError(
+                f"agent {name!r}: {setting} is {chosen[setting]!r}{near_misses(chosen[setting], known)}; "
+                f"allowed: {', '.join(known)}"
+            )
+    return (*named, *_own_settings(KNOWLEDGE[chosen["knowledge"]]), *_fields(chosen["servo"]))
+
+
+def _named_settings(maker: Callable[..., Agent]) -> tuple[str, ...]:
+    parameters = signature(maker).parameters.values()
+    return tuple(p.name for p in parameters if p.kind is not p.VAR_KEYWORD and p.name != "env")
+
+
+def _fields(servo: str) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(SERVOS[servo]))

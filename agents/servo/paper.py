@@ -1,0 +1,60 @@
+"""The paper's second implementation: all motors alike, test motions before every step (section 3.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from agents.base.checks import check_one_of
+from agents.base.observation import Array, Observation
+from agents.base.procedure import Procedure
+from agents.jacobian import Estimator, TestMotions
+from agents.servo.redundancy import REDUNDANCIES
+from agents.servo.settings import check_motions
+from agents.servo.steps import Steps, solve_distance
+from agents.servo.trial import Findings, Trial
+
+
+@dataclass(frozen=True)
+class PaperServo:
+    """Tests each motor, solves -d = J c° (equation 1), executes c°, and forgets J.
+
+    So it is "completely insensitive to parameter changes between motion steps" (section 4.1). The paper gives
+    no numbers: the sizes of words and steps below are reconstructions, tuned on wild worlds 3000 and up.
+
+    Attributes:
+        redundancy: What is done with four equations for three words: one of
+            `agents.servo.redundancy.REDUNDANCIES`.
+        first_word: Size of the very first test word.
+        test_px: Image displacement wanted of a test motion; its word adapts to that.
+        step_px: No step is predicted to move a point further than this in an image.
+        step_word: No word of a step is larger.
+        damping: Of the least squares, relative to the columns' length.
+        border: Steps are predicted to keep every point within this part of the images.
+    """
+
+    redundancy: str = "weighted"
+    first_word: float = 0.04
+    test_px: float = 16.0
+    step_px: float = 120.0
+    step_word: float = 0.7
+    damping: float = 0.05
+    border: float = 0.95
+
+    def __post_init__(self) -> None:
+        check_one_of("redundancy", self.redundancy, REDUNDANCIES)
+        check_motions(self)
+
+    def new_estimator(self, motors: int, start: Array | None) -> Estimator:
+        """See `Servo`."""
+        return TestMotions(motors, start)
+
+    def __call__(self, first: Observation, findings: Findings) -> Procedure:
+        """Seeks the rendezvous from the first observation on, for as long as it is asked."""
+        trial = Trial(first, findings, self.first_word, self.test_px)
+        steps = Steps(trial, self.step_px, self.step_word, self.border)
+        yield from trial.begin()
+        while True:
+            for motor in trial.unmeasured():
+                yield from trial.test(motor)
+            yield from steps.make(solve_distance(trial, self.redundancy, self.damping))
+            trial.forget()
