@@ -6,11 +6,13 @@ import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+import yaml
 
 import agents
 from calfree_gym import WorldDistribution, nominal
@@ -23,6 +25,7 @@ from experiments.config import suite as config
 from experiments.running import trial_log as records
 
 ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
 PAGES = ["README.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs").glob("*.md"))]
 LOADING = {"link": "href", "script": "src", "img": "src", "iframe": "src", "source": "src"}
 
@@ -202,3 +205,82 @@ def test_configuration_page_tells_the_defaults():
         if not field.is_required():
             told = {True: "true", (): "none"}.get(field.default, field.default)
             assert f"`{key}` (`{told}`)" in text or f"`{key}` ({told})" in text, key
+
+
+def test_readme_has_at_most_900_words():
+    assert len(README.read_text().split()) <= 900
+
+
+def test_readme_shows_what_it_promises():
+    text = README.read_text()
+    first = re.search(r"!\[.*?\]\((.*?)\)", text)
+    assert first[1] == "docs/scene.png"
+    assert text.count("![") == 2, "the picture on top, and one figure"
+    assert re.findall("<!-- table: (.*?) -->", text) == ["quick"]
+    assert len(re.findall(r"^- \*\*`\w+`\*\*.*(?:\n  .*)*\d", text, re.MULTILINE)) == 3, (
+        "bullets with a number"
+    )
+    for block in re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
+        assert len([line for line in block.splitlines() if line]) <= 6
+
+
+def test_readme_comparison_is_valid(tmp_path):
+    (example,) = re.findall(r"^```yaml\n(.*?)^```", README.read_text(), re.DOTALL | re.MULTILINE)
+    assert len(example.splitlines()) <= 12
+    (tmp_path / "mine.yaml").write_text(example)
+    assert len(loading.load(tmp_path / "mine.yaml").agents) == 3
+
+
+@pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md"])
+def test_links_of_a_page_lead_somewhere(page):
+    for link in re.findall(r"\]\(([^)\s]+)\)", (ROOT / page).read_text()):
+        if not re.match("https?:|#", link):
+            assert ((ROOT / page).parent / link.partition("#")[0]).exists(), link
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_markers_of_tables_are_closed(page):
+    markers = re.findall(r"^<!-- (table: \S+|end of table) -->$", (ROOT / page).read_text(), re.MULTILINE)
+    assert markers[1::2] == ["end of table"] * (len(markers) // 2)
+    names = markers[::2]
+    assert len(names) == len(markers) / 2 == len(set(names))
+    assert all(name.startswith("table: ") for name in names)
+
+
+def folders(package):
+    """The folders in a package that hold code or data of ours, each with its depth, in any order."""
+    for path in sorted((ROOT / package).rglob("*")):
+        relative = path.relative_to(ROOT)
+        hidden = any(part.startswith(("__", ".")) for part in relative.parts)
+        if path.is_dir() and any(path.iterdir()) and not hidden and "results" not in relative.parts[:-1]:
+            yield relative.as_posix()
+
+
+def test_architecture_page_shows_the_folders():
+    tree = re.search(
+        r"^```\n(.*?)^```", (ROOT / "docs/architecture.md").read_text(), re.DOTALL | re.MULTILINE
+    )
+    shown, above = [], []
+    for line in tree[1].splitlines():
+        indent, name = re.match(r"( *)(\w+)/ ", line).groups()
+        above = [*above[: len(indent) // 2], name]
+        shown.append("/".join(above))
+    packages = ["calfree_gym", "agents", "experiments"]
+    assert sorted(shown) == sorted([*packages, *(path for package in packages for path in folders(package))])
+
+
+def test_architecture_page_names_files_that_exist():
+    for file in re.findall(r"`([\w/]+\.py)`", (ROOT / "docs/architecture.md").read_text()):
+        assert (ROOT / file).is_file(), file
+
+
+def test_citation_is_complete_and_of_this_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation.keys() >= {"cff-version", "message", "title", "authors"}, "what CFF 1.2.0 requires"
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["authors"] == [{"name": "The calfree authors"}]
+    assert citation["version"] == version("calfree-gym")
+    (paper,) = citation["references"]
+    assert paper.keys() >= {"type", "title", "authors"}, "what CFF 1.2.0 requires of a reference"
+    assert (paper["title"], paper["authors"][0]["family-names"]) == ("Calibration-Free Robots", "Graefe")
+    assert paper["year"] == 1999
