@@ -1,0 +1,116 @@
+"""The recipes of CONTRIBUTING.md, followed word for word in a copy of the repository."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "CONTRIBUTING.md").read_text()
+COPIED = ("calfree_gym", "agents", "experiments", "docs", "pyproject.toml", "README.md")
+RECIPES = {
+    part.splitlines()[0].removeprefix("a ").removeprefix("an "): part
+    for part in TEXT.split("\n## Recipe: ")[1:]
+}
+STEP = re.compile(
+    r"^(New file|In|Try it)(?: `([^`]+)`)?(?:, before (`+) ?(.+?) ?\3)?:\n\n```\w*\n(.*?)^```",
+    re.MULTILINE | re.DOTALL,
+)
+BEGINNING = re.compile(r"^(?:New file|In|Try it)\b", re.MULTILINE)
+
+
+def run(*command, cwd):
+    environment = os.environ | {"PYTHONPATH": str(cwd)}
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def follow(recipe, folder):
+    """Carries out a recipe in a folder; returns the files changed, and how many lines were written."""
+    files, lines = set(), 0
+    steps = STEP.findall(RECIPES[recipe])
+    assert len(steps) == len(BEGINNING.findall(RECIPES[recipe])), "a step that this test does not understand"
+    for what, file, _, anchor, block in steps:
+        path = folder / file
+        if what == "Try it":
+            shell = block.startswith(".venv/bin/python ")
+            command = shlex.split(block)[1:] if shell else ["-c", block]
+            run(sys.executable, *command, cwd=folder)
+            continue
+        if what == "New file":
+            assert not path.exists()
+            path.write_text(block)
+        else:
+            text = path.read_text().splitlines(keepends=True)
+            (at,) = (i for i, line in enumerate(text) if line.strip() == anchor)
+            gap = "\n" if path.suffix == ".md" else ""
+            path.write_text("".join([*text[:at], block, gap, *text[at:]]))
+        if path.suffix == ".py":
+            files.add(path)
+            lines += sum(bool(line.strip()) for line in block.splitlines())
+    return files, lines
+
+
+@pytest.fixture
+def copy(tmp_path):
+    for name in COPIED:
+        source = ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
+        else:
+            shutil.copy(source, tmp_path / name)
+    where = run(sys.executable, "-c", "import calfree_gym, agents; print(calfree_gym.__file__)", cwd=tmp_path)
+    assert where.startswith(str(tmp_path))
+    return tmp_path
+
+
+def test_there_is_a_recipe_for_each():
+    assert RECIPES.keys() == {"perturbation", "agent", "figure"}
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_recipe(recipe, copy):
+    files, lines = follow(recipe, copy)
+    assert lines < 30
+    if told := re.search(r"(\d+)\s+lines", RECIPES[recipe]):
+        assert lines == int(told[1])
+    ruff = [sys.executable, "-m", "ruff"]
+    run(*ruff, "check", *map(str, files), cwd=copy)
+    run(*ruff, "format", "--check", *map(str, files), cwd=copy)
+    check = {"perturbation": check_perturbation, "agent": check_agent, "figure": check_figure}[recipe]
+    check(copy)
+
+
+def check_perturbation(copy):
+    """It stands in the documentation's table."""
+    code = "import sys; sys.path.insert(0, 'docs'); import hooks; print(hooks.on_page_markdown(sys.argv[1]))"
+    page = run(sys.executable, "-c", code, "<!-- perturbations -->", cwd=copy)
+    assert "### `sensor_slip`" in page
+    assert "| `px` | pixels | any number | -20 to 20 | -0.2 to 0.2 |" in page
+
+
+def check_agent(copy):
+    """It has a section in the documentation, and is saved and loaded as all agents are."""
+    assert "\n### `plain_servo`\n" in (copy / "docs/agents.md").read_text()
+    code = (
+        "import gymnasium as gym, agents\n"
+        "env = gym.make('calfree_gym:CalFree/Reach-v0', dynamics='kinematic')\n"
+        "agent = agents.make('plain_servo', env, seed=1).learn(20)\n"
+        "agent.save('plain.npz')\n"
+        "print(agents.make('plain_servo', env).load('plain.npz').num_timesteps)"
+    )
+    assert run(sys.executable, "-c", code, cwd=copy) == "20\n"
+
+
+def check_figure(copy):
+    """It was drawn, and stands in both reports."""
+    folder = copy / "runs/tiny"
+    assert (folder / "figures/distances.png").stat().st_size > 5000
+    assert "figures/distances.png" in (folder / "report.md").read_text()
+    assert "<h2>Distances</h2>" in (folder / "report.html").read_text()
