@@ -20,7 +20,7 @@ RECIPES = {
 }
 STEP = re.compile(
     r"^(?P<what>New file|In|Try it)(?: `(?P<file>[^`]+)`)?"
-    r"(?:, (?P<where>before|after every) (?P<ticks>`+) ?(?P<anchor>.+?) ?(?P=ticks))?:\n\n"
+    r"(?:, (?P<where>before|after every|after) (?P<ticks>`+) ?(?P<anchor>.+?) ?(?P=ticks))?:\n\n"
     r"```\w*\n(?P<block>.*?)^```",
     re.MULTILINE | re.DOTALL,
 )
