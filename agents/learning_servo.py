@@ -9,11 +9,11 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.adaptation.recognition import Recognition
+from agents.adaptation.adaptive_knowledge import AdaptiveKnowledge
 from agents.base.agent import Array, Look, Procedure
 from agents.base.checks import fitting
 from agents.jacobian import Estimator, both_points, displacement_px, distance_jacobian
-from agents.knowledge.knowledge import Knowledge
+from agents.knowledge.interface import Knowledge
 from agents.perception.observation_filter import Senses
 from agents.servo import Servo
 from agents.servo.redundancy import solve
@@ -40,7 +40,7 @@ class LearningServo(ServoAgent):
         jump_px: It moves at once only where it expects to end up no further off than this.
         every_look: Whether every look at the gripper teaches, not only the rendezvous.
         on_change: What it does with its knowledge where the world has changed: one of
-            `agents.adaptation.recognition.ON_CHANGE`.
+            `agents.adaptation.adaptive_knowledge.ON_CHANGE`.
     """
 
     LATE_PX = 6.0
@@ -66,7 +66,7 @@ class LearningServo(ServoAgent):
             raise ValueError(
                 f"on_change {on_change!r} needs every_look: by looks at the gripper changes show"
             )
-        self.recognition = Recognition(knowledge, motors, on_change)
+        self.recognition = AdaptiveKnowledge(knowledge, motors, on_change)
         self.jump_px = jump_px
         self.every_look = every_look
         self.carriers = np.zeros(motors, bool)
@@ -81,7 +81,7 @@ class LearningServo(ServoAgent):
         senses = Senses()
         look = yield from senses.first(look)
         estimator.trusted.append(look)
-        knowledge = self.recognition.fitting(look.gripper)
+        knowledge = self.recognition.knowledge_for(look.gripper)
         if knowledge is not None:
             recall = knowledge.recall(look.object)
             if recall is not None and recall.deviation_px <= self.jump_px:

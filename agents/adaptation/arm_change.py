@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.adaptation.robust import huber, typical
+from agents.adaptation.robust import coordinate_variance, huber_weights
 from agents.base.agent import Array
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
@@ -57,7 +57,7 @@ def fit_arm(before: GaussianProcess, sensors: Array, registers: Array) -> ArmCha
     views, _ = before.views((registers - offset) / scale)
     missed = (sensors - views).reshape(-1, 2, 2).swapaxes(0, 1)
     spent = len(sensors) / max(len(sensors) - registers.shape[1], 1)
-    deviation_px = np.sqrt([typical(camera) * spent for camera in missed]) / IMAGE_UNIT
+    deviation_px = np.sqrt([coordinate_variance(camera) * spent for camera in missed]) / IMAGE_UNIT
     return ArmChange(scale, offset, deviation_px)
 
 
@@ -67,7 +67,7 @@ def _line(once: Array, now: Array, trust: Array) -> tuple[float, float]:
     nothing = np.array([1.0 if trust @ (once * now) >= 0 else -1.0, 0.0])
     line = nothing
     for _ in range(8):
-        weights = trust * huber((now - known @ line) / SCATTER) / SCATTER**2
+        weights = trust * huber_weights((now - known @ line) / SCATTER) / SCATTER**2
         normal = (known.T * weights) @ known + np.eye(2) / UNSURE**2
         line = np.linalg.solve(normal, (known.T * weights) @ now + nothing / UNSURE**2)
     scale = np.sign(nothing[0]) * max(abs(line[0]), 0.1)

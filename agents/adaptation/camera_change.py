@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.adaptation.robust import huber, typical
+from agents.adaptation.robust import coordinate_variance, huber_weights
 from agents.base.agent import Array
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
@@ -84,13 +84,13 @@ def fit_camera(before: GaussianProcess, camera: int, sensors: Array, registers: 
     for _ in range(ITERATIONS):
         image, derivative = _image(parameters, own, depth)
         missed = (seen - image).ravel()
-        weights = huber(np.hypot(*(seen - image).T) / np.sqrt(variances)) / variances
+        weights = huber_weights(np.hypot(*(seen - image).T) / np.sqrt(variances)) / variances
         expected, deviation = _prior(parameters)
         heavy = derivative.T * weights.repeat(2)
         covariance = np.linalg.inv(heavy @ derivative + np.diag(deviation**-2))
         parameters = parameters + covariance @ (heavy @ missed + (expected - parameters) / deviation**2)
         leverage = np.einsum("ij,ji->i", derivative @ covariance, heavy)
-        left_out = typical((missed / np.maximum(1 - leverage, 0.05)).reshape(-1, 2))
+        left_out = coordinate_variance((missed / np.maximum(1 - leverage, 0.05)).reshape(-1, 2))
         variances = sure + max(0.0, left_out - np.median(sure)) / 2
     deviation_px = np.zeros(2)
     deviation_px[camera] = np.sqrt(left_out) / IMAGE_UNIT
@@ -165,5 +165,5 @@ def _similarity(own: Array, seen: Array, variances: Array) -> Array:
         parameters[:2] = a, b
         parameters[4:6] = there - [a * centre[0] - b * centre[1], b * centre[0] + a * centre[1]]
         off = np.hypot(*(seen - _image(parameters, own, np.zeros_like(own))[0]).T)
-        weights = huber(off / np.sqrt(variances)) / variances
+        weights = huber_weights(off / np.sqrt(variances)) / variances
     return parameters

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from agents.base.agent import Array
 from agents.base.checks import check_whole, fitting
-from agents.knowledge.knowledge import Change, Recall
+from agents.knowledge.interface import Change, Recall
 from calfree_gym.image import IMAGE_UNIT
 
 CAMERAS = 2

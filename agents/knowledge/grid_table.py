@@ -13,7 +13,7 @@ from agents.base.agent import Array
 from agents.base.checks import check_whole, fitting
 from agents.knowledge.distance import squared_px
 from agents.knowledge.gain import Gain
-from agents.knowledge.knowledge import Change, Recall
+from agents.knowledge.interface import Change, Recall
 
 DIMENSIONS = 4
 _CORNERS = np.array(list(product((0, 1), repeat=DIMENSIONS)))

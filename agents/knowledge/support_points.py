@@ -12,7 +12,7 @@ from agents.base.agent import Array
 from agents.base.checks import check_whole, fitting
 from agents.knowledge.distance import squared_px
 from agents.knowledge.gain import Gain
-from agents.knowledge.knowledge import Change, Recall
+from agents.knowledge.interface import Change, Recall
 from agents.knowledge.local_fit import LocalFit
 
 

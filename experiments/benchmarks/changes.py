@@ -208,7 +208,7 @@ def _go(
     agent.recognition.on_change = way
     known = len(agent.recognition.events)
     if told is not None:
-        agent.recognition.tell(told)
+        agent.recognition.announce_change(told)
     agent.learn(60 * AFTER, callback=until(AFTER, records))
     return sum(r.motions for r in records), [e.kind for e in agent.recognition.events[known:]]
 

@@ -102,7 +102,7 @@ def test_a_view_that_jumps_or_drifts_does_so_in_the_camera_that_moved():
     home = homes(20, 0)
     assert home.jumped(np.array([0, 0, 6 * IMAGE_UNIT, 0])).tolist() == [False, True]
     assert homes(30, 1, rate_px=0.2).drifting().tolist() == [True, False]
-    np.testing.assert_allclose(homes(30, 1, 0.2).rate(12)[0], 0.2 * IMAGE_UNIT, atol=0.15 * IMAGE_UNIT)
+    np.testing.assert_allclose(homes(30, 1, 0.2).drift_rate(12)[0], 0.2 * IMAGE_UNIT, atol=0.15 * IMAGE_UNIT)
     assert not homes(30, 1, rate_px=0.2).jumped(np.array([30 * 0.2 * IMAGE_UNIT, 0, 0, 0])).any()
 
 
@@ -180,10 +180,10 @@ def test_an_agent_saved_while_it_thinks_over_a_change_goes_on_alike(tmp_path):
 def test_being_told_of_a_change_before_anything_is_known_changes_nothing():
     log = Lengths(gym.make("CalFree/Reach-v0", dynamics="kinematic"))
     agent = agents.make("memory", log)
-    agent.recognition.tell(np.array([True, False]))
+    agent.recognition.announce_change(np.array([True, False]))
     agent.learn(20)
     assert not agent.recognition.events
-    agent.recognition.tell(np.array([True, False]))
+    agent.recognition.announce_change(np.array([True, False]))
     agent.learn(20)
     assert len(agent.recognition.events) == 1
 
