@@ -61,7 +61,7 @@ def test_two_mistaken_points_hardly_change_the_fit():
     seen[:, :2] = turned(seen[:, :2], roll=0.3)
     seen[:2, :2] += 0.3
     change = fit_camera(KNOWLEDGE, 0, seen, PLACES)
-    assert np.arctan2(change.parameters[1], change.parameters[0]) == pytest.approx(0.3, abs=0.03)
+    assert change.map.rotation == pytest.approx(0.3, abs=0.03)
 
 
 @settings(max_examples=30, deadline=None)
