@@ -18,7 +18,8 @@ from calfree_gym.image import IMAGE_UNIT
 
 INVERSE_FOCAL_SQUARE = 0.6
 """1 / f², f in image units: how much perspective goes with a shift where a camera is turned. Derived for
-f = 1.29, a field of view of 76° across, about that of the built robot; `PERSPECTIVE_SHARE` covers others."""
+a field of view of 76° across (the built robot has 80°, wild worlds 58° to 103°); `PERSPECTIVE_SHARE` covers
+the others."""
 PERSPECTIVE_STD, PERSPECTIVE_SHARE = 0.02, 0.4
 """Prior deviation of the perspective: so much, and such a share of the shift. Tuned (wild worlds 3000-)."""
 SHEAR_STD = 0.03
