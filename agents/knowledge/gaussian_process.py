@@ -69,7 +69,7 @@ class GaussianProcess:
         self.registers = np.empty((0, motors))
         self.sensors = np.empty((0, 2 * CAMERAS))
         self.variances = np.empty((0, CAMERAS))
-        self._inverses = np.empty((CAMERAS, 0, 0))
+        self._whitening = np.empty((CAMERAS, 0, 0))
         self._solved = True
         self._weights = np.empty((0, 2 * CAMERAS))
 
@@ -173,13 +173,13 @@ class GaussianProcess:
     def _variances(self, kernel: Array, registers: Array) -> Array:
         """Posterior variance (k, 2) of what is seen at registers (k, m), from their kernel (k, n)."""
         prior = (1 + np.square(registers).sum(1) / self.LENGTH**2) ** 2 + self.DEPARTURE_VARIANCE
-        known = [np.einsum("kn,kn->k", kernel @ inverse, kernel) for inverse in self._inverses]
+        known = [np.square(kernel @ whitening.T).sum(1) for whitening in self._whitening]
         return np.maximum(prior[:, None] - np.transpose(known), 0.0)
 
     def _prune(self) -> None:
         """Drops, one after the other, the support points that add least to the others."""
         self._solve()
-        inverses, kept = self._inverses, np.arange(len(self.registers))
+        inverses, kept = self._whitening.swapaxes(1, 2) @ self._whitening, np.arange(len(self.registers))
         while len(kept) > self.points:
             redundant = np.einsum("cii,ic->i", inverses, self.variances[kept])
             index = int(redundant.argmax())
@@ -198,8 +198,21 @@ class GaussianProcess:
             kernel = self._kernel(self.registers)
             alike = (self.variances[:, 0] == self.variances[:, 1]).all()
             cameras = self.variances.T[:1] if alike else self.variances.T
-            inverses = np.array([np.linalg.inv(kernel + np.diag(own)) for own in cameras])
-            self._inverses = np.broadcast_to(inverses, (CAMERAS, *kernel.shape))
+            factors = np.linalg.cholesky([kernel + np.diag(own) for own in cameras])
+            whitening = [_lower_inverse(factor) for factor in factors]
+            self._whitening = np.broadcast_to(whitening, (CAMERAS, *kernel.shape))
             seen = self.sensors.reshape(-1, CAMERAS, 2).swapaxes(0, 1)
-            self._weights = np.concatenate([*(self._inverses @ seen)], 1)
+            self._weights = np.concatenate([*(self._whitening.swapaxes(1, 2) @ (self._whitening @ seen))], 1)
             self._solved = True
+
+
+def _lower_inverse(factor: Array) -> Array:
+    """Inverse (n, n) of a lower triangle (n, n), by halves: NumPy has no triangular solve."""
+    half = len(factor) // 2
+    if half < 16:  # small enough that halves gain nothing
+        return np.asarray(np.linalg.inv(factor), float)
+    inverse = np.zeros_like(factor)
+    inverse[:half, :half] = _lower_inverse(factor[:half, :half])
+    inverse[half:, half:] = _lower_inverse(factor[half:, half:])
+    inverse[half:, :half] = -inverse[half:, half:] @ factor[half:, :half] @ inverse[:half, :half]
+    return inverse
