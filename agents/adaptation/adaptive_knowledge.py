@@ -287,8 +287,8 @@ def _with_present_names(arrays: Arrays) -> Arrays:
     earlier = {name.split("/")[0] for name in arrays} & _EARLIER_NAMES.keys()
     if not earlier:
         return arrays
-    told = ", ".join(f"{name} (now {_EARLIER_NAMES[name]})" for name in sorted(earlier))
-    warnings.warn(f"read under the names of an earlier version: {told}", stacklevel=2)
+    names = ", ".join(f"{name} (now {_EARLIER_NAMES[name]})" for name in sorted(earlier))
+    warnings.warn(f"read under the names of an earlier version: {names}", stacklevel=2)
     renamed = {}
     for name, array in arrays.items():
         first, *rest = name.split("/")

@@ -18,6 +18,7 @@ from agents.base.checks import fitting
 from agents.base.storage import prefixed, under
 
 NO_CAMERA = np.zeros(2, bool)
+NO_CAMERA.flags.writeable = False
 NOWHERE = np.full(4, np.nan)
 
 

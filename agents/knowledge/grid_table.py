@@ -64,7 +64,7 @@ class GridTable:
         return f"GridTable(cells={self.cells}, rate={self.gain.rate}, kalman={self.gain.kalman})"
 
     def recall(self, sensors: Array) -> Recall | None:
-        """Interpolated registers; None where a corner of the cell has no record."""
+        """Registers interpolated from the 16 corners of the cell; None where one of them has no record."""
         corners, weights = self._cell(sensors)
         records = self.records[corners]
         if np.isnan(records).any():
@@ -75,7 +75,7 @@ class GridTable:
         """See `Knowledge`. A table implies none: in the paper test motions measure it."""
 
     def learn(self, sensors: Array, registers: Array) -> None:
-        """Fills the empty corners of the cell and corrects all of them."""
+        """A success: fills the empty corners of its cell, then corrects all 16, nearer ones more."""
         corners, weights = self._cell(sensors)
         self.variances = self.gain.aged(self.variances)
         records, variances = self.records[corners], self.variances[corners]
