@@ -151,7 +151,7 @@ def _alarms(seed: int, mount: str) -> int:
     records: list[TrialRecord] = []
     agent: Any = agents.make("memory", Life(env, seed, records.append))
     agent.learn(60 * 150, callback=until(150, records))
-    return len(agent.recognition.events)
+    return len(agent.adaptation.events)
 
 
 def _branches(seed: int, mount: str) -> list[tuple[str, list[int], str]]:
@@ -205,12 +205,12 @@ def _go(
     env = gym.make(REACH, world=world, camera_mount=mount, dynamics="kinematic", perturbations=schedule)
     agent: Any = agents.make("memory", Life(env, seed, records.append))
     agent.restore(state)
-    agent.recognition.on_change = way
-    known = len(agent.recognition.events)
+    agent.adaptation.on_change = way
+    known = len(agent.adaptation.events)
     if told is not None:
-        agent.recognition.tell(told)
+        agent.adaptation.announce_change(told)
     agent.learn(60 * AFTER, callback=until(AFTER, records))
-    return sum(r.motions for r in records), [e.kind for e in agent.recognition.events[known:]]
+    return sum(r.motions for r in records), [e.kind for e in agent.adaptation.events[known:]]
 
 
 def _drifting(each: Map) -> Iterator[str]:

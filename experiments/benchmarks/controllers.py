@@ -136,7 +136,7 @@ def _seeds(worlds: int) -> range:
 
 def _first_trials(agent: _Timed, mount: str, worlds: int, **options: Any) -> list[TrialRecord]:
     """One trial in each world, with nothing remembered."""
-    env = gym.make(REACH, camera_mount=mount, tell=agent.agent.told, **options)
+    env = gym.make(REACH, camera_mount=mount, tell=agent.agent.privileged, **options)
     return [record for seed in _seeds(worlds) for record in evaluate(agent, env, trials=1, seed=seed)]
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import agents
 import calfree_gym
-from agents.knowledge.knowledge import Knowledge
+from agents.knowledge.interface import Knowledge
 from calfree_gym.geometry import Array
 from calfree_gym.robot.motors import MOTORS
 from experiments.benchmarks.baselines import until
