@@ -2,9 +2,7 @@ import pandas as pd
 import pytest
 
 from experiments.config.suite import Suite
-from experiments.reporting.held_out.figure import Perturbation
-from experiments.reporting.held_out.section import perturbations_met
-from experiments.reporting.results import Finished
+from experiments.reporting.finished_suite import FinishedSuite, Perturbation, perturbations_met
 from experiments.running.plan import runs_of
 
 
@@ -25,7 +23,7 @@ def test_perturbations_are_marked_where_the_runs_met_them(suite_data, tmp_path, 
         spec.id: {"perturbations": [(motions, 0, {"type": "lens"}) for motions in of_run]}
         for spec, of_run in zip(runs, met, strict=False)
     }
-    finished = Finished(tmp_path, suite, "", runs, outcomes, pd.DataFrame())
+    finished = FinishedSuite(tmp_path, suite, "", runs, outcomes, {}, pd.DataFrame())
     assert perturbations_met(finished, suite.scenarios[0], "motions") == tuple(
         Perturbation(*s, "lens") for s in spans
     )

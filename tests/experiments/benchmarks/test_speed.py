@@ -66,7 +66,7 @@ def test_table_and_json_hold_the_same_ratios(simulated, monkeypatch, capsys):
     assert units.count("environment steps") == 7
     assert units.count("physics substeps") == units.count("simulated seconds") == 2
     for ratio in found["ratios"]:
-        assert f"{ratio['name']}, {ratio['unit']}" in table
+        assert f"| {ratio['name']} | {ratio['unit']} | {ratio['ratio']:.2f} |" in table
         assert ratio["ratio"] > 0
     assert found["machine"]["mujoco"]
     substeps, seconds = found["ratios"][6:8]
