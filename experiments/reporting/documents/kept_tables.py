@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +77,7 @@ def _read(path: Path) -> Iterator[tuple[Table, str]]:
         raise ConfigError(f"{path} is damaged or no kept result: {error!r}") from None
 
 
+@cache
 def _agents() -> Table:
     env = EnvironmentConfig.model_validate({"id": "CalFree/Reach-v0", "world": "nominal"})
     rows = []
