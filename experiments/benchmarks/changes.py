@@ -241,7 +241,7 @@ def _go(
         seed: Of the trials.
         state: What the copy knows.
         way: What it does about a change.
-        announced: Cameras (2,) that it is told have changed; None where it must see for itself.
+        announced: Cameras (2,) whose change is announced to it; None where it must recognise the change.
     """
     env = gym.make(REACH, world=world, camera_mount=mount, dynamics="kinematic", perturbations=schedule)
     recorder = LifetimeRecorder(env, seed)

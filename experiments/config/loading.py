@@ -71,8 +71,8 @@ def _place(error: yaml.YAMLError) -> str:
     mark: yaml.Mark | None = getattr(error, "problem_mark", None)
     if mark is None:
         return f": is not valid YAML: {error}"
-    said = [error.context, error.problem] if isinstance(error, yaml.MarkedYAMLError) else [str(error)]
-    what = ", ".join(part for part in said if part)
+    parts = [error.context, error.problem] if isinstance(error, yaml.MarkedYAMLError) else [str(error)]
+    what = ", ".join(part for part in parts if part)
     return f", line {mark.line + 1}, column {mark.column + 1}: is not valid YAML: {what}"
 
 

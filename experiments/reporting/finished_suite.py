@@ -1,4 +1,4 @@
-"""A suite's folder, read back, and what all parts of the report say of its scenarios."""
+"""A suite's folder, read back, and what several parts of the report need of its scenarios."""
 
 from collections import Counter
 from dataclasses import dataclass

@@ -63,8 +63,8 @@ def summary_row(
         agent: The agent's label.
         moment: When: "before", trials "1–25", or the value of what a sweep varies.
         measure: What was measured.
-        found: None where there is nothing to tell.
-        n: Trials that a share is of; of other measures, worlds.
+        found: None where there is no number.
+        n: How many trials or worlds the number is of.
     """
     value, low, high = (
         (found.value, found.low, found.high) if isinstance(found, Estimate) else (found, None, None)

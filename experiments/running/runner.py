@@ -40,7 +40,7 @@ class Runner:
     Args:
         suite: What to run.
         out: The folder.
-        display: Told what happens.
+        display: Shows what happens.
         fail_fast: Whether the first failed run stops the others.
     """
 

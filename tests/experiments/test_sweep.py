@@ -11,8 +11,8 @@ from experiments.config.loading import load
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, EnvironmentConfig, Suite, SweepConfig
 from experiments.errors import ConfigError
+from experiments.reporting.sweep.estimates import points
 from experiments.reporting.sweep.figure import sweep_figure
-from experiments.reporting.sweep.summary import points
 from experiments.running import sweep_trials as sweep
 from experiments.running.plan import SweepRun, runs_of
 

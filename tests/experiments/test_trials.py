@@ -10,8 +10,8 @@ from experiments.__main__ import main
 from experiments.config.loading import load
 from experiments.config.suite import ScenarioConfig
 from experiments.errors import ConfigError
+from experiments.reporting.by_trial.estimates import COARSE, FINE, blocks, edges_of, trial_costs
 from experiments.reporting.by_trial.figure import span, trial_curves
-from experiments.reporting.by_trial.summary import COARSE, FINE, blocks, edges_of, trial_costs
 from experiments.reporting.finished_suite import MOTIONS, SECONDS, SUCCESS, Perturbation, with_cost
 
 AIM = {"at": {"trial": 4}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from experiments.reporting.by_trial.summary import Blocks
+from experiments.reporting.by_trial.estimates import Blocks
 from experiments.reporting.finished_suite import MOTIONS, SECONDS, Perturbation
 from experiments.reporting.statistics import Array
 from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of

@@ -5,8 +5,8 @@ from itertools import pairwise
 import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
+from experiments.reporting.by_trial.estimates import COARSE, FINE, blocks, edges_of, trial_costs
 from experiments.reporting.by_trial.figure import span, trial_curves
-from experiments.reporting.by_trial.summary import COARSE, FINE, blocks, edges_of, trial_costs
 from experiments.reporting.finished_suite import (
     MOTIONS,
     SECONDS,

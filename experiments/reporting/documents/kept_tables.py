@@ -37,17 +37,17 @@ def tables_named(name: str, kept: Path = KEPT) -> str:
     """
     if name == AGENTS:
         return _agents().markdown()
-    folder, _, wanted = name.partition("/")
+    folder, _, chosen = name.partition("/")
     allowed = [AGENTS, *sorted(path.name for path in kept.glob("*") if _files(path))]
     if folder not in allowed:
         hint = near_misses(folder, allowed)
         raise ConfigError(f"no results are kept as {folder!r}{hint}; allowed: {', '.join(allowed)}")
     found = [(table, commit) for path in _files(kept / folder) for table, commit in _read(path)]
     names = list(dict.fromkeys(table.name for table, _ in found))
-    if wanted and wanted not in names:
-        hint = near_misses(wanted, names)
-        raise ConfigError(f"{folder} keeps no table {wanted!r}{hint}; allowed: {', '.join(names)}")
-    shown = [(table, commit) for table, commit in found if wanted in ("", table.name)]
+    if chosen and chosen not in names:
+        hint = near_misses(chosen, names)
+        raise ConfigError(f"{folder} keeps no table {chosen!r}{hint}; allowed: {', '.join(names)}")
+    shown = [(table, commit) for table, commit in found if chosen in ("", table.name)]
     return "\n\n".join(_shown(table, commit, folder, len(shown) > 1) for table, commit in shown)
 
 

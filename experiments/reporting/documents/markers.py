@@ -28,8 +28,8 @@ def outdated(paths: Iterable[Path], table: Callable[[str], str]) -> dict[Path, s
     found = {}
     for path in paths:
         text = path.read_text(encoding="utf-8")
-        if (wanted := _filled(path, text, table)) != text:
-            found[path] = wanted
+        if (filled := _filled(path, text, table)) != text:
+            found[path] = filled
     return found
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
 
 from experiments.reporting.finished_suite import MOTIONS, SUCCESS, Perturbation
-from experiments.reporting.held_out.summary import Curve
+from experiments.reporting.held_out.estimates import Curve
 from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
 
 _ROOM_FOR_WORDS = 2  # labels side by side above a panel

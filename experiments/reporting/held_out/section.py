@@ -11,8 +11,8 @@ from experiments.reporting.finished_suite import (
     perturbations_met,
     with_cost,
 )
+from experiments.reporting.held_out.estimates import Moment, held_out_curve, moments, training_curve
 from experiments.reporting.held_out.figure import learning_curves
-from experiments.reporting.held_out.summary import Moment, held_out_curve, moments, training_curve
 from experiments.reporting.pages import Section, SummaryRow, summary_row
 from experiments.reporting.style import save
 from experiments.reporting.tables import Table, number, percent

@@ -12,7 +12,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 from experiments.config.suite import SweepConfig
 from experiments.reporting.statistics import Estimate
 from experiments.reporting.style import GREY, STYLE, draw_band, legend_below, line_of
-from experiments.reporting.sweep.summary import Point
+from experiments.reporting.sweep.estimates import Point
 
 _ACROSS = 4
 """Sweeps side by side."""

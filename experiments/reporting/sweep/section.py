@@ -8,8 +8,8 @@ from experiments.config.suite import SweepConfig
 from experiments.reporting.finished_suite import SUCCESS, FinishedSuite
 from experiments.reporting.pages import Section, SummaryRow, summary_row
 from experiments.reporting.style import save
+from experiments.reporting.sweep.estimates import Point, points
 from experiments.reporting.sweep.figure import sweep_figure
-from experiments.reporting.sweep.summary import Point, points
 from experiments.reporting.tables import Table, percent
 
 _SHOWN = 5

@@ -21,7 +21,7 @@ def test_a_peer_steps_when_it_is_asked_to_and_tells_what_it_is():
 
 @pytest.fixture
 def simulated(tmp_path, monkeypatch):
-    """A peer that tells its substeps as panda-gym does."""
+    """A peer that has its substeps where panda-gym has them."""
     (tmp_path / "tiny_peer.py").write_text(
         "import gymnasium, types\n"
         "from gymnasium.envs.classic_control import CartPoleEnv\n"

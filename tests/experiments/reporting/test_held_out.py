@@ -6,7 +6,7 @@ import pytest
 
 from experiments.config.suite import ScenarioConfig
 from experiments.reporting.finished_suite import MOTIONS, SUCCESS, with_cost
-from experiments.reporting.held_out.summary import held_out_curve, moments, training_curve
+from experiments.reporting.held_out.estimates import held_out_curve, moments, training_curve
 
 CAP = 60
 

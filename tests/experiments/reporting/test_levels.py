@@ -6,10 +6,10 @@ import pytest
 import scipy.stats
 
 from experiments.config.suite import ScenarioConfig, SweepConfig
-from experiments.reporting.by_trial.summary import Blocks
+from experiments.reporting.by_trial.estimates import Blocks
 from experiments.reporting.finished_suite import MOTIONS, with_cost
-from experiments.reporting.held_out.summary import held_out_curve, moments
-from experiments.reporting.sweep.summary import points
+from experiments.reporting.held_out.estimates import held_out_curve, moments
+from experiments.reporting.sweep.estimates import points
 
 WORLDS = 20
 MOTIONS_OF_WORLD = 3 + np.random.default_rng(5).gamma(2, 4, WORLDS).round()
