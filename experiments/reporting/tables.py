@@ -80,13 +80,13 @@ def show(tables: Iterable[Table], markdown: bool = False) -> None:
 
 
 def drawn(table: Table) -> rich.table.Table:
-    """The table for a terminal, numbers to the right."""
+    """The table for a terminal, numbers to the right; nothing is cut off where it is narrow."""
     found = rich.table.Table(
         title=rich.text.Text(table.title), title_justify="left", box=rich.box.SIMPLE_HEAD
     )
     for name in table.frame.columns:
         numbers = str(name) in table.formats or pd.api.types.is_numeric_dtype(table.frame[name])
-        found.add_column(rich.text.Text(str(name)), justify="right" if numbers else "left")
+        found.add_column(rich.text.Text(str(name)), justify="right" if numbers else "left", overflow="fold")
     for row in table.rows:
         found.add_row(*(rich.text.Text(cell) for cell in row))
     return found

@@ -62,6 +62,14 @@ def test_a_terminal_draws_what_a_file_gets_as_markdown(table, monkeypatch, capsy
     assert "|" not in seen.getvalue().replace("a|b", "")
 
 
+def test_nothing_is_cut_off_on_a_narrow_terminal(table):
+    seen = io.StringIO()
+    long = Table("long", "Long", pd.DataFrame({"run": ["x" * 90], "success": [0.5]}), {"success": ".0%"})
+    Console(file=seen, width=40).print(drawn(long))
+    assert seen.getvalue().count("x") == 90
+    assert "50 %" in seen.getvalue()
+
+
 def test_a_table_without_rows_has_its_header():
     empty = Table("none", "Nothing", pd.DataFrame(columns=["a", "b"]))
     assert empty.markdown().splitlines() == ["| a | b |", "| --- | --- |"]
