@@ -1,5 +1,7 @@
 """The one surface: predict, learn, save and load, for every agent."""
 
+import json
+import warnings
 import zipfile
 import zlib
 
@@ -69,7 +71,9 @@ def test_a_saved_agent_loads_and_acts_alike(name, tmp_path):
     agent.learn(80)
     path = tmp_path / "agent.npz"
     agent.save(path)
-    again = make(name)[0].load(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        again = make(name)[0].load(path)
     assert again.num_timesteps == agent.num_timesteps == 80
     held_out = environment(name, world=env.unwrapped.world)
     np.testing.assert_array_equal(words_of(agent, held_out), words_of(again, held_out))
@@ -154,6 +158,34 @@ def test_damaged_and_foreign_files(tmp_path):
         make("grid_table", cells=4)[0].load(tmp_path / "eight.npz")
     with pytest.raises(ValueError, match=r"test_px=16.0.*test_px=9"):
         make("unified_servo", test_px=9)[0].load(tmp_path / "servo.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "now", "once"),
+    [
+        ("paper_servo", "PaperServo(redundancy", "UnifiedServo(estimator='test_motions', redundancy"),
+        (
+            "grid_table",
+            "over PaperServo(redundancy",
+            "over UnifiedServo(estimator='test_motions', redundancy",
+        ),
+    ],
+)
+def test_what_version_0_1_saved_loads_with_a_warning(name, now, once, tmp_path):
+    """It called the paper's servo a unified one by test motions, which had a patience of no use."""
+    agent, _ = make(name)
+    agent.learn(40).save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as file:
+        arrays = {entry: file[entry] for entry in file.files}
+    header = json.loads(str(arrays["calfree.json"]))
+    assert now in header["kind"]
+    header["kind"] = header["kind"].replace(now, once).replace("border=0.95", "border=0.95, patience=6")
+    np.savez(tmp_path / "old.npz", **{**arrays, "calfree.json": np.array(json.dumps(header))})
+    with pytest.warns(UserWarning, match=r"old\.npz names .*test_motions.*which is now .*PaperServo"):
+        again = make(name)[0].load(tmp_path / "old.npz")
+    assert again.num_timesteps == 40
+    for key, array in agent.arrays().items():
+        np.testing.assert_array_equal(again.arrays()[key], array)
 
 
 def test_sac_refuses_what_it_did_not_save(tmp_path):

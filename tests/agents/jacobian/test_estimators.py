@@ -66,9 +66,9 @@ def test_the_analytic_jacobian_is_what_the_simulation_does(mount, make_env):
 def test_three_test_motions_give_every_estimator_the_analytic_jacobian(estimator, mount, make_env, noise_px):
     """Each column is that in the middle of its own motion, but for noise, curvature, and Broyden's ρ.
 
-    A coordinate's two observations err by σ√2 together, over a word w by σ√2/w. A motion's mean slope differs from
-    the slope in its middle only by the slope's own curvature: a small part of its change along the motion.
-    Regularised by ρ, an update learns the share w² / (ρ + w²).
+    A coordinate's two observations err by σ√2 together, over a word w by σ√2/w. A motion's mean slope differs
+    from the slope in its middle only by the slope's own curvature: a small part of its change along the
+    motion. Regularised by ρ, an update learns the share w² / (ρ + w²).
     """
     for seed in range(4):
         robot = Robot(make_env(mount), estimator, seed, noise_px)
