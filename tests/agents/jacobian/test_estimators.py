@@ -46,12 +46,13 @@ class Robot:
 
 
 def test_the_analytic_jacobian_is_what_the_simulation_does(mount, make_env):
-    """The reference itself, against central differences of noise-free image points."""
+    """The reference itself, against noise-free image points and their central differences."""
     for seed in range(5):
         robot = Robot(make_env(mount), "test_motions", seed, noise_px=0.0)
         env = robot.env
         robot.move(np.random.default_rng(seed).uniform(-0.1, 0.1, 3))
         true, middle = analytic.points_jacobian(env), robot.now.registers
+        np.testing.assert_allclose(analytic.points(env), env.arms.true_points[0], atol=1e-6)
         for motor in range(3):
             points = []
             for sign in (1, -1):
