@@ -230,3 +230,30 @@ def test_trust_region_goes_further_where_it_predicts_well_and_less_far_where_not
     for _ in range(3):
         found.learn(np.full(3, 0.1), moved_by(-found.jacobian, np.full(3, 0.1)), ALL)
     assert found.reach_px < reach
+
+
+@pytest.mark.parametrize("word", [0.01, 0.1])
+def test_points_are_as_exact_as_the_kalman_filter_says(word):
+    """Where J is constant, and paths curve by 2 % of each displacement, errors² are those of its covariance.
+
+    Motors of high gain, which take small words, need the share for the curve most.
+    """
+    rng, share, noise = np.random.default_rng(0), 0.02, 0.7 * IMAGE_UNIT
+    ratios = []
+    for _ in range(60):
+        jacobian = rng.normal(size=(4, 2, 3)) * 30 * IMAGE_UNIT / word
+        found, true = EVERY["kalman"](3), rng.uniform(-0.5, 0.5, (4, 2))
+        estimated = true + noise * rng.normal(size=(4, 2))
+        for motion in range(20):
+            words = word * (np.eye(3)[motion] if motion < 3 else rng.normal(size=3))
+            straight = jacobian @ words
+            true = true + straight + share * lengths(straight) * rng.normal(size=(4, 2))
+            seen = true + noise * rng.normal(size=(4, 2))
+            estimated = estimated + found.learn(words, seen - estimated, ALL)
+            if motion > 5:
+                ratios.append(np.square((estimated - true) / IMAGE_UNIT).mean() / found.blur_px**2)
+    assert 0.7 < np.mean(ratios) < 1.2
+
+
+def lengths(vectors):
+    return np.linalg.norm(vectors, axis=-1, keepdims=True)
