@@ -17,7 +17,7 @@ def grippers(env, registers):
 
 @pytest.mark.parametrize("camera", [0, 1])
 def test_three_observations_of_a_turned_camera_tell_where_all_other_points_have_gone(make_env, camera):
-    """A shift says how far it was turned, so perspective follows from it (for a camera of usual focal length).
+    """A shift says how far it was turned, so the perspective follows (at a usual focal length).
 
     Where that is left to three observations alone, other points are missed by two to three times as much.
     """
