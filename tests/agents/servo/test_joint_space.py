@@ -1,24 +1,22 @@
 """The servo in joint space against MuJoCo's own derivatives, and its gain where the world is linear."""
 
 from dataclasses import replace
+from functools import partial
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 import agents
-import calfree_gym
-from agents.base.agent import Look
+from agents.base.observation import Observation
 from agents.servo.joint_space import JointSpaceServo
 from experiments.evaluation import evaluate
 from tests.agents.analytic import distance_jacobian
 
-MOUNTS = calfree_gym.MOUNTS
-TELL = ("joint_angles",)
 
-
-def environment(mount="waist", **options):
-    return gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", tell=TELL, **options)
+@pytest.fixture
+def environment(make_env):
+    """Makes an environment that tells the joint angles."""
+    return partial(make_env, tell=("joint_angles",))
 
 
 class LinearRobot:
@@ -31,33 +29,33 @@ class LinearRobot:
         self.registers = np.zeros(3)
         self.start = rng.uniform(-1, 1, 5)
 
-    def look(self, **more):
+    def observed(self, **more):
         turned = self.by_words @ self.registers
         angles = self.start + np.append(turned, [0.0, 0.0])
         points = np.concatenate([self.by_joints @ turned, self.object])
-        told = {"joint_angles": angles, **more}
-        return Look(points[:4], points[4:], np.ones(4, bool), self.registers.copy(), told)
+        privileged = {"joint_angles": angles, **more}
+        return Observation(points.reshape(4, 2), np.ones(4, bool), self.registers.copy(), privileged)
 
 
 def steps_of(agent, robot, motions, **more):
     """Registers before and distances after each motion of all joints at once, and all words."""
-    look, words_made, distances = robot.look(**more), [], []
-    running = agent.procedure(look)
+    now, words_made, distances = robot.observed(**more), [], []
+    running = agent.procedure(now, None)
     words = next(running)
     for _ in range(motions):
-        before = look.distance
+        before = now.distance
         robot.registers = robot.registers + words
-        look = robot.look(**more)
+        now = robot.observed(**more)
         words_made.append(words)
         if np.count_nonzero(words) == 3:
-            distances.append((np.linalg.norm(before), np.linalg.norm(look.distance)))
-        words = running.send(look)
+            distances.append((np.linalg.norm(before), np.linalg.norm(now.distance)))
+        words = running.send(now)
     return words_made, distances
 
 
 @pytest.mark.parametrize("gain", [0.5, 0.8])
 @pytest.mark.parametrize("seed", range(3))
-def test_in_a_linear_world_each_step_leaves_one_minus_gain(gain, seed):
+def test_in_a_linear_world_each_step_leaves_one_minus_gain(environment, gain, seed):
     robot = LinearRobot(np.random.default_rng(seed))
     agent = JointSpaceServo(environment(), gain=gain, step_rad=10.0, damping=0.0)
     _, distances = steps_of(agent, robot, 12)
@@ -66,7 +64,7 @@ def test_in_a_linear_world_each_step_leaves_one_minus_gain(gain, seed):
         assert after == pytest.approx((1 - gain) * before, rel=1e-4)
 
 
-def test_no_joint_turns_further_in_a_step_than_allowed():
+def test_no_joint_turns_further_in_a_step_than_allowed(environment):
     robot = LinearRobot(np.random.default_rng(1))
     robot.object *= 8
     agent = JointSpaceServo(environment(), gain=1.0, step_rad=0.2, damping=0.0)
@@ -75,7 +73,7 @@ def test_no_joint_turns_further_in_a_step_than_allowed():
     assert max(turned) == pytest.approx(0.2, rel=1e-6)
 
 
-def test_it_looks_at_joint_angles_and_at_nothing_else_told():
+def test_it_uses_joint_angles_and_nothing_else_that_is_privileged(environment):
     """In a linear world they matter to the bound of its steps alone."""
     agent = JointSpaceServo(environment())
     plain, _ = steps_of(agent, LinearRobot(np.random.default_rng(2)), 10)
@@ -93,9 +91,8 @@ def test_it_looks_at_joint_angles_and_at_nothing_else_told():
     assert np.abs(np.array(plain) - short).max() > 1e-3
 
 
-@pytest.mark.parametrize("mount", MOUNTS)
 @pytest.mark.parametrize("seed", [3000, 3004, 3010])
-def test_its_first_step_is_that_of_the_true_jacobian_of_the_joints(mount, seed, monkeypatch):
+def test_its_first_step_is_that_of_the_true_jacobian_of_the_joints(environment, mount, seed, monkeypatch):
     """Against MuJoCo's derivatives by the registers, and finite differences of the true joint angles."""
     env = environment(mount)
     env.reset(seed=seed)
@@ -124,7 +121,7 @@ def test_its_first_step_is_that_of_the_true_jacobian_of_the_joints(mount, seed, 
     assert missed.max() < 0.25
 
 
-def reached(mount, worlds):
+def reached(environment, mount, worlds):
     """Success, and the median of motions."""
     records = []
     for seed in worlds:
@@ -133,27 +130,25 @@ def reached(mount, worlds):
     return np.mean([record.success for record in records]), np.median([record.motions for record in records])
 
 
-@pytest.mark.parametrize("mount", MOUNTS)
-def test_it_reaches_in_wild_worlds(mount):
-    success, motions = reached(mount, range(3020, 3035))
+def test_it_reaches_in_wild_worlds(environment, mount):
+    success, motions = reached(environment, mount, range(3020, 3035))
     assert success == 1
     assert motions <= 16
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mount", MOUNTS)
-def test_it_reaches_in_many_wild_worlds(mount):
-    success, motions = reached(mount, range(3100, 3300))
+def test_it_reaches_in_many_wild_worlds(environment, mount):
+    success, motions = reached(environment, mount, range(3100, 3300))
     assert success >= 0.99
     assert motions <= 12
 
 
-def test_it_must_be_told_the_joint_angles():
+def test_it_must_be_told_the_joint_angles(make_env):
     with pytest.raises(ValueError, match=r"told joint_angles.*tell=\('joint_angles',\)"):
-        agents.make("joint_space_servo", gym.make("CalFree/Reach-v0"))
+        agents.make("joint_space_servo", make_env())
 
 
 @pytest.mark.parametrize("setting", [{"gain": 0.0}, {"gain": 1.5}, {"step_rad": 0.0}, {"damping": -1.0}])
-def test_settings_out_of_range_are_errors(setting):
+def test_settings_out_of_range_are_errors(environment, setting):
     with pytest.raises(ValueError, match=str(next(iter(setting.values())))):
         agents.make("joint_space_servo", environment(), **setting)
