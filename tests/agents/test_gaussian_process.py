@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents.base.agent import Look
+from agents.base.observation import Observation
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.analytic import distance_jacobian
@@ -121,15 +121,15 @@ def test_it_implies_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_wher
     env.reset(seed=7)
     agent = agents.make("memory", env)
     agent.learn(150)
-    assert agent.carriers.tolist() == [mount == "waist", False, False]
+    assert agent.camera_motors.tolist() == [mount == "waist", False, False]
     observation, _ = env.reset()
     state, over = None, False
     while not over:
         words, state = agent.predict(observation, state)
         observation, _, terminated, truncated, _ = env.step(words)
         over = terminated or truncated
-    look = Look.of(observation)
-    implied = agent.implied_jacobian(agent.knowledge, look.registers)
+    last = Observation.of(observation)
+    implied = agent.implied_jacobian(agent.knowledge, last.registers)
     truth = distance_jacobian(env)
     off = np.linalg.norm(implied[:4] - implied[4:] - truth, axis=0) / np.linalg.norm(truth, axis=0)
     assert (off < 0.15).all()
