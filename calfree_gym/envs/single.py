@@ -18,7 +18,7 @@ from calfree_gym.envs.goal import (
     observation_space,
     placed_objects,
 )
-from calfree_gym.envs.stereo_arms import Perturbed, WorldChoice
+from calfree_gym.envs.stereo_arms import Applied, WorldChoice
 from calfree_gym.robot.motors import MOTORS
 from calfree_gym.world import World
 
@@ -70,7 +70,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
 
     ## Information
     `is_success`: the observed rendezvous. `robot_seconds`: time that a real arm would take for the motion.
-    `perturbed`: perturbations that struck before it, with all that they drew (a drift where it begins).
+    `perturbed`: perturbations that were applied before it, with all that they drew (a drift where it begins).
     `truth`: for scoring only, never for a controller: `error_px` (larger noise-free image distance),
     `distance_mm`, `points`, `gripper`, `object`, `joints`.
 
@@ -156,22 +156,22 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             seed = int(self.np_random.integers(2**31))
         if seed is not None:
             self.arms.seed(0, seed)
-        struck = self.arms.begin_trial(slice(None), placed_objects(options, 1))
-        self.arms.look()
+        applied = self.arms.begin_trial(slice(None), placed_objects(options, 1))
+        self.arms.observe()
         observation, _, success = self._outcome()
-        return {key: value[0] for key, value in observation.items()}, self._info(success, 0.0, struck)
+        return {key: value[0] for key, value in observation.items()}, self._info(success, 0.0, applied)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Executes one motion, see the class."""
-        seconds, struck = self.arms.move(slice(None), control_words(action, (len(MOTORS),)))
-        self.arms.look()
+        seconds, applied = self.arms.move(slice(None), control_words(action, (len(MOTORS),)))
+        self.arms.observe()
         observation, distances, success = self._outcome()
         return (
             {key: value[0] for key, value in observation.items()},
             float(self._reward(distances, success)[0]),
             self._ends and bool(success[0]),
             False,
-            self._info(success, float(seconds[0]), struck),
+            self._info(success, float(seconds[0]), applied),
         )
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -184,12 +184,12 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         """
         return self._frame(0)
 
-    def _info(self, success: Any, seconds: float, struck: list[Perturbed]) -> dict[str, Any]:
+    def _info(self, success: Any, seconds: float, applied: list[Applied]) -> dict[str, Any]:
         truth = {k: v[0] if v.ndim > 1 else float(v[0]) for k, v in self._truth().items()}
         return {
             "is_success": bool(success[0]),
             "robot_seconds": seconds,
-            "perturbed": [perturbation for _, perturbation in struck],
+            "perturbed": [perturbation for _, perturbation in applied],
             "truth": truth,
         }
 

@@ -20,7 +20,7 @@ from calfree_gym.envs.goal import (
     observation_space,
     placed_objects,
 )
-from calfree_gym.envs.stereo_arms import Perturbed, WorldChoice
+from calfree_gym.envs.stereo_arms import Applied, WorldChoice
 from calfree_gym.errors import check_choice
 from calfree_gym.robot.motors import MOTORS
 from calfree_gym.world import World
@@ -131,10 +131,10 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             if (row_seed := seeds[row]) is not None:
                 self.arms.seed(row, row_seed)
         objects = placed_objects(given, self.num_envs)
-        struck = self._begin(rows, None if objects is None else objects[rows])
-        self.arms.look()
+        applied = self._begin(rows, None if objects is None else objects[rows])
+        self.arms.observe()
         observation, _, success = self._outcome()
-        return observation, self._infos(success, np.zeros(self.num_envs), struck)
+        return observation, self._infos(success, np.zeros(self.num_envs), applied)
 
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
         """Executes one motion in every row whose trial is not over.
@@ -146,30 +146,30 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         over, beginning = self._over.copy(), np.flatnonzero(self._over)
         seconds = np.zeros(self.num_envs)
         if not len(beginning):
-            seconds, struck = self.arms.move(slice(None), words)
+            seconds, applied = self.arms.move(slice(None), words)
         elif self._autoreset is AutoresetMode.NEXT_STEP:
-            struck = self._begin(beginning)
+            applied = self._begin(beginning)
             moving = np.flatnonzero(~over)
             if len(moving):
                 seconds[moving], more = self.arms.move(moving, words[moving])
-                struck += more
+                applied += more
         else:
             raise gym.error.ResetNeeded(
                 f"the trials of rows {beginning.tolist()} are over: reset them, with a reset_mask in options"
             )
         self._steps += ~over
-        self.arms.look()
+        self.arms.observe()
         observation, distances, success = self._outcome()
         rewards = np.where(over, 0.0, self._reward(distances, success))
         terminated = success & ~over if self._ends else np.zeros(self.num_envs, bool)
         truncated = self._steps >= self._max_episode_steps
         self._over = terminated | truncated
-        infos = self._infos(success, seconds, struck)
+        infos = self._infos(success, seconds, applied)
         if self._autoreset is AutoresetMode.SAME_STEP and self._over.any():
             observation, infos = self._begin_at_once(observation, infos)
         return observation, rewards, terminated, truncated, infos
 
-    def _begin(self, rows: NDArray[np.intp], objects: NDArray[np.float64] | None = None) -> list[Perturbed]:
+    def _begin(self, rows: NDArray[np.intp], objects: NDArray[np.float64] | None = None) -> list[Applied]:
         self._steps[rows] = 0
         self._over[rows] = False
         return self.arms.begin_trial(rows, objects)
@@ -179,10 +179,10 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins the next trials of the rows that are over; their last observations go into infos."""
         over = self._over.copy()
-        struck = self._begin(np.flatnonzero(over))
-        self.arms.look()
+        applied = self._begin(np.flatnonzero(over))
+        self.arms.observe()
         observation, _, success = self._outcome()
-        infos = self._infos(success, np.where(over, 0.0, final_infos["robot_seconds"]), struck)
+        infos = self._infos(success, np.where(over, 0.0, final_infos["robot_seconds"]), applied)
         return observation, infos | {
             "final_obs": final,
             "_final_obs": over,
@@ -217,12 +217,12 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             raise ValueError("options['reset_mask'] is False everywhere; at least one row must begin")
         return np.flatnonzero(mask)
 
-    def _infos(self, success: Any, seconds: Any, struck: list[Perturbed]) -> dict[str, Any]:
+    def _infos(self, success: Any, seconds: Any, applied: list[Applied]) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)
         truth = self._truth()
         truth |= {"_" + key: every for key in truth}
         perturbed, was_perturbed = np.empty(self.num_envs, object), np.zeros(self.num_envs, bool)
-        for row, perturbation in struck:
+        for row, perturbation in applied:
             was_perturbed[row] = True
             perturbed[row] = [*(perturbed[row] or ()), perturbation]
         infos = {

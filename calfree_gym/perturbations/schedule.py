@@ -36,7 +36,7 @@ class Event:
     every: bool = False
     drift: bool = False
 
-    def strikes(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def is_due(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether it strikes when so many motions or trials have gone (n,)."""
         if self.every:
             return (counts > 0) & (counts % self.at == 0)

@@ -129,7 +129,7 @@ class Simulation:
             self._batch.step(None if self._current else rows, SUBSTEPS, _POSITION_STAGE)
         return travel
 
-    def look(self) -> None:
+    def refresh(self) -> None:
         """Brings image points and positions up to date with where everything is."""
         if not self._current:
             self._batch.forward(stage=_POSITION_STAGE)
@@ -140,7 +140,7 @@ class Simulation:
         self._current = False
 
     def pinhole_pixels(self) -> tuple[Array, Array]:
-        """What cameras with neither lens nor offset of the principal point would see at the last look.
+        """What cameras with neither lens nor offset of the principal point would see at the last refresh.
 
         Returns:
             pixels: (N, 4, 2), from the image's upper left corner, x right and y down, of the gripper left
@@ -150,7 +150,7 @@ class Simulation:
         return self._pixels, -self._minus_depth
 
     def positions(self) -> tuple[Array, Array]:
-        """Gripper points and object points (N, 3) in m at the last look."""
+        """Gripper points and object points (N, 3) in m at the last refresh."""
         return self._sites[:, self._site[0]].copy(), self._sites[:, self._site[1]].copy()
 
     def joints(self) -> Array:

@@ -32,7 +32,7 @@ def test_a_motion_ends_settled_to_a_tenth_of_a_pixel(pair):
         registers = rng.uniform(physics.motors.lowest, physics.motors.highest)
         for simulation in (physics, kinematic):
             simulation.move(EVERY, registers)
-            simulation.look()
+            simulation.refresh()
         (a, _), (b, depth) = physics.pinhole_pixels(), kinematic.pinhole_pixels()
         near = (depth > 0.1) & (np.abs(b - 256) < 256).all(-1)
         assert near.sum() > ROWS
