@@ -93,6 +93,7 @@ class StereoArmGoal:
         observation: str,
         terminate_on_success: bool,
         tell: Sequence[str],
+        truth: bool,
         render_mode: Any,
         **arms: Any,
     ) -> None:
@@ -108,6 +109,7 @@ class StereoArmGoal:
         self.render_mode = render_mode
         self._ends = terminate_on_success
         self._tell = tuple(tell)
+        self._gives_truth = truth
         self.tolerance_px = float(arms["tolerance_px"])
         self._reward = REWARDS[reward]
         self._renderer: Any = None

@@ -29,7 +29,8 @@ class StereoArmVecEnv(VecEnv):
     def __init__(self, env_id: str, n_envs: int, **arguments: Any) -> None:
         if env_id not in calfree_gym.ENV_IDS:
             raise ValueError(f"unknown env_id {env_id!r}; allowed: {', '.join(calfree_gym.ENV_IDS)}")
-        made = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **arguments)
+        settings = {"truth": False, **arguments}
+        made = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
         self.vector_env: Any = made.unwrapped
         self.render_mode = self.vector_env.render_mode
         self._actions: NDArray[Any] = np.zeros((n_envs, 3))

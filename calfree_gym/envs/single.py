@@ -71,8 +71,8 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     ## Information
     `is_success`: the observed rendezvous. `robot_seconds`: time that a real arm would take for the motion.
     `perturbed`: perturbations that were applied before it, with all that they drew (a drift where it begins).
-    `truth`: for scoring only, never for a controller: `error_px` (larger noise-free image distance),
-    `distance_mm`, `points`, `gripper`, `object`, `joints`.
+    `truth`, unless `truth=False`: for scoring only, never for a controller: `error_px` (larger noise-free
+    image distance), `distance_mm`, `points`, `gripper`, `object`, `joints`.
 
     ## Arguments
 
@@ -91,6 +91,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         keep_in_view: Whether worlds, perturbations and objects that the cameras do not see are drawn again.
         tell: What is told beside the image points, as further observation keys: "joint_angles" (5,) and
             "joint_zeros" (4,) in rad, "gripper_position" (3,) in m.
+        truth: Whether `info["truth"]` is computed and given; without it a step takes less time.
         reward: "sparse" or "dense".
         render_mode: None or "rgb_array".
 
@@ -116,6 +117,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         terminate_on_success: bool = True,
         keep_in_view: bool = True,
         tell: Sequence[str] = (),
+        truth: bool = True,
         reward: str = "sparse",
         render_mode: str | None = None,
     ) -> None:
@@ -126,6 +128,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             observation,
             terminate_on_success,
             tell,
+            truth,
             render_mode,
             world=world,
             camera_mount=camera_mount,
@@ -185,13 +188,14 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         return self._frame(0)
 
     def _info(self, success: Any, seconds: float, applied: list[Applied]) -> dict[str, Any]:
-        truth = {k: v[0] if v.ndim > 1 else float(v[0]) for k, v in self._truth().items()}
-        return {
+        info = {
             "is_success": bool(success[0]),
             "robot_seconds": seconds,
             "perturbed": [perturbation for _, perturbation in applied],
-            "truth": truth,
         }
+        if self._gives_truth:
+            info["truth"] = {k: v[0] if v.ndim > 1 else float(v[0]) for k, v in self._truth().items()}
+        return info
 
     def close(self) -> None:
         """Frees the renderer, if an image was ever asked for."""

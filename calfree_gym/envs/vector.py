@@ -65,6 +65,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         terminate_on_success: bool = True,
         keep_in_view: bool = True,
         tell: Sequence[str] = (),
+        truth: bool = True,
         reward: str = "sparse",
         render_mode: str | None = None,
     ) -> None:
@@ -81,6 +82,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             observation,
             terminate_on_success,
             tell,
+            truth,
             render_mode,
             world=world,
             camera_mount=camera_mount,
@@ -219,18 +221,14 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
 
     def _infos(self, success: Any, seconds: Any, applied: list[Applied]) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)
-        truth = self._truth()
-        truth |= {"_" + key: every for key in truth}
         perturbed, was_perturbed = np.empty(self.num_envs, object), np.zeros(self.num_envs, bool)
         for row, perturbation in applied:
             was_perturbed[row] = True
             perturbed[row] = [*(perturbed[row] or ()), perturbation]
-        infos = {
-            "is_success": success,
-            "robot_seconds": seconds,
-            "perturbed": perturbed,
-            "truth": truth,
-        }
+        infos = {"is_success": success, "robot_seconds": seconds, "perturbed": perturbed}
+        if self._gives_truth:
+            truth = self._truth()
+            infos["truth"] = truth | {"_" + key: every for key in truth}
         return infos | {"_" + key: every for key in infos} | {"_perturbed": was_perturbed}
 
     def close_extras(self, **kwargs: Any) -> None:
