@@ -22,6 +22,7 @@ RIG_GROUP = 2
 
 _SENSOR_SIZE = 0.01
 _HAND_TO_GRIPPER_POINT = 0.18
+_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 
@@ -83,6 +84,7 @@ class Simulation:
         self._camera_orientation = self._batch.expand("cam_quat")
         self._intrinsic = self._batch.expand("cam_intrinsic")
         self._body_position = self._batch.expand("body_pos")
+        self._disabled = self._batch.expand("opt.disableflags")
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._ctrl, self._act = self._batch.bind("ctrl"), self._batch.bind("act")
         self._object = self._batch.bind("mocap_pos")
@@ -125,8 +127,10 @@ class Simulation:
             self._rest_at(rows, joints)
         else:
             self._ctrl[rows] = joints
-            self._current = isinstance(rows, slice)
-            self._batch.step(None if self._current else rows, SUBSTEPS, _POSITION_STAGE)
+            self._disabled[:] |= _SENSORS  # only `refresh` reads them
+            self._batch.step(None if isinstance(rows, slice) else rows, SUBSTEPS)
+            self._disabled[:] &= ~_SENSORS
+            self._current = False
         return travel
 
     def refresh(self) -> None:
