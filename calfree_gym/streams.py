@@ -54,7 +54,8 @@ class MotionNumbers:
         self._streams = CounterStreams()
         self._numbers = np.zeros((rows, self.BLOCK, *shape))
         self._loaded = np.full(rows, -1)
-        self._all = np.arange(rows)
+        self._by_motion = self._numbers.reshape(rows * self.BLOCK, *shape)
+        self._first = self.BLOCK * np.arange(rows)
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`."""
@@ -65,15 +66,17 @@ class MotionNumbers:
         """The numbers (N, *shape) of the rows' present trial and motion of the trial (N,)."""
         blocks, places = motions // self.BLOCK, motions % self.BLOCK
         wanted = trials * 2**32 + blocks
-        if (wanted != self._loaded).any():
-            self._load((wanted != self._loaded).nonzero()[0], trials, blocks)
+        if len(stale := (wanted != self._loaded).nonzero()[0]):
+            self._load(stale, trials, blocks)
             self._loaded = wanted
-        return self._numbers[self._all, places]
+        return self._by_motion.take(self._first + places, axis=0)
 
     def _load(self, rows: NDArray[np.intp], trials: NDArray[np.int64], blocks: NDArray[np.int64]) -> None:
         generator = self._streams.generator
         draw = generator.standard_normal if self._normal else generator.random
-        for row, trial, block in zip(rows.tolist(), trials[rows].tolist(), blocks[rows].tolist(), strict=True):
+        for row, trial, block in zip(
+            rows.tolist(), trials[rows].tolist(), blocks[rows].tolist(), strict=True
+        ):
             self._streams.go_to(self._keys[row], trial, block)
             draw(out=self._numbers[row])
 

@@ -122,7 +122,7 @@ class Simulation:
             The largest joint angle travelled (n,) in rad.
         """
         joints = self.motors.joints(registers, rows)
-        travel = np.abs(joints - self._ctrl[rows]).max(-1)
+        travel = np.maximum.reduce(np.abs(joints - self._ctrl[rows]), axis=-1)
         if self._kinematic:
             self._rest_at(rows, joints)
         else:
