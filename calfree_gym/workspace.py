@@ -127,7 +127,7 @@ class Workspaces:
             x, y, z = points.T
             points = np.stack([c * x + s * y, c * y - s * x, z], -1)
         images, shown = self.cameras.project(points, rows)
-        return images, (shown & inside(images, BORDER_PX)).all(-1)
+        return images, np.asarray((shown & inside(images, BORDER_PX)).all(-1))
 
 
 def in_view(world: World, mount: str, whole: bool = False) -> bool:

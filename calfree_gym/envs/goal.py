@@ -74,7 +74,7 @@ def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
         raise ValueError(f"the action is {action!r}; it must be numbers of shape {shape}") from None
     if words.shape != shape:
         raise ValueError(f"the action has shape {words.shape}; it must be {shape}, one word a motor")
-    if np.abs(words).max() <= 1:
+    if np.maximum.reduce(np.abs(words), axis=None) <= 1:
         return words
     if not np.isfinite(words).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(words))[0])

@@ -104,7 +104,7 @@ class StereoArms:
         self.true_points = np.zeros((rows, 4, 2))
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
-        self._motion_of_trial = np.zeros(rows, np.int64)
+        self._motions_before = np.zeros(rows, np.int64)
         self._seeds: list[int | None] = [None] * rows
         self._object_keys: list[Key] = [(0, 0)] * rows
         self._object_streams = CounterStreams()
@@ -133,7 +133,7 @@ class StereoArms:
         self._seeds[row] = seed
         self._measurement.seed(row, seed)
         self._object_keys[row] = key(seed, "objects")
-        self.motions[row] = self.trials[row] = 0
+        self.motions[row] = self.trials[row] = self._motions_before[row] = 0
         self._scheduler.seed(row, seed)
         choice = self._choices[row]
         self._enter(row, choice if isinstance(choice, World) else self._draw_world(choice, seed, 0))
@@ -175,7 +175,7 @@ class StereoArms:
             objects = self._draw_objects(indices)
         self.simulation.place(rows, self.registers[rows], objects)
         self.trials[rows] += 1
-        self._motion_of_trial[rows] = 0
+        self._motions_before[rows] = self.motions[rows]
         self.points[rows] = 0.0
         return applied
 
@@ -197,7 +197,6 @@ class StereoArms:
         self.registers[rows] = registers
         travel = self.simulation.move(rows, registers)
         self.motions[rows] += 1
-        self._motion_of_trial[rows] += 1
         return travel / JOINT_SPEED + SETTLING_AND_OBSERVATION, applied
 
     def observe(self) -> None:
@@ -207,9 +206,10 @@ class StereoArms:
         true, shown = self._workspaces.cameras.through_lens(pixels)
         visible = shown & (depth > 0) & inside(true)
         self.true_points = true
-        measured, self.visible = self._measurement.measure(true, visible, self.trials, self._motion_of_trial)
+        motions = self.motions - self._motions_before
+        measured, self.visible = self._measurement.measure(true, visible, self.trials, motions)
         self.points = np.where(self.visible[:, :, None], measured, self.points)
-        self.delivered = self._measurement.deliver(self.points, self.visible, self._motion_of_trial)
+        self.delivered = self._measurement.deliver(self.points, self.visible, motions)
 
     def error_px(self) -> Array:
         """Noise-free image distances (N,) in pixels, of the camera that sees the larger one."""

@@ -22,7 +22,7 @@ RIG_GROUP = 2
 
 _SENSOR_SIZE = 0.01
 _HAND_TO_GRIPPER_POINT = 0.18
-_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+_NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 
@@ -127,9 +127,9 @@ class Simulation:
             self._rest_at(rows, joints)
         else:
             self._ctrl[rows] = joints
-            self._disabled[:] |= _SENSORS  # only `refresh` reads them
+            self._disabled.fill(_NO_SENSORS)  # only `refresh` needs them
             self._batch.step(None if isinstance(rows, slice) else rows, SUBSTEPS)
-            self._disabled[:] &= ~_SENSORS
+            self._disabled.fill(0)
             self._current = False
         return travel
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags, rotation_matrix
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT
 from calfree_gym.world import World
 
 MOUNTS = ("waist", "stand")
@@ -68,6 +68,8 @@ class StereoCameras:
         self._position = np.zeros((rows, 2, 3))
         self._rotation = np.zeros((rows, 2, 3, 3))
         # In the shape of the gripper's and the object's image points: equal shapes multiply fastest.
+        self._centre_px = np.full((rows, 4, 2), PIXELS_PER_UNIT)
+        self._focal_px = np.ones((rows, 4, 2))
         self._focal = np.ones((rows, 4, 2))
         self._principal = np.zeros((rows, 4, 2))
         self._k1 = np.zeros((rows, 4))
@@ -76,7 +78,8 @@ class StereoCameras:
         """Gives `row` the cameras of `world`."""
         self._position[row] = world.camera_position
         self._rotation[row] = [rotation_matrix(q) for q in world.camera_orientation]
-        self._focal[row] = np.tile(world.focal_length * IMAGE_UNIT, 2)[:, None]
+        self._focal_px[row] = np.tile(world.focal_length, 2)[:, None]
+        self._focal[row] = self._focal_px[row] * IMAGE_UNIT
         self._principal[row] = np.tile(world.principal_point * IMAGE_UNIT, (2, 1))
         self._k1[row] = np.tile(world.lens_k1, 2)
 
@@ -107,5 +110,5 @@ class StereoCameras:
         Returns:
             The image points, and which of them (N, 4) the lenses show.
         """
-        flat = (pixels * IMAGE_UNIT - 1) / self._focal
+        flat = (pixels - self._centre_px) / self._focal_px
         return image_points(flat, self._focal, self._principal, self._k1)
