@@ -85,6 +85,7 @@ class Simulation:
         self._intrinsic = self._batch.expand("cam_intrinsic")
         self._body_position = self._batch.expand("body_pos")
         self._disabled = self._batch.expand("opt.disableflags")
+        self._flags = int(self._model.opt.disableflags)
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._ctrl, self._act = self._batch.bind("ctrl"), self._batch.bind("act")
         self._object = self._batch.bind("mocap_pos")
@@ -127,9 +128,9 @@ class Simulation:
             self._rest_at(rows, joints)
         else:
             self._ctrl[rows] = joints
-            self._disabled.fill(_NO_SENSORS)  # only `refresh` needs them
+            self._disabled.fill(self._flags | _NO_SENSORS)  # only `refresh` needs them
             self._batch.step(None if isinstance(rows, slice) else rows, SUBSTEPS)
-            self._disabled.fill(0)
+            self._disabled.fill(self._flags)
             self._current = False
         return travel
 
