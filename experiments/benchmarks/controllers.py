@@ -11,7 +11,7 @@ import numpy as np
 
 import agents
 import calfree_gym
-from calfree_gym.envs.goal import TELLS
+from calfree_gym.envs.goal import PRIVILEGED
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.running.lifetime import Life
 
@@ -116,7 +116,7 @@ class _Timed:
     """An agent whose decisions are timed."""
 
     def __init__(self, name: str, mount: str, **settings: Any) -> None:
-        spaces = gym.make(REACH, camera_mount=mount, tell=tuple(TELLS))
+        spaces = gym.make(REACH, camera_mount=mount, tell=tuple(PRIVILEGED))
         self.agent: Any = agents.make(name, spaces, **settings)
         self.seconds: list[float] = []
 

@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 import agents
-from calfree_gym.envs.goal import TELLS
+from calfree_gym.envs.goal import PRIVILEGED
 from experiments.config.suite import AgentConfig, EnvironmentConfig
 
 
@@ -25,7 +25,7 @@ def asked(agent: AgentConfig, env: EnvironmentConfig) -> Asked:
     Raises:
         ValueError: A setting is not allowed.
     """
-    telling = env.make(tell=tuple(TELLS))
+    telling = env.make(tell=tuple(PRIVILEGED))
     made = agents.make(agent.name, telling, seed=0, **agent.settings)
     telling.close()
     mount = {"camera_mount": env.camera_mount} if hasattr(made, "camera_mount") else {}

@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from calfree_gym.perturbations.types import TYPES
+from calfree_gym.perturbations import TYPES
 
 ROWS = 128
 STATUS = Path("/proc/self/status")

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calfree_gym import nominal
-from calfree_gym.perturbations.types import (
+from calfree_gym.perturbations import (
     TYPES,
     CameraAim,
     CameraRoll,

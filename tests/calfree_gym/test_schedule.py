@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calfree_gym.perturbations import TYPES
 from calfree_gym.perturbations.schedule import parse_schedule
-from calfree_gym.perturbations.types import TYPES
 from calfree_gym.workspace import in_view
 
 RNG = np.random.default_rng

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calfree_gym.perturbations.types import TYPES
+from calfree_gym.perturbations import TYPES
 from experiments.config.suite import SweepConfig
 from experiments.reporting.held_out import figure as figures
 from experiments.reporting.pages import Section, Table, percent
