@@ -30,9 +30,9 @@ MAX_REGISTER = 0.9
 MIN_IN_VIEW = 0.5
 """Share of the work space that both cameras must see."""
 CHECKED = 200
-"""Candidates by which a world is judged."""
+"""Candidates that decide whether a world is in view."""
 ATTEMPTS = 1000
-"""Worlds, or objects' blocks of candidates, drawn in vain before giving up."""
+"""Draws of worlds, or of blocks of candidate objects, before giving up."""
 
 _LOWEST = JOINT_LIMITS[:3, 0] + LIMIT_MARGIN
 _HIGHEST = JOINT_LIMITS[:3, 1] - LIMIT_MARGIN
@@ -157,7 +157,7 @@ def first_in_view(draw: Callable[[int], World], mount: str, what: str, whole: bo
     """The first of `draw(0)`, `draw(1)`, ... that is in view.
 
     Raises:
-        ValueError: None of many is; `what` was drawn in vain.
+        ValueError: None of `ATTEMPTS` draws of `what` is.
     """
     for attempt in range(ATTEMPTS):
         world = draw(attempt)

@@ -26,7 +26,7 @@ class Privileged(NamedTuple):
 
     Attributes:
         size: How many numbers.
-        bound: On their magnitude.
+        bound: Of their magnitude.
         of: Gives them for all rows (N, size).
     """
 
@@ -117,7 +117,7 @@ class StereoArmGoal:
     def _outcome(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_]]:
         """The last observation: batched observations, image distances (N, 2), and rendezvous (N,).
 
-        With latency the controller's image points are old ones; distances and rendezvous are not.
+        With latency the image points are delayed; distances and rendezvous are of the present ones.
         """
         points, visible = self.arms.delivered
         goals = points.astype(np.float32).reshape(-1, 8)
@@ -143,7 +143,7 @@ class StereoArmGoal:
         return ended if self._ends else np.zeros_like(ended)
 
     def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """False: no goal cuts a trial short; the number of motions does (see `max_episode_steps`)."""
+        """False: only the number of motions truncates a trial (see `max_episode_steps`)."""
         return np.zeros(np.shape(achieved_goal)[:-1], bool)
 
     def _truth(self) -> dict[str, Any]:
@@ -176,7 +176,7 @@ class StereoArmGoal:
 
 
 def placed_objects(options: dict[str, Any] | None, rows: int) -> NDArray[np.float64] | None:
-    """The object of reset's options (rows, 3) in m, where one is given."""
+    """The object of reset's options (rows, 3) in m, or None without one."""
     if not options:
         return None
     if not isinstance(options, dict):

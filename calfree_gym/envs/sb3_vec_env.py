@@ -72,7 +72,7 @@ class StereoArmVecEnv(VecEnv):
         return [getattr(self.vector_env, attr_name)] * len(self._rows(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refused: rows share one environment."""
+        """Not possible: all rows share one environment."""
         raise NotImplementedError(f"{attr_name} cannot be set: all rows are one batched environment")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
@@ -83,7 +83,7 @@ class StereoArmVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None
     ) -> list[bool]:
-        """False: rows have no wrappers."""
+        """False for each row: rows have no wrappers."""
         return [False] * len(self._rows(indices))
 
     def _rows(self, indices: Any) -> Sequence[int]:

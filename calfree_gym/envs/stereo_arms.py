@@ -1,4 +1,4 @@
-"""N stereo arms, each in its own world and at its own trial: what both environments are made of."""
+"""N stereo arms, each in its own world and at its own trial. Both environments step them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SETTLING_AND_OBSERVATION = 4.0
 value a reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
 CANDIDATE_BLOCK = 16
 APART_SIGMAS = 6
-"""An object starts further from the gripper than the tolerance, by this many times the noise."""
+"""The distance of a new object from the gripper exceeds the tolerance by this many times the noise."""
 
 REDRAWS = ("never", "trial")
 WorldChoice = str | World | WorldDistribution
@@ -43,8 +43,8 @@ class StereoArms:
         registers: Executed sums of control words since home (N, 3).
         points: Image points (N, 4, 2) as last seen: gripper left, right, object left, right.
         visible: Which of the four points (N, 4) the last observation saw.
-        delivered: Image points (N, 4, 2) and flags (N, 4) as the controller gets them: late, where
-            there is latency.
+        delivered: Image points (N, 4, 2) and flags (N, 4) as the controller gets them: delayed where there
+            is latency.
         true_points: Where noise-free cameras see them now (N, 4, 2), not clipped to the image.
         motions: Motions since reset with a seed (N,).
         trials: Trials begun since reset with a seed (N,).

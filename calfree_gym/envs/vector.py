@@ -1,4 +1,4 @@
-"""Many black boxes stepped together, as a Gymnasium vector environment."""
+"""The batched environment: many arms stepped together, as a Gymnasium vector environment."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from calfree_gym.world import World
 class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
     """Many stereo arms stepped together by MuJoCo's threads; row i is `StereoArmEnv` reset with seed + i.
 
-    Perturbations and all else strike each row by its own count of motions and trials.
+    Each row counts its own motions and trials, and perturbations are applied by these counts.
 
     Args:
         num_envs: Rows.
         max_episode_steps: Motions after which a trial is truncated.
         autoreset_mode: Of `gymnasium.vector.AutoresetMode`. NEXT_STEP: a row whose trial is over begins the
-            next one at the next step, whatever its action. SAME_STEP: at once; its last observation is in
-            `infos["final_obs"]`. DISABLED: by `reset(options={"reset_mask": ...})`.
+            next one at the next step, which ignores its action. SAME_STEP: at once; its last observation is
+            in `infos["final_obs"]`. DISABLED: by `reset(options={"reset_mask": ...})`.
         threads: Threads of the simulation (0: all cores); they change no number.
         world: As for `StereoArmEnv`, or a list of one a row.
         **arguments: As for `StereoArmEnv`.
@@ -142,7 +142,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         """Executes one motion in every row whose trial is not over.
 
         Raises:
-            gymnasium.error.ResetNeeded: A trial is over, and nobody began the next (autoreset disabled).
+            gymnasium.error.ResetNeeded: A trial is over and the next was not begun (autoreset disabled).
         """
         words = control_words(actions, (self.num_envs, len(MOTORS)))
         over, beginning = self._over.copy(), np.flatnonzero(self._over)
@@ -232,5 +232,5 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         return infos | {"_" + key: every for key in infos} | {"_perturbed": was_perturbed}
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Frees the renderer, if an image was ever asked for."""
+        """Frees the renderer."""
         self._free_renderer()

@@ -3,8 +3,8 @@
 To add a perturbation:
 
 1. Write a frozen dataclass, derived from `base.Perturbation`, in the module of what it changes: `camera`,
-   `arm` or `image_points`. Its docstring says what it changes and what is drawn where a setting is omitted;
-   the documentation shows it.
+   `arm` or `image_points`. Its docstring says what it changes and what it draws for omitted settings; it
+   becomes part of the documentation.
 2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`, `base.amount`,
    `base.factor` or `base.setting`.
 3. Define `change(world)`, which returns a new world; every setting is given there. For one entry of an
@@ -17,7 +17,7 @@ For example, in `arm`:
 
     @dataclass(frozen=True)
     class MotorCurvature(Perturbation):
-        "Adds `by` to a motor's curvature, else -0.1 to 0.1."
+        "Adds `by` (drawn: -0.1 to 0.1) to a motor's curvature."
 
         type: ClassVar[str] = "motor_curvature"
         motor: str = one_of(MOTORS)

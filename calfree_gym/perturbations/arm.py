@@ -15,7 +15,7 @@ JOINTS = ("J1", "J2", "J3", "J4")
 
 @dataclass(frozen=True)
 class JointZero(Perturbation):
-    """Shifts a joint's zero by `degrees`, else by up to 10 either way."""
+    """Shifts a joint's zero by `degrees` (drawn: -10 to 10)."""
 
     type: ClassVar[str] = "joint_zero"
     joint: str = one_of(JOINTS)
@@ -31,7 +31,7 @@ class JointZero(Perturbation):
 
 @dataclass(frozen=True)
 class LinkLength(Perturbation):
-    """Multiplies a link's length by `factor`, else by 0.9-1.1."""
+    """Multiplies a link's length by `factor` (drawn: 0.9-1.1)."""
 
     type: ClassVar[str] = "link_length"
     link: str = one_of(LINKS)
@@ -47,7 +47,7 @@ class LinkLength(Perturbation):
 
 @dataclass(frozen=True)
 class MotorGain(Perturbation):
-    """Multiplies a motor's gain by `factor`, else by 0.67-1.5."""
+    """Multiplies a motor's gain by `factor` (drawn: 0.67-1.5)."""
 
     type: ClassVar[str] = "motor_gain"
     motor: str = one_of(MOTORS)

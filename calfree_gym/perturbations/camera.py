@@ -27,7 +27,7 @@ _OPTICAL_AXIS = np.array([0.0, 0.0, -1.0])
 
 @dataclass(frozen=True)
 class CameraRoll(Perturbation):
-    """Turns a camera about its optical axis by `degrees`, else by any angle."""
+    """Turns a camera about its optical axis by `degrees` (drawn: any angle)."""
 
     type: ClassVar[str] = "camera_roll"
     camera: str = one_of(CAMERAS)
@@ -42,9 +42,9 @@ class CameraRoll(Perturbation):
 
 @dataclass(frozen=True)
 class CameraAim(Perturbation):
-    """Turns a camera's viewing direction by `degrees` (else 3-15), towards `direction`.
+    """Turns a camera's viewing direction by `degrees` (drawn: 3-15), towards `direction`.
 
-    `direction` is the angle in degrees, from the image's x to its y axis, in which the view moves; else any.
+    `direction` is the angle in degrees, from the image's x to its y axis, in which the view moves (drawn: any).
     """
 
     type: ClassVar[str] = "camera_aim"
@@ -63,7 +63,7 @@ class CameraAim(Perturbation):
 
 @dataclass(frozen=True)
 class CameraZoom(Perturbation):
-    """Multiplies a camera's focal length by `factor`, else by 0.8-1.25."""
+    """Multiplies a camera's focal length by `factor` (drawn: 0.8-1.25)."""
 
     type: ClassVar[str] = "camera_zoom"
     camera: str = one_of(CAMERAS)
@@ -79,7 +79,7 @@ class CameraZoom(Perturbation):
 
 @dataclass(frozen=True)
 class CameraShift(Perturbation):
-    """Moves a camera, without turning it, by `metres` (else 0.02-0.10) in the direction given, else any.
+    """Moves a camera, without turning it, by `metres` (drawn: 0.02-0.10), in a direction (drawn: any).
 
     `azimuth` is in degrees from the mount's x axis to its y axis, `elevation` from the horizontal.
     """
@@ -104,7 +104,7 @@ class CameraShift(Perturbation):
 
 @dataclass(frozen=True)
 class CameraReplace(Perturbation):
-    """Puts another camera, drawn as in wild worlds from `seed`, in a camera's place.
+    """Replaces a camera by another, drawn from `seed` as in wild worlds.
 
     As a drift, the camera goes a hundredth of the way there in each step.
     """
@@ -114,13 +114,13 @@ class CameraReplace(Perturbation):
     seed: int = setting(lambda rng: int(rng.integers(2**31)), least=0, most=2**31, whole=True)
 
     def change(self, world: World) -> World:
-        return self._gone(world, 1.0)
+        return self._moved(world, 1.0)
 
     def drift(self, world: World, back: bool = False) -> World:
-        return self._gone(world, -1 / (DRIFT_STEPS - 1) if back else 1 / DRIFT_STEPS)
+        return self._moved(world, -1 / (DRIFT_STEPS - 1) if back else 1 / DRIFT_STEPS)
 
-    def _gone(self, world: World, share: float) -> World:
-        """This share of the way to the other camera."""
+    def _moved(self, world: World, share: float) -> World:
+        """Moves the camera by this share of the way to the other one."""
         camera = CAMERAS.index(self.camera)
         other = wild_camera(np.random.default_rng(self.seed), camera)
         for name, value in {**other, "principal_point": np.zeros(2)}.items():
@@ -135,7 +135,7 @@ class CameraReplace(Perturbation):
 
 @dataclass(frozen=True)
 class Lens(Perturbation):
-    """Gives a camera's lens the radial distortion `k1`, else one within +-0.08; as a drift, adds it."""
+    """Sets a lens's radial distortion to `k1` (drawn: -0.08 to 0.08); as a drift, adds it."""
 
     type: ClassVar[str] = "lens"
     camera: str = one_of(CAMERAS)

@@ -34,7 +34,7 @@ class _PointPerturbation(Perturbation):
 
 @dataclass(frozen=True)
 class PointNoise(_PointPerturbation):
-    """Sets the standard deviation of image coordinates to `px`, else to 0.5-5 pixels; as a drift, adds."""
+    """Sets the standard deviation of image coordinates to `px` (drawn: 0.5-5); as a drift, adds it."""
 
     type: ClassVar[str] = "point_noise"
     quantity: ClassVar[str] = "px"
@@ -43,7 +43,7 @@ class PointNoise(_PointPerturbation):
 
 @dataclass(frozen=True)
 class PointOutliers(_PointPerturbation):
-    """Makes a `share` of the image points stand anywhere in the image, else 0-0.4; as a drift, adds."""
+    """Places a `share` (drawn: 0-0.4) of the image points anywhere in the image; as a drift, adds it."""
 
     type: ClassVar[str] = "point_outliers"
     quantity: ClassVar[str] = "share"
@@ -52,7 +52,7 @@ class PointOutliers(_PointPerturbation):
 
 @dataclass(frozen=True)
 class PointDropout(_PointPerturbation):
-    """Makes a `share` of the image points unseen, else 0-0.4 of them; as a drift, adds."""
+    """Hides a `share` (drawn: 0-0.4) of the image points; as a drift, adds it."""
 
     type: ClassVar[str] = "point_dropout"
     quantity: ClassVar[str] = "share"
@@ -61,7 +61,7 @@ class PointDropout(_PointPerturbation):
 
 @dataclass(frozen=True)
 class Latency(_PointPerturbation):
-    """Makes image points come late by so many `motions`, else 1-3; as a drift, adds (else 1)."""
+    """Delays image points by `motions` (drawn: 1-3; as a drift: 1); as a drift, adds them."""
 
     type: ClassVar[str] = "latency"
     quantity: ClassVar[str] = "motions"

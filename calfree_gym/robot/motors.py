@@ -16,7 +16,7 @@ from calfree_gym.world import World
 
 MOTORS = ("waist", "shoulder", "elbow")
 HOME = np.radians([0.0, 40.0, -80.0])
-"""Joint angles (rad) of J1-J3 at registers zero, as the arm's own controller believes them."""
+"""Joint angles (rad) of J1-J3 at registers zero, as the arm's own controller assumes them."""
 SPAN = np.array([2.6, 2.0, 2.0])
 """Radians from home to register 1, at gain 1."""
 JOINT_LIMITS = np.radians([[-150, 150], [-30, 100], [-120, 0], [-110, 110]])

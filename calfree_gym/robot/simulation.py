@@ -14,7 +14,7 @@ from calfree_gym.robot.motors import MotorMap
 from calfree_gym.world import World
 
 SUBSTEPS = 100
-"""Physics substeps in a motion, of 5 ms each: enough to settle (a test says to what)."""
+"""Physics substeps of 5 ms in a motion: enough to settle to 0.1 pixels (a test measures it)."""
 DYNAMICS = ("physics", "kinematic")
 POINTS = ("gripper", "object")
 RIG_GROUP = 2
@@ -70,7 +70,7 @@ class Simulation:
     Args:
         rows: N.
         mount: Where the cameras are fixed, see `cameras.MOUNTS`.
-        dynamics: "physics", or "kinematic": the arm is put where physics would settle.
+        dynamics: "physics", or "kinematic": the arm is placed where physics would settle.
         threads: Threads that step the worlds; they change no number.
     """
 
@@ -145,12 +145,12 @@ class Simulation:
         self._current = False
 
     def pinhole_pixels(self) -> tuple[Array, Array]:
-        """What cameras with neither lens nor offset of the principal point would see at the last refresh.
+        """Image points at the last refresh, of cameras without lens distortion and principal point offset.
 
         Returns:
             pixels: (N, 4, 2), from the image's upper left corner, x right and y down, of the gripper left
                 and right, and of the object left and right.
-            depth: (N, 4) in m; positive before the camera.
+            depth: (N, 4) in m; positive in front of the camera.
         """
         return self._pixels, -self._minus_depth
 

@@ -1,4 +1,4 @@
-"""From where points truly are to what the vision system delivers: noise, outliers, dropout, latency."""
+"""From true image points to delivered ones: noise, outliers, dropout, latency."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Counts = NDArray[np.int64]
 
 
 class MeasurementModel:
-    """What the vision systems of N worlds make of true image points, one row each."""
+    """The vision systems of N worlds, one row each: true image points in, measured ones out."""
 
     def __init__(self, rows: int) -> None:
         self._noise = np.zeros((rows, 4, 2))
