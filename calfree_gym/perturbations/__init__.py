@@ -28,7 +28,7 @@ For example, in `arm`:
             return with_entry(world, "motor_curvature", motor, world.motor_curvature[motor] + self.by)
 
         def inverse(self) -> Perturbation:
-            return replace(self, amount=-self.by)
+            return replace(self, by=-self.by)
 """
 
 from calfree_gym.perturbations.arm import JointZero, LinkLength, MotorGain, MotorSign

@@ -44,7 +44,7 @@ class CameraRoll(Perturbation):
 class CameraAim(Perturbation):
     """Turns a camera's viewing direction by `degrees` (drawn: 3-15), towards `direction`.
 
-    `direction` is the angle in degrees, from the image's x to its y axis, in which the view moves (drawn: any).
+    `direction` (drawn: any) is where the view moves, in degrees from the image's x to its y axis.
     """
 
     type: ClassVar[str] = "camera_aim"
