@@ -69,12 +69,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         reward: str = "sparse",
         render_mode: str | None = None,
     ) -> None:
-        if num_envs < 1:
-            raise ValueError(f"num_envs is {num_envs}; it must be 1 or more")
-        if max_episode_steps < 1:
-            raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
-        modes = tuple(mode.value for mode in AutoresetMode)
-        check_choice("autoreset_mode", getattr(autoreset_mode, "value", autoreset_mode), modes)
+        _check_arguments(num_envs, max_episode_steps, autoreset_mode)
         self._build(
             num_envs,
             threads,
@@ -234,3 +229,12 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the renderer."""
         self._free_renderer()
+
+
+def _check_arguments(num_envs: int, max_episode_steps: int, autoreset_mode: AutoresetMode | str) -> None:
+    if num_envs < 1:
+        raise ValueError(f"num_envs is {num_envs}; it must be 1 or more")
+    if max_episode_steps < 1:
+        raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
+    modes = tuple(mode.value for mode in AutoresetMode)
+    check_choice("autoreset_mode", getattr(autoreset_mode, "value", autoreset_mode), modes)
