@@ -11,7 +11,7 @@ import numpy as np
 from agents.base.checks import check_number
 from agents.base.observation import Array, Observation
 from agents.base.procedure import Procedure, ProcedureAgent
-from agents.calibrated.model import CalibratedModel
+from agents.calibrated.robot_model import RobotModel
 from agents.jacobian import distance_jacobian
 from agents.perception import ObservationFilter, Observing
 from agents.servo.trial import half_way_back
@@ -49,7 +49,7 @@ class AffineStereo(ProcedureAgent):
         super().__init__(env, seed)
         self.gain = check_number("gain", gain, above=0, most=1)
         self.spacing = check_number("spacing", spacing, above=0)
-        self._arm = CalibratedModel.of(nominal(), "stand")
+        self._arm = RobotModel.of(nominal(), "stand")
 
     @property
     def kind(self) -> str:

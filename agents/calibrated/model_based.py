@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.base.observation import Array, Observation
 from agents.base.procedure import Procedure, ProcedureAgent
-from agents.calibrated.model import CalibratedModel
+from agents.calibrated.robot_model import RobotModel
 from agents.perception import ObservationFilter
 from agents.servo.trial import half_way_back
 from calfree_gym.world import nominal
@@ -32,7 +32,7 @@ class ModelBased(ProcedureAgent):
     def __init__(self, env: gym.Env[Any, Any], camera_mount: str = "waist", seed: int = 0) -> None:
         super().__init__(env, seed)
         self.camera_mount = camera_mount
-        self.model = CalibratedModel.of(nominal(), camera_mount)
+        self.model = RobotModel.of(nominal(), camera_mount)
 
     @property
     def kind(self) -> str:
@@ -65,7 +65,7 @@ class ModelBased(ProcedureAgent):
 
 
 def move_by_model(
-    model: CalibratedModel, object_: Array, filter_: ObservationFilter, before: Observation, words: Array
+    model: RobotModel, object_: Array, filter_: ObservationFilter, before: Observation, words: Array
 ) -> Generator[Array, Observation, list[Observation]]:
     """Executes words (m,), and where that loses a point from view, goes half of the way back.
 
