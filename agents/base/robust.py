@@ -1,4 +1,4 @@
-"""Weights by which mistaken measurements count little (M-estimators; Hartley & Zisserman 2004, appendix 6.8)."""
+"""Weights by which mistaken measurements count little: M-estimators (Hartley & Zisserman 2004, app. 6.8)."""
 
 from __future__ import annotations
 

@@ -28,8 +28,8 @@ from calfree_gym.world import AIM
 OBJECT_PRIOR_STD = np.array([0.2, 0.3, 0.15])
 OBJECT_BOUND = np.array([0.6, 0.8, 0.5])
 """Of the objects' places about the middle of the work space, `AIM`, in m. The simulator draws objects with
-standard deviations of 0.10, 0.19 and 0.07: a weak prior has twice that. Twice the work space bounds them (a
-guard: the frame of the room may come out shifted)."""
+standard deviations of 0.10, 0.19 and 0.07: a weak prior has about twice that. At least twice the work space
+bounds them (a guard: the frame of the room may come out shifted)."""
 _INSIDE_BOUND = 0.9
 """Triangulated objects are brought within this share of their bounds (a guard: on a bound nothing moves)."""
 _SIGNS = np.array(list(product([1.0, -1.0], repeat=MOTORS)))
@@ -46,8 +46,8 @@ _FAR_PX = 40.0
 _OUTLYING = 8.0
 """Then those beyond so many times the noise do: tuned likewise, with and without mistaken points."""
 _LEAST_NOISE_PX = 1.0
-"""The prior counts as if image points were at least so noisy (a guard: no more than that of a good marker,
-lest numbers become as large as the square of its inverse)."""
+"""Against the prior, image points count as if they were at least so noisy: model errors add to their noise.
+Tuned likewise."""
 
 
 @dataclass(frozen=True)
@@ -130,13 +130,11 @@ class _LeastSquares:
         self.built = built
         self._prior_mean = np.concatenate([np.zeros(COUNT), np.tile(AIM, trials)])
         prior_std = np.concatenate([PRIOR_STD, np.tile(OBJECT_PRIOR_STD, trials)])
-        self._prior_std = prior_std / max(noise_px, _LEAST_NOISE_PX)
+        self._prior_std_by_px = prior_std / max(noise_px, _LEAST_NOISE_PX)
         self._bound = np.concatenate([BOUND, np.tile(OBJECT_BOUND, trials)])
         self._per_px = measurements.seen[..., None] / IMAGE_UNIT
 
-    def __call__(
-        self, signs: Array, start: Array, steps: int, outlying_px: float
-    ) -> list[Identification]:
+    def __call__(self, signs: Array, start: Array, steps: int, outlying_px: float) -> list[Identification]:
         """What comes out of each set of signs (s, 3) and each start (s, COUNT + 3 trials)."""
 
         def residuals(x: Array) -> tuple[Array, Callable[[], Array]]:
@@ -151,7 +149,7 @@ class _LeastSquares:
             return off_px.reshape(len(x), -1), derivatives
 
         x, off_px, cost = least_squares(
-            residuals, start, self._prior_mean, self._prior_std, self._bound, steps, outlying_px
+            residuals, start, self._prior_mean, self._prior_std_by_px, self._bound, steps, outlying_px
         )
         return [
             Identification(

@@ -19,8 +19,7 @@ _DAMPING, _LESS, _MORE = 1e-3, 0.1, 5.0
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e3
 """Guards: less damping changes no step, and with more there is no step that helps."""
 _TOLERANCE = 1e-3
-"""A search ends where a step gains less than this share of its cost; there further steps move the images by
-less than their noise. Tuned on wild worlds 3000 and up."""
+"""A search ends where a step gains less than this share of its cost. Tuned on wild worlds 3000 and up."""
 
 
 def least_squares(
@@ -40,10 +39,10 @@ def least_squares(
     weighs points by 1 / (1 + (length / outlying)²).
 
     Args:
-        residuals: Of the data, in units of their standard deviation.
+        residuals: Of the data; any unit, in which the prior is then worth its distance by `prior_std`.
         start: Where to begin (starts, p).
         prior_mean: Where each parameter is without data (p,).
-        prior_std: Its standard deviation without data (p,).
+        prior_std: Its standard deviation without data (p,), by that of the residuals.
         bound: How far from the prior mean it can be (p,).
         steps: How many steps to make at most.
         outlying: Length of a point's residual beyond which it counts as an outlier rather than as noise.
@@ -65,12 +64,18 @@ def least_squares(
         better = further_cost < cost
         ended = np.where(better, cost - further_cost < _TOLERANCE * cost, damping > _MOST_DAMPING)
         damping = np.where(better, np.maximum(_LESS * damping, _LEAST_DAMPING), _MORE * damping)
-        x[better], off[better], weights[better] = further[better], further_off[better], further_weights[better]
+        x[better], off[better], weights[better] = (
+            further[better],
+            further_off[better],
+            further_weights[better],
+        )
         cost = np.minimum(cost, further_cost)
         if ended.all():
             break
         if better.any():
-            jacobian = derivatives() if better.all() else np.where(better[:, None, None], derivatives(), jacobian)
+            jacobian = (
+                derivatives() if better.all() else np.where(better[:, None, None], derivatives(), jacobian)
+            )
     return x, off, cost
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -64,14 +65,16 @@ ARM = slice(sum(each.size for each in CAMERA_PARAMETERS), COUNT)
 PRIOR_STD = np.concatenate([each.filled(each.prior_std) for each in PARAMETERS])
 BOUND = np.concatenate([each.filled(each.bound) for each in PARAMETERS])
 _ENDS = np.cumsum([each.size for each in PARAMETERS])
+_PLACES = {
+    each.name: slice(int(end) - each.size, int(end)) for each, end in zip(PARAMETERS, _ENDS, strict=True)
+}
 
 
 def named(parameters: Array) -> dict[str, Array]:
     """The parameters (..., COUNT) by name, as views of their shapes (..., *shape): write to them at will."""
-    parts = np.split(parameters, _ENDS[:-1], -1)
+    leading = parameters.shape[:-1]
     return {
-        each.name: part.reshape(parameters.shape[:-1] + each.shape)
-        for part, each in zip(parts, PARAMETERS, strict=True)
+        each.name: parameters[..., _PLACES[each.name]].reshape(leading + each.shape) for each in PARAMETERS
     }
 
 
@@ -84,23 +87,25 @@ def model_of(built: RobotModel, signs: Array, parameters: Array) -> RobotModel:
         parameters: (..., COUNT); with leading axes, several robots.
     """
     off = named(parameters)
-    cameras = replace(
+    return replace(
         built,
         camera_position=built.camera_position + off["camera_position"],
         camera_axes=built.camera_axes @ rotation(off["camera_turn"]),
         focal_length=built.focal_length * np.exp(off["focal_length"][..., 0]),
         lens_k1=built.lens_k1 + off["lens_k1"][..., 0],
+        **_arm(built, signs, off),
     )
-    return with_arm(cameras, built, signs, parameters)
 
 
-def with_arm(cameras: RobotModel, built: RobotModel, signs: Array, parameters: Array) -> RobotModel:
-    """The cameras of one robot on the arm that differs from that of another, see `model_of`."""
-    off = named(parameters)
-    return replace(
-        cameras,
-        link_lengths=built.link_lengths * (1 + off["link_lengths"]),
-        joint_zeros=built.joint_zeros + off["joint_zeros"],
-        motor_gain=built.motor_gain * signs * np.exp(off["motor_gain"]),
-        motor_curvature=built.motor_curvature + off["motor_curvature"],
-    )
+def arm_of(built: RobotModel, signs: Array, parameters: Array) -> RobotModel:
+    """As `model_of`, with the cameras as built."""
+    return replace(built, **_arm(built, signs, named(parameters)))
+
+
+def _arm(built: RobotModel, signs: Array, off: dict[str, Array]) -> dict[str, Any]:
+    return {
+        "link_lengths": built.link_lengths * (1 + off["link_lengths"]),
+        "joint_zeros": built.joint_zeros + off["joint_zeros"],
+        "motor_gain": built.motor_gain * signs * np.exp(off["motor_gain"]),
+        "motor_curvature": built.motor_curvature + off["motor_curvature"],
+    }

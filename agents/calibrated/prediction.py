@@ -8,14 +8,15 @@ import numpy as np
 
 from agents.base.observation import POINTS, Array
 from agents.calibrated.measurements import Measurements
-from agents.calibrated.parameters import ARM, COUNT, model_of, named, with_arm
+from agents.calibrated.parameters import ARM, COUNT, arm_of, model_of, named
 from agents.calibrated.robot_model import RobotModel
 from agents.calibrated.rotations import rotation_axes
 from calfree_gym.image import CAMERAS
 from calfree_gym.vision.cameras import image_points, pinhole
 
 _STEP = 1e-6
-"""Of forward differences: near the root of the rounding error (1e-8), scaled up for angles that are summed."""
+"""Of forward differences, in rad or shares: their error is then below 1e-6 (derived: half of it, by second
+derivatives of about 1 m) and that of rounding negligible (2e-16 / 1e-6)."""
 
 
 class Prediction:
@@ -39,7 +40,8 @@ class Prediction:
         self._parameters = x[:, :COUNT]
         self._objects = x[:, COUNT:].reshape(len(x), -1, 3)
         self._model = model_of(built, signs, self._parameters)
-        self._places = self._in_mount_frame(self._model, self._objects)
+        self._joints = self._model.joints(self._registers)
+        self._places = self._in_mount_frame(self._model, self._joints, self._objects)
         self._cameras = StereoPair(self._model, self._places.reshape(len(x), -1, 3))
         self.points = self._by_point(self._cameras.points).reshape(len(x), -1, POINTS, 2)
 
@@ -64,7 +66,7 @@ class Prediction:
     def _by_point(self, values: Array) -> Array:
         """(s, cameras, 2 n, 2, ...) as (s, n, gripper and object, cameras, 2, ...)."""
         starts, cameras, _, *shape = values.shape
-        return np.moveaxis(values.reshape(starts, cameras, -1, 2, *shape), 1, 3)
+        return values.reshape(starts, cameras, -1, 2, *shape).swapaxes(1, 2).swapaxes(2, 3)
 
     def _by_cameras(self) -> dict[str, Array]:
         """Derivatives (s, cameras, 2 n, 2, ...) by the parameters of the points' camera, by name."""
@@ -80,19 +82,17 @@ class Prediction:
     def _places_by_arm(self) -> Array:
         """Derivatives (s, n, 2, 3, arm parameters) of the places of gripper and object, by differences."""
         further = self._parameters[:, None] + _STEP * np.eye(COUNT)[ARM]
-        model = with_arm(self._model, self._built, self._signs[:, None], further)
-        moved = self._in_mount_frame(model, self._objects[:, None])
+        model = arm_of(self._built, self._signs[:, None], further)
+        moved = self._in_mount_frame(model, model.joints(self._registers), self._objects[:, None])
         return np.moveaxis(moved - self._places[:, None], 1, -1) / _STEP
 
     def _place_by_object(self) -> Array:
         """Derivatives (s, n, 3, 3) of the objects' places in the mount's frame by those in the room."""
-        joints = self._model.joints(self._registers)
-        units = np.broadcast_to(np.eye(3)[:, None, None], (3, *joints.shape[:-1], 3))
-        return np.moveaxis(self._model.in_mount_frame(units, joints), 0, -1)
+        units = np.broadcast_to(np.eye(3), (*self._joints.shape[:-1], 3, 3))
+        return self._model.in_mount_frame(units, self._joints[..., None, :]).swapaxes(-1, -2)
 
-    def _in_mount_frame(self, model: RobotModel, objects: Array) -> Array:
+    def _in_mount_frame(self, model: RobotModel, joints: Array, objects: Array) -> Array:
         """Places (..., n, 2, 3) of gripper and object in the frame of the cameras' mount."""
-        joints = model.joints(self._registers)
         both = np.broadcast_arrays(model.gripper(joints), objects[..., self._trial, :])
         return model.in_mount_frame(np.stack(both, -2), joints[..., None, :])
 

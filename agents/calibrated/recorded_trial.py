@@ -19,13 +19,13 @@ class RecordedTrial(Trial):
     """
 
     FIRST_WORD = 0.04
-    """Of the first test motion (METHODS: tuned in a toy study of wild worlds, as that of the servos)."""
+    """Of the first test motion (METHODS: 0.04 in a toy study of wild worlds)."""
     TEST_PX = 30.0
     """Wanted of a test motion: larger than a servo's, so that the motors' curvature shows. Tuned on wild
     worlds 3000 and up."""
     TOGETHER = np.array([[1.0, 1.0, -1.0], [-1.0, 1.0, 1.0]])
-    """Test motions of all motors at once, in units of their test words: with the single ones they show the
-    arm at six places that are not in one plane of registers. Tuned likewise."""
+    """Test motions of all motors at once, in units of their test words: these show what motors do
+    to each other. Tuned likewise."""
     OBSERVATIONS = 3
     """So many more at one place tell how noisy they are: `NoiseEstimate.ENOUGH` differences (derived: 3 times
     8 coordinates)."""

@@ -1,9 +1,9 @@
 """What a calibrated robot knows of itself in numbers: cameras, arm and motors (paper, section 2.2).
 
 It is the model that the paper does without, and as true as a model can be: its kinematics, the curve of its
-motors, its lens and its joint limits are those of the simulator itself, imported from it. Only numbers can be
-wrong, never the kind of model. Directions and signs are those of `calfree_gym.world`: a camera looks along its
--z axis, y up.
+motors, its lens and its joint limits are those of the simulator itself, imported from it. Only numbers can
+be wrong, never the kind of model. Directions and signs are those of `calfree_gym.world`: a camera looks along
+its -z axis, y up.
 """
 
 from __future__ import annotations

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.observation import Array, Observation
+from agents.base.observation import Observation
 from agents.base.procedure import Procedure, ProcedureAgent
 from agents.calibrated.identification import Identification, identify
 from agents.calibrated.measurements import Measurements
@@ -37,23 +36,25 @@ class Calibration:
 class SelfCalibrating(ProcedureAgent):
     """Identifies cameras, arm and motors from its own motions, and acts by the model.
 
-    "Such robots could keep determining their own parameters": this is the rival of robots that need none.
+    The paper's section 1: robots of this kind are as robust as those without models "if they do not limit
+    themselves to an initial self-calibration, but continue to determine the actual values of the relevant
+    parameters during their normal operation".
+
     Identification needs no phase of its own. A trial that begins with nothing known begins with test motions,
     and goes on as soon as there is a model; every further observation, in failure and success, refits it.
     `learn` keeps measurements and model for later trials; `predict` refits for the trial only.
 
     It is told nothing in its observations, but is built on much prior knowledge:
 
-    * of the arm, its kinematics as built: which joint moves what, lengths and joint zeros to within 20 % and
-      0.3 rad, joint limits, and that the wrist holds the hand vertical;
-    * of the motors, the simulator's own curve from register to angle, with its bounds: only gain, sign and
-      curvature are unknown;
-    * of the cameras, the mount, a lens of one coefficient, where they were meant to be to within 15 cm, and
-      how they were meant to look, but for the roll;
-    * of all these, how widely the simulator draws them in its wild worlds, as a prior.
+    * of the arm, the kinematics as built: which joint moves what, link lengths to within 20 %, joint zeros to
+      within 0.3 rad, joint limits, and that the wrist holds the hand vertical;
+    * of the motors, the simulator's own curve from register to joint angle, and bounds of its coefficients:
+      only signs, gains and curvatures are unknown;
+    * of the cameras, what they are fixed to, a lens of one coefficient, and where they were meant to be and
+      to look, to within 15 cm and 0.6 rad of tilt; their roll is free;
+    * of all these, how widely the simulator's wild worlds differ, as a prior (`PARAMETERS`).
 
-    Its model is thus never wrong in kind, only in numbers. It cannot be told apart from the model that it
-    has to find: a robot from elsewhere would do worse.
+    So its model is never wrong in kind, only in numbers. How it would do where that is not so, was not tried.
 
     Args:
         camera_mount: What the cameras are fixed to: "waist" or "stand".

@@ -24,7 +24,7 @@ class ValidityCheck:
 
     INCONSISTENT = 50.0
     """Observations contradict the model where the least cost rises by more, see `Identification.innovation`;
-    about 4 is usual. Tuned on wild worlds 3000 and up, cameras rolled and motors reversed in some."""
+    about 4 is usual. Tuned on wild worlds 3000 and up."""
     TRIES, MISSED = 6, 8.0
     """So they do where the object is still missed, by so many times the noise, after so many motions: tuned
     likewise."""
