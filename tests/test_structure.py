@@ -40,8 +40,8 @@ def test_arrows_run_one_way(package):
             {"torch", "OpenGL", "matplotlib"},
         ),
         (
-            "import gymnasium, agents; from calfree_gym.envs.goal import TELLS;"
-            "e = gymnasium.make('calfree_gym:CalFree/Reach-v0', tell=tuple(TELLS));"
+            "import gymnasium, agents; from calfree_gym.envs.goal import PRIVILEGED;"
+            "e = gymnasium.make('calfree_gym:CalFree/Reach-v0', tell=tuple(PRIVILEGED));"
             "[agents.make(name, e).learn(3) for name in agents.names() if name != 'sac']",
             {"torch", "OpenGL", "matplotlib", "stable_baselines3", "scipy"},
         ),

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 import agents
 from agents.knowledge.local_fit import LocalFit
 from agents.knowledge.support_points import SupportPoints
+from tests.agents.knowledge.test_knowledge import JACOBIAN, missed_px, seen
 from tests.agents.lengths import Lengths
-from tests.agents.test_knowledge import JACOBIAN, missed_px, seen
 
 
 def taught(pairs, reach=0.3, world=seen, **settings):
