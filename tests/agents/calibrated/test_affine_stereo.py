@@ -8,10 +8,9 @@ import agents
 import calfree_gym
 from agents.base.observation import Observation
 from agents.calibrated.affine_stereo import Affine, AffineStereo
-from agents.calibrated.model import CalibratedModel
+from agents.calibrated.robot_model import RobotModel
 from experiments.evaluation import evaluate
 
-MOUNTS = calfree_gym.MOUNTS
 TELL = ("gripper_position",)
 
 
@@ -23,7 +22,7 @@ class AffineWorld:
     """The nominal arm, its gripper and an object seen by two cameras infinitely far away."""
 
     def __init__(self, rng):
-        self.arm = CalibratedModel.of(calfree_gym.nominal(), "stand")
+        self.arm = RobotModel.of(calfree_gym.nominal(), "stand")
         self.matrix, self.offset = rng.standard_normal((4, 3)), 0.1 * rng.standard_normal(4)
         self.object = np.array([0.40, 0.05, 0.15]) + rng.uniform(-0.05, 0.05, 3)
         self.registers = np.zeros(3)
@@ -31,9 +30,9 @@ class AffineWorld:
     def position(self):
         return self.arm.gripper(self.arm.joints(self.registers[None]))[0]
 
-    def look(self, told=None):
+    def observe(self, position=None):
         points = [self.matrix @ place + self.offset for place in (self.position(), self.object)]
-        place = self.position() if told is None else told
+        place = self.position() if position is None else position
         return Observation(
             np.reshape(points, (4, 2)), np.ones(4, bool), self.registers.copy(), {"gripper_position": place}
         )
@@ -58,31 +57,31 @@ def test_four_positions_determine_all_of_an_affine_world(seed):
 def test_steps_reduce_the_distance_by_the_gain_in_an_affine_world(gain, seed):
     world = AffineWorld(np.random.default_rng(seed))
     agent = AffineStereo(environment(), gain=gain)
-    running = agent.procedure(world.look(), None)
+    running = agent.procedure(world.observe(), None)
     words, lengths = next(running), []
     for _ in range(9):
         world.registers = world.registers + words
         lengths.append(np.linalg.norm(world.object - world.position()))
-        words = running.send(world.look())
+        words = running.send(world.observe())
     shares = np.array(lengths[3:]) / np.array(lengths[2:-1])
     np.testing.assert_allclose(shares, 1 - gain, rtol=1e-3)
 
 
-def test_it_heeds_four_positions_and_none_after_them():
-    def words_of(told_later):
+def test_it_uses_four_positions_and_none_after_them():
+    def words_of(later):
         world = AffineWorld(np.random.default_rng(5))
-        running = AffineStereo(environment()).procedure(world.look(), None)
+        running = AffineStereo(environment()).procedure(world.observe(), None)
         words, made = next(running), []
         for motion in range(8):
             world.registers = world.registers + words
             made.append(words)
-            words = running.send(world.look(told_later if motion > 2 else None))
+            words = running.send(world.observe(later if motion > 2 else None))
         return np.array(made)
 
     np.testing.assert_array_equal(words_of(None), words_of(np.full(3, np.nan)))
 
 
-def test_an_arm_with_linear_errors_is_corrected_by_what_was_told():
+def test_linear_errors_of_the_arm_are_corrected_by_the_known_positions():
     """The same steps, whatever linear map stands between the nominal arm and the true one."""
     rng = np.random.default_rng(0)
     matrix, positions = rng.standard_normal((8, 3)), rng.standard_normal((4, 3))
@@ -94,7 +93,6 @@ def test_an_arm_with_linear_errors_is_corrected_by_what_was_told():
     )
 
 
-@pytest.mark.parametrize("mount", MOUNTS)
 def test_the_nominal_robot_reaches(mount):
     env = environment(mount, world="nominal")
     records = evaluate(agents.make("affine_stereo", env), env, trials=40, seed=3000)

@@ -1,0 +1,140 @@
+"""What identification is made of, against finite differences, SciPy, and measurements with outliers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares as scipy_least_squares
+from scipy.spatial.transform import Rotation
+
+import calfree_gym
+from agents.calibrated import parameters
+from agents.calibrated.identification import identify
+from agents.calibrated.least_squares import least_squares
+from agents.calibrated.measurements import Measurements
+from agents.calibrated.prediction import Prediction
+from agents.calibrated.robot_model import RobotModel
+from agents.calibrated.rotations import rotation, rotation_axes
+from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.world import AIM
+
+
+def built(mount):
+    return RobotModel.of(calfree_gym.nominal(), mount)
+
+
+def measurements_of(world, mount, rng, noise_px=0.0, trials=(8, 6, 4)):
+    """What a robot like `world` measures at random registers near home, in several trials."""
+    model = RobotModel.of(world, mount)
+    trial = np.repeat(np.arange(len(trials)), trials)
+    registers = rng.uniform(-0.15, 0.15, (len(trial), 3)) / world.motor_gain
+    registers[0] = 0
+    objects = AIM + rng.uniform(-0.05, 0.05, (len(trials), 3))
+    points = model.points(registers, objects[trial])
+    noise = noise_px * IMAGE_UNIT * rng.standard_normal(points.shape)
+    return Measurements(registers, points + noise, np.ones(points.shape[:2], bool), trial), objects
+
+
+def anywhere(rng, starts, trials):
+    """Parameters with the standard deviations of the prior, objects included."""
+    off = rng.normal(size=(starts, parameters.COUNT)) * np.minimum(parameters.PRIOR_STD, 1.0)
+    objects = np.tile(AIM, (starts, trials)) + 0.05 * rng.normal(size=(starts, 3 * trials))
+    return np.concatenate([off, objects], 1)
+
+
+def test_rotations_are_scipy_s_and_turn_about_their_axes():
+    rng = np.random.default_rng(0)
+    angles = rng.normal(size=(5, 2, 3))
+    expected = Rotation.from_euler("XYZ", angles.reshape(-1, 3)).as_matrix()
+    np.testing.assert_allclose(rotation(angles).reshape(-1, 3, 3), expected, atol=1e-12)
+    for axis in range(3):
+        further = rotation(angles + 1e-6 * np.eye(3)[axis])
+        turn = np.swapaxes(rotation(angles), -1, -2) @ further
+        vector = np.stack([turn[..., 2, 1], turn[..., 0, 2], turn[..., 1, 0]], -1) / 1e-6
+        np.testing.assert_allclose(rotation_axes(angles)[..., axis], vector, atol=1e-5)
+
+
+def test_derivatives_are_those_of_finite_differences(mount):
+    rng = np.random.default_rng(1)
+    measured, _ = measurements_of(calfree_gym.nominal(), mount, rng)
+    signs, x = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]]), anywhere(rng, 2, measured.trials)
+    derivatives = Prediction(measured, built(mount), signs, x).derivatives()
+    for column in range(x.shape[1]):
+        step = 1e-6 * np.eye(x.shape[1])[column]
+        ends = [Prediction(measured, built(mount), signs, x + side * step).points for side in (1, -1)]
+        difference = (ends[0] - ends[1]) / 2e-6
+        np.testing.assert_allclose(derivatives[..., column], difference, rtol=1e-4, atol=1e-4)
+
+
+def test_what_is_predicted_is_what_the_model_sees(mount):
+    rng = np.random.default_rng(2)
+    measured, _ = measurements_of(calfree_gym.nominal(), mount, rng)
+    signs, x = np.array([[1.0, -1.0, 1.0]]), anywhere(rng, 1, measured.trials)
+    predicted = Prediction(measured, built(mount), signs, x).points
+    model = parameters.model_of(built(mount), signs[0], x[0, : parameters.COUNT])
+    objects = x[0, parameters.COUNT :].reshape(-1, 3)[measured.trial]
+    np.testing.assert_allclose(predicted[0], model.points(measured.registers, objects))
+
+
+def curve(x):
+    """Two image points that hang on three parameters, from each of several starts."""
+    a, b, c = x.T
+    residuals = np.stack([a**2 + b - 3, a * b * c - 1, np.exp(c) - 2 * b, a - b], -1)
+    zero, one = np.zeros_like(a), np.ones_like(a)
+    rows = [[2 * a, one, zero], [b * c, a * c, a * b], [zero, -2 * one, np.exp(c)], [one, -one, zero]]
+    return residuals, lambda: np.moveaxis(np.array(rows), -1, 0)
+
+
+@pytest.mark.parametrize("bound", [10.0, 0.3])
+def test_least_squares_are_scipy_s_within_bounds_and_without(bound):
+    start, prior_std = np.array([[0.8, 1.1, 0.9], [1.2, 0.9, 1.05]]), np.array([2.0, 1.0, 3.0])
+    prior_mean, bounds = np.ones(3), np.full(3, bound)
+    found, off, cost = least_squares(curve, start, prior_mean, prior_std, bounds, steps=100, outlying=1e6)
+    for i in range(2):
+        expected = scipy_least_squares(
+            lambda x: np.concatenate([curve(x[None])[0][0], (x - prior_mean) / prior_std]),
+            np.clip(start[i], prior_mean - bound, prior_mean + bound),
+            bounds=(prior_mean - bound, prior_mean + bound),
+        )
+        assert cost[i] <= expected.cost * 1.002
+        np.testing.assert_allclose(found[i], expected.x, atol=0.02)
+        np.testing.assert_allclose(off[i], curve(found[i][None])[0][0])
+
+
+def test_outlying_points_count_little():
+    """The mean of image points one of which is far off."""
+    points = np.array([[0.0, 0.1], [0.1, 0.0], [-0.1, -0.1], [50.0, -80.0]])
+
+    def residuals(x):
+        return (x[:, None] - points).reshape(len(x), -1), lambda: np.tile(np.eye(2), (len(x), 4, 1))
+
+    prior_mean, far = np.zeros(2), np.full(2, 1e3)
+    plain, *_ = least_squares(residuals, np.ones((1, 2)), prior_mean, far, far, steps=50, outlying=1e6)
+    robust, *_ = least_squares(residuals, np.ones((1, 2)), prior_mean, far, far, steps=50, outlying=1.0)
+    np.testing.assert_allclose(plain[0], points.mean(0), rtol=1e-3)
+    np.testing.assert_allclose(robust[0], points[:3].mean(0), atol=0.05)
+
+
+@pytest.mark.parametrize("seed", [3001, 3005, 3008])
+def test_a_mistaken_point_spoils_nothing(mount, seed):
+    """What is identified predicts the others as well as if it had not been there."""
+    world, rng = calfree_gym.WorldDistribution("wild").sample(seed), np.random.default_rng(seed)
+    measured, _ = measurements_of(world, mount, rng, noise_px=0.5)
+    points = measured.points.copy()
+    points[3, 1] = [0.7, -0.6]
+    residuals_px = identify(replace(measured, points=points), built(mount)).residuals_px
+    assert np.abs(residuals_px[3, 1]).max() > 30
+    residuals_px[3, 1] = 0
+    assert np.sqrt(np.mean(residuals_px**2)) < 0.7
+
+
+def test_points_not_seen_are_not_fitted(mount):
+    world, rng = calfree_gym.WorldDistribution("wild").sample(3003), np.random.default_rng(3)
+    measured, _ = measurements_of(world, mount, rng)
+    seen, points = measured.seen.copy(), measured.points.copy()
+    seen[[2, 9], 0] = seen[5, 3] = False
+    points[~seen] = 0.9
+    found = identify(replace(measured, points=points, seen=seen), built(mount))
+    np.testing.assert_array_equal(found.signs, world.motor_sign)
+    assert np.abs(found.residuals_px).max() < 0.6
+    assert not found.residuals_px[~seen].any()
