@@ -43,8 +43,8 @@ class Gating:
     """And within so many standard deviations of the noise beside. Derived: one normal deviate in 16,000 is
     larger."""
     AGREE_PX = 6.0
-    """Points of two observations agree within this, or within `NOISES` of their difference: tuned in a toy (two
-    that agree within 6 px were right in 99.6 % of the cases at 40 % mistaken points)."""
+    """Points of two observations agree within this, or within `NOISES` of their difference: tuned in a
+    toy, where two that agreed within 6 px were right in 99.6 % of the cases at 40 % mistaken points."""
     MISTAKEN = 2.0
     """A point was mistaken that is off by so many times what agreement allows: tuned likewise."""
 

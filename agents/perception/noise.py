@@ -30,7 +30,8 @@ class NoiseEstimate:
     """This share of normal deviates is smaller than that. Derived: Φ⁻¹(0.575) = 0.189, and a share so small
     that 40 % mistaken points hardly move it."""
     WITHIN, REFINEMENTS = 3.0, 3
-    """Differences within so many standard deviations refine the estimate, so often. Source: usual for clipping."""
+    """Differences within so many standard deviations refine the estimate, so often. Source: usual in sigma
+    clipping."""
     LEAST_PX, MOST_PX = 0.5, 40.0
     """Bounds (guards): no marker is known better than half a pixel, and beyond 40 px nothing is reached."""
     NOISY_PX = 3.0
