@@ -11,7 +11,18 @@ from experiments.config.loading import load
 from experiments.errors import ConfigError
 from experiments.running.plan import runs_of
 
-BENCHMARKS = ("speed", "servo", "controllers", "models", "robust", "table", "knowledge", "changes", "sac")
+BENCHMARKS = (
+    "speed",
+    "servo",
+    "controllers",
+    "models",
+    "robust",
+    "table",
+    "knowledge",
+    "changes",
+    "sac",
+    "sensitivity",
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -150,7 +161,7 @@ def _picture(table: Path, out: Path) -> int:
 
 
 def _benchmark(options: argparse.Namespace) -> int:
-    from experiments.benchmarks import baselines, changes, controllers, knowledge
+    from experiments.benchmarks import baselines, changes, controllers, knowledge, sensitivity
     from experiments.benchmarks.speed import speed
 
     def speeds() -> str:
@@ -167,6 +178,7 @@ def _benchmark(options: argparse.Namespace) -> int:
         "knowledge": knowledge.knowledge,
         "changes": changes.changes,
         "sac": baselines.sac,
+        "sensitivity": lambda: sensitivity.readable(sensitivity.sensitivity()).to_string(index=False),
     }
     for part in [options.parts] if isinstance(options.parts, str) else options.parts:
         print(measures[part](), flush=True)

@@ -49,6 +49,40 @@ def bootstrap_band(
     return low, high
 
 
+def student_quantile(level: float, degrees: int) -> float:
+    """So far from 0, to either side, lies this share of Student's t distribution with `degrees` of freedom.
+
+    By t = √degrees tan θ: then the density goes with cos(θ)^(degrees - 1).
+    """
+    angles = np.linspace(0.0, np.pi / 2, 200_001)
+    density = np.cos(angles) ** (degrees - 1)
+    share = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+    return float(np.sqrt(degrees) * np.tan(np.interp(level * share[-1], share, angles)))
+
+
+def mean_interval(values: Array, level: float = 0.95) -> tuple[float, float, float]:
+    """The mean of independent values (n,), and the ends of its t interval."""
+    mean = float(values.mean())
+    deviation = float(values.std(ddof=1)) / np.sqrt(len(values))
+    half = student_quantile(level, len(values) - 1) * deviation
+    return mean, mean - half, mean + half
+
+
+def relative_change(before: Array, after: Array, level: float = 0.95) -> tuple[float, float, float]:
+    """The share by which a mean changes, and the ends of its t interval.
+
+    The change is that of a ratio of means; the interval is that of its linear part in each pair.
+
+    Args:
+        before: One value a unit (n,).
+        after: The same units' values after the change (n,).
+        level: Part of such intervals that hold the truth.
+    """
+    ratio = after.mean() / before.mean()
+    _, low, high = mean_interval((after - ratio * before) / before.mean(), level)
+    return float(ratio - 1), float(ratio - 1 + low), float(ratio - 1 + high)
+
+
 def wilson_interval(successes: int, trials: int, level: float = 0.95) -> tuple[float, float]:
     """The interval of a proportion (Wilson 1927), which stays honest near 0 and 1.
 
