@@ -48,6 +48,7 @@ MODULES: dict[str, tuple[str, ...]] = {
 `unified_servo`, whose constants are varied there alone."""
 
 OTHERS: dict[str, str] = {
+    "agents.base": "no choices: how many points there are",
     "agents.calibrated": "the calibrated robots",
     "agents.jacobian.least_squares": "other estimators",
     "agents.jacobian.rank_one": "other estimators",

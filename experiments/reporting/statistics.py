@@ -1,6 +1,7 @@
 """Pure functions from samples to numbers with their uncertainty."""
 
 from collections.abc import Callable
+from functools import cache
 from statistics import NormalDist
 
 import numpy as np
@@ -49,6 +50,7 @@ def bootstrap_band(
     return low, high
 
 
+@cache
 def student_quantile(level: float, degrees: int) -> float:
     """So far from 0, to either side, lies this share of Student's t distribution with `degrees` of freedom.
 
