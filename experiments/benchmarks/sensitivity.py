@@ -327,7 +327,7 @@ def _done(task: Task) -> tuple[Task, Array]:
         try:
             with varied(variation.constant, variation.value) as settings:
                 found.append(measure(task, env, settings))
-        except (ArithmeticError, ValueError, LookupError, np.linalg.LinAlgError):
+        except (ArithmeticError, ValueError, LookupError):
             if variation.constant is None:
                 raise
             found.append(np.full_like(found[0], np.nan))
