@@ -1,7 +1,8 @@
 """The named constants of the agents: found in the code, each with where it comes from, varied in place.
 
 A constant is an upper-case number of a listed module or of a class in it, or a number among an agent's
-settings. All that are found are varied; the few that are not stand in `LEFT_OUT`, each with its reason.
+settings. All that are found are varied, but for guards (their docstrings say so, and against what) and the few
+in `LEFT_OUT`, each with its reason.
 """
 
 from __future__ import annotations
@@ -76,14 +77,7 @@ SETTINGS: dict[str, tuple[type[Any], ...]] = {
 
 LEFT_OUT: dict[str, str] = {
     "seed": "no constant",
-    "Trial.TRIES": "guard against testing for ever",
-    "Trial.STOPPED": "guard against rounding",
-    "Trial.LEAST_PX": "guard against division by zero",
-    "Steps.LEAST_SHARE": "guard against standing still",
     "estimator.SIGN_CHANGE": "exact: from j to -j",
-    "NoiseEstimate.LATEST": "guard against growing for ever",
-    "NoiseEstimate.LEAST_PX": "guard against too small an estimate",
-    "NoiseEstimate.MOST_PX": "guard against too large an estimate",
     "NoiseEstimate.QUANTILE_OF_NORMAL": "exact, follows from QUANTILE",
     "gaussian_process.CAMERAS": "exact: there are two",
     "GaussianProcess.SAME": "guard against singular matrices",
@@ -95,7 +89,7 @@ LEFT_OUT: dict[str, str] = {
     "camera_change.MOVED_PX": "only names a change, and moves nothing",
     "camera_change.PARALLAX_PX": "only names a change, and moves nothing",
 }
-"""Constants that are not varied, and why."""
+"""Constants that are not varied, and why; guards aside."""
 
 ALONG: dict[str, tuple[str, Callable[[float], float]]] = {
     "NoiseEstimate.QUANTILE": (
@@ -169,7 +163,7 @@ def constants(agent: str) -> list[Constant]:
     found = [*_settings(agent)]
     for module in modules(agent):
         found += numbers(agent, module)
-    return [each for each in found if each.label not in LEFT_OUT]
+    return [each for each in found if each.label not in LEFT_OUT and each.source != "guard"]
 
 
 def modules(agent: str) -> list[ModuleType]:

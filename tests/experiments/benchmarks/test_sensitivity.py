@@ -46,6 +46,11 @@ def test_no_number_of_the_agents_slips_by():
     assert named.OTHERS.keys() <= loaded
 
 
+def test_guards_and_exact_numbers_are_left_out():
+    assert not {"Trial.TRIES", "Steps.LEAST_SHARE", "NoiseEstimate.MOST_PX", "seed"} & LABELS.keys()
+    assert "NoiseEstimate.QUANTILE_OF_NORMAL" not in LABELS
+
+
 def test_what_is_said_of_single_constants_is_said_of_ones_that_exist():
     numbers = {
         each.label
