@@ -1,8 +1,8 @@
 """The named constants of the agents: found in the code, each with where it comes from, varied in place.
 
 A constant is an upper-case number of a listed module or of a class in it, or a number among an agent's
-settings. All that are found are varied, but for guards (their docstrings say so, and against what) and the few
-in `LEFT_OUT`, each with its reason.
+settings. All that are found are varied, but for guards (their docstrings say so, and against what) and for
+the few in `LEFT_OUT`, each with its reason.
 """
 
 from __future__ import annotations

@@ -138,7 +138,7 @@ COLUMNS = [
     *("motions", "motions low", "motions high", "success", "success low", "success high"),
     *("differing", "verdict"),
 ]
-VERDICTS = ("raises an error", "sensitive", "not shown", "insensitive")
+VERDICTS = ("raises an error", "sensitive", "not shown", "insensitive", "no trial differed")
 """The clearest first."""
 
 
@@ -194,6 +194,7 @@ def _rows(agent: str, variation: Variation, i: int, results: dict[Task, Array]) 
         found = np.array([results[task] for task in own])
         found = found.reshape(-1, len(calfree_gym.MOUNTS), *found.shape[1:])
         base, changed = found[:, :, 0], found[:, :, i]  # (worlds, mounts, trials, motions and success)
+        differing = 100 * float((base != changed).any(-1).mean())
         yield {
             "agent": agent,
             "constant": constant.label,
@@ -203,7 +204,8 @@ def _rows(agent: str, variation: Variation, i: int, results: dict[Task, Array]) 
             "tried": variation.value,
             "condition": condition,
             **judged(base.mean((1, 2)), changed.mean((1, 2))),
-            "differing": 100 * float((base != changed).any(-1).mean()),
+            "differing": differing,
+            **({} if differing else {"verdict": VERDICTS[-1]}),
         }
 
 
