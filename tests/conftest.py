@@ -1,12 +1,27 @@
-"""Registers the environments for every test, and makes every test repeatable."""
+"""One thread for all arithmetic; environments for every test; every test repeatable."""
 
 import itertools
+import os
+import sys
 import zlib
 
-import pytest
-from gymnasium.utils import seeding
+ONE_THREAD = {
+    name: "1"
+    for name in (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "BLIS_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "NUMEXPR_NUM_THREADS",
+    )
+}
+os.environ.update(ONE_THREAD)  # before numpy is imported, and for all that tests start
 
-import calfree_gym  # noqa: F401
+import pytest  # noqa: E402
+from gymnasium.utils import seeding  # noqa: E402
+
+import calfree_gym  # noqa: E402, F401
 
 
 @pytest.fixture(autouse=True)
@@ -18,3 +33,10 @@ def repeatable(monkeypatch, request):
 
     drawn, seeds = seeding.np_random, itertools.count(zlib.crc32(request.node.nodeid.encode()))
     monkeypatch.setattr(seeding, "np_random", np_random)
+
+
+@pytest.fixture(autouse=True)
+def one_torch_thread():
+    """Networks of a few units lose more by a second thread than they gain."""
+    if torch := sys.modules.get("torch"):
+        torch.set_num_threads(1)

@@ -45,13 +45,13 @@ def load(
         raise
     except Exception as error:  # what NumPy raises on a damaged file depends on where the damage is
         raise ValueError(f"{path} is damaged or no saved agent: {error!r}") from error
-    if header["calfree"] == _VERSION and header["kind"] in earlier_kinds:
-        warnings.warn(f"{path} names {header['kind']}, which is now {kind}", stacklevel=3)
-    elif header["calfree"] != _VERSION or header["kind"] != kind:
+    if header["calfree"] != _VERSION or header["kind"] not in (kind, *earlier_kinds):
         raise ValueError(
             f"{path} holds {header['kind']} (version {header['calfree']}); "
             f"this agent is {kind} (version {_VERSION})"
         )
+    if header["kind"] != kind:
+        warnings.warn(f"{path} names {header['kind']}, which is now {kind}", stacklevel=3)
     return arrays, int(header["num_timesteps"])
 
 

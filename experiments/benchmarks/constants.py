@@ -80,10 +80,10 @@ LEFT_OUT: dict[str, str] = {
     "estimator.SIGN_CHANGE": "exact: from j to -j",
     "NoiseEstimate.QUANTILE_OF_NORMAL": "exact, follows from QUANTILE",
     "gaussian_process.CAMERAS": "exact: there are two",
-    "GaussianProcess.SAME": "guard against singular matrices",
     "HomeView.NORMAL_MEDIAN": "exact",
-    "robust.RAYLEIGH_MEDIAN": "exact",
-    "Recognition.ARCHIVED": "guard against growing for ever",
+    "robust.MEAN_SQUARE_MEDIAN": "exact",
+    "camera_change.PARAMETERS": "exact: there are twelve",
+    "Archive.KEPT": "bounds what is kept; no lifetime here has so many changes",
     "camera_change.TURNED": "only names a change, and moves nothing",
     "camera_change.ZOOMED": "only names a change, and moves nothing",
     "camera_change.MOVED_PX": "only names a change, and moves nothing",
@@ -109,6 +109,7 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "Steps.LONGER": (1.01, np.inf),
     "UnifiedServo.NEARER": (0.0, 0.99),
     "LatencyEstimate.ARRIVED": (0.0, 0.99),
+    "ChangeDetector.USUAL_QUANTILE": (0.0, 0.99),
 }
 """Between which values a constant makes sense: a word is at most 1, a share below 1, a growth above it."""
 

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 import agents
 import calfree_gym
 from calfree_gym.world import World
-from experiments.benchmarks.baselines import until
 from experiments.benchmarks.constants import MODULES, Constant, constants, varied
 from experiments.evaluation import TrialRecord, evaluate
-from experiments.reporting.statistics import mean_interval, relative_change
-from experiments.running.lifetime import Life
+from experiments.reporting.statistics import Estimate, mean_estimate, relative_change
+from experiments.reporting.tables import Table
+from experiments.running.lifetime import LifetimeRecorder, learn_trials
 
 Array = NDArray[np.float64]
 
@@ -88,6 +88,21 @@ class Task:
     mount: str
     sizes: Sizes
     variations: tuple[Variation, ...]
+
+
+def tables(worlds: int = 20, sizes: Sizes | None = None, only: Collection[str] = ()) -> Iterator[Table]:
+    """The table of `sensitivity`, for people."""
+    sizes = sizes or Sizes()
+    short = "" if worlds >= 20 else " A short run, which only shows what the table looks like."
+    yield Table(
+        "constants",
+        "Each constant of unified_servo and memory, halved and doubled",
+        readable(sensitivity(worlds, sizes, only)),
+        {},
+        f"Wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, waist and stand, kinematic; in each "
+        f"{sizes.first} first and {sizes.later} later trials, {sizes.trouble} in each kind of trouble, a "
+        f"lifetime of {sizes.lifetime} trials; paired 95 % t intervals over worlds.{short}",
+    )
 
 
 def sensitivity(
@@ -217,17 +232,17 @@ def judged(base: Array, changed: Array) -> dict[str, Any]:
     if np.isnan(changed).any():
         return {**dict.fromkeys(COLUMNS[7:13], np.nan), "verdict": VERDICTS[0]}
     motions = relative_change(base[:, 0], changed[:, 0])
-    success = mean_interval(changed[:, 1] - base[:, 1])
-    numbers = [100 * each for each in (*motions, *success)]
-    return {**dict(zip(COLUMNS[7:13], numbers, strict=True)), "verdict": verdict(motions[1:], success[1:])}
+    success = mean_estimate(changed[:, 1] - base[:, 1])
+    numbers = [100 * part for each in (motions, success) for part in (each.value, each.low, each.high)]
+    return {**dict(zip(COLUMNS[7:13], numbers, strict=True)), "verdict": verdict(motions, success)}
 
 
-def verdict(motions: tuple[float, float], success: tuple[float, float]) -> str:
+def verdict(motions: Estimate, success: Estimate) -> str:
     """What the intervals of both changes show, as shares of 1."""
     both = ((motions, MOTIONS), (success, SUCCESS))
-    if any(low > limit or high < -limit for (low, high), limit in both):
+    if any(change.low > limit or change.high < -limit for change, limit in both):
         return "sensitive"
-    if all(-limit <= low and high <= limit for (low, high), limit in both):
+    if all(-limit <= change.low and change.high <= limit for change, limit in both):
         return "insensitive"
     return "not shown"
 
@@ -264,10 +279,8 @@ class EndsNear(gym.Wrapper[Any, Any, Any, Any]):
 
 
 def _lifetime(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any], trials: int) -> list[TrialRecord]:
-    records: list[TrialRecord] = []
-    agent = agents.make(task.agent, Life(env, task.seed, records.append), **settings)
-    agent.learn(CAP * trials, callback=until(trials, records))
-    return records
+    recorder = LifetimeRecorder(env, task.seed)
+    return learn_trials(agents.make(task.agent, recorder, **settings), recorder, trials)
 
 
 def _scored(records: list[TrialRecord]) -> Array:

@@ -1,6 +1,7 @@
 """Pure functions from samples to numbers with their uncertainty."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from statistics import NormalDist
 
@@ -8,6 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
 
 
 def interquartile_mean(values: Array) -> Array:
@@ -62,27 +72,26 @@ def student_quantile(level: float, degrees: int) -> float:
     return float(np.sqrt(degrees) * np.tan(np.interp(level * share[-1], share, angles)))
 
 
-def mean_interval(values: Array, level: float = 0.95) -> tuple[float, float, float]:
-    """The mean of independent values (n,), and the ends of its t interval."""
+def mean_estimate(values: Array) -> Estimate:
+    """The mean of independent values (n,), with its t interval."""
     mean = float(values.mean())
     deviation = float(values.std(ddof=1)) / np.sqrt(len(values))
-    half = student_quantile(level, len(values) - 1) * deviation
-    return mean, mean - half, mean + half
+    half = student_quantile(0.95, len(values) - 1) * deviation
+    return Estimate(mean, mean - half, mean + half)
 
 
-def relative_change(before: Array, after: Array, level: float = 0.95) -> tuple[float, float, float]:
-    """The share by which a mean changes, and the ends of its t interval.
+def relative_change(before: Array, after: Array) -> Estimate:
+    """The share by which a mean changes, with its t interval.
 
     The change is that of a ratio of means; the interval is that of its linear part in each pair.
 
     Args:
         before: One value a unit (n,).
         after: The same units' values after the change (n,).
-        level: Part of such intervals that hold the truth.
     """
-    ratio = after.mean() / before.mean()
-    _, low, high = mean_interval((after - ratio * before) / before.mean(), level)
-    return float(ratio - 1), float(ratio - 1 + low), float(ratio - 1 + high)
+    change = float(after.mean() / before.mean()) - 1
+    around = mean_estimate((after - (1 + change) * before) / before.mean())
+    return Estimate(change, change + around.low, change + around.high)
 
 
 def wilson_interval(successes: int, trials: int, level: float = 0.95) -> tuple[float, float]:

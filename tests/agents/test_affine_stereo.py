@@ -6,7 +6,7 @@ import pytest
 
 import agents
 import calfree_gym
-from agents.base.agent import Look
+from agents.base.observation import Observation
 from agents.calibrated.affine_stereo import Affine, AffineStereo
 from agents.calibrated.model import CalibratedModel
 from experiments.evaluation import evaluate
@@ -34,7 +34,9 @@ class AffineWorld:
     def look(self, told=None):
         points = [self.matrix @ place + self.offset for place in (self.position(), self.object)]
         place = self.position() if told is None else told
-        return Look(*points, np.ones(4, bool), self.registers.copy(), {"gripper_position": place})
+        return Observation(
+            np.reshape(points, (4, 2)), np.ones(4, bool), self.registers.copy(), {"gripper_position": place}
+        )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -47,7 +49,7 @@ def test_four_positions_determine_all_of_an_affine_world(seed):
     np.testing.assert_allclose(affine.points, matrix)
     np.testing.assert_allclose(affine.arm, arm)
     elsewhere = rng.standard_normal(3)
-    predicted = positions[0] @ matrix.T + offset + affine.moved(arm @ (elsewhere - positions[0]))
+    predicted = positions[0] @ matrix.T + offset + affine.moved(arm @ (elsewhere - positions[0])).ravel()
     np.testing.assert_allclose(predicted, matrix @ elsewhere + offset)
 
 
@@ -56,7 +58,7 @@ def test_four_positions_determine_all_of_an_affine_world(seed):
 def test_steps_reduce_the_distance_by_the_gain_in_an_affine_world(gain, seed):
     world = AffineWorld(np.random.default_rng(seed))
     agent = AffineStereo(environment(), gain=gain)
-    running = agent.procedure(world.look())
+    running = agent.procedure(world.look(), None)
     words, lengths = next(running), []
     for _ in range(9):
         world.registers = world.registers + words
@@ -69,7 +71,7 @@ def test_steps_reduce_the_distance_by_the_gain_in_an_affine_world(gain, seed):
 def test_it_heeds_four_positions_and_none_after_them():
     def words_of(told_later):
         world = AffineWorld(np.random.default_rng(5))
-        running = AffineStereo(environment()).procedure(world.look())
+        running = AffineStereo(environment()).procedure(world.look(), None)
         words, made = next(running), []
         for motion in range(8):
             world.registers = world.registers + words

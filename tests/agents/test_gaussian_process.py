@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents.base.agent import Look
+from agents.base.observation import Observation
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.analytic import distance_jacobian
@@ -28,9 +28,10 @@ def taught(count, seed=0, noise_px=0.5, **settings):
     return knowledge
 
 
-def test_views_are_the_posterior_of_the_kernel_as_defined():
+@pytest.mark.parametrize("count", [20, 75])
+def test_views_are_the_posterior_of_the_kernel_as_defined(count):
     """Against the textbook formula, written out entry by entry."""
-    knowledge = taught(20)
+    knowledge = taught(count)
     knowledge.map(lambda sensors, registers: (sensors, registers), np.array([3.0, 0.0]))
 
     def kernel(first, second):
@@ -41,7 +42,7 @@ def test_views_are_the_posterior_of_the_kernel_as_defined():
     views, variances = knowledge.views(places)
     for camera, noise_px in enumerate((np.hypot(0.7, 3), 0.7)):
         covariance = np.array([[kernel(x, y) for y in knowledge.registers] for x in knowledge.registers])
-        covariance += (noise_px * IMAGE_UNIT) ** 2 * np.eye(20)
+        covariance += (noise_px * IMAGE_UNIT) ** 2 * np.eye(count)
         for place, seen, variance in zip(places, views, variances, strict=True):
             between = np.array([kernel(place, x) for x in knowledge.registers])
             weights = np.linalg.solve(covariance, between)
@@ -120,15 +121,15 @@ def test_it_implies_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_wher
     env.reset(seed=7)
     agent = agents.make("memory", env)
     agent.learn(150)
-    assert agent.carriers.tolist() == [mount == "waist", False, False]
+    assert agent.camera_motors.tolist() == [mount == "waist", False, False]
     observation, _ = env.reset()
     state, over = None, False
     while not over:
         words, state = agent.predict(observation, state)
         observation, _, terminated, truncated, _ = env.step(words)
         over = terminated or truncated
-    look = Look.of(observation)
-    implied = agent.implied_jacobian(agent.knowledge, look.registers)
+    last = Observation.of(observation)
+    implied = agent.implied_jacobian(agent.knowledge, last.registers)
     truth = distance_jacobian(env)
     off = np.linalg.norm(implied[:4] - implied[4:] - truth, axis=0) / np.linalg.norm(truth, axis=0)
     assert (off < 0.15).all()

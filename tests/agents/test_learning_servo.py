@@ -1,59 +1,67 @@
-"""Any knowledge base over any servo, in worlds whose looks cannot be taken as they come."""
+"""Any knowledge base over any servo; what a success teaches; worlds whose points come late or not at all."""
 
-import gymnasium as gym
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import agents
-from tests.agents.lengths import Lengths
+from agents.base.observation import Observation
+from agents.learning_servo import LearningServo
+from agents.servo.unified import UnifiedServo
+from calfree_gym.image import IMAGE_UNIT, lengths_px
+from tests.agents import analytic
 
 
-def lived(sensing, motions=250, name="memory", **settings):
-    perturbations = [{"at": {"trial": 0}, "do": sensing}] if sensing else None
-    log = Lengths(gym.make("CalFree/Reach-v0", dynamics="kinematic", perturbations=perturbations))
-    log.seed = 4
-    agents.make(name, log, **settings).learn(motions)
-    return log.lengths[:-1]
+@pytest.fixture
+def lengths_of(live, make_env):
+    """How many motions each whole trial takes in world 4, whose image points suffer from something."""
+
+    def make(trouble, motions=250, name="memory", **settings):
+        env = make_env(perturbations=[{"at": {"trial": 0}, "do": trouble}] if trouble else None)
+        return live(name, env, 4, motions=motions, **settings)[1][:-1]
+
+    return make
 
 
 @pytest.mark.parametrize("knowledge", sorted(set(agents.KNOWLEDGE) - {"memory"}))
 @pytest.mark.parametrize("servo", sorted(agents.SERVOS))
-def test_any_knowledge_makes_any_servo_faster(knowledge, servo):
-    lengths = lived(None, 700, "learning_servo", knowledge=knowledge, servo=servo)
+def test_any_knowledge_makes_any_servo_faster(lengths_of, knowledge, servo):
+    lengths = lengths_of(None, 700, "learning_servo", knowledge=knowledge, servo=servo)
     assert np.mean(lengths[-30:]) < 0.75 * np.mean(lengths[:3])
 
 
-def test_late_looks_teach_nothing_false():
-    """A look that comes one motion late shows the gripper where it was: as a pair it would be wrong."""
-    lengths = lived({"type": "latency", "motions": 1})
+def test_late_observations_teach_nothing_false(lengths_of):
+    """One that comes one motion late shows the gripper where it was: as a pair it would be wrong."""
+    lengths = lengths_of({"type": "latency", "motions": 1})
     assert max(lengths) < 60
     assert np.mean(lengths[-20:]) < 1.8
 
 
-def test_missing_points_are_waited_for():
+def test_missing_points_are_waited_for(lengths_of):
     missing = {"type": "point_dropout", "share": 0.3}
-    lengths, bare = lived(missing, 400), lived(missing, 400, "unified_servo")
+    lengths, bare = lengths_of(missing, 400), lengths_of(missing, 400, "unified_servo")
     assert max(lengths) < 60
     assert np.mean(lengths[10:]) < 0.75 * np.mean(bare[10:])
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9])
-def test_trials_that_end_before_anything_was_seen_teach_nothing(share):
+def test_trials_that_end_before_anything_was_seen_teach_nothing(make_env, share):
     perturbations = [{"at": {"trial": 0}, "do": {"type": "point_dropout", "share": share}}]
-    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", perturbations=perturbations, max_episode_steps=4)
+    env = make_env(perturbations=perturbations, max_episode_steps=4)
     env.reset(seed=3)
     agent = agents.make("memory", env).learn(300)
     assert agent.num_timesteps == 300
 
 
-def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(tmp_path):
-    log = Lengths(gym.make("CalFree/Reach-v0", dynamics="kinematic"))
-    agent = agents.make("memory", log).learn(30)
+def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(make_env, tmp_path):
+    env = make_env()
+    agent = agents.make("memory", env).learn(30)
     agent.save(tmp_path / "whole.npz")
     with np.load(tmp_path / "whole.npz") as file:
         arrays = {name: file[name] for name in file.files}
-    fresh = agents.make("memory", log)
-    for name in ("registers", "carriers", "home", "scores", "clock", "held/trials"):
+    fresh = agents.make("memory", env)
+    for name in ("registers", "carriers", "home", "usual_scores", "clock", "suspects/trials"):
         damaged = {key: array for key, array in arrays.items() if key != name}
         np.savez(tmp_path / "damaged.npz", **damaged)
         with pytest.raises(ValueError, match=r"damaged\.npz is damaged"):
@@ -61,15 +69,92 @@ def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(tmp_path):
         assert fresh.num_timesteps == 0
         assert len(fresh.knowledge.registers) == 0
     with pytest.raises(ValueError, match=r"on_change=recognise.*on_change=keep"):
-        agents.make("memory", log, on_change="keep").load(tmp_path / "whole.npz")
+        agents.make("memory", env, on_change="keep").load(tmp_path / "whole.npz")
 
 
 @pytest.mark.parametrize("setting", [{"jump_px": "x"}, {"jump_px": -1}, {"every_look": "no"}])
-def test_settings_that_are_not_allowed(setting):
+def test_settings_that_are_not_allowed(make_env, setting):
     ((name, value),) = setting.items()
     with pytest.raises(ValueError, match=f"{name} is {value!r}"):
-        agents.make("memory", gym.make("CalFree/Reach-v0"), **setting)
+        agents.make("memory", make_env(), **setting)
 
 
-def test_the_first_trial_is_the_bare_servos():
-    assert lived(None, 30)[0] == lived(None, 30, "unified_servo")[0]
+def test_the_first_trial_is_the_bare_servos(lengths_of):
+    assert lengths_of(None, 30)[0] == lengths_of(None, 30, "unified_servo")[0]
+
+
+class Notes:
+    """Knows nothing, and notes what it is taught: the object as seen from home, and registers.
+
+    Attributes:
+        taught: How far off, in pixels, gripper and object truly are at the registers that it was taught, and
+            at those at which the trial ended.
+    """
+
+    def __init__(self, env):
+        self.env = env
+        self.taught = []
+
+    def recall(self, sensors):
+        return None
+
+    jacobian = recall
+
+    def arrays(self):
+        return {}
+
+    def learn(self, sensors, registers):
+        at_home = analytic.points(self.env, np.zeros(3))
+        np.testing.assert_allclose(sensors, at_home[2:].ravel(), atol=1e-6)
+        ended_at = self.env.unwrapped.arms.registers[0].copy()
+        self.taught.append([self.error_px(there) for there in (registers, ended_at)])
+
+    def error_px(self, registers):
+        points = analytic.points(self.env, registers)
+        return lengths_px(points[:2] - points[2:]).max()
+
+
+def taught_by_successes(env, seed, motions):
+    """What successes alone teach in a wild world without noise."""
+    env.reset(seed=seed)
+    env.unwrapped.set_world(replace(env.unwrapped.world, point_noise=0.0))
+    notes = Notes(env)
+    agent = LearningServo(env, notes, UnifiedServo(), jump_px=np.inf, every_look=False)
+    agent.learn(motions)
+    return notes.taught
+
+
+def test_what_a_success_teaches_is_where_gripper_and_object_would_have_met(make_env, mount):
+    """The trial ends somewhere within tolerance; by its Jacobian the servo knows what was left to go."""
+    taught = [each for seed in range(4) for each in taught_by_successes(make_env(mount), seed, 60)]
+    corrected, ended = np.array(taught).T
+    assert len(taught) > 20
+    assert np.median(ended) > 1  # there was something to correct
+    assert np.median(corrected) < 0.3 * np.median(ended)
+    assert np.mean(corrected < ended) > 0.9
+
+
+def test_a_success_is_remembered_at_the_true_rendezvous(make_env, mount):
+    """By the true Jacobian c* = c - J⁺ d meets what Newton's method finds in the true world."""
+    env = make_env(mount, terminate_on_success=False)
+    env.reset(seed=5)
+    env.unwrapped.set_world(replace(env.unwrapped.world, point_noise=0.0))
+    env.reset()
+    agent = agents.make("memory", env)
+    wanted = analytic.rendezvous(env)
+    for off in 0.003 * np.concatenate([np.eye(3), -np.eye(3)]):
+        raw, *_ = env.step(wanted + off - env.unwrapped.arms.registers[0])
+        last = Observation.of(raw)
+        assert 0.2 < last.distance_px < LearningServo.LATE_PX
+        agent.jacobian = analytic.points_jacobian(env)
+        found = agent._rendezvous(last)
+        assert np.linalg.norm(found - wanted) < 0.1 * np.linalg.norm(last.registers - wanted)
+
+
+def test_what_ended_late_is_remembered_where_it_ended(make_env):
+    """Points further apart than any tolerance came late: they do not belong to the last registers."""
+    agent = agents.make("memory", make_env())
+    agent.jacobian = np.random.default_rng(0).normal(size=(8, 3))
+    points = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 10 * IMAGE_UNIT], [0.0, 0.0]])
+    last = Observation(points, np.ones(4, bool), np.array([0.1, 0.2, 0.3]))
+    np.testing.assert_array_equal(agent._rendezvous(last), last.registers)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import agents
 import calfree_gym
-from agents.base.agent import Look
+from agents.base.observation import Observation
 from agents.calibrated.model import CalibratedModel
 from calfree_gym.perturbations.types import CameraRoll
 from experiments.evaluation import evaluate
@@ -120,8 +120,8 @@ def test_a_motion_that_loses_a_point_is_taken_back_by_half():
     """After looks enough to know that it is lost."""
     env = simulation("waist", 3000, world="nominal")
     agent = agents.make("model_based", env)
-    look = Look.of(env.reset(seed=1)[0])
-    running = agent.procedure(look)
+    look = Observation.of(env.reset(seed=1)[0])
+    running = agent.procedure(look, agent.new_findings())
     goal = next(running)
     lost = replace(look, registers=goal, visible=np.array([True, True, False, True]))
     words = [running.send(lost) for _ in range(6)]
@@ -136,12 +136,12 @@ def test_where_the_model_is_right_a_look_is_a_motion(mount):
     env = simulation(mount, 3000, world="nominal", terminate_on_success=False)
     agent = agents.make("model_based", env, camera_mount=mount)
     for seed in range(10):
-        look = Look.of(env.reset(seed=seed)[0])
-        running = agent.procedure(look)
+        look = Observation.of(env.reset(seed=seed)[0])
+        running = agent.procedure(look, agent.new_findings())
         words = next(running)
         for _ in range(4):
             assert words.any()
-            words = running.send(Look.of(env.step(words.astype(np.float32))[0]))
+            words = running.send(Observation.of(env.step(words.astype(np.float32))[0]))
 
 
 @pytest.mark.parametrize("mount", MOUNTS)

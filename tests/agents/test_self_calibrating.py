@@ -11,7 +11,7 @@ import pytest
 
 import agents
 import calfree_gym
-from agents.base.agent import Look
+from agents.base.observation import Observation
 from agents.calibrated.identification import identify
 from agents.calibrated.model import CalibratedModel
 from agents.calibrated.observations import Looks
@@ -25,11 +25,11 @@ MOUNTS = calfree_gym.MOUNTS
 def wandering(env, object_, motions, rng):
     """Looks of a trial of random motions about home, and the joints of the arm at each."""
     observation, info = env.reset(options={"object": object_})
-    looks, joints = [Look.of(observation)], [info["truth"]["joints"][:4]]
+    looks, joints = [Observation.of(observation)], [info["truth"]["joints"][:4]]
     for _ in range(motions):
         words = rng.uniform(-0.12, 0.12, 3) - looks[-1].registers
         observation, *_, info = env.step(words)
-        looks.append(Look.of(observation))
+        looks.append(Observation.of(observation))
         joints.append(info["truth"]["joints"][:4])
     return looks, np.array(joints)
 
@@ -95,7 +95,7 @@ def test_looks_surprise_where_the_world_has_changed_and_not_where_it_has_not(mou
     for world in (env.world, CameraRoll("right", 8.0).apply(env.world, rng)):
         env.set_world(world)
         later = looks.and_trial(wandering(env, (0.40, 0.0, 0.15), 3, rng)[0])
-        surprises.append(known.surprise(identify(later, built, known=known), noise_px=0.5))
+        surprises.append(known.innovation(identify(later, built, known=known), noise_px=0.5))
     assert surprises[0] < 12 < 50 < surprises[1]
 
 

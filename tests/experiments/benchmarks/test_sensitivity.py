@@ -13,6 +13,7 @@ from experiments.__main__ import main
 from experiments.benchmarks import constants as named
 from experiments.benchmarks import sensitivity
 from experiments.benchmarks.sensitivity import COLUMNS, VERDICTS, Sizes, judged, verdict
+from experiments.reporting.statistics import Estimate
 
 FOUND = {agent: named.constants(agent) for agent in named.MODULES}
 EVERY = [each for found in FOUND.values() for each in found]
@@ -177,7 +178,7 @@ def test_values_to_try():
     ],
 )
 def test_verdicts(motions, success, expected):
-    assert verdict(motions, success) == expected
+    assert verdict(Estimate(0.0, *motions), Estimate(0.0, *success)) == expected
 
 
 def test_changes_are_those_of_worlds_in_percent_and_points():
@@ -229,7 +230,7 @@ def test_an_error_in_a_variation_is_told(monkeypatch):
 
 
 def test_the_command_prints_the_table(measured, monkeypatch, capsys):
-    monkeypatch.setattr(sensitivity, "sensitivity", lambda: measured[COLUMNS])
+    monkeypatch.setattr(sensitivity, "sensitivity", lambda *arguments: measured[COLUMNS])
     assert main(["benchmark", "sensitivity"]) == 0
     out = capsys.readouterr().out
     assert "GaussianProcess.NOISE_PX" in out

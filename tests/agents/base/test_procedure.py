@@ -1,0 +1,70 @@
+"""What a procedure finds out in a trial, and who gets it."""
+
+import numpy as np
+
+from agents.base.procedure import ProcedureAgent
+
+
+class Diary(ProcedureAgent):
+    """Stands still, and finds out what it observes.
+
+    Attributes:
+        trials: What learn handed over: findings, last observation, and whether the trial had ended.
+    """
+
+    kind = "Diary"
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.trials = []
+
+    def new_findings(self):
+        return []
+
+    def procedure(self, first, findings):
+        findings.append(first)
+        while True:
+            findings.append((yield np.full(3, 0.01)))
+
+    def learn_trial(self, findings, last, ended):
+        self.trials.append((findings, last, ended))
+
+
+def test_learn_hands_over_all_that_was_observed_in_whole_trials_and_nothing_of_one_cut_off(make_env):
+    env = make_env(max_episode_steps=4, tolerance_px=1e-3)
+    env.reset(seed=0)
+    agent = Diary(env).learn(10)
+    assert len(agent.trials) == 2  # and two motions of a third
+    for findings, last, ended in agent.trials:
+        assert not ended
+        assert findings[-1] is last
+        np.testing.assert_allclose([each.registers[0] for each in findings], 0.01 * np.arange(5), atol=1e-6)
+
+
+def test_predict_hands_over_nothing(make_env):
+    env = make_env(max_episode_steps=4, tolerance_px=1e-3)
+    agent = Diary(env)
+    observation, _ = env.reset(seed=0)
+    state, over = None, False
+    while not over:
+        words, state = agent.predict(observation, state)
+        observation, _, terminated, truncated, _ = env.step(words)
+        over = terminated or truncated
+    agent.predict(env.reset()[0], state, episode_start=np.array([True]))
+    assert not agent.trials
+
+
+def test_a_procedure_that_has_ended_sends_zero_words(make_env):
+    class Once(Diary):
+        def procedure(self, first, findings):
+            yield np.full(3, 0.1)
+
+    env = make_env(tolerance_px=1e-3)
+    observation, _ = env.reset(seed=0)
+    agent, state = Once(env), None
+    sent = []
+    for _ in range(3):
+        words, state = agent.predict(observation, state)
+        sent.append(words)
+        observation, *_ = env.step(words)
+    np.testing.assert_allclose(sent, [[0.1] * 3, [0.0] * 3, [0.0] * 3])

@@ -1,0 +1,226 @@
+"""The one surface: predict, learn, save and load, for every agent."""
+
+import json
+import warnings
+import zipfile
+import zlib
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+from calfree_gym.envs.goal import TELLS
+
+NAMES = agents.names()
+QUICK = {"sac": {"net_arch": [16], "learning_starts": 20, "buffer_size": 500}}
+
+
+def environment(name, kind="ReachDense", make=gym.make, **options):
+    """An environment that tells whatever any classical agent may ask for."""
+    tell = () if name == "sac" else tuple(TELLS)
+    return make(f"CalFree/{kind}-v0", dynamics="kinematic", tell=tell, **options)
+
+
+def make(name, seed=0, **settings):
+    env = environment(name, max_episode_steps=30)
+    env.reset(seed=4)
+    return agents.make(name, env, seed=seed, **QUICK.get(name, {}), **settings), env
+
+
+def words_of(agent, env, motions=6):
+    """Words on a held-out trial."""
+    observation, _ = env.reset(seed=77)
+    state, found = None, []
+    for _ in range(motions):
+        words, state = agent.predict(observation, state)
+        found.append(words)
+        observation, _, terminated, truncated, _ = env.step(words)
+        if terminated or truncated:
+            break
+    return np.array(found)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_words_are_words(name):
+    agent, env = make(name)
+    words = words_of(agent, env)
+    assert words.dtype == np.float32
+    assert words.shape[1:] == (3,)
+    assert (np.abs(words) <= 1).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_predict_changes_nothing(name, tmp_path):
+    def knowledge():
+        agent.save(tmp_path / "agent.npz")
+        with zipfile.ZipFile(tmp_path / "agent.npz") as archive:
+            return {entry: zlib.crc32(archive.read(entry)) for entry in archive.namelist() if entry != "data"}
+
+    agent, env = make(name)
+    agent.learn(60)
+    before = knowledge()
+    held_out = environment(name, world=env.unwrapped.world)
+    np.testing.assert_array_equal(words_of(agent, held_out), words_of(agent, held_out))
+    assert knowledge() == before
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_saved_agent_loads_and_acts_alike(name, tmp_path):
+    agent, env = make(name)
+    agent.learn(80)
+    path = tmp_path / "agent.npz"
+    agent.save(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        again = make(name)[0].load(path)
+    assert again.num_timesteps == agent.num_timesteps == 80
+    held_out = environment(name, world=env.unwrapped.world)
+    np.testing.assert_array_equal(words_of(agent, held_out), words_of(again, held_out))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_learn_counts_motions_and_stops_when_told(name):
+    agent, _ = make(name)
+    seen = []
+    agent.learn(25, callback=lambda progress: seen.append(progress.num_timesteps) or True)
+    agent.learn(15, callback=lambda progress: seen.append(progress.num_timesteps) or True)
+    assert seen == list(range(1, 41))
+    agent.learn(100, callback=lambda progress: progress.num_timesteps < 50)
+    assert agent.num_timesteps == 50
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "sac"])
+def test_batched_observations_get_the_words_of_single_ones(name):
+    agent, _ = make(name)
+    batch = environment(name, "Reach", gym.make_vec, num_envs=3)
+    observations, _ = batch.reset(seed=20)
+    singles = [environment(name, "Reach") for _ in range(3)]
+    now = [env.reset(seed=20 + i)[0] for i, env in enumerate(singles)]
+    state, states = None, [None] * 3
+    for _ in range(5):
+        words, state = agent.predict(observations, state)
+        for i, env in enumerate(singles):
+            single, states[i] = agent.predict(now[i], states[i])
+            np.testing.assert_array_equal(words[i], single)
+            now[i], *_ = env.step(single)
+        observations, *_ = batch.step(words)
+
+
+def test_a_lost_state_is_an_error_that_says_what_to_do():
+    agent, env = make("unified_servo")
+    observation, _ = env.reset()
+    words, _ = agent.predict(observation)
+    observation, *_ = env.step(words)
+    with pytest.raises(ValueError, match="pass the state back"):
+        agent.predict(observation)
+
+
+def test_an_agent_goes_on_observing_after_it_has_arrived():
+    agent, _ = make("grid_table")
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", terminate_on_success=False, world="nominal")
+    observation, _ = env.reset(seed=0)
+    state = None
+    for _ in range(60):
+        words, state = agent.predict(observation, state)
+        observation, *_, info = env.step(words)
+    assert info["truth"]["error_px"] < 8
+
+
+def test_damaged_and_foreign_files(tmp_path):
+    table, _ = make("grid_table")
+    servo, _ = make("unified_servo")
+    servo.save(tmp_path / "servo.npz")
+    with pytest.raises(ValueError, match=r"holds UnifiedServo.*this agent is GridTable"):
+        table.load(tmp_path / "servo.npz")
+    (tmp_path / "text.npz").write_text("no archive")
+    with pytest.raises(ValueError, match="damaged or no saved agent"):
+        table.load(tmp_path / "text.npz")
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    with pytest.raises(ValueError, match="no saved agent"):
+        table.load(tmp_path / "other.npz")
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    with pytest.raises(ValueError, match="no saved agent"):
+        table.load(tmp_path / "array.npy")
+    saved = tmp_path / "table.npz"
+    table.save(saved)
+    whole = saved.read_bytes()
+    for damaged in (whole[:-40], whole[:300] + b"\x00" * 60 + whole[360:], whole[:500]):
+        saved.write_bytes(damaged)
+        with pytest.raises(ValueError, match="damaged"):
+            table.load(saved)
+    with pytest.raises(FileNotFoundError):
+        table.load(tmp_path / "nowhere.npz")
+    with pytest.raises(ValueError, match=r"holds UnifiedServo.*this agent is WorkPlaneServo"):
+        make("work_plane_servo")[0].load(tmp_path / "servo.npz")
+    make("grid_table")[0].save(tmp_path / "eight.npz")
+    with pytest.raises(ValueError, match=r"GridTable\(cells=8.*GridTable\(cells=4"):
+        make("grid_table", cells=4)[0].load(tmp_path / "eight.npz")
+    with pytest.raises(ValueError, match=r"test_px=16.0.*test_px=9"):
+        make("unified_servo", test_px=9)[0].load(tmp_path / "servo.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "now", "once"),
+    [
+        ("paper_servo", "PaperServo(redundancy", "UnifiedServo(estimator='test_motions', redundancy"),
+        (
+            "grid_table",
+            "over PaperServo(redundancy",
+            "over UnifiedServo(estimator='test_motions', redundancy",
+        ),
+    ],
+)
+def test_what_version_0_1_saved_loads_with_a_warning(name, now, once, tmp_path):
+    """It called the paper's servo a unified one by test motions, which had a patience of no use."""
+    agent, _ = make(name)
+    agent.learn(40).save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as file:
+        arrays = {entry: file[entry] for entry in file.files}
+    header = json.loads(str(arrays["calfree.json"]))
+    assert now in header["kind"]
+    header["kind"] = header["kind"].replace(now, once).replace("border=0.95", "border=0.95, patience=6")
+    np.savez(tmp_path / "old.npz", **{**arrays, "calfree.json": np.array(json.dumps(header))})
+    with pytest.warns(UserWarning, match=r"old\.npz names .*test_motions.*which is now .*PaperServo"):
+        again = make(name)[0].load(tmp_path / "old.npz")
+    assert again.num_timesteps == 40
+    for key, array in agent.arrays().items():
+        np.testing.assert_array_equal(again.arrays()[key], array)
+
+
+def test_sac_refuses_what_it_did_not_save(tmp_path):
+    make("sac")[0].save(tmp_path / "sac.zip")
+    with pytest.raises(ValueError, match=r"'word_limit': 0.25.*'word_limit': 0.5"):
+        make("sac", word_limit=0.5)[0].load(tmp_path / "sac.zip")
+    (tmp_path / "sac.zip").write_bytes(b"no archive")
+    with pytest.raises(ValueError, match="damaged or no saved sac"):
+        make("sac")[0].load(tmp_path / "sac.zip")
+    with pytest.raises(FileNotFoundError):
+        make("sac")[0].load(tmp_path / "nowhere.zip")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_agent_stays_in_the_world_that_it_was_given(name, tmp_path):
+    agent, env = make(name, seed=1)
+    world = env.unwrapped.world
+    agent.learn(40)
+    agent.save(tmp_path / "agent")
+    again, its_env = make(name, seed=1)
+    again.load(tmp_path / "agent").learn(40)
+    assert env.unwrapped.world == its_env.unwrapped.world == world
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_agent_needs_nothing_privileged_but_what_it_declares(name):
+    privileged = make(name)[0].privileged
+    assert set(privileged) <= set(TELLS)
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", tell=privileged)
+    words_of(agents.make(name, env, **QUICK.get(name, {})), env)
+    if privileged:
+        with pytest.raises(ValueError, match="tell="):
+            agents.make(name, gym.make("CalFree/Reach-v0", dynamics="kinematic"))
+
+
+def test_the_paper_s_own_controllers_get_nothing_privileged():
+    for name in ("work_plane_servo", "paper_servo", "unified_servo", "grid_table"):
+        assert make(name)[0].privileged == ()

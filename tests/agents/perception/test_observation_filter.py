@@ -1,0 +1,145 @@
+"""The filter of observations: made-up ones whose truth is known, and worlds that delay points."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from agents.base.observation import Observation
+from agents.jacobian import Kalman
+from agents.perception import ObservationFilter
+from agents.servo.trial import Findings, Trial
+from calfree_gym.image import IMAGE_UNIT
+
+THERE = np.array([0.1, 0.0, 0.0])
+PLACES = np.array([[-0.5, 0.1], [0.2, 0.3], [0.4, -0.4], [-0.1, -0.2]])
+MOVED_PX = np.array([[20.0, 0.0], [0.0, 20.0], [-15.0, 15.0], [10.0, 10.0]])
+
+
+def places(px):
+    """Points (4, 2) so many pixels (4, 2) away from the four places."""
+    return PLACES + np.asarray(px) * IMAGE_UNIT
+
+
+def off_px(trusted, px):
+    return np.abs(trusted.points - places(px)).max() / IMAGE_UNIT
+
+
+def settled(filter_, observations, known=True):
+    """The trusted observation after a motion from the places, and how many of `observations` it took."""
+    home = Observation(PLACES, np.ones(4, bool), np.zeros(3))
+    running = filter_.settle(observations[0], home, MOVED_PX * IMAGE_UNIT * known, np.full(4, known))
+    taken = 1
+    try:
+        words = next(running)
+        while taken < len(observations):
+            np.testing.assert_array_equal(words, np.zeros(3))
+            taken += 1
+            words = running.send(observations[taken - 1])
+    except StopIteration as end:
+        return end.value, taken
+    raise AssertionError("it wants to observe more often")
+
+
+@dataclass
+class Prompt:
+    """Makes observations after the motion, and a filter that has seen a motion come in time."""
+
+    make: object
+    filter: ObservationFilter = field(default_factory=ObservationFilter)
+
+    def __post_init__(self):
+        settled(self.filter, [self.make(places(MOVED_PX), -THERE)], known=False)
+
+    def seen(self, px, visible=(True,) * 4):
+        return self.make(places(px), THERE, visible)
+
+
+@pytest.fixture
+def prompt(observe):
+    return Prompt(observe)
+
+
+def test_an_observation_that_comes_out_as_predicted_is_taken_at_once(prompt):
+    trusted, taken = settled(prompt.filter, [prompt.seen(MOVED_PX + 3.0)])
+    assert taken == 1
+    assert off_px(trusted, MOVED_PX + 3.0) < 1e-6
+
+
+@pytest.mark.parametrize("point", range(4))
+def test_a_mistaken_point_costs_one_more_observation_and_is_not_trusted(prompt, point):
+    mistaken = MOVED_PX.copy()
+    mistaken[point] += [150.0, -90.0]
+    trusted, taken = settled(prompt.filter, [prompt.seen(mistaken), prompt.seen(MOVED_PX)])
+    assert taken == 2
+    assert off_px(trusted, MOVED_PX) < 1e-6
+    assert not prompt.filter.inconsistent.any()
+
+
+def test_what_two_observations_agree_on_is_trusted_however_inconsistent_with_the_prediction(prompt):
+    elsewhere = MOVED_PX + np.array([[0.0, 0.0], [0.0, 0.0], [120.0, 0.0], [0.0, 0.0]])
+    trusted, taken = settled(prompt.filter, [prompt.seen(elsewhere), prompt.seen(elsewhere + 1.0)])
+    assert taken == 2
+    assert off_px(trusted, elsewhere) <= 1.0
+    assert prompt.filter.inconsistent.tolist() == [False, False, True, False]
+
+
+def test_a_point_out_of_view_is_lost_after_two_observations(prompt):
+    blind = (True, False, True, True)
+    trusted, taken = settled(prompt.filter, [prompt.seen(MOVED_PX, blind)] * 2)
+    assert taken == 2
+    assert prompt.filter.lost.tolist() == [False, True, False, False]
+    assert trusted.visible.tolist() == list(blind)
+    assert off_px(trusted, MOVED_PX) < 1e-6  # where it is predicted to be
+
+
+def test_where_points_are_missing_at_times_one_is_lost_after_more_observations(prompt):
+    blind = (True, False, True, True)
+    settled(prompt.filter, [prompt.seen(MOVED_PX, blind), prompt.seen(MOVED_PX)])
+    settled(prompt.filter, [prompt.seen(MOVED_PX, blind)])
+    assert not prompt.filter.lost.any()
+
+
+def test_observations_that_come_late_are_waited_for(observe):
+    before, after = observe(PLACES, THERE), observe(places(MOVED_PX), THERE)
+    filter_ = ObservationFilter()
+    trusted, taken = settled(filter_, [before, after], known=False)
+    assert (filter_.latency.motions, taken) == (1, 2)
+    assert off_px(trusted, MOVED_PX) < 1e-6
+    assert settled(filter_, [before, after])[1] == 2
+
+
+@pytest.mark.parametrize(("noise_px", "mistaken"), [(0.7, 0.0), (5.0, 0.0), (20.0, 0.0), (0.7, 0.4)])
+def test_noise_is_learned_from_observations_at_one_place(observe, noise_px, mistaken):
+    rng, found = np.random.default_rng(0), []
+    for _ in range(20):
+        filter_ = ObservationFilter()
+        running = filter_.first(observe(PLACES, THERE, (False,) * 4))
+        next(running)
+        for _ in range(7):
+            px = rng.normal(scale=noise_px, size=(4, 2))
+            wrong = rng.random(4) < mistaken
+            px[wrong] = rng.uniform(-250, 250, (4, 2))[wrong]
+            running.send(observe(places(px), THERE, (True, True, True, False)))
+        found.append(filter_.noise.px)
+    assert np.median(found) == pytest.approx(noise_px, rel=0.35)
+
+
+@pytest.mark.parametrize("motions", [0, 1])
+def test_latency_is_found_out_in_wild_worlds(make_env, motions):
+    found = []
+    for seed in range(15):
+        late = [{"at": {"trial": 0}, "do": {"type": "latency", "motions": 1}}] if motions else None
+        env = make_env(perturbations=late)
+        trial = Trial(Observation.of(env.reset(seed=seed)[0]), Findings(Kalman(3)), 0.04, 16.0)
+        for motor in trial.unmeasured():
+            running = trial.test(motor)
+            words = next(running, None)
+            while words is not None:
+                seen = Observation.of(env.step(words.astype(np.float32))[0])
+                try:
+                    words = running.send(seen)
+                except StopIteration:
+                    words = None
+        found.append(trial.filter.latency.motions)
+    assert np.mean(np.array(found) == motions) >= 0.9

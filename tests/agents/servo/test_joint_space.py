@@ -1,0 +1,154 @@
+"""The servo in joint space against MuJoCo's own derivatives, and its gain where the world is linear."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+import agents
+from agents.base.observation import Observation
+from agents.servo.joint_space import JointSpaceServo
+from experiments.evaluation import evaluate
+from tests.agents.analytic import distance_jacobian
+
+
+@pytest.fixture
+def environment(make_env):
+    """Makes an environment that tells the joint angles."""
+    return partial(make_env, tell=("joint_angles",))
+
+
+class LinearRobot:
+    """Joints that words turn linearly, and image points that joints move linearly."""
+
+    def __init__(self, rng):
+        self.by_joints = 0.2 * rng.standard_normal((4, 3))
+        self.by_words = np.diag(rng.choice([-1.0, 1.0], 3) * rng.uniform(1.0, 3.0, 3))
+        self.object = -0.1 * self.by_joints @ rng.choice([-1.0, 1.0], 3)
+        self.registers = np.zeros(3)
+        self.start = rng.uniform(-1, 1, 5)
+
+    def observed(self, **more):
+        turned = self.by_words @ self.registers
+        angles = self.start + np.append(turned, [0.0, 0.0])
+        points = np.concatenate([self.by_joints @ turned, self.object])
+        privileged = {"joint_angles": angles, **more}
+        return Observation(points.reshape(4, 2), np.ones(4, bool), self.registers.copy(), privileged)
+
+
+def steps_of(agent, robot, motions, **more):
+    """Registers before and distances after each motion of all joints at once, and all words."""
+    now, words_made, distances = robot.observed(**more), [], []
+    running = agent.procedure(now, None)
+    words = next(running)
+    for _ in range(motions):
+        before = now.distance
+        robot.registers = robot.registers + words
+        now = robot.observed(**more)
+        words_made.append(words)
+        if np.count_nonzero(words) == 3:
+            distances.append((np.linalg.norm(before), np.linalg.norm(now.distance)))
+        words = running.send(now)
+    return words_made, distances
+
+
+@pytest.mark.parametrize("gain", [0.5, 0.8])
+@pytest.mark.parametrize("seed", range(3))
+def test_in_a_linear_world_each_step_leaves_one_minus_gain(environment, gain, seed):
+    robot = LinearRobot(np.random.default_rng(seed))
+    agent = JointSpaceServo(environment(), gain=gain, step_rad=10.0, damping=0.0)
+    _, distances = steps_of(agent, robot, 12)
+    assert len(distances) >= 2
+    for before, after in distances:
+        assert after == pytest.approx((1 - gain) * before, rel=1e-4)
+
+
+def test_no_joint_turns_further_in_a_step_than_allowed(environment):
+    robot = LinearRobot(np.random.default_rng(1))
+    robot.object *= 8
+    agent = JointSpaceServo(environment(), gain=1.0, step_rad=0.2, damping=0.0)
+    words, _ = steps_of(agent, robot, 8)
+    turned = [np.abs(robot.by_words @ word).max() for word in words if np.count_nonzero(word) == 3]
+    assert max(turned) == pytest.approx(0.2, rel=1e-6)
+
+
+def test_it_uses_joint_angles_and_nothing_else_that_is_privileged(environment):
+    """In a linear world they matter to the bound of its steps alone."""
+    agent = JointSpaceServo(environment())
+    plain, _ = steps_of(agent, LinearRobot(np.random.default_rng(2)), 10)
+    misled, _ = steps_of(
+        agent, LinearRobot(np.random.default_rng(2)), 10, gripper_position=np.full(3, np.nan)
+    )
+    np.testing.assert_array_equal(plain, misled)
+    robot = LinearRobot(np.random.default_rng(2))
+    robot.by_words *= 2
+    robot.by_joints /= 2
+    same_images, _ = steps_of(agent, robot, 10)
+    assert np.abs(np.array(plain) - same_images).max() < 1e-6
+    bounded = JointSpaceServo(environment(), step_rad=0.02)
+    short, _ = steps_of(bounded, LinearRobot(np.random.default_rng(2)), 10)
+    assert np.abs(np.array(plain) - short).max() > 1e-3
+
+
+@pytest.mark.parametrize("seed", [3000, 3004, 3010])
+def test_its_first_step_is_that_of_the_true_jacobian_of_the_joints(environment, mount, seed, monkeypatch):
+    """Against MuJoCo's derivatives by the registers, and finite differences of the true joint angles."""
+    env = environment(mount)
+    env.reset(seed=seed)
+    world = env.unwrapped.world
+    env.unwrapped.set_world(replace(world, point_noise=np.zeros(())))
+    observation, info = env.reset(seed=None)
+    seen = []
+    step = JointSpaceServo._step
+    monkeypatch.setattr(
+        JointSpaceServo, "_step", lambda self, jacobian, d: seen.append(jacobian) or step(self, jacobian, d)
+    )
+    agent = agents.make("joint_space_servo", env)
+    state, registers, angles = None, [np.zeros(3)], [info["truth"]["joints"][:3]]
+    for _ in range(30):
+        words, state = agent.predict(observation, state)
+        if seen:
+            break
+        observation, *_, info = env.step(words)
+        registers.append(observation["observation"][4:].astype(float))
+        angles.append(info["truth"]["joints"][:3])
+    registers, angles = np.array(registers), np.array(angles)
+    middle = (registers.max(0) + registers.min(0)) / 2
+    turned_by_word = world.motor_sign * np.ptp(angles, axis=0) / np.ptp(registers, axis=0)
+    true = distance_jacobian(env, middle) / turned_by_word
+    missed = np.linalg.norm(seen[0] - true, axis=0) / np.linalg.norm(true, axis=0)
+    assert missed.max() < 0.25
+
+
+def reached(environment, mount, worlds):
+    """Success, and the median of motions."""
+    records = []
+    for seed in worlds:
+        env = environment(mount)
+        records += evaluate(agents.make("joint_space_servo", env), env, 1, seed)
+    return np.mean([record.success for record in records]), np.median([record.motions for record in records])
+
+
+def test_it_reaches_in_wild_worlds(environment, mount):
+    success, motions = reached(environment, mount, range(3020, 3035))
+    assert success == 1
+    assert motions <= 16
+
+
+@pytest.mark.slow
+def test_it_reaches_in_many_wild_worlds(environment, mount):
+    success, motions = reached(environment, mount, range(3100, 3300))
+    assert success >= 0.99
+    assert motions <= 12
+
+
+def test_it_must_be_told_the_joint_angles(make_env):
+    with pytest.raises(ValueError, match=r"told joint_angles.*tell=\('joint_angles',\)"):
+        agents.make("joint_space_servo", make_env())
+
+
+@pytest.mark.parametrize("setting", [{"gain": 0.0}, {"gain": 1.5}, {"step_rad": 0.0}, {"damping": -1.0}])
+def test_settings_out_of_range_are_errors(environment, setting):
+    with pytest.raises(ValueError, match=str(next(iter(setting.values())))):
+        agents.make("joint_space_servo", environment(), **setting)

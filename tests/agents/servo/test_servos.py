@@ -1,0 +1,144 @@
+"""The servos against the numbers asked of them, cameras rolled while they work, and what they remember."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+from agents.jacobian import ESTIMATORS
+from agents.servo.redundancy import REDUNDANCIES
+from calfree_gym.envs.goal import TELLS
+from experiments.evaluation import evaluate
+
+SERVOS = [
+    ("work_plane_servo", {}),
+    ("paper_servo", {}),
+    *[("unified_servo", {"estimator": name}) for name in ESTIMATORS],
+]
+
+
+@pytest.fixture
+def reach(make_env):
+    """Lets a new agent make one trial in each wild world."""
+
+    def make_trials(name, mount, seeds, options=None, **settings):
+        records = []
+        for seed in seeds:
+            env = make_env(mount, **(options or {}))
+            records += evaluate(agents.make(name, env, **settings), env, trials=1, seed=seed)
+        return records
+
+    return make_trials
+
+
+def medians(records):
+    """Motions and millimetres off, of trials nearly all of which reached."""
+    assert np.mean([r.success for r in records]) >= 0.97
+    return np.median([(r.motions, r.distance_mm) for r in records], axis=0)
+
+
+@pytest.mark.parametrize("redundancy", REDUNDANCIES)
+def test_the_paper_s_servo_reaches_in_wild_worlds(reach, mount, redundancy):
+    records = reach("paper_servo", mount, range(40), {"max_episode_steps": 50}, redundancy=redundancy)
+    motions, distance_mm = medians(records)
+    assert motions <= 14
+    assert distance_mm <= 5
+
+
+@pytest.mark.parametrize("redundancy", REDUNDANCIES)
+def test_unified_servo_reaches_in_fewer_motions(reach, mount, redundancy):
+    records = reach("unified_servo", mount, range(40), {"max_episode_steps": 50}, redundancy=redundancy)
+    motions, distance_mm = medians(records)
+    assert motions <= 8
+    assert distance_mm <= 6
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_unified_servo_reaches_by_every_estimator(reach, estimator, mount):
+    records = reach("unified_servo", mount, range(16), estimator=estimator)
+    assert np.mean([r.success for r in records]) >= 0.93
+    assert np.median([r.motions for r in records]) <= 10
+
+
+def share_reached_though_rolled(reach, name, settings, mount, seeds):
+    """Success where a camera is rolled at a motion drawn from the first five (section 3.3)."""
+    rng, successes = np.random.default_rng(0), []
+    for seed in seeds:
+        schedule = [{"at": {"motion": int(rng.integers(1, 6))}, "do": {"type": "camera_roll"}}]
+        records = reach(name, mount, [seed], {"perturbations": schedule}, **settings)
+        successes += [record.success for record in records]
+    return np.mean(successes)
+
+
+@pytest.mark.parametrize(("name", "settings"), SERVOS)
+def test_a_camera_rolled_in_mid_trial_is_tolerated(reach, name, settings, mount):
+    assert share_reached_though_rolled(reach, name, settings, mount, range(16)) >= 0.93
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "settings"), SERVOS)
+def test_a_camera_rolled_in_mid_trial_is_tolerated_in_many_worlds(reach, name, settings, mount):
+    assert share_reached_though_rolled(reach, name, settings, mount, range(1000, 1200)) >= 0.97
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_what_the_last_trial_knew_of_the_jacobian_shortens_the_next(live, make_env, estimator, mount):
+    lengths = np.array(
+        [live("unified_servo", make_env(mount), seed, trials=4, estimator=estimator)[1] for seed in range(8)]
+    )
+    assert lengths[:, 1:].mean() <= 0.75 * lengths[:, 0].mean()
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_the_jacobian_is_saved_and_loaded_and_used(live, make_env, estimator, tmp_path):
+    agent, _ = live("unified_servo", make_env(), 3, trials=2, estimator=estimator)
+    agent.save(tmp_path / "servo.npz")
+    env = make_env(world=agent.env.unwrapped.world)
+    again = agents.make("unified_servo", env, estimator=estimator).load(tmp_path / "servo.npz")
+    fresh = agents.make("unified_servo", env, estimator=estimator)
+    np.testing.assert_array_equal(again.jacobian, agent.jacobian)
+    observation, _ = env.reset(seed=5)
+    np.testing.assert_array_equal(again.predict(observation)[0], agent.predict(observation)[0])
+    assert np.count_nonzero(fresh.predict(observation)[0]) == 1  # a test motion
+    assert np.count_nonzero(again.predict(observation)[0]) == 3  # a step
+
+
+@pytest.mark.parametrize(("name", "settings"), SERVOS)
+def test_predict_changes_nothing_that_a_servo_remembers(live, make_env, name, settings):
+    agent, _ = live(name, make_env(), 3, trials=2, **settings)
+    before = {key: value.copy() for key, value in agent.arrays().items()}
+    env = make_env(world=agent.env.unwrapped.world)
+    first, second = (evaluate(agent, env, trials=2, seed=5) for _ in range(2))
+    assert first == second
+    assert agent.arrays().keys() == before.keys()
+    for key, value in before.items():
+        np.testing.assert_array_equal(agent.arrays()[key], value)
+
+
+@pytest.mark.parametrize("name", ["work_plane_servo", "paper_servo"])
+def test_test_motions_leave_nothing_behind(live, make_env, name):
+    """The paper forgets J: trial after trial such a servo begins with a test motion."""
+    agent, _ = live(name, make_env(), 3, trials=3)
+    assert agent.arrays() == {}
+    observation, _ = make_env(world=agent.env.unwrapped.world).reset(seed=5)
+    assert np.count_nonzero(agent.predict(observation)[0]) == 1
+
+
+@pytest.mark.parametrize("name", agents.names())
+def test_an_agent_needs_nothing_of_info_or_reward(make_env, name):
+    class Blind(gym.Wrapper):
+        def reset(self, **arguments):
+            return self.env.reset(**arguments)[0], {}
+
+        def step(self, action):
+            observation, reward, terminated, truncated, _ = self.env.step(action)
+            return observation, reward if name == "sac" else 0.0, terminated, truncated, {}
+
+    words = []
+    for wrapper in (lambda env: env, Blind):
+        env = make_env(tell=() if name == "sac" else tuple(TELLS))
+        env.reset(seed=3)
+        tiny = {"net_arch": [16], "learning_starts": 20, "buffer_size": 500} if name == "sac" else {}
+        agent = agents.make(name, wrapper(env), **tiny).learn(150)
+        words.append(agent.predict(env.reset()[0])[0])
+    np.testing.assert_array_equal(*words)

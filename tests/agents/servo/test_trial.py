@@ -1,0 +1,118 @@
+"""A trial's motions in a linear world: test words that adapt, and stops that are met."""
+
+import numpy as np
+import pytest
+
+from agents.base.observation import Observation
+from agents.jacobian import Kalman, TestMotions
+from agents.servo.trial import Findings, Trial, half_way_back
+from calfree_gym.image import IMAGE_UNIT, lengths_px
+
+TEST_PX = 16.0
+
+
+class LinearArm:
+    """Points (4, 2) that registers move linearly; motors stop at bounds of their own."""
+
+    def __init__(self, px_by_word, lowest=-1.0, highest=1.0):
+        directions = np.array([[1, 0], [0, 1], [-0.6, 0.8], [0, 0]])
+        self.jacobian = (directions[:, :, None] * np.asarray(px_by_word) * IMAGE_UNIT).reshape(8, 3)
+        self.lowest, self.highest = lowest, highest
+        self.registers = np.zeros(3)
+
+    def observed(self, words=0.0):
+        self.registers = np.clip(self.registers + words, self.lowest, self.highest)
+        points = np.array([[0.1, 0.1], [-0.2, 0.0], [0.3, -0.3], [0.0, 0.2]])
+        points = points + (self.jacobian @ self.registers).reshape(4, 2)
+        return Observation(points, np.ones(4, bool), self.registers.copy())
+
+
+def trial_of(arm, estimator):
+    return Trial(arm.observed(), Findings(estimator), 0.04, TEST_PX)
+
+
+def carry_out(motions, arm):
+    """Executes motions to their end; returns the words sent, re-observations left out."""
+    sent = []
+    try:
+        words = next(motions)
+        while True:
+            sent += [words] if words.any() else []
+            words = motions.send(arm.observed(words))
+    except StopIteration:
+        return np.array(sent)
+
+
+@pytest.mark.parametrize("px_by_word", [80.0, 400.0, 1200.0])
+@pytest.mark.parametrize("estimator", [TestMotions, Kalman])
+def test_test_words_get_the_size_that_moves_the_images_as_wanted(estimator, px_by_word):
+    arm = LinearArm([px_by_word] * 3)
+    trial = trial_of(arm, estimator(3))
+    for _ in range(3):
+        for motor in range(3):
+            carry_out(trial.test(motor), arm)
+    moved_px = np.abs(trial.test_words) * px_by_word
+    np.testing.assert_allclose(moved_px, TEST_PX, rtol=0.05)
+    np.testing.assert_allclose(trial.estimator.jacobian, arm.jacobian, atol=0.02 * np.abs(arm.jacobian).max())
+
+
+def test_a_test_motion_moves_one_motor_and_towards_the_object():
+    arm = LinearArm([400.0, 400.0, 400.0])
+    trial = trial_of(arm, TestMotions(3, arm.jacobian))
+    for motor in range(3):
+        before = trial.now.distance
+        words = carry_out(trial.test(motor), arm)
+        assert np.flatnonzero(words[0]).tolist() == [motor]
+        assert trial.now.distance @ trial.now.distance < before @ before
+
+
+def test_where_a_motor_stops_is_learned_from_what_it_does_not_execute():
+    arm = LinearArm([100.0] * 3, lowest=np.array([-1, -0.3, -1]), highest=np.array([0.2, 1, 1]))
+    trial = trial_of(arm, TestMotions(3, arm.jacobian))
+    carry_out(trial.move(np.array([0.5, -0.5, 0.1])), arm)
+    np.testing.assert_allclose(trial.highest, [0.2, 1, 1])
+    np.testing.assert_allclose(trial.lowest, [-1, -0.3, -1])
+    lowest, highest = trial.word_bounds
+    np.testing.assert_allclose(highest, [0.0, 1.3, 0.9])
+    np.testing.assert_allclose(lowest, [-1.2, 0.0, -1.1])
+
+
+def test_a_motor_at_its_stop_is_tested_the_other_way():
+    arm = LinearArm([400.0] * 3, highest=np.array([0.001, 1, 1]))
+    trial = trial_of(arm, TestMotions(3))
+    words = carry_out(trial.test(0), arm)
+    assert len(words) == 2
+    assert words[0, 0] > 0 > words[1, 0]
+    np.testing.assert_allclose(trial.estimator.jacobian[:, 0], arm.jacobian[:, 0], atol=1e-9)
+
+
+def test_forgetting_asks_for_all_columns_anew_and_keeps_the_words_sizes():
+    arm = LinearArm([400.0] * 3)
+    trial = trial_of(arm, TestMotions(3))
+    assert list(trial.unmeasured()) == [0, 1, 2]
+    for motor in range(3):
+        carry_out(trial.test(motor), arm)
+    assert list(trial.unmeasured()) == []
+    trial.forget()
+    assert list(trial.unmeasured()) == [0, 1, 2]
+    px = [lengths_px((arm.jacobian @ word).reshape(4, 2)).max() for word in np.diag(trial.test_words)]
+    np.testing.assert_allclose(px, TEST_PX, rtol=1e-6)
+
+
+def test_all_that_is_trusted_is_found_and_nothing_merely_predicted():
+    arm = LinearArm([400.0] * 3)
+    trial = trial_of(arm, TestMotions(3))
+    for motor in range(3):
+        carry_out(trial.test(motor), arm)
+    assert len(trial.findings.trusted) >= 3
+    home = LinearArm([400.0] * 3).observed().points
+    for each in trial.findings.trusted:
+        np.testing.assert_allclose(
+            each.points, home + (arm.jacobian @ each.registers).reshape(4, 2), atol=1e-12
+        )
+
+
+def test_half_of_the_way_back_is_half():
+    arm = LinearArm([400.0] * 3)
+    before, now = arm.observed(), arm.observed(np.array([0.2, -0.1, 0.0]))
+    np.testing.assert_allclose(half_way_back(before, now), [-0.1, 0.05, 0.0])

@@ -1,0 +1,69 @@
+"""Agents by name, and the settings that they take."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+from agents.servo.paper import PaperServo
+from agents.servo.unified import UnifiedServo
+
+NAMES = agents.names()
+
+
+def test_unknown_names_and_settings():
+    env = gym.make("CalFree/Reach-v0")
+    with pytest.raises(ValueError, match=r"'grid_tabel'.*did you mean grid_table"):
+        agents.make("grid_tabel", env)
+    for name in NAMES:
+        with pytest.raises(ValueError, match=rf"'{name}' has no setting 'no_such_setting'; allowed: .*seed"):
+            agents.make(name, env, no_such_setting=1)
+    with pytest.raises(ValueError, match="did you mean cells"):
+        agents.make("grid_table", env, cels=9)
+    with pytest.raises(ValueError, match="cells is 'eight'; it must be a whole number"):
+        agents.make("grid_table", env, cells="eight")
+    for name, setting in (
+        ("random", {"limit": 2}),
+        ("grid_table", {"cells": 0}),
+        ("sac", {"word_limit": 0}),
+        ("unified_servo", {"test_px": -3}),
+        ("unified_servo", {"damping": "x"}),
+        ("unified_servo", {"estimator": "test_motions", "patience": 0}),
+        ("paper_servo", {"step_word": 1.5}),
+        ("work_plane_servo", {"camera": "middle"}),
+        ("work_plane_servo", {"border": 0}),
+    ):
+        with pytest.raises(ValueError, match=str(list(setting.values())[-1])):
+            agents.make(name, env, **setting)
+    with pytest.raises(ValueError, match=r"estimator is 'kalmann' \(did you mean kalman\?\)"):
+        agents.make("unified_servo", env, estimator="kalmann")
+
+
+def test_the_paper_s_servo_has_an_older_name(make_env):
+    """It was the unified servo by test motions, and still makes the same motions under that name."""
+    env = make_env(max_episode_steps=20)
+    words = []
+    for name, settings in (("paper_servo", {}), ("unified_servo", {"estimator": "test_motions"})):
+        agent = agents.make(name, env, redundancy="omit", **settings)
+        observation, _ = env.reset(seed=3)
+        state, made = None, []
+        for _ in range(12):
+            word, state = agent.predict(observation, state)
+            observation, *_ = env.step(word)
+            made.append(word)
+        words.append(made)
+    np.testing.assert_array_equal(*words)
+
+
+def test_which_servo_corrects_the_paper_s_table(make_env):
+    """The paper's own; with an estimator chosen, the unified one by that."""
+    env = make_env()
+    assert agents.make("grid_table", env).servo == PaperServo()
+    assert agents.make("grid_table", env, estimator="kalman").servo == UnifiedServo()
+    assert agents.make("grid_table", env, estimator="test_motions").servo == PaperServo()
+
+
+def test_a_batched_environment_to_learn_in_is_refused():
+    batch = gym.make_vec("CalFree/Reach-v0", num_envs=2)
+    with pytest.raises(ValueError, match="one environment at a time"):
+        agents.make("grid_table", batch)

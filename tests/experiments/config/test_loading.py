@@ -1,0 +1,207 @@
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from experiments.config.loading import load
+from experiments.errors import ConfigError
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.name)
+def test_every_shipped_configuration_is_valid(path):
+    load(path)
+
+
+def test_what_is_written_is_what_is_read(suite_data, write_config):
+    suite = load(write_config(suite_data))
+    assert suite.scenarios[0].motions == 90
+    assert suite.scenarios[0].env.world == "wild"
+    assert suite.agents[1].label == "unified_servo"
+
+
+def spoil(data, path, value):
+    *parents, last = path
+    for key in parents:
+        data = data[key]
+    data[last] = value
+
+
+ENV = ("scenarios", 0, "env")
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "where", "said"),
+    [
+        ((*ENV, "camera_mont"), "waist", "scenarios.0.env.camera_mont", "allowed: id, world, cam"),
+        ((*ENV, "camera_mount"), "wrist", "scenarios.0.env.camera_mount", "allowed: waist, stand"),
+        ((*ENV, "world"), "wilt", "scenarios.0.env.world", "did you mean wild?"),
+        ((*ENV, "id"), "CalFree/Reach-v9", "scenarios.0.env.id", "CalFree/Reach-v0"),
+        ((*ENV, "dynamics"), "magic", "scenarios.0.env.dynamics", "'physics' or 'kinematic'"),
+        ((*ENV, "tolerance_px"), -1.0, "scenarios.0.env.tolerance_px", "greater than 0"),
+        ((*ENV, "tolerance_px"), 900.0, "scenarios.0.env.tolerance_px", "less than 512"),
+        (("scenarios", 0, "motions"), "1e6", "scenarios.0.motions", "found '1e6'"),
+        (("scenarios", 0, "motions"), True, "scenarios.0.motions", "found True"),
+        (("evaluation", "evry"), 5, "evaluation.evry", "(did you mean every?); allowed: every, trials"),
+        (("sead",), 5, "sead", "allowed: name, question, seed"),
+        (("agents", 1, "name"), "unified_serwo", "agents.1.name", "did you mean unified_servo"),
+        (("agents", 1), {"name": "random"}, "agents", "label random stands twice"),
+        (("agents", 1), 7, "agents.1", "found 7"),
+        (("agents", 1), "randm", "agents.1.name", "did you mean random?"),
+        (("evaluation", "every"), 91, "evaluation.every is 91", "scenario 'aimed' has 90 motions"),
+        ((*ENV, "tell"), ["joint_angles"], "scenarios.0.env.tell: unknown key", "allowed: id, world"),
+        (("scenarios",), [], "sweeps: found ()", "neither scenarios nor sweeps are given"),
+        ((*ENV, "redraw"), "always", "scenarios.0.env.redraw", "'never' or 'trial'"),
+        (("agents",), [], "agents", "at least 1"),
+        (
+            ("scenarios", 0, "perturbations", 0, "do", "type"),
+            "camera_am",
+            "scenarios.0.perturbations.0.do.type is 'camera_am' (did you mean camera_aim",
+            "camera_roll",
+        ),
+        (
+            ("scenarios", 0, "perturbations", 0, "at", "motion"),
+            90,
+            "scenarios.0.perturbations.0.at.motion is 90",
+            "never, in a lifetime of 90 motions",
+        ),
+        (("agents", 1, "settings"), {"tset_px": 3}, "agents.1.settings", "tset_px"),
+        (("agents", 1, "settings"), {"test_px": -3.0}, "agents.1.settings", "test_px"),
+        (("agents", 1, "settings"), {"seed": 3}, "agents.1.settings", "seed"),
+        (("agents", 1), {"name": "sac", "settings": {"gama": 0.9}}, "agents.1.settings", "gama"),
+    ],
+)
+def test_errors_say_where_what_and_what_else(suite_data, write_config, path, value, where, said):
+    spoil(suite_data, path, value)
+    config = write_config(suite_data)
+    with pytest.raises(ConfigError) as error:
+        load(config)
+    assert str(config) in str(error.value)
+    assert f"\n  {where}" in str(error.value)
+    assert said in str(error.value)
+
+
+def test_one_wrong_key_is_one_error(suite_data, write_config):
+    spoil(suite_data, (*ENV, "world"), "wilt")
+    with pytest.raises(ConfigError) as error:
+        load(write_config(suite_data))
+    assert str(error.value).count("\n") == 1
+
+
+def test_a_missing_key_is_named(suite_data, write_config):
+    del suite_data["scenarios"][0]["name"]
+    with pytest.raises(ConfigError, match=r"scenarios\.0\.name: missing"):
+        load(write_config(suite_data))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("seed: 1\nworlds: 2\nseed: 3\n", "suite.yaml, line 1, column 1: .*the key 'seed' stands twice"),
+        ("- 1\n", "found list"),
+        ("a: [1\n", "suite.yaml, line 2, column 1: is not valid YAML: .*flow sequence"),
+        ("a: 1\nb: 2\n  c: 3\n", "suite.yaml, line 3, column 4: is not valid YAML"),
+        ("? [1]\n: 2\n", "not valid YAML"),
+        ("a: \x07", "not valid YAML"),
+    ],
+)
+def test_files_that_are_no_mapping(write_config, text, said):
+    with pytest.raises(ConfigError, match=said):
+        load(write_config(text))
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read"):
+        load(tmp_path / "nowhere.yaml")
+
+
+def test_settings_may_stand_in_a_file(suite_data, write_config, tmp_path):
+    (tmp_path / "words.yaml").write_text("limit: 0.5\n")
+    suite_data["agents"][0]["settings"] = "words.yaml"
+    assert load(write_config(suite_data)).agents[0].settings == {"limit": 0.5}
+
+
+def test_an_error_in_a_file_of_settings_names_that_file(suite_data, write_config, tmp_path):
+    (tmp_path / "words.yaml").write_text("limit: 0.5\n- 1\n")
+    suite_data["agents"][0]["settings"] = "words.yaml"
+    with pytest.raises(ConfigError, match=r"words\.yaml, line 2, column 1: is not valid YAML"):
+        load(write_config(suite_data))
+
+
+def test_a_bare_name_is_an_agent(suite_data, write_config):
+    suite_data["agents"] = ["random", {"name": "unified_servo"}]
+    assert [agent.label for agent in load(write_config(suite_data)).agents] == ["random", "unified_servo"]
+
+
+def test_overrides_are_read_as_yaml_and_answered_like_the_file(suite_data, write_config):
+    config = write_config(suite_data)
+    suite = load(config, ["worlds=5", "scenarios.0.motions=200", "agents.0.settings.limit=0.5"])
+    assert (suite.worlds, suite.scenarios[0].motions) == (5, 200)
+    assert suite.agents[0].settings == {"limit": 0.5}
+    for override, said in {
+        "world=5": "world: unknown key (did you mean worlds?)",
+        "worlds=two": "worlds: found 'two'",
+        "worlds": "found no key=value",
+        "agents.7.name=random": "found '7'; allowed: 0 to 1",
+        "worlds.0=1": "leads into 2, which has no keys",
+        "worlds=[": "the value is not valid YAML",
+    }.items():
+        with pytest.raises(ConfigError) as error:
+            load(config, [override])
+        assert said in str(error.value)
+
+
+def leaves(value, path=()):
+    if isinstance(value, dict | list):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(item, (*path, key))
+    else:
+        yield path
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_damage_gets_an_error_that_names_its_place(suite_data, write_config, data):
+    """A key dropped, misspelled or given a value of a kind that it never has."""
+    paths = [path for path in leaves(suite_data) if path[-1] not in OPTIONAL]
+    path = data.draw(st.sampled_from(paths))
+    spoiled = yaml.safe_load(yaml.safe_dump(suite_data))
+    *parents, last = path
+    parent = spoiled
+    for key in parents:
+        parent = parent[key]
+    damage = data.draw(st.sampled_from(["drop", "misspell", "list", "null", "mapping"]))
+    if damage == "drop":
+        del parent[last]
+    elif damage == "misspell":
+        parent[f"{last}x"] = parent.pop(last)
+    else:
+        parent[last] = {"list": [[1]], "null": None, "mapping": {"a": 1}}[damage]
+    config = write_config(spoiled)
+    with pytest.raises(ConfigError) as error:
+        load(config)
+    first, *wrong = str(error.value).splitlines()
+    assert str(config) in first
+    named = ".".join(map(str, path))
+    within = ".".join(map(str, parents))
+    assert any(named in line or (within and line.strip().startswith(within)) for line in wrong)
+
+
+OPTIONAL = {"seed", "camera_mount", "tolerance_px", "dynamics", "max_episode_steps", "camera", "degrees"}
+"""Keys that may be left out of a configuration, or drawn."""
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(cut=st.integers(1, 500))
+def test_a_file_that_was_cut_off_is_answered_in_one_message(suite_data, write_config, cut):
+    text = yaml.safe_dump(suite_data)
+    config = write_config(text[: len(text) - min(cut, len(text) - 1)])
+    said = str(config)
+    try:
+        load(config)
+    except ConfigError as error:
+        said = str(error)
+    assert said.startswith(str(config))

@@ -1,0 +1,106 @@
+"""Curves and tables over runs whose checkpoints fall at different motions, or that failed."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.config.suite import ScenarioConfig
+from experiments.reporting.finished_suite import MOTIONS, SUCCESS, with_cost
+from experiments.reporting.held_out.estimates import held_out_curve, moments, training_curve
+
+CAP = 60
+
+
+@pytest.fixture
+def scenario(suite_data):
+    env = suite_data["scenarios"][0]["env"] | {"max_episode_steps": CAP}
+    return ScenarioConfig(**suite_data["scenarios"][0] | {"motions": 300, "env": env, "perturbations": []})
+
+
+def table(scenario, *rows):
+    """From (world, phase, lifetime motions, motions since a perturbation, success, motions)."""
+    names = ["world", "phase", "lifetime_motions", "motions_since_perturbation", "success", "motions"]
+    data = pd.DataFrame(rows, columns=names)
+    data["motions_since_perturbation"] = data["motions_since_perturbation"].astype("Int64")
+    data["distance_mm"] = 10.0 * (data["world"] + 1)
+    return with_cost(data.assign(scenario=scenario.name, agent="servo"), scenario)
+
+
+@pytest.fixture
+def perturbed_at_different_motions(scenario):
+    return table(
+        scenario,
+        (0, "eval", 0, None, True, 10),
+        (0, "eval", 100, None, True, 10),
+        (0, "eval", 121, 1, False, 60),
+        (0, "eval", 300, 180, True, 20),
+        (1, "eval", 0, None, True, 20),
+        (1, "eval", 100, None, True, 20),
+        (1, "eval", 161, 1, True, 40),
+        (1, "eval", 300, 140, True, 40),
+    )
+
+
+def test_between_its_checkpoints_a_run_keeps_its_last_score(perturbed_at_different_motions, scenario):
+    curve = held_out_curve(perturbed_at_different_motions, "servo", MOTIONS, 2, scenario)
+    assert list(curve.motions) == [0, 100, 121, 161, 300]
+    np.testing.assert_array_equal(curve.runs, [[10, 10, 60, 60, 20], [20, 20, 20, 40, 40]])
+
+
+def test_only_runs_without_any_row_are_worst(perturbed_at_different_motions, scenario):
+    curve = held_out_curve(perturbed_at_different_motions, "servo", SUCCESS, 3, scenario)
+    np.testing.assert_array_equal(curve.runs, [[1, 1, 0, 0, 1], [1, 1, 1, 1, 1], [0, 0, 0, 0, 0]])
+    nothing = held_out_curve(perturbed_at_different_motions, "sac", MOTIONS, 3, scenario)
+    np.testing.assert_array_equal(nothing.runs, np.full((3, 2), CAP))
+
+
+def test_a_stretch_without_a_trial_is_no_failure(scenario):
+    rows = table(
+        scenario,
+        (0, "train", 50, None, True, 50),
+        (0, "train", 90, None, True, 40),
+        (0, "train", 210, None, True, 30),
+        (1, "train", 60, None, True, 60),
+        (1, "train", 110, None, True, 50),
+    )
+    curve = training_curve(rows, "servo", MOTIONS, 2, scenario, width=100)
+    assert list(curve.motions) == [50, 150, 250]
+    np.testing.assert_array_equal(curve.runs, [[45, 45, 30], [60, 50, 50]])
+
+
+def test_a_finished_lifetime_too_short_for_a_trial_has_no_training_curve(scenario):
+    rows = table(scenario, (0, "eval", 0, None, True, 10), (1, "eval", 0, None, True, 10))
+    curve = training_curve(rows, "servo", MOTIONS, 2, scenario, width=100)
+    assert curve.mean.shape == curve.band()[0].shape == (0,)
+
+
+def test_every_run_has_its_own_moments(perturbed_at_different_motions):
+    found = moments(perturbed_at_different_motions, "servo", 2, CAP)
+    assert list(found) == ["before", "right after", "at the end"]
+    assert [m.lifetime_motions for m in found.values()] == [(100, 100), (121, 161), (300, 300)]
+    assert [m.motions_per_reach.value for m in found.values()] == [15, 50, 30]
+    assert [m.success.value for m in found.values()] == [1, 0.5, 1]
+    assert [m.worlds for m in found.values()] == [2, 2, 2]
+
+
+def test_failed_runs_are_worst_at_every_moment_but_have_no_distance(perturbed_at_different_motions):
+    found = moments(perturbed_at_different_motions, "servo", 4, CAP)
+    assert [m.success.value for m in found.values()] == [0.5, 0.25, 0.5]
+    assert [m.worlds for m in found.values()] == [2, 2, 2]
+    assert found["at the end"].distance_mm == 15
+    assert found["before"].motions_per_reach.value == (20 + CAP) / 2
+    assert moments(perturbed_at_different_motions, "sac", 4, CAP) == {}
+
+
+def test_a_run_that_is_not_perturbed_has_only_an_end(perturbed_at_different_motions, scenario):
+    calm = table(scenario, (2, "eval", 0, None, True, 10), (2, "eval", 300, None, True, 10))
+    rows = pd.concat([perturbed_at_different_motions, calm])
+    found = moments(rows, "servo", 3, CAP)
+    assert [m.worlds for m in found.values()] == [2, 2, 3]
+    assert found["before"].success.value == 1
+    assert list(moments(calm, "servo", 1, CAP)) == ["at the end"]
+
+
+def test_a_lifetime_that_begins_perturbed_has_no_before(scenario):
+    rows = table(scenario, (0, "eval", 0, 0, True, 10), (0, "eval", 300, 300, True, 10))
+    assert list(moments(rows, "servo", 1, CAP)) == ["right after", "at the end"]

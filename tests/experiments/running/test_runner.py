@@ -1,0 +1,222 @@
+"""The runner, from a YAML file to the report, with real agents in real processes."""
+
+import errno
+import json
+import os
+import shutil
+
+import pandas as pd
+import pytest
+
+from experiments.__main__ import main
+from experiments.running.results_folder import locked
+
+UNIQUE_PER_RUN = ["run", "phase", "lifetime_motions", "trial"]
+
+
+def run(config, out):
+    return main(["run", str(config), "--out", str(out), "--jobs", "2"])
+
+
+def test_from_configuration_to_report(finished, capsys):
+    config, out = finished
+    results = pd.read_parquet(out / "results.parquet")
+    assert set(results["agent"]) == {"random", "unified_servo"}
+    assert not results.duplicated(UNIQUE_PER_RUN).any()
+
+    held_out = results[results["phase"] == "eval"]
+    for _, of_run in held_out.groupby("run"):
+        # On schedule at 0, 40, 80; right after the perturbation at 50; at the end.
+        assert list(of_run["lifetime_motions"].unique()) == [0, 40, 51, 80, 90]
+        assert (of_run.groupby("lifetime_motions").size() == 2).all()
+        since = of_run.groupby("lifetime_motions")["motions_since_perturbation"].first()
+        assert since.loc[[0, 40]].isna().all()
+        assert list(since.loc[[51, 80, 90]]) == [1, 30, 40]
+    servo = held_out[held_out["agent"] == "unified_servo"]
+    assert servo["success"].mean() > held_out[held_out["agent"] == "random"]["success"].mean()
+
+    page = (out / "report.html").read_text()
+    assert "<script" not in page
+    assert page.count("<svg") == 2
+    assert "Does &lt;it&gt; run?" in page
+    assert "camera_aim (camera left, degrees 20)" in page
+    assert "FAILED" not in page
+    for name in ("aimed-held-out", "aimed-training"):
+        assert (out / "figures" / f"{name}.png").exists()
+        assert (out / "figures" / f"{name}.svg").exists()
+
+    done = sorted(out.glob("runs/*/DONE.json"))
+    before = [path.stat().st_mtime_ns for path in done]
+    shutil.rmtree(done[0].parent)
+    capsys.readouterr()
+    assert run(config, out) == 0
+    assert "4 runs, 3 of them finished already" in capsys.readouterr().out
+    assert [path.stat().st_mtime_ns for path in done[1:]] == before[1:]
+    again = pd.read_parquet(out / "results.parquet")
+    pd.testing.assert_frame_equal(results, again)  # the run that was made again is the same
+
+
+def test_results_of_other_code_are_named_and_refused(finished, capsys):
+    config, out = finished
+    folder = sorted(out.glob("runs/*"))[-1]
+    made_by = json.loads((folder / "versions.json").read_text())
+    (folder / "versions.json").write_text(json.dumps(made_by | {"code": "older"}))
+    for command in (["run", str(config), "--out", str(out)], ["report", str(out)]):
+        capsys.readouterr()
+        assert main(command) == 2
+        said = capsys.readouterr().err
+        assert folder.name in said
+        assert "code" in said
+        assert "another --out" in said
+    assert (folder / "DONE.json").exists()
+
+
+def test_results_of_another_configuration_are_named_and_refused(finished, suite_data, write_config, capsys):
+    _, out = finished
+    changed = write_config(suite_data | {"evaluation": {"every": 60, "trials": 2}})
+    capsys.readouterr()
+    assert run(changed, out) == 2
+    said = capsys.readouterr().err
+    assert "holds 4 finished runs that this configuration does not have" in said
+    assert "evaluation.every was 40, is 60" in said
+    assert run(write_config(suite_data), out) == 0
+
+
+def test_more_worlds_go_on_in_the_same_folder_also_where_it_was_moved(finished, tmp_path, capsys):
+    config, out = finished
+    out = shutil.move(out, tmp_path / "elsewhere")
+    capsys.readouterr()
+    assert main(["run", str(config), "--out", str(out), "--set", "worlds=3"]) == 0
+    assert "6 runs, 4 of them finished already" in capsys.readouterr().out
+    assert main(["report", str(out)]) == 0
+
+
+def test_one_crash_fails_one_run_loudly(suite_data, write_config, tmp_path, capsys):
+    aimed = suite_data["scenarios"][0]
+    away = {"type": "camera_aim", "camera": "left", "degrees": 180}
+    turned = {**aimed, "name": "turned", "perturbations": [{"at": {"motion": 50}, "do": away}]}
+    suite_data |= {"worlds": 1, "agents": [{"name": "random"}], "scenarios": [aimed, turned]}
+    out = tmp_path / "out"
+    assert run(write_config(suite_data), out) == 1
+    printed = capsys.readouterr()
+    assert "FAILED" in printed.out
+    assert "the world after" in printed.out
+    assert "1 runs FAILED or did not finish" in printed.err
+    results = pd.read_parquet(out / "results.parquet")
+    assert set(results["scenario"]) == {"aimed"}
+    page = (out / "report.html").read_text()
+    assert page.index("1 of 2 runs FAILED") < page.index("Scenario aimed")
+    assert "the world after" in page
+    assert "<td>random</td><td>no run finished</td><td>0 of 1</td>" in page
+    assert main(["report", str(out)]) == 0
+
+
+def test_a_report_is_of_the_finished_runs_alone(finished):
+    _, out = finished
+    done = sorted(out.glob("runs/*/DONE.json"))
+    done[0].unlink()  # as an interrupt would have left it
+    assert main(["report", str(out)]) == 0
+    results = pd.read_parquet(out / "results.parquet")
+    assert set(results["run"]) == {path.parent.name for path in done[1:]}
+    page = (out / "report.html").read_text()
+    assert "1 of 4 runs FAILED or did not finish" in page
+    assert f"{done[0].parent.name}  " in page
+    assert "(never finished)" in page
+
+
+def test_curves_are_tensorboard_events(finished):
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    _, out = finished
+    results = pd.read_parquet(out / "results.parquet")
+    folder = sorted(out.glob("runs/*unified_servo*"))[0]
+    events = EventAccumulator(str(folder)).Reload()
+    shown = {event.step: event.tensor_proto.float_val[0] for event in events.Tensors("eval/motions")}
+    of_run = results[(results["run"] == folder.name) & (results["phase"] == "eval")]
+    means = of_run.groupby("lifetime_motions")["motions"].mean()
+    assert shown == pytest.approx(means.to_dict())
+    assert len(events.Tensors("train/error_px")) > 3
+
+
+def test_status_tells_done_failed_interrupted_and_waiting(finished, capsys):
+    _, out = finished
+    assert main(["status", str(out)]) == 0
+    assert "4 runs: 4 done; no runner is at work" in capsys.readouterr().out
+    one, two, three, _ = sorted(out.glob("runs/*"))
+    for folder in (one, two):
+        (folder / "DONE.json").unlink()
+    (one / "FAILED.json").write_text(json.dumps({"exit_code": 3, "log_tail": ["boom"]}))
+    shutil.rmtree(three)
+    assert main(["status", str(out)]) == 1
+    said = capsys.readouterr().out
+    assert "exit code 3: boom" in said
+    assert "after 90 of 90 motions; begins anew" in said
+    assert "1 failed" in said
+    assert "1 interrupted" in said
+    assert "1 waiting" in said
+    assert "1 done" in said
+    with locked(out):
+        main(["status", str(out)])
+    said = capsys.readouterr().out
+    assert "1 running" in said
+    assert "a runner is at work" in said
+
+
+def test_two_runners_in_one_folder_are_refused(finished, monkeypatch, capsys):
+    config, out = finished
+    monkeypatch.setattr("experiments.running.results_folder.PATIENCE", 0.0)
+    with locked(out):
+        assert main(["run", str(config), "--out", str(out)]) == 2
+    assert "another runner is at work here" in capsys.readouterr().err
+
+
+def test_fail_fast_stops_at_the_first_failure(suite_data, write_config, tmp_path, capsys):
+    away = {"type": "camera_aim", "camera": "left", "degrees": 180}
+    suite_data["scenarios"][0]["perturbations"] = [{"at": {"motion": 50}, "do": away}]
+    out = tmp_path / "out"
+    command = ["run", str(write_config(suite_data)), "--out", str(out), "--fail-fast"]
+    assert main(command) == 1
+    assert len(list(out.glob("runs/*/FAILED.json"))) == 1
+    assert len(list(out.glob("runs/*"))) == 1
+    assert "4 runs FAILED or did not finish" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_written_is_one_message(suite_data, write_config, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert run(write_config(suite_data), tmp_path / "file" / "out") == 2
+    assert capsys.readouterr().err.startswith("error: Not a directory")
+
+
+def test_a_full_disk_loses_nothing(suite_data, write_config, tmp_path, capsys, monkeypatch):
+    config, out = write_config(suite_data), tmp_path / "out"
+    real = os.fsync
+    left = iter([None] * 5)
+
+    def full(descriptor):
+        if next(left, "full") == "full":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(["run", str(config), "--out", str(out)]) == 2
+    assert "No space left on device; what has finished is kept" in capsys.readouterr().err
+    done = len(list(out.glob("runs/*/DONE.json")))
+    monkeypatch.setattr(os, "fsync", real)
+    assert run(config, out) == 0
+    assert f"4 runs, {done} of them finished already" in capsys.readouterr().out
+
+
+def test_user_errors_are_one_message(capsys, tmp_path):
+    assert main(["validate", str(tmp_path / "no.yaml")]) == 2
+    assert "no.yaml" in capsys.readouterr().err
+    assert main(["report", str(tmp_path)]) == 2
+    assert "no results here" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as error:
+        main(["run", "a.yaml", "--out", "b", "--jobs", "0"])
+    assert error.value.code == 2
+    assert "argument --jobs: found '0'; must be a whole number, 1 or more" in capsys.readouterr().err
+
+
+def test_validate_counts_the_work(suite_data, write_config, capsys):
+    assert main(["validate", str(write_config(suite_data))]) == 0
+    assert "2 agents, 1 scenario, 2 worlds: 4 runs, 360 motions" in capsys.readouterr().out

@@ -1,0 +1,112 @@
+"""One run, made in this process: what is the same for every agent, and what evaluation changes."""
+
+import json
+
+import numpy as np
+import pytest
+
+from experiments.config.suite import Suite
+from experiments.running import worker
+from experiments.running.lifetime import LifetimeRecorder
+from experiments.running.plan import runs_of
+
+AGENTS = [
+    {"name": "random"},
+    {"name": "unified_servo"},
+    {"name": "grid_table"},
+    {"name": "sac", "settings": {"net_arch": [16], "learning_starts": 10, "buffer_size": 300}},
+]
+AIM = {"type": "camera_aim", "camera": "left"}  # by how much is drawn
+
+
+class Watched(LifetimeRecorder):
+    """Keeps the worlds and objects that its agent meets."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.worlds = [self.world]
+        self.objects = []
+
+    def reset(self, **arguments):
+        observation, info = super().reset(**arguments)
+        if not (self.objects and np.array_equal(self.objects[-1], info["truth"]["object"])):
+            self.objects.append(info["truth"]["object"])
+        return observation, info
+
+    def step(self, action):
+        result = super().step(action)
+        if self.world != self.worlds[-1]:
+            self.worlds.append(self.world)
+        return result
+
+
+@pytest.fixture
+def run_all(suite_data, tmp_path, monkeypatch):
+    """Makes every run of the suite, and returns its spec, its recorder and its rows."""
+
+    def make(data=suite_data):
+        runs = runs_of(Suite.model_validate(data))
+        recorders = []
+        monkeypatch.setattr(
+            worker, "LifetimeRecorder", lambda *a: recorders.append(Watched(*a)) or recorders[-1]
+        )
+        rows = []
+        for spec in runs:
+            worker.run_lifetime(spec, tmp_path)
+            lines = (tmp_path / "trials.jsonl").read_text().splitlines()
+            rows.append([json.loads(line) for line in lines])
+        return list(zip(runs, recorders, rows, strict=True))
+
+    return make
+
+
+@pytest.mark.parametrize("at", [{"trial": 3}, {"motion": 40}], ids=str)
+def test_every_agent_meets_the_same_worlds_trials_and_perturbations(suite_data, run_all, at):
+    suite_data["agents"] = AGENTS
+    suite_data["scenarios"][0]["perturbations"] = [{"at": at, "do": AIM}]
+    recorders = run_all()
+    for world in range(suite_data["worlds"]):
+        ours = [recorder for spec, recorder, _ in recorders if spec.world == world]
+        assert len(ours) == len(AGENTS)
+        assert all(recorder.worlds == ours[0].worlds for recorder in ours)
+        assert len(ours[0].worlds) == 2
+        if "trial" in at:  # else some agents meet trial t before the perturbation, others after it
+            common = min(len(recorder.objects) for recorder in ours)
+            assert common > 3
+            for recorder in ours:
+                np.testing.assert_array_equal(recorder.objects[:common], ours[0].objects[:common])
+    assert recorders[0][1].worlds[0] != recorders[1][1].worlds[0]
+
+
+def test_checkpoints_are_the_same_for_agents_that_reset_at_once(suite_data, run_all, monkeypatch):
+    """Stable-baselines3 resets before its callback, a servo after it: the perturbation waits for neither."""
+    suite_data |= {"worlds": 1, "agents": [AGENTS[1], AGENTS[3]]}
+    suite_data["scenarios"][0]["perturbations"] = [{"at": {"trial": 2}, "do": AIM}]
+    suite_data["scenarios"][0]["env"]["tolerance_px"] = 0.01  # never reached: trial 2 begins after 40 motions
+    worlds, evaluate = [], worker.evaluate
+
+    def watched(agent, env, trials, seed):
+        worlds.append(env.unwrapped.world)
+        return evaluate(agent, env, trials, seed)
+
+    monkeypatch.setattr(worker, "evaluate", watched)
+    recorders = run_all()
+    for _, _, rows in recorders:
+        held_out = [row for row in rows if row["phase"] == "eval" and row["trial"] == 0]
+        checkpoints = [(row["lifetime_motions"], row["motions_since_perturbation"]) for row in held_out]
+        assert checkpoints == [(0, None), (40, None), (41, 1), (80, 40), (90, 50)]
+    assert worlds[:5] == worlds[5:]
+    assert worlds[1] == worlds[0] != worlds[2] == worlds[4]
+    assert recorders[0][1].perturbations == recorders[1][1].perturbations
+
+
+@pytest.mark.parametrize("agent", AGENTS, ids=lambda agent: agent["name"])
+def test_evaluation_changes_nothing_in_the_agent(suite_data, run_all, agent):
+    suite_data |= {"worlds": 1, "agents": [agent]}
+    trials = []
+    for every in (20, 90):
+        suite_data["evaluation"]["every"] = every
+        ((_, _, rows),) = run_all()
+        trials.append([row for row in rows if row["phase"] == "train"])
+    assert len(trials[0]) >= 4
+    assert trials[0] == trials[1]

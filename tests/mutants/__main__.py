@@ -1,0 +1,132 @@
+"""`python -m tests.mutants [--jobs 2] [--only NAME]`: does a test notice each of the edits in mutants.yaml?
+
+Each job works on a copy of the repository in a temporary folder; the checkout is never edited.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import SimpleQueue
+
+from tests.mutants.mutant import ROOT, Mutant, mutants
+
+LEFT_OUT = (".git", ".venv", "__pycache__", ".*_cache", "runs", "results", "site", "dist", "build")
+FAILED, BROKEN = 1, 2
+"""What pytest exits with where a test failed, and where one could not even be collected."""
+SECONDS = 180
+"""A mutant that takes longer has been noticed: it goes on for ever."""
+NOTICED, SURVIVED = "noticed", "SURVIVED"
+
+
+def main() -> int:
+    """Tries all mutants; 0 where every one was noticed."""
+    parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
+    parser.add_argument("--jobs", type=int, default=2, help="how many are tried at once")
+    parser.add_argument("--only", action="append", metavar="NAME", help="only this one (may be repeated)")
+    arguments = parser.parse_args()
+    chosen = mutants()
+    if arguments.only:
+        unknown = set(arguments.only) - {mutant.name for mutant in chosen}
+        if unknown:
+            parser.error(f"unknown mutants: {', '.join(sorted(unknown))}")
+        chosen = [mutant for mutant in chosen if mutant.name in arguments.only]
+    start = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        copies: SimpleQueue[Path] = SimpleQueue()
+        for job in range(arguments.jobs):
+            copy = Path(folder) / str(job) / ROOT.name
+            shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*LEFT_OUT))
+            copies.put(copy)
+        if not _pass_unedited(chosen, copies, arguments.jobs):
+            return 1
+        verdicts = _verdicts(chosen, copies, arguments.jobs)
+    bad = [f"{mutant.name}: {verdict}" for mutant, verdict in verdicts.items() if verdict != NOTICED]
+    print(f"\n{len(chosen) - len(bad)} of {len(chosen)} noticed in {time.monotonic() - start:.0f} s")
+    print("\n".join(bad))
+    return 1 if bad else 0
+
+
+def _pass_unedited(chosen: Sequence[Mutant], copies: SimpleQueue[Path], jobs: int) -> bool:
+    """Whether the named tests pass as long as nothing is edited: else their failure would say nothing."""
+    copy = copies.get()
+    named = sorted({test for mutant in chosen for test in mutant.tests})
+    code = _pytest(copy, [*named, "-n", str(jobs)], quiet=False, seconds=10 * SECONDS)
+    copies.put(copy)
+    return code == 0
+
+
+def _verdicts(chosen: Sequence[Mutant], copies: SimpleQueue[Path], jobs: int) -> dict[Mutant, str]:
+    """What becomes of each mutant."""
+
+    def judge(mutant: Mutant) -> str:
+        copy = copies.get()
+        start = time.monotonic()
+        try:
+            verdict = _verdict(mutant, copy)
+        finally:
+            copies.put(copy)
+        print(f"{verdict:<16} {time.monotonic() - start:5.1f} s  {mutant.name} ({mutant.file})", flush=True)
+        return verdict
+
+    with ThreadPoolExecutor(jobs) as pool:
+        return dict(zip(chosen, pool.map(judge, chosen), strict=True))
+
+
+def _verdict(mutant: Mutant, copy: Path) -> str:
+    """Edits the copy, runs the tests, and undoes the edit."""
+    path = copy / mutant.file
+    original = path.read_text(encoding="utf-8")
+    try:
+        _write(path, mutant.applied(original))
+    except ValueError:
+        return "does not apply"
+    try:
+        code = _pytest(copy, ["-x", *mutant.tests], quiet=True, seconds=SECONDS)
+    finally:
+        _write(path, original)
+    if code in (None, FAILED, BROKEN):
+        return NOTICED
+    return SURVIVED if code == 0 else f"pytest exits with {code}"
+
+
+def _write(path: Path, text: str) -> None:
+    """Writes a module, and forgets its bytecode: by size and second two edits may look the same."""
+    path.write_text(text, encoding="utf-8")
+    for compiled in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
+        compiled.unlink()
+
+
+def _pytest(copy: Path, arguments: Sequence[str], quiet: bool, seconds: float) -> int | None:
+    """What pytest exits with in a copy; None where it takes too long."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
+    output = subprocess.DEVNULL if quiet else None
+    process = subprocess.Popen(
+        command,
+        cwd=copy,
+        env={**os.environ, "PYTHONPATH": str(copy)},
+        stdout=output,
+        stderr=output,
+        start_new_session=True,
+    )
+    try:
+        return process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
