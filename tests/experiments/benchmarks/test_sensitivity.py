@@ -27,7 +27,7 @@ def test_constants_of_settings_classes_and_modules_are_found():
     assert LABELS["Kalman.CURVE"].value == Kalman.CURVE
     assert LABELS["redundancy.ROBUST_PX"].value == 8.0
     assert {"Gating.GATE_PX", "Gating.UNKNOWN_GATE_PX", "Gating.WARY_GATE_PX"} <= LABELS.keys()
-    assert {"jump_px", "points", "GaussianProcess.REACH"} <= {each.label for each in FOUND["memory"]}
+    assert {"jump_px", "points", "HomeView.SIGMAS"} <= {each.label for each in FOUND["memory"]}
     assert all(len({each.label for each in found}) == len(found) for found in FOUND.values())
 
 
