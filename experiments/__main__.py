@@ -12,7 +12,18 @@ from experiments.config.loading import load
 from experiments.errors import ConfigError
 from experiments.running.plan import runs_of
 
-BENCHMARKS = ("speed", "servo", "controllers", "models", "robust", "table", "knowledge", "changes", "sac")
+BENCHMARKS = (
+    "speed",
+    "servo",
+    "controllers",
+    "models",
+    "robust",
+    "table",
+    "knowledge",
+    "changes",
+    "sac",
+    "sensitivity",
+)
 """As in `benchmarks.parts`, which is not loaded for other commands."""
 
 

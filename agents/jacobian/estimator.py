@@ -16,10 +16,13 @@ from agents.base.observation import Array, Flags
 from calfree_gym.image import IMAGE_UNIT
 
 MARKER_NOISE_PX = 0.7
-"""Noise of an image coordinate before any is known: that of a good marker, the 0.5 px of the worlds that the
-servos were tuned on (wild worlds 3000 and up) rounded up."""
+"""Noise of an image coordinate before any is known. Derived: the 0.5 px of a good marker, as in coarse
+and wild worlds, and a margin of √2."""
 UNKNOWN_VARIANCE = 1e4
-"""Variance of a column of which nothing is known, in (image units per word)²: a word may cross 100 images."""
+"""Variance of a column of which nothing is known, in (image units per word)². Derived: 100², far beyond any
+motor, whose word crosses a few images at most."""
+SIGN_CHANGE = 2.0
+"""A column that may have changed its sign is wrong by so many times its length. Derived: from j to -j."""
 
 
 def distance_jacobian(points_jacobian: Array) -> Array:
@@ -75,11 +78,11 @@ class Estimator(ABC):
         """The displacement (8,) as it was seen, and where it was not, as predicted."""
         return np.where(seen, moved, self.jacobian @ words)
 
-    def forget(self, deviation: float = 2.0) -> None:  # noqa: B027 (without memory nothing is to be forgotten)
+    def forget(self, deviation: float = SIGN_CHANGE) -> None:  # noqa: B027 (without memory nothing is to be forgotten)
         """Trusts what it knows no more than a guess: the next test motions decide.
 
         Args:
-            deviation: By how many times their length columns may be wrong; by 2 if a sign may have changed.
+            deviation: By how many times their length columns may be wrong.
         """
 
     @property

@@ -40,12 +40,13 @@ class Gating:
     GATE_SHARE = 0.6
     """And within this share of the predicted displacement beside: tuned likewise."""
     NOISES = 4.0
-    """And within so many standard deviations of the noise beside: one normal deviate in 16,000 is larger."""
+    """And within so many standard deviations of the noise beside. Derived: one normal deviate in 16,000 is
+    larger."""
     AGREE_PX = 6.0
-    """Points of two observations agree within this (METHODS: two that agree within 6 px are right in 99.6 %
-    at 40 % mistaken points), or within `NOISES` of their difference."""
+    """Points of two observations agree within this, or within `NOISES` of their difference: tuned in a
+    toy, where two that agreed within 6 px were right in 99.6 % of the cases at 40 % mistaken points."""
     MISTAKEN = 2.0
-    """A point was mistaken that is off by so many times what agreement allows."""
+    """A point was mistaken that is off by so many times what agreement allows: tuned likewise."""
 
     def __init__(self) -> None:
         self.mistakes = False

@@ -20,18 +20,19 @@ class LatencyEstimate:
 
     STILL_PX, STILL_NOISES = 1.5, 2.0
     """Points have not moved where they moved by less than this, and so many standard deviations of the noise
-    beside: at the 0.7 px of a good marker that is three standard deviations of a difference."""
+    beside. Derived: at the 0.7 px of a good marker that is three standard deviations of a difference."""
     CLEARLY, LATER = 1.8, 1.5
     """Two points that moved by so many times that limit came in time; that moved so far by observing again
     came late. Tuned on wild worlds 3000 and up, with and without latency."""
     FAR = 4.0
-    """A motion can only be missed where it was predicted to be so many times that limit."""
+    """A motion can only be missed where it was predicted to be so many times that limit: tuned likewise."""
     LARGE_PX, LARGE_NOISES = 6.0, 8.0
-    """A displacement is large enough to tell whether it came, beyond this."""
+    """A displacement is large enough to tell whether it came, beyond this: tuned likewise."""
     ARRIVED = 0.8
-    """A point that is off by this share of its predicted displacement has not moved yet (1: not at all)."""
+    """A point that is off by this share of its predicted displacement has not moved yet (1: not at all):
+    tuned likewise."""
     NOISY_PX = 3.0
-    """In more noise nothing can be told from one observation (as `NoiseEstimate.NOISY_PX`)."""
+    """In more noise nothing can be told from one observation: tuned, as `NoiseEstimate.NOISY_PX`."""
 
     def __init__(self) -> None:
         self.motions = 0

@@ -15,8 +15,8 @@ class Visibility:
     """
 
     PATIENCE = 4
-    """Where points are missing at times, one that was not seen in more observations is lost: with 30 %
-    missing that is a mistake in 0.3⁵ = 0.2 % of the cases."""
+    """Where points are missing at times, one that was not seen in more observations is lost. Derived: with
+    30 % missing that is a mistake in 0.3⁵ = 0.2 % of the cases."""
 
     def __init__(self) -> None:
         self.gaps = False

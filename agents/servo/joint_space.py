@@ -33,7 +33,9 @@ class JointSpaceServo(ProcedureAgent):
 
     privileged = ("joint_angles",)
     FIRST_WORD = 0.04
+    """Size of the very first test words: tuned on wild worlds 3000 and up."""
     TEST_PX = 8.0
+    """Image displacement wanted of a test motion: tuned likewise."""
 
     def __init__(
         self,

@@ -19,7 +19,11 @@ from calfree_gym.image import IMAGE_UNIT
 
 Equations = tuple[Array, Array]
 ROBUST_PX, ROBUST_NOISES = 8.0, 3.0
-"""A contradiction is large beyond this, and beyond so many times the noise of an image coordinate."""
+"""A contradiction is large beyond this, and beyond so many times the noise of an image coordinate: tuned on
+wild worlds 3000 and up."""
+REWEIGHTINGS = 3
+"""So often equations are weighed, by Cauchy's weights. Source: a few passes of IRLS are usual (Holland &
+Welsch 1977)."""
 
 
 def omit(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equations:
@@ -53,7 +57,7 @@ def weighted(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equatio
     usual = IMAGE_UNIT * max(ROBUST_PX, ROBUST_NOISES * noise_px)
     squares, direction = spare * spare, spare * ((spare @ distance) / usual)
     weights = np.ones(len(distance))
-    for _ in range(3):
+    for _ in range(REWEIGHTINGS):
         slack = 1 / weights
         weights = cauchy_weights(slack * direction / (slack @ squares))
     roots = np.sqrt(weights)

@@ -7,7 +7,7 @@ from typing import Any
 from agents.base.checks import check_number
 
 SMALLEST = 1e-6
-"""Of settings that must be positive."""
+"""Of settings that must be positive (a guard: some are divided by)."""
 
 
 def check_motions(servo: Any) -> None:

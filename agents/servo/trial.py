@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.base.observation import POINTS, Array, Flags, Observation
 from agents.jacobian import Estimator, distance_jacobian
+from agents.jacobian.estimator import SIGN_CHANGE
 from agents.perception import ObservationFilter
 from calfree_gym.image import lengths_px
 
@@ -53,15 +54,23 @@ class Trial:
     """A test motion is repeated at most so often (a guard: words double at least every other time)."""
     STOPPED = 1e-4
     """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
+    EXECUTED = 0.5
+    """A test motion of which a smaller share was executed is made anew, the other way: tuned on wild worlds
+    3000 and up."""
+    SMALLER = 0.5
+    """A test word shrinks by this where a point got lost. Source: bisection."""
     SMALLEST_TEST, LARGEST_TEST = 0.01, 0.5
-    """Sizes of test words: tuned on wild worlds 3000 and up."""
+    """Sizes of test words: tuned likewise."""
     MOST_GROWTH = 4.0
     """A test word grows or shrinks by this factor at most: tuned likewise."""
+    LEAST_PX = 0.1
+    """No motion moved the images by less (a guard: it is divided by)."""
     NOISES = 8.0
-    """A test motion is to move the images by so many times the noise: then a column is known to a sixth
-    (√2 / 8)."""
+    """A test motion is to move the images by so many times the noise. Derived: then a column is known to a
+    sixth (√2 / 8)."""
     CLEAR, HIDDEN = 4.0, 3.0
-    """A column is measured until it is so many times longer than its standard deviation; and anew below."""
+    """A column is measured until it is so many times longer than its standard deviation; and anew below:
+    tuned likewise."""
 
     def __init__(self, first: Observation, findings: Findings, first_word: float, test_px: float) -> None:
         motors = len(first.registers)
@@ -174,9 +183,9 @@ class Trial:
             words[motor] = self.test_words[motor]
             executed, moved = yield from self.move(words)
             if self.filter.lost.any():
-                self.test_words[motor] *= -0.5
+                self.test_words[motor] *= -self.SMALLER
                 yield from self.go_back()
-            elif abs(executed[motor]) < 0.5 * abs(words[motor]):
+            elif abs(executed[motor]) < self.EXECUTED * abs(words[motor]):
                 self.test_words[motor] *= -1
             else:
                 self._tested[motor] = executed[motor]
@@ -196,7 +205,7 @@ class Trial:
         clear = lengths > times * self.estimator.deviations(self._tested)
         return np.asarray(self.known.all(0) & (clear | (self._tested == 0)))
 
-    def forget(self, deviation: float = 2.0) -> None:
+    def forget(self, deviation: float = SIGN_CHANGE) -> None:
         """Trusts J no more than a guess, see `Estimator.forget`; test words get their size by it."""
         self.estimator.forget(deviation)
         self.known[:] = False
@@ -208,7 +217,7 @@ class Trial:
     def _adapt(self, motor: int, word: float, pixels: float) -> None:
         """Sizes the next test word of a motor by how far one of this size moved the images."""
         wanted = max(self._test_px, self.NOISES * self.filter.noise.px)
-        size = word * np.clip(wanted / max(pixels, 0.1), 1 / self.MOST_GROWTH, self.MOST_GROWTH)
+        size = word * np.clip(wanted / max(pixels, self.LEAST_PX), 1 / self.MOST_GROWTH, self.MOST_GROWTH)
         size = np.sign(size) * max(abs(size), self.SMALLEST_TEST)
         self.test_words[motor] = np.clip(size, -self.LARGEST_TEST, self.LARGEST_TEST)
 

@@ -26,7 +26,7 @@ class UnifiedServo:
     """Solves -d = J c°, executes, repeats; an estimator keeps J up to date by every motion.
 
     Test motions are made of motors of which nothing is known, and of all where steps no longer bring the
-    gripper nearer. The numbers below were tuned on wild worlds 3000 and up.
+    gripper nearer. The settings below were tuned on wild worlds 3000 and up.
 
     Attributes:
         estimator: How J is estimated: a name of `agents.jacobian.ESTIMATORS`.
@@ -52,13 +52,14 @@ class UnifiedServo:
     patience: int = 6
 
     NEARER: ClassVar[float] = 0.8
-    """A step came nearer that left less than this share of the least distance so far: tuned."""
+    """A step came nearer that left less than this share of the least distance so far: tuned likewise."""
     ARRIVED_PX: ClassVar[float] = 6.0
+    """Only a longer distance is worth new test motions. Derived: the usual tolerance of 4 px and three times
+    the noise of a good marker, 4 + 3 · 0.7, rounded."""
     DOUBTFUL: ClassVar[float] = 4.0
-    """A distance longer than that, and than so many times the blur of points, is worth new test motions:
-    6 px is the usual tolerance and three times its noise, rounded; 4 is tuned."""
+    """And only one of so many times the blur of points: tuned likewise."""
     DOUBT: ClassVar[float] = 0.3
-    """J is then taken to be wrong by that share of its columns: tuned."""
+    """J is then taken to be wrong by that share of its columns: tuned likewise."""
 
     def __post_init__(self) -> None:
         check_one_of("estimator", self.estimator, ESTIMATORS)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.benchmarks import baselines, changes, controllers, knowledge, speed
+from experiments.benchmarks import baselines, changes, controllers, knowledge, sensitivity, speed
 from experiments.reporting.tables import Table
 from experiments.running.versions import commit, versions
 
@@ -21,6 +21,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "knowledge": knowledge.knowledge,
     "changes": changes.changes,
     "sac": baselines.sac,
+    "sensitivity": sensitivity.tables,
 }
 """All but `speed`, which alone has peers."""
 
