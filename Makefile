@@ -3,7 +3,7 @@ BIN := .venv/bin
 STAMP := .venv/up-to-date
 JOBS ?= 2
 
-.PHONY: venv lint test test-all mutants compare docs
+.PHONY: venv lint test test-all mutants compare docs results-tables
 
 venv: $(STAMP)
 
@@ -29,6 +29,10 @@ mutants: venv
 
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+# Tables between markers in README.md and docs/, from the kept results in experiments/results.
+results-tables: venv
+	$(BIN)/python -m experiments results-tables
 
 compare: venv
 	$(BIN)/python -m experiments run configs/quick.yaml --out runs/quick --jobs $(JOBS)

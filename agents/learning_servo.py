@@ -9,12 +9,12 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.adaptation.recognition import Recognition
+from agents.adaptation.adaptive_knowledge import AdaptiveKnowledge
 from agents.base.checks import check_flag, check_number, checked_array
 from agents.base.observation import POINTS, Array, Observation
 from agents.base.procedure import Procedure
 from agents.jacobian import distance_jacobian
-from agents.knowledge.knowledge import Knowledge
+from agents.knowledge.interface import Knowledge
 from agents.perception import ObservationFilter, Observing
 from agents.servo.redundancy import solve
 from agents.servo.servo_agent import Servo, ServoAgent, earlier_name
@@ -41,7 +41,7 @@ class LearningServo(ServoAgent):
         jump_px: It moves at once only where it expects to end up no further off than this.
         every_look: Whether every observation of the gripper teaches, not only the rendezvous.
         on_change: What it does with its knowledge where the world has changed: one of
-            `agents.adaptation.recognition.ON_CHANGE`.
+            `agents.adaptation.adaptive_knowledge.ON_CHANGE`.
     """
 
     LATE_PX = 6.0
@@ -66,7 +66,7 @@ class LearningServo(ServoAgent):
             raise ValueError(
                 f"on_change {on_change!r} needs every_look: changes show in observations of the gripper"
             )
-        self.recognition = Recognition(knowledge, self.motors, on_change)
+        self.adaptation = AdaptiveKnowledge(knowledge, self.motors, on_change)
         self.jump_px = jump_px
         self.every_look = every_look
         self.camera_motors = np.zeros(self.motors, bool)
@@ -74,14 +74,14 @@ class LearningServo(ServoAgent):
     @property
     def knowledge(self) -> Knowledge:
         """What it remembers."""
-        return self.recognition.knowledge
+        return self.adaptation.knowledge
 
     def procedure(self, first: Observation, findings: Findings) -> Procedure:
         """See `ProcedureAgent`."""
         filter_ = ObservationFilter()
         now = yield from filter_.first(first)
         findings.trusted.append(now)
-        knowledge = self.recognition.fitting(now.gripper)
+        knowledge = self.adaptation.knowledge_for(now.gripper)
         if knowledge is not None:
             now = yield from self._jump(knowledge, now, filter_, findings)
             jacobian = self.implied_jacobian(knowledge, now.registers)
@@ -117,7 +117,7 @@ class LearningServo(ServoAgent):
         registers.append(self._rendezvous(last))
         sensors.append(trusted[0].object)
         teaches.append(ended and bool(trusted[0].visible[2:].all()))
-        self.recognition.learn(np.array(registers)[teaches], np.array(sensors)[teaches])
+        self.adaptation.learn(np.array(registers)[teaches], np.array(sensors)[teaches])
 
     def _learn_camera_motors(self, jacobian: Array) -> None:
         """Tells by J (8, m), once all motors are in it, which of them move the object's image more."""
@@ -154,14 +154,14 @@ class LearningServo(ServoAgent):
 
     def _kind(self, servo: str) -> str:
         settings = f"jump_px={self.jump_px:g}, every_look={self.every_look}"
-        return f"{self.knowledge!r} over {servo}, {settings}, on_change={self.recognition.on_change}"
+        return f"{self.knowledge!r} over {servo}, {settings}, on_change={self.adaptation.on_change}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        return super().arrays() | self.recognition.arrays() | {"carriers": self.camera_motors}
+        return super().arrays() | self.adaptation.arrays() | {"carriers": self.camera_motors}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
         super().restore(arrays)
-        self.recognition.restore(arrays)
+        self.adaptation.restore(arrays)
         self.camera_motors = checked_array(arrays, "carriers", (self.motors,)) > 0

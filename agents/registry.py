@@ -20,7 +20,7 @@ from agents.jacobian import ESTIMATORS
 from agents.knowledge.factored_table import FactoredTable
 from agents.knowledge.gaussian_process import GaussianProcess
 from agents.knowledge.grid_table import GridTable
-from agents.knowledge.knowledge import Knowledge
+from agents.knowledge.interface import Knowledge
 from agents.knowledge.support_points import SupportPoints
 from agents.learning_servo import LearningServo
 from agents.random_agent import RandomAgent

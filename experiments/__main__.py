@@ -1,17 +1,19 @@
-"""The command line: `python -m experiments {validate,run,status,report,benchmark,picture} ...`."""
+"""The command line: `python -m experiments {validate,run,status,report,benchmark,...} ...`."""
 
 import argparse
-import json
 import shlex
 import sys
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from experiments.config.loading import load
 from experiments.errors import ConfigError
 from experiments.running.plan import runs_of
 
 BENCHMARKS = ("speed", "servo", "controllers", "models", "robust", "table", "knowledge", "changes", "sac")
+"""As in `benchmarks.parts`, which is not loaded for other commands."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -32,6 +34,8 @@ def main(arguments: list[str] | None = None) -> int:
             return _benchmark(options)
         if options.command == "picture":
             return _picture(options.table, options.out)
+        if options.command == "results-tables":
+            return _results_tables(options.check)
         return _report(options.folder)
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -62,10 +66,20 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--out", type=Path, required=True, help="folder for the results")
     run.add_argument("--jobs", type=_positive, default=1, help="runs at a time (default: 1)")
     run.add_argument("--fail-fast", action="store_true", help="stop at the first run that fails")
-    status = commands.add_parser("status", help="tell how far the runs in a results folder are")
+    status = commands.add_parser("status", help="show how far the runs in a results folder are")
     status.add_argument("folder", type=Path)
     report = commands.add_parser("report", help="write the report of a results folder again")
     report.add_argument("folder", type=Path)
+    _add_benchmark(commands)
+    picture = commands.add_parser("picture", help="draw what a saved grid_table has learned")
+    picture.add_argument("table", type=Path, help="file that grid_table.save wrote")
+    picture.add_argument("--out", type=Path, required=True, help="image file, such as table.png")
+    tables = commands.add_parser("results-tables", help="make the tables of README.md and docs/ anew")
+    tables.add_argument("--check", action="store_true", help="change nothing; end with 1 where any differs")
+    return parser
+
+
+def _add_benchmark(commands: Any) -> None:
     benchmark = commands.add_parser("benchmark", help="measure speed, and what the agents reach")
     benchmark.add_argument(
         "parts",
@@ -75,7 +89,10 @@ def _parser() -> argparse.ArgumentParser:
         metavar="PART",
         help=f"of {', '.join(BENCHMARKS)} (default: speed)",
     )
-    benchmark.add_argument("--json", action="store_true", help="print the speed ratios as JSON")
+    form = benchmark.add_mutually_exclusive_group()
+    form.add_argument("--markdown", action="store_true", help="print Markdown tables on a terminal, too")
+    form.add_argument("--json", action="store_true", help="print JSON")
+    benchmark.add_argument("--out", type=Path, metavar="FILE.json", help="write the same JSON to a file")
     benchmark.add_argument(
         "--peer",
         action="append",
@@ -83,10 +100,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar="PYTHON=ENV_ID",
         help="time a Gymnasium environment of another interpreter beside ours (repeatable)",
     )
-    picture = commands.add_parser("picture", help="draw what a saved grid_table has learned")
-    picture.add_argument("table", type=Path, help="file that grid_table.save wrote")
-    picture.add_argument("--out", type=Path, required=True, help="image file, such as table.png")
-    return parser
 
 
 def _positive(text: str) -> int:
@@ -127,11 +140,12 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _status(folder: Path) -> int:
+    from experiments.reporting.tables import Table, show
     from experiments.running.status import status
 
-    text, failed = status(folder)
-    print(text)
-    return 1 if failed else 0
+    found = status(folder)
+    show([Table("status", str(folder), found.runs, note=f"{found.counts}\nmade by: {found.command}")])
+    return 1 if found.failed else 0
 
 
 def _report(folder: Path) -> int:
@@ -149,27 +163,35 @@ def _picture(table: Path, out: Path) -> int:
     return 0
 
 
+def _results_tables(check: bool) -> int:
+    from experiments.reporting.documents.kept_tables import tables_named
+    from experiments.reporting.documents.markers import outdated, pages
+    from experiments.running.results_folder import write_whole
+
+    changed = outdated(pages(), tables_named)
+    for path, text in changed.items():
+        print(f"{path}: {'differs from kept results' if check else 'tables made anew'}")
+        if not check:
+            write_whole(path, text)
+    return 1 if check and changed else 0
+
+
 def _benchmark(options: argparse.Namespace) -> int:
-    from experiments.benchmarks import baselines, changes, controllers, knowledge
-    from experiments.benchmarks.speed import speed
+    from experiments.benchmarks.parts import dumped, measure
+    from experiments.reporting.tables import Table, show
+    from experiments.running.results_folder import write_whole
 
-    def speeds() -> str:
-        found = speed(options.peer)
-        return json.dumps(found.to_dict(), indent=2) if options.json else str(found)
+    def shown(tables: Iterable[Table]) -> None:
+        if not options.json:
+            show(tables, options.markdown)
 
-    measures = {
-        "speed": speeds,
-        "servo": baselines.servo,
-        "controllers": controllers.controllers,
-        "models": controllers.models,
-        "robust": controllers.robust,
-        "table": baselines.table,
-        "knowledge": knowledge.knowledge,
-        "changes": changes.changes,
-        "sac": baselines.sac,
-    }
-    for part in [options.parts] if isinstance(options.parts, str) else options.parts:
-        print(measures[part](), flush=True)
+    parts = [options.parts] if isinstance(options.parts, str) else options.parts
+    found = dumped(measure(parts, options.peer, shown))
+    if options.json:
+        print(found)
+    if options.out:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(options.out, found)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""What the user is told in one message."""
+"""Errors that the user sees as one message, without a traceback."""
 
 
 class ConfigError(ValueError):

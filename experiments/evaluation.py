@@ -32,7 +32,7 @@ class TrialRecord:
 
     Attributes:
         trial: Index of the trial, from 0.
-        motions: Motions made, test motions and looks included.
+        motions: Motions made, test motions and words of zero included.
         robot_seconds: What the real arm would have needed, in seconds.
         success: Whether the true error at the end is within the tolerance plus 3σ of the noise.
         error_px: True image error at the end: the larger of both cameras', in pixels of 512.

@@ -6,15 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.adaptation.robust import huber, typical
+from agents.adaptation.robust import coordinate_variance, huber_weights
 from agents.base.observation import Array
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 
-UNSURE = 0.5
-"""Prior standard deviation of a scale, about 1 or -1, and of an offset, about 0."""
-SCATTER = 0.01
-"""Standard deviation of a register that is recalled."""
+PRIOR_STD = 0.5
+"""Prior deviation of a scale, about 1 or -1, and of an offset, about 0. Choice: gains of wild worlds differ
+by up to a factor of 4, joint zeros by some tenths of a register."""
+REGISTER_STD = 0.01
+"""Standard deviation of a register that is recalled. Derived: an error of some 2.5 px, where a register moves
+a point by half an image, 256 px."""
+ITERATIONS = 8
+"""Reweightings of a line. Choice."""
+LEAST_SCALE = 0.1
+"""Guard: a motor's scale is no smaller, so that it can be undone."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +33,8 @@ class ArmChange:
     Attributes:
         scale: Of each motor (m,).
         offset: Of each motor (m,).
-        deviation_px: How far off that is in each camera (2,), in pixels, for as many numbers as it took.
+        deviation_px: How far off that is in each camera (2,), in pixels; larger where there were hardly more
+            pairs than motors.
     """
 
     scale: Array
@@ -46,29 +53,33 @@ def fit_arm(before: GaussianProcess, sensors: Array, registers: Array) -> ArmCha
 
     Args:
         before: Views from before the change; not empty.
-        sensors: Sensor vectors (n, 4) seen since.
+        sensors: Sensor vectors (n, 4) seen since, in image units.
         registers: Where (n, m).
     """
     recalls = [recall for each in sensors if (recall := before.recall(each))]
-    once = np.array([recall.registers for recall in recalls])
-    trust = 1 / np.square([1 + recall.deviation_px for recall in recalls])
-    lines = [_line(*both, trust) for both in zip(once.T, registers.T, strict=True)]
+    recalled = np.array([recall.registers for recall in recalls])
+    weights = 1 / np.square([1 + recall.deviation_px for recall in recalls])
+    lines = [_line(*motor, weights) for motor in zip(recalled.T, registers.T, strict=True)]
     scale, offset = np.array(lines).T
     views, _ = before.views((registers - offset) / scale)
-    missed = (sensors - views).reshape(-1, 2, 2).swapaxes(0, 1)
-    spent = len(sensors) / max(len(sensors) - registers.shape[1], 1)
-    deviation_px = np.sqrt([typical(camera) * spent for camera in missed]) / IMAGE_UNIT
+    errors = (sensors - views).reshape(-1, 2, 2).swapaxes(0, 1)
+    correction = len(sensors) / max(len(sensors) - registers.shape[1], 1)
+    deviation_px = np.sqrt([coordinate_variance(camera) * correction for camera in errors]) / IMAGE_UNIT
     return ArmChange(scale, offset, deviation_px)
 
 
-def _line(once: Array, now: Array, trust: Array) -> tuple[float, float]:
-    """Scale and offset of now (n,) over once (n,): robust least squares, and a prior that nothing changed."""
-    known = np.column_stack([once, np.ones_like(once)])
-    nothing = np.array([1.0 if trust @ (once * now) >= 0 else -1.0, 0.0])
-    line = nothing
-    for _ in range(8):
-        weights = trust * huber((now - known @ line) / SCATTER) / SCATTER**2
-        normal = (known.T * weights) @ known + np.eye(2) / UNSURE**2
-        line = np.linalg.solve(normal, (known.T * weights) @ now + nothing / UNSURE**2)
-    scale = np.sign(nothing[0]) * max(abs(line[0]), 0.1)
+def _line(recalled: Array, now: Array, known: Array) -> tuple[float, float]:
+    """Scale and offset of one motor's registers now (n,) over those recalled (n,).
+
+    Robust least squares with weights `known` (n,); the prior is that nothing changed, but for the sign.
+    """
+    columns = np.column_stack([recalled, np.ones_like(recalled)])
+    prior_mean = np.array([1.0 if known @ (recalled * now) >= 0 else -1.0, 0.0])
+    line = prior_mean
+    for _ in range(ITERATIONS):
+        weights = known * huber_weights((now - columns @ line) / REGISTER_STD) / REGISTER_STD**2
+        jt_w = columns.T * weights
+        normal = jt_w @ columns + np.eye(2) / PRIOR_STD**2
+        line = np.linalg.solve(normal, jt_w @ now + prior_mean / PRIOR_STD**2)
+    scale = np.sign(prior_mean[0]) * max(abs(line[0]), LEAST_SCALE)
     return float(scale), float(line[1])

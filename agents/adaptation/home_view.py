@@ -1,83 +1,92 @@
-"""The gripper's view at home: once a trial, for nothing, the same point is seen again."""
+"""The gripper's view at home: every trial shows the same point again, at no cost."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.observation import Array
-from agents.jacobian.estimator import MARKER_NOISE_PX as NOISE_PX
+from agents.base.observation import Array, camera_lengths_px
+from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 
 Cameras = NDArray[np.bool_]
-"""Which of the two cameras (2,)."""
-
-SIGMAS = 5.0
-"""What differs by so many standard deviations has changed."""
+"""Which of the two cameras (2,): left, right."""
 
 
 class HomeView:
     """Where the gripper was seen at home, trial after trial, since the cameras were last known to change.
 
     Attributes:
-        seen: Sensor vectors (n, 4), the latest last.
-        steps: From each of the latest looks to the next (n, 4), whatever changed between: what noise is.
+        sensors: Sensor vectors (n, 4) in image units, the latest last.
+        steps: Absolute differences (n, 4) from each observation to the next, whatever changed between: they
+            tell the noise.
     """
 
+    SIGMAS = 5.0
+    """A displacement of so many standard deviations is a change. Derived: noise in two coordinates is longer
+    in exp(-5²/2), 4 of a million cases; the margin is there because the noise itself is estimated."""
     KEPT = 40
-    LATEST = 8
-    """A displacement is looked for in the means of so many of the latest looks, and fewer."""
-    FEW = 4
-    """A jump is looked for against so many: few enough that a drift is none."""
-    USUAL = 12
-    """Looks by which noise is believed to be usual before it is known."""
+    """Trials that are kept. Choice: the noise is then known to about 10 %."""
+    DRIFT_LATEST = 8
+    """A drift is looked for in the means of at most so many of the latest trials. Tuned (wild worlds
+    3000-)."""
+    JUMP_REFERENCE = 4
+    """A jump is looked for against the mean of so many trials: few, so that a slow drift is no jump. Tuned
+    (wild worlds 3000-)."""
+    PRIOR_STEPS = 12
+    """The assumed noise counts as much as so many steps of a coordinate, that is three trials. Choice."""
     NORMAL_MEDIAN = 0.6745
+    """Median of a standard normal deviate's absolute value. Derived."""
 
-    def __init__(self, seen: Array | None = None, steps: Array | None = None) -> None:
-        self.seen = np.empty((0, 4)) if seen is None else seen
+    def __init__(self, sensors: Array | None = None, steps: Array | None = None) -> None:
+        self.sensors = np.empty((0, 4)) if sensors is None else sensors
         self.steps = np.empty((0, 4)) if steps is None else steps
 
     def add(self, gripper: Array) -> None:
-        """Takes in where the gripper (4,) is seen now."""
-        self.steps = np.concatenate([self.steps, np.abs(gripper - self.seen[-1:])])[-self.KEPT :]
-        self.seen = np.concatenate([self.seen, [gripper]])[-self.KEPT :]
+        """Takes in where the gripper (4,) is seen in this trial."""
+        self.steps = np.concatenate([self.steps, np.abs(gripper - self.sensors[-1:])])[-self.KEPT :]
+        self.sensors = np.concatenate([self.sensors, [gripper]])[-self.KEPT :]
 
     def keep(self, latest: int) -> None:
-        """Forgets all but the latest looks."""
-        self.seen = self.seen[len(self.seen) - latest :]
+        """Forgets all but the latest trials."""
+        self.sensors = self.sensors[len(self.sensors) - latest :]
 
     def noise_px(self) -> float:
-        """Standard deviation of a coordinate, from one look to the next."""
+        """Standard deviation of a coordinate, in pixels: the median step, with `NOISE_PX` as a prior."""
         steps = self.steps.ravel() / (np.sqrt(2) * IMAGE_UNIT)
-        usual = np.full(self.USUAL, self.NORMAL_MEDIAN * NOISE_PX)
-        return float(np.median(np.concatenate([steps, usual]))) / self.NORMAL_MEDIAN
+        prior = np.full(self.PRIOR_STEPS, self.NORMAL_MEDIAN * GaussianProcess.NOISE_PX)
+        return float(np.median(np.concatenate([steps, prior]))) / self.NORMAL_MEDIAN
+
+    def reference(self) -> Array:
+        """Where the gripper should be seen (4,): the mean of the last few trials."""
+        return np.asarray(self.sensors[-self.JUMP_REFERENCE :].mean(0))
+
+    def before(self, trials: int) -> Array:
+        """Where the gripper was seen (4,) before the latest so many trials: a mean."""
+        return np.asarray(self.sensors[:-trials].mean(0))
 
     def jumped(self, gripper: Array) -> Cameras:
-        """In which cameras the gripper is now seen elsewhere than in the last few trials."""
-        return self._displaced(np.concatenate([self.seen[-self.FEW :], [gripper]]), 1)
+        """In which cameras the gripper (4,) is now seen elsewhere than in the last few trials."""
+        return self._displaced(np.concatenate([self.sensors[-self.JUMP_REFERENCE :], [gripper]]), 1)
 
     def drifting(self) -> Cameras:
-        """In which cameras the latest looks are elsewhere than those before."""
-        for latest in range(2, min(self.LATEST, len(self.seen) - 1) + 1):
-            cameras = self._displaced(self.seen, latest)
+        """In which cameras the latest trials show the gripper elsewhere than those before."""
+        for latest in range(2, min(self.DRIFT_LATEST, len(self.sensors) - 1) + 1):
+            cameras = self._displaced(self.sensors, latest)
             if cameras.any():
                 return cameras
         return np.zeros(2, bool)
 
-    def rate(self, latest: int) -> Array:
-        """How far the view goes each trial (4,), by the latest looks."""
-        seen = self.seen[-latest:]
-        times = np.arange(len(seen)) - (len(seen) - 1) / 2
-        return np.asarray(times @ seen / max(float(times @ times), 1.0))
+    def drift_rate(self, latest: int) -> Array:
+        """How far the view moves per trial (4,): the slope of a line through the latest trials."""
+        sensors = self.sensors[-latest:]
+        times = np.arange(len(sensors)) - (len(sensors) - 1) / 2
+        return np.asarray(times @ sensors / max(float(times @ times), 1.0))
 
-    def _displaced(self, seen: Array, latest: int) -> Cameras:
-        if len(seen) == latest:
+    def _displaced(self, sensors: Array, latest: int) -> Cameras:
+        """In which cameras the mean of the latest differs from the mean of those before."""
+        if len(sensors) == latest:
             return np.zeros(2, bool)
-        apart = seen[-latest:].mean(0) - seen[:-latest].mean(0)
-        noise = self.noise_px() * np.sqrt(1 / latest + 1 / (len(seen) - latest))
-        return np.asarray(lengths_px(apart) > SIGMAS * noise)
-
-
-def lengths_px(sensors: Array) -> Array:
-    """Lengths (..., 2), in each camera and in pixels, of differences of sensor vectors (..., 4)."""
-    return np.asarray(np.hypot(sensors[..., ::2], sensors[..., 1::2]) / IMAGE_UNIT)
+        apart = sensors[-latest:].mean(0) - sensors[:-latest].mean(0)
+        noise = self.noise_px() * np.sqrt(1 / latest + 1 / (len(sensors) - latest))
+        return np.asarray(camera_lengths_px(apart) > self.SIGMAS * noise)

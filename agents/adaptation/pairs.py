@@ -14,11 +14,22 @@ from agents.base.observation import Array
 
 @dataclass(frozen=True)
 class Pairs:
-    """Registers (n, m), sensor vectors (n, 4) of what is seen there, and the trial (n,) of each."""
+    """Registers and what is seen there.
+
+    Attributes:
+        registers: Registers (n, m).
+        sensors: Sensor vectors (n, 4) of what is seen there, in image units.
+        trials: The trial (n,) of each, counted from 0.
+    """
 
     registers: Array
     sensors: Array
     trials: NDArray[np.int64]
+
+    @classmethod
+    def none(cls, motors: int) -> Self:
+        """No pairs, of so many registers."""
+        return cls(np.empty((0, motors)), np.empty((0, 4)), np.empty(0, np.int64))
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
@@ -39,7 +50,14 @@ class Pairs:
             np.concatenate([self.trials, other.trials]),
         )
 
+    def only(self, chosen: NDArray[np.bool_]) -> Pairs:
+        """Those that are chosen (n,)."""
+        return Pairs(self.registers[chosen], self.sensors[chosen], self.trials[chosen])
+
+    def away(self) -> Pairs:
+        """All but the first, in a trial that begins at home."""
+        return Pairs(self.registers[1:], self.sensors[1:], self.trials[1:])
+
     def latest(self, trials: int) -> Pairs:
         """Those of the latest so many trials."""
-        late = self.trials > self.trials.max(initial=0) - trials
-        return Pairs(self.registers[late], self.sensors[late], self.trials[late])
+        return self.only(self.trials > self.trials.max(initial=0) - trials)

@@ -73,3 +73,8 @@ class Observation:
     def distance_px(self) -> float:
         """The length of d in pixels, in the image where it is longer."""
         return float(lengths_px(self.points[:2] - self.points[2:]).max())
+
+
+def camera_lengths_px(differences: Array) -> Array:
+    """Lengths (..., 2), in each camera and in pixels, of differences of sensor vectors (..., 4)."""
+    return np.asarray(lengths_px(differences.reshape(*differences.shape[:-1], 2, 2)))

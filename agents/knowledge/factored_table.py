@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agents.base.checks import check_number, checked_array
 from agents.base.observation import Array
 from agents.knowledge.gain import Gain
-from agents.knowledge.knowledge import Change, Recall
+from agents.knowledge.interface import Change, Recall
 from calfree_gym.image import IMAGE_UNIT
 
 DIMENSIONS = 4
@@ -41,23 +41,26 @@ class FactoredTable:
     """
 
     SCALE_PX = 1 / IMAGE_UNIT
-    """Prior standard deviation of where nothing but home is known to lead: half an image."""
-    DEPARTURE, LENGTH = 0.05, 0.6
-    """Prior variance of what is not a quadratic, as a share of that, and how far it reaches in the images."""
-    SEEN = 8.0
-    """Variance of a success, px²: an end anywhere within 4 px of the object misses by 4 px / √2."""
-    DRIFT = 0.2
-    """What one success adds to variances, px²: five times the square of 0.2 px, as a pan goes on one way and
-    is seen anew in every trial."""
-    FAR_PX = 128.0
-    """Where more uncertain than that, nothing is known: a quarter of the image."""
+    """Prior standard deviation of where nothing but home is known to lead. Derived: half an image, as objects
+    may lie anywhere in it."""
+    DEPARTURE_VARIANCE = 0.05
+    """Prior variance of what is not a quadratic, as a share of `SCALE_PX`². As `GaussianProcess`."""
+    DEPARTURE_LENGTH = 0.6
+    """How far such a departure reaches in the images, in image units. As `GaussianProcess`."""
+    SUCCESS_VARIANCE = 8.0
+    """Of a success, px². Derived: an end anywhere within 4 px of the object misses by 4 px / √2."""
+    DRIFT_VARIANCE = 0.2
+    """What one success adds to variances, px². Five times the square of 0.2 px, as a pan goes on one way and
+    is seen anew in every trial. Tuned (wild worlds 3000-)."""
+    UNKNOWN_PX = 128.0
+    """Where more uncertain than that, nothing is known. Choice: a quarter of the image."""
 
     def __init__(
         self, motors: int, cells: int = 8, points: int = 300, rate: float = 0.7, kalman: bool = True
     ) -> None:
         self.cells = check_number("cells", cells, least=1, whole=True)
         self.points = check_number("points", points, least=1, whole=True)
-        self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
+        self.gain = Gain(rate, kalman, self.SUCCESS_VARIANCE, self.DRIFT_VARIANCE)
         self._prior = self._smooth()
         self.records: Array = np.zeros((len(self._prior), motors))
         self.covariance: Array = self._prior.copy()
@@ -70,11 +73,11 @@ class FactoredTable:
         )
 
     def recall(self, sensors: Array) -> Recall | None:
-        """See `Knowledge`. None where it leads is known to no better than `FAR_PX`."""
+        """See `Knowledge`. None where it leads is known to no better than `UNKNOWN_PX`."""
         which, weights = self._between(sensors)
         variance = weights @ self.covariance[np.ix_(which, which)] @ weights
         deviation = float(np.sqrt(variance))
-        return Recall(weights @ self.records[which], deviation) if deviation <= self.FAR_PX else None
+        return Recall(weights @ self.records[which], deviation) if deviation <= self.UNKNOWN_PX else None
 
     def jacobian(self, registers: Array) -> None:
         """See `Knowledge`. A table implies none."""
@@ -83,15 +86,17 @@ class FactoredTable:
         """See `Knowledge`."""
         self.pairs = np.concatenate([self.pairs, [[*sensors, *registers]]])[-self.points :]
         if self.gain.kalman:
-            self._drift(self.gain.drift)
+            self._drift(self.gain.drift_variance)
         which, near = self._between(sensors)
         weights = np.zeros(len(self.records))
         weights[which] = near
-        told = self.covariance[:, which] @ near
-        expected = float(near @ told[which]) + self.gain.seen
-        gains = self.gain.shares(weights, told, expected)
+        covariances = self.covariance[:, which] @ near
+        error_variance = float(near @ covariances[which]) + self.gain.success_variance
+        gains = self.gain.shares(weights, covariances, error_variance)
         self.records += np.outer(gains, registers - near @ self.records[which])
-        self.covariance += np.outer(gains * expected - told, gains) - np.outer(gains, told)
+        self.covariance += np.outer(gains * error_variance - covariances, gains) - np.outer(
+            gains, covariances
+        )
 
     def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
         """See `Knowledge`. The pairs that were kept are learned anew from where they have gone."""
@@ -155,4 +160,4 @@ class FactoredTable:
         return self.SCALE_PX**2 * prior
 
     def _departing(self, squares: Array) -> Array:
-        return np.asarray(self.DEPARTURE * np.exp(squares / (-2 * self.LENGTH**2)))
+        return np.asarray(self.DEPARTURE_VARIANCE * np.exp(squares / (-2 * self.DEPARTURE_LENGTH**2)))

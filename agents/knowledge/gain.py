@@ -18,14 +18,14 @@ class Gain:
     Attributes:
         rate: Share of an error that one success corrects, where the gain is constant.
         kalman: Whether each record is corrected by how uncertain it is.
-        seen: Variance of what corrects, in px².
-        drift: What one success adds to all variances, in px².
+        success_variance: Of what corrects, in px².
+        drift_variance: What one success adds to all variances, in px².
     """
 
     rate: float
     kalman: bool
-    seen: float
-    drift: float
+    success_variance: float
+    drift_variance: float
 
     def __post_init__(self) -> None:
         check_number("rate", self.rate, above=0, most=1)
@@ -33,27 +33,27 @@ class Gain:
 
     def aged(self, variances: Array) -> Array:
         """Variances (n,) one success later; a constant gain knows of no drift."""
-        return variances + self.drift if self.kalman else variances
+        return variances + self.drift_variance if self.kalman else variances
 
-    def each(self, weights: Array, variances: Array, more: float = 0.0) -> tuple[Array, Array]:
+    def correct(self, weights: Array, variances: Array, more: float = 0.0) -> tuple[Array, Array]:
         """Shares (k,) of the sum's error by which records change, and their variances (k,) after that.
 
         Args:
             weights: Of the records in the sum (k,).
             variances: Of the records (k,), each with a filter of its own, in px².
-            more: Variance of what corrects beyond `seen`, in px².
+            more: Variance of what corrects beyond `success_variance`, in px².
         """
-        told = variances * weights
-        expected = float(weights @ told) + self.seen + more
-        gains = self.shares(weights, told, expected)
-        return gains, variances - 2 * gains * told + gains**2 * expected
+        covariances = variances * weights
+        error_variance = float(weights @ covariances) + self.success_variance + more
+        gains = self.shares(weights, covariances, error_variance)
+        return gains, variances - 2 * gains * covariances + gains**2 * error_variance
 
-    def shares(self, weights: Array, told: Array, expected: float) -> Array:
+    def shares(self, weights: Array, covariances: Array, error_variance: float) -> Array:
         """Shares (n,) of the sum's error by which records change.
 
         Args:
             weights: Of the records in the sum (n,).
-            told: Covariances (n,) of the records with the sum, in px².
-            expected: Variance of the error, in px².
+            covariances: Of the records with the sum (n,), in px².
+            error_variance: Variance of the error that is expected, in px².
         """
-        return told / expected if self.kalman else self.rate * weights / (weights @ weights)
+        return covariances / error_variance if self.kalman else self.rate * weights / (weights @ weights)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from agents.base.checks import check_number, checked_array
 from agents.base.observation import Array
-from agents.knowledge.knowledge import Change, Recall
+from agents.knowledge.interface import Change, Recall
 from calfree_gym.image import IMAGE_UNIT
 
 CAMERAS = 2
@@ -26,7 +26,7 @@ class GaussianProcess:
 
     The kernel is that of a quadratic whose coefficients are unknown, and of smooth departures from it. Each
     support point has its own noise in each camera: so what was mapped with doubt weighs less than what was
-    seen. Where there are too many, those that add least to what the others tell are dropped.
+    seen. Where there are too many, those that add least to the others are dropped.
 
     Attributes:
         registers: Of the support points (n, m).
@@ -38,29 +38,39 @@ class GaussianProcess:
         points: Support points are pruned to so many, each time that `SPARE` more have come.
     """
 
-    REACH = 0.6
-    """Registers are divided by this: the kernel's length."""
-    DEPARTURE = 0.05
-    """Prior variance, in square image units, of what is not quadratic."""
+    LENGTH = 0.6
+    """The kernel's length, in registers. Tuned (wild worlds 3000-)."""
+    DEPARTURE_VARIANCE = 0.05
+    """Prior variance, in square image units, of what is not quadratic. Tuned (wild worlds 3000-)."""
     NOISE_PX = 0.7
-    ENOUGH = 10
-    """So many support points imply a Jacobian: a quadratic has ten coefficients."""
+    """Standard deviation of an image coordinate, in pixels: that of a good mark. Choice: wild worlds have
+    0.5 px."""
+    JACOBIAN_POINTS = 10
+    """So many support points imply a Jacobian. Derived: a quadratic of three registers has ten
+    coefficients."""
     SPARE = 30
-    """So many more support points are kept before they are pruned."""
-    MOST = 10
-    """As many looks at one place count at most: what is seen there may change."""
-    SAME = 1e-4
-    """Registers that differ by no more are the same place."""
+    """So many more support points are kept before they are pruned. Choice: pruning takes time."""
+    MOST_AVERAGED = 10
+    """As many observations of one place count at most, as what is seen there may change. Choice."""
+    SAME_PLACE = 1e-4
+    """Registers that differ by no more are the same place. A guard: some 0.03 px."""
     ITERATIONS = 5
-    STEP = 0.5
+    """Gauss-Newton steps of a recall at most. Choice: they end when a step is within `SAME_PLACE`."""
+    LONGEST_STEP = 0.5
+    """One such step moves no register further. A guard against the quadratic's far side."""
+    REGISTER_STD = 1.0
+    """Prior deviation of one such step, in registers. Derived: a register ends at 1."""
+    CONTRADICTION_SIGMAS = 3.0
+    """What the four coordinates disagree by beyond so many standard deviations of noise is added to the
+    deviation of a recall. Choice."""
 
     def __init__(self, motors: int, points: int = 200) -> None:
         self.points = check_number("points", points, least=10, whole=True)
         self.registers = np.empty((0, motors))
         self.sensors = np.empty((0, 2 * CAMERAS))
         self.variances = np.empty((0, CAMERAS))
-        self._inverses = np.empty((CAMERAS, 0, 0))
-        self._settled = True
+        self._whitening = np.empty((CAMERAS, 0, 0))
+        self._solved = True
         self._weights = np.empty((0, 2 * CAMERAS))
 
     def __repr__(self) -> str:
@@ -70,52 +80,54 @@ class GaussianProcess:
         """See `Knowledge`. Solves views(registers) = sensors by Gauss-Newton steps from the nearest point."""
         if not len(self.registers):
             return None
-        self._settle()
+        self._solve()
         apart = self.sensors - sensors
         registers = self.registers[np.einsum("ij,ij->i", apart, apart).argmin()]
         weights = 1 / np.repeat(self.views(registers[None])[1][0] + self.noise, 2)
         for _ in range(self.ITERATIONS):
             view, jacobian = self._view_and_jacobian(registers)
-            pulled = jacobian.T * weights
-            normal = pulled @ jacobian
-            normal.flat[:: len(registers) + 1] += 1.0
-            step = np.linalg.solve(normal, pulled @ (sensors - view))
+            jt_w = jacobian.T * weights
+            normal = jt_w @ jacobian
+            normal.flat[:: len(registers) + 1] += 1 / self.REGISTER_STD**2
+            step = np.linalg.solve(normal, jt_w @ (sensors - view))
             size = float(np.abs(step).max())
-            registers = np.clip(registers + step * min(1.0, self.STEP / max(size, 1e-12)), -1, 1)
-            if size < self.SAME:
+            registers = np.clip(registers + step * min(1.0, self.LONGEST_STEP / max(size, 1e-12)), -1, 1)
+            if size < self.SAME_PLACE:
                 break
         (view,), (variances,) = self.views(registers[None])
-        missed = np.square(sensors - view).reshape(CAMERAS, 2).sum(1)
-        variances = variances + np.maximum(0, missed - 9 * self.noise)
+        squares = np.square(sensors - view).reshape(CAMERAS, 2).sum(1)
+        variances = variances + np.maximum(0, squares - self.CONTRADICTION_SIGMAS**2 * self.noise)
         return Recall(registers, float(np.sqrt(variances.max())) / IMAGE_UNIT)
 
     def views(self, registers: Array) -> tuple[Array, Array]:
         """What should be seen at registers (k, m): sensors (k, 4), and variances in each camera (k, 2)."""
-        self._settle()
+        self._solve()
         kernel = self._kernel(registers)
         return kernel @ self._weights, self._variances(kernel, registers)
 
     def jacobian(self, registers: Array) -> Array | None:
         """See `Knowledge`."""
-        self._settle()
-        enough = len(self.registers) >= self.ENOUGH
+        self._solve()
+        enough = len(self.registers) >= self.JACOBIAN_POINTS
         return self._view_and_jacobian(registers)[1] if enough else None
 
     def learn(self, sensors: Array, registers: Array) -> None:
         """See `Knowledge`. What is seen at the same registers again is averaged."""
         noise = np.full(CAMERAS, self.noise)
         apart = np.abs(self.registers - registers).max(1, initial=0.0)
-        if len(apart) and apart.min() < self.SAME:
+        if len(apart) and apart.min() < self.SAME_PLACE:
             same = int(apart.argmin())
             self.sensors, self.variances = self.sensors.copy(), self.variances.copy()
             share = self.variances[same] / (self.variances[same] + noise)
             self.sensors[same] += np.repeat(share, 2) * (sensors - self.sensors[same])
-            self.variances[same] = np.maximum(self.variances[same] * (1 - share), self.noise / self.MOST)
+            self.variances[same] = np.maximum(
+                self.variances[same] * (1 - share), self.noise / self.MOST_AVERAGED
+            )
         else:
             self.registers = np.concatenate([self.registers, [registers]])
             self.sensors = np.concatenate([self.sensors, [sensors]])
             self.variances = np.concatenate([self.variances, [noise]])
-        self._settled = False
+        self._solved = False
         if len(self.registers) > self.points + self.SPARE:
             self._prune()
 
@@ -124,7 +136,7 @@ class GaussianProcess:
         if len(self.registers):
             self.sensors, self.registers = change(self.sensors, self.registers)
             self.variances = self.variances + (deviation_px * IMAGE_UNIT) ** 2
-            self._settled = False
+            self._solved = False
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""
@@ -136,7 +148,7 @@ class GaussianProcess:
         sensors = checked_array(arrays, "sensors", (len(registers), 2 * CAMERAS))
         variances = checked_array(arrays, "variances", (len(registers), CAMERAS))
         self.registers, self.sensors, self.variances = registers, sensors, variances
-        self._settled = False
+        self._solved = False
 
     @property
     def noise(self) -> float:
@@ -145,29 +157,29 @@ class GaussianProcess:
 
     def _kernel(self, places: Array) -> Array:
         """Prior covariance (k, n) of what is seen at `places` (k, m) and at the support points."""
-        products = places @ self.registers.T / self.REACH**2
-        squares = np.einsum("ij,ij->i", self.registers, self.registers) / self.REACH**2
-        apart = squares + (np.einsum("ij,ij->i", places, places) / self.REACH**2)[:, None] - 2 * products
-        return np.asarray((1 + products) ** 2 + self.DEPARTURE * np.exp(-apart / 2))
+        products = places @ self.registers.T / self.LENGTH**2
+        squares = np.einsum("ij,ij->i", self.registers, self.registers) / self.LENGTH**2
+        apart = squares + (np.einsum("ij,ij->i", places, places) / self.LENGTH**2)[:, None] - 2 * products
+        return np.asarray((1 + products) ** 2 + self.DEPARTURE_VARIANCE * np.exp(-apart / 2))
 
     def _view_and_jacobian(self, registers: Array) -> tuple[Array, Array]:
-        products = self.registers @ registers / self.REACH**2
+        products = self.registers @ registers / self.LENGTH**2
         apart = registers - self.registers
-        near = self.DEPARTURE * np.exp(np.einsum("ij,ij->i", apart, apart) / (-2 * self.REACH**2))
+        near = self.DEPARTURE_VARIANCE * np.exp(np.einsum("ij,ij->i", apart, apart) / (-2 * self.LENGTH**2))
         view = ((1 + products) ** 2 + near) @ self._weights
         slopes = 2 * (1 + products)[:, None] * self.registers - near[:, None] * apart
-        return view, self._weights.T @ slopes / self.REACH**2
+        return view, self._weights.T @ slopes / self.LENGTH**2
 
     def _variances(self, kernel: Array, registers: Array) -> Array:
         """Posterior variance (k, 2) of what is seen at registers (k, m), from their kernel (k, n)."""
-        prior = (1 + np.square(registers).sum(1) / self.REACH**2) ** 2 + self.DEPARTURE
-        known = [np.einsum("kn,kn->k", kernel @ inverse, kernel) for inverse in self._inverses]
+        prior = (1 + np.square(registers).sum(1) / self.LENGTH**2) ** 2 + self.DEPARTURE_VARIANCE
+        known = [np.square(kernel @ whitening.T).sum(1) for whitening in self._whitening]
         return np.maximum(prior[:, None] - np.transpose(known), 0.0)
 
     def _prune(self) -> None:
-        """Drops, one after the other, the support points that add least to what the others tell."""
-        self._settle()
-        inverses, kept = self._inverses, np.arange(len(self.registers))
+        """Drops, one after the other, the support points that add least to the others."""
+        self._solve()
+        inverses, kept = self._whitening.swapaxes(1, 2) @ self._whitening, np.arange(len(self.registers))
         while len(kept) > self.points:
             redundant = np.einsum("cii,ic->i", inverses, self.variances[kept])
             index = int(redundant.argmax())
@@ -178,16 +190,29 @@ class GaussianProcess:
         self.registers, self.sensors, self.variances = (
             values[kept] for values in (self.registers, self.sensors, self.variances)
         )
-        self._settled = False
+        self._solved = False
 
-    def _settle(self) -> None:
-        """Solves for what was learned since it was last asked."""
-        if not self._settled:
+    def _solve(self) -> None:
+        """Solves for the weights of the support points, where any has changed since."""
+        if not self._solved:
             kernel = self._kernel(self.registers)
             alike = (self.variances[:, 0] == self.variances[:, 1]).all()
             cameras = self.variances.T[:1] if alike else self.variances.T
-            inverses = np.array([np.linalg.inv(kernel + np.diag(own)) for own in cameras])
-            self._inverses = np.broadcast_to(inverses, (CAMERAS, *kernel.shape))
+            factors = np.linalg.cholesky([kernel + np.diag(own) for own in cameras])
+            whitening = [_lower_inverse(factor) for factor in factors]
+            self._whitening = np.broadcast_to(whitening, (CAMERAS, *kernel.shape))
             seen = self.sensors.reshape(-1, CAMERAS, 2).swapaxes(0, 1)
-            self._weights = np.concatenate([*(self._inverses @ seen)], 1)
-            self._settled = True
+            self._weights = np.concatenate([*(self._whitening.swapaxes(1, 2) @ (self._whitening @ seen))], 1)
+            self._solved = True
+
+
+def _lower_inverse(factor: Array) -> Array:
+    """Inverse (n, n) of a lower triangle (n, n), by halves: NumPy has no triangular solve."""
+    half = len(factor) // 2
+    if half < 16:  # small enough that halves gain nothing
+        return np.asarray(np.linalg.inv(factor), float)
+    inverse = np.zeros_like(factor)
+    inverse[:half, :half] = _lower_inverse(factor[:half, :half])
+    inverse[half:, half:] = _lower_inverse(factor[half:, half:])
+    inverse[half:, :half] = -inverse[half:, half:] @ factor[half:, :half] @ inverse[:half, :half]
+    return inverse

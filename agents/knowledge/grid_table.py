@@ -13,7 +13,7 @@ from agents.base.checks import check_number, checked_array
 from agents.base.observation import Array
 from agents.knowledge.distance import squared_px
 from agents.knowledge.gain import Gain
-from agents.knowledge.knowledge import Change, Recall
+from agents.knowledge.interface import Change, Recall
 
 DIMENSIONS = 4
 _CORNERS = np.array(list(product((0, 1), repeat=DIMENSIONS)))
@@ -40,19 +40,20 @@ class GridTable:
         kalman: Whether a Kalman filter for each record decides instead.
     """
 
-    SEEN = 8.0
-    """Variance of a success, px²: an end anywhere within 4 px of the object misses by 4 px / √2."""
-    DRIFT = 2.0
-    """What one success adds to variances, px²: a camera that pans by 0.2 px a trial has panned by 10 px when
-    a cell is met again after some 50 trials, and 10² = 50 · 2."""
+    SUCCESS_VARIANCE = 8.0
+    """Of a success, px². Derived: an end anywhere within 4 px of the object misses by 4 px / √2."""
+    DRIFT_VARIANCE = 2.0
+    """What one success adds to variances, px². Derived: a camera that pans by 0.2 px a trial has panned by
+    10 px when a cell is met again after some 50 trials, and 10² = 50 · 2."""
     TRUSTED = 3
-    """A cell is trusted once so many successes have corrected each of its records."""
+    """A cell is trusted once so many successes have corrected each of its records. Choice; pictures only."""
     SWEEPS = 30
-    """So many times all records are corrected at once to fit those that were mapped."""
+    """So many times all records are corrected at once to fit those that were mapped. Choice: more change
+    little."""
 
     def __init__(self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = False) -> None:
         self.cells = check_number("cells", cells, least=1, whole=True)
-        self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
+        self.gain = Gain(rate, kalman, self.SUCCESS_VARIANCE, self.DRIFT_VARIANCE)
         self.records = np.full(((cells + 1) ** DIMENSIONS, motors), np.nan)
         self.variances = np.zeros(len(self.records))
         self.successes = np.zeros(len(self.records))
@@ -63,7 +64,7 @@ class GridTable:
         return f"GridTable(cells={self.cells}, rate={self.gain.rate}, kalman={self.gain.kalman})"
 
     def recall(self, sensors: Array) -> Recall | None:
-        """Interpolated registers; None where a corner of the cell has no record."""
+        """Registers interpolated from the 16 corners of the cell; None where one of them has no record."""
         corners, weights = self._cell(sensors)
         records = self.records[corners]
         if np.isnan(records).any():
@@ -74,14 +75,14 @@ class GridTable:
         """See `Knowledge`. A table implies none: in the paper test motions measure it."""
 
     def learn(self, sensors: Array, registers: Array) -> None:
-        """Fills the empty corners of the cell and corrects all of them."""
+        """A success: fills the empty corners of its cell, then corrects all 16, nearer ones more."""
         corners, weights = self._cell(sensors)
         self.variances = self.gain.aged(self.variances)
         records, variances = self.records[corners], self.variances[corners]
         empty = np.isnan(records).any(1)
         records[empty] = registers
         variances[empty] = squared_px(self._places[corners[empty]] - sensors)
-        gains, self.variances[corners] = self.gain.each(weights, variances)
+        gains, self.variances[corners] = self.gain.correct(weights, variances)
         self.records[corners] = records + gains[:, None] * (registers - weights @ records)
         self.successes[corners] += 1
 

@@ -25,28 +25,30 @@ class LocalFit:
         variances: Of what is seen there (k,), in px².
     """
 
-    SLOPE = 2.0
-    """Prior standard deviation of a slope, in image units by register: a whole register's travel crosses
-    the image."""
-    NEAR = 0.03
-    """Points are taken to reach at least so far, in registers."""
+    SLOPE_STD = 2.0
+    """Prior standard deviation of a slope, in image units by register. Derived: a whole register's travel
+    crosses the image, which is 2 image units wide."""
+    LEAST_REACH = 0.03
+    """Points are taken to reach at least so far, in registers: as `SupportPoints.CLOSE`."""
     BEND = 0.5 * IMAGE_UNIT
-    """A line misses by so many pixels by square pixel of distance: by d²/2 in image units, as a circle of
-    radius 1 departs from its tangent."""
+    """A line misses by so many pixels by square pixel of distance. Derived: by d²/2 in image units, as a
+    circle of radius 1 departs from its tangent."""
+    ITERATIONS = 2
+    """Steps of `inverse`; the fit is affine, so that only the noise changes from one to the next. Choice."""
 
     def __init__(self, registers: Array, sensors: Array, variances: Array) -> None:
         self.centre, self.centre_sensors = registers[0], sensors[0]
         self._sensors = sensors
         noise = variances + (self.BEND * squared_px(sensors - sensors[0])) ** 2
         self._features = np.column_stack([np.ones(len(registers)), registers - registers[0]])
-        self._pulled = self._features.T / noise
-        normal = self._pulled @ self._features
-        normal.flat[len(normal) + 1 :: len(normal) + 1] += (IMAGE_UNIT / self.SLOPE) ** 2
+        self._jt_w = self._features.T / noise
+        normal = self._jt_w @ self._features
+        normal.flat[len(normal) + 1 :: len(normal) + 1] += (IMAGE_UNIT / self.SLOPE_STD) ** 2
         self._covariance = np.linalg.inv(normal)
-        self._coefficients = self._covariance @ (self._pulled @ (sensors - sensors[0]))
+        self._coefficients = self._covariance @ (self._jt_w @ (sensors - sensors[0]))
         self.jacobian = self._coefficients[1:].T
-        missed = squared_px(sensors - sensors[0] - self._features @ self._coefficients)
-        self._scale = max(1.0, float((missed / noise).sum()) / len(registers))
+        squares = squared_px(sensors - sensors[0] - self._features @ self._coefficients)
+        self._scale = max(1.0, float((squares / noise).sum()) / len(registers))
 
     def view(self, registers: Array) -> Array:
         """What should be seen at registers (m,): sensors (4,)."""
@@ -64,7 +66,7 @@ class LocalFit:
 
     def weights(self, registers: Array) -> Array:
         """What each point (k,) contributes to the view at registers (m,)."""
-        return self._row(registers) @ self._covariance @ self._pulled
+        return self._row(registers) @ self._covariance @ self._jt_w
 
     def inverse(self, sensors: Array) -> tuple[Array, float]:
         """Registers (m,) at which sensors (4,) should be seen, and the variance of what is seen, in px².
@@ -72,12 +74,12 @@ class LocalFit:
         They are expected no further off than the points are: the more so, the less is known there.
         """
         normal = self.jacobian.T @ self.jacobian
-        reach = max(float(np.square(self._features[:, 1:]).sum(1).max()), self.NEAR**2)
-        pulled = self.jacobian.T @ (sensors - self.view(self.centre))
+        reach = max(float(np.square(self._features[:, 1:]).sum(1).max()), self.LEAST_REACH**2)
+        gradient = self.jacobian.T @ (sensors - self.view(self.centre))
         registers = self.centre
-        for _ in range(2):
+        for _ in range(self.ITERATIONS):
             noise = self.variance(registers) * IMAGE_UNIT**2
-            step = np.linalg.solve(normal + noise / reach * np.eye(len(normal)), pulled)
+            step = np.linalg.solve(normal + noise / reach * np.eye(len(normal)), gradient)
             registers = np.clip(self.centre + step, -1, 1)
         missed = float(squared_px(sensors - self.view(registers)))
         return registers, self.variance(registers) + missed

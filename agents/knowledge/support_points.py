@@ -12,7 +12,7 @@ from agents.base.checks import check_number, checked_array
 from agents.base.observation import Array
 from agents.knowledge.distance import squared_px
 from agents.knowledge.gain import Gain
-from agents.knowledge.knowledge import Change, Recall
+from agents.knowledge.interface import Change, Recall
 from agents.knowledge.local_fit import LocalFit
 
 
@@ -35,25 +35,28 @@ class SupportPoints:
         kalman: Whether a Kalman filter for each support point decides instead; then older ones weigh less.
     """
 
-    MISSED_PX = 2.0
-    """A fit that is off by more needs a new point,"""
+    NEW_POINT_PX = 2.0
+    """A fit that is off by more needs a new point. Choice: half the tolerance of a rendezvous."""
     CLOSE = 0.03
-    """unless there is one whose registers differ by no more than this."""
+    """No new point is made where one's registers differ by no more than this. Choice: some 8 px, where a
+    register moves a point by half an image."""
     SLOPE_DEVIATION = 0.3
-    """A Jacobian is implied where no slope is less certain, in image units by register."""
-    SURPRISING = 9.0
-    """A square miss so many times its variance is the world's doing: neighbours are corrected as well."""
-    SEEN = 1.0
-    """Variance of what is seen, px²: 0.7 px in each coordinate, as of a good marker."""
-    DRIFT = 0.04
-    """What one success adds to variances, px²: (0.2 px)², as points are met in every trial."""
+    """A Jacobian is implied where no slope is less certain, in image units by register. Tuned (wild worlds
+    3000-)."""
+    INCONSISTENT = 9.0
+    """A square error so many times its variance, 3 standard deviations, is inconsistent with what is known:
+    neighbours are corrected as well. Choice."""
+    OBSERVATION_VARIANCE = 1.0
+    """Of what is seen, px². Derived: 0.7 px in each coordinate, as of a good mark, and 2 · 0.7² = 1."""
+    DRIFT_VARIANCE = 0.04
+    """What one success adds to variances, px². Derived: (0.2 px)², as points are met in every trial."""
 
     def __init__(
         self, motors: int, points: int = 1000, neighbours: int = 8, rate: float = 0.7, kalman: bool = False
     ) -> None:
         self.neighbours = check_number("neighbours", neighbours, least=motors + 1, whole=True)
         self.points = check_number("points", points, least=neighbours, whole=True)
-        self.gain = Gain(rate, kalman, self.SEEN, self.DRIFT)
+        self.gain = Gain(rate, kalman, self.OBSERVATION_VARIANCE, self.DRIFT_VARIANCE)
         self.registers = np.empty((0, motors))
         self.sensors = np.empty((0, 4))
         self.variances = np.empty(0)
@@ -84,19 +87,19 @@ class SupportPoints:
         if len(self.registers):
             nearest = self._nearest(self.registers, registers)
             fit = self._fit(nearest)
-            missed = sensors - fit.view(registers)
-            square, bend = float(squared_px(missed)), fit.bend(registers)
-            expected = fit.variance(registers) + bend + self.gain.seen
-            enough = square < self.MISSED_PX**2 or np.abs(fit.centre - registers).max() < self.CLOSE
-            if enough or square > self.SURPRISING * expected:
+            error = sensors - fit.view(registers)
+            square, bend = float(squared_px(error)), fit.bend(registers)
+            expected = fit.variance(registers) + bend + self.gain.success_variance
+            enough = square < self.NEW_POINT_PX**2 or np.abs(fit.centre - registers).max() < self.CLOSE
+            if enough or square > self.INCONSISTENT * expected:
                 weights = fit.weights(registers)
-                gains, self.variances[nearest] = self.gain.each(weights, self.variances[nearest], bend)
-                self.sensors[nearest] += gains[:, None] * missed
+                gains, self.variances[nearest] = self.gain.correct(weights, self.variances[nearest], bend)
+                self.sensors[nearest] += gains[:, None] * error
             if enough:
                 return
         self.registers = np.concatenate([self.registers, [registers]])
         self.sensors = np.concatenate([self.sensors, [sensors]])
-        self.variances = np.concatenate([self.variances, [self.gain.seen]])
+        self.variances = np.concatenate([self.variances, [self.gain.success_variance]])
         if len(self.registers) > self.points:
             self._keep(np.delete(np.arange(len(self.registers)), self.variances[:-1].argmax()))
 

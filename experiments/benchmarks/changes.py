@@ -11,22 +11,25 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 import agents
 import calfree_gym
 from calfree_gym.image import CAMERAS
 from calfree_gym.world import World
-from experiments.benchmarks.baselines import until
 from experiments.evaluation import TrialRecord
-from experiments.running.lifetime import Life
+from experiments.reporting.tables import Table
+from experiments.running.lifetime import LifetimeRecorder, learn_trials
 
 REACH, _ = calfree_gym.ENV_IDS
 WORLDS = range(2000, 2020)
 FIRST, APART, EVENTS = 60, 60, 5
-"""Trials before the first change of a life, from each to the next, and how many there are."""
+"""Trials before the first change of a lifetime, from each to the next, and how many there are."""
 BEFORE, AWAY = 50, 30
 """Trials before a change that it is compared with; trials for which the old camera is away."""
+TRIALS = FIRST + APART * EVENTS
+CHANGES = np.arange(FIRST, TRIALS, APART)
 OTHERS = 10
 """So many of the worlds for those who always discard and who never act."""
 POLICIES = ("recognise", "discard", "keep")
@@ -38,7 +41,7 @@ KINDS: dict[str, str] = {
     "replaced": "camera_replace",
 }
 OF_THE_ARM = ("joint_zero", "link_length", "motor_gain", "motor_sign")
-ASKED = {
+REQUIRED = {
     "re-aimed": (3, 8, 0.25),
     "rolled": (3, 8, 0.25),
     "zoomed": (3, 8, 0.25),
@@ -47,39 +50,46 @@ ASKED = {
     "back": (1, 6, 0.25),
 }
 """First and last trial after a change, and by how much longer a mean reach there may be than before."""
+BLOCKS = ((0, 1), (3, 8), (25, 50))
+"""Trials after a change that are shown for every kind."""
 PAN = {"type": "camera_aim", "camera": "left", "degrees": 0.0375}
 """Moves the image centre 0.2 px at the built focal length."""
 BRANCHES, AFTER = (60, 80, 100, 120, 140), 30
 """Trials at which copies of one state go different ways, and for how many."""
-
-
-def changes() -> str:
-    """All that is measured here."""
-    with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        return "\n".join([*_struck(pool.map), *_right(pool.map), *_drifting(pool.map)])
-
+WAYS = ("recognise", "keep", "map", "discard")
+DRIFT_TRIALS, DRIFT_LATE = 500, 300
+"""Trials while a camera pans, and those that have gone where the late ones begin."""
 
 Map = Callable[..., Iterable[Any]]
 
 
-def _struck(each: Map) -> Iterator[str]:
+def changes() -> Iterator[Table]:
+    """All that is measured here."""
+    with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        yield sudden_changes(pool.map)
+        yield right_actions(pool.map)
+        yield false_alarms(pool.map)
+        yield drift(pool.map)
+
+
+def sudden_changes(each: Map) -> Table:
     """Motions per reach after changes of one kind, beside those who always discard and who never act."""
-    yield (
-        f"memory, wild worlds {WORLDS[0]}-{WORLDS[-1]}, kinematic, {EVENTS} changes a world: motions per "
-        "reach before, those of another camera aside, and in trials after (wanted: before + so much); "
-        f"those who always discard or never act in the first {OTHERS} of the worlds"
+    rows = []
+    for kind, mount, policy in product((*KINDS, "back"), calfree_gym.MOUNTS, POLICIES):
+        worlds = WORLDS if policy == "recognise" else WORLDS[:OTHERS]
+        lifetimes = list(each(_lifetime, worlds, *map(_always, (mount, policy, _schedule(kind), TRIALS))))
+        after = _after(lifetimes, REQUIRED[kind], AWAY if kind == "back" else 0)
+        rows.append({"change": kind, "mount": mount, "policy": policy, "worlds": len(worlds), **after})
+    frame = pd.DataFrame(rows)
+    motions = ("before", *(_trials(*block) for block in BLOCKS), "motions there", "required")
+    return Table(
+        "sudden_changes",
+        f"memory, wild worlds {WORLDS[0]}-{WORLDS[-1]}, {EVENTS} changes a world: motions per reach",
+        frame,
+        {**dict.fromkeys(motions, ".2f"), "success": ".2%"},
+        "Kinematic dynamics. Before: the trials before changes, without those of another camera. Then the "
+        "trials after them; required: at most so many motions in the trials that are named.",
     )
-    for kind, mount in product((*KINDS, "back"), calfree_gym.MOUNTS):
-        for policy in POLICIES:
-            worlds = WORLDS if policy == "recognise" else WORLDS[:OTHERS]
-            lives = list(each(_life, worlds, *map(_always, (mount, policy, _schedule(kind), _STRUCK))))
-            yield f"  {kind:11} {mount:6} {policy:9} " + _after(
-                lives, ASKED.get(kind), AWAY if kind == "back" else 0
-            )
-
-
-_STRUCK = FIRST + APART * EVENTS
-_CHANGES = np.arange(FIRST, _STRUCK, APART)
 
 
 def _always(value: Any) -> list[Any]:
@@ -90,83 +100,104 @@ def _schedule(kind: str) -> list[dict[str, Any]]:
     """Changes of one camera; where it is the old one that comes back, some trials after another came."""
     do = {"type": KINDS.get(kind, "camera_replace"), "camera": CAMERAS[0]}
     if kind != "back":
-        return [{"at": {"trial": int(t)}, "do": do} for t in _CHANGES]
-    replaced = [{"at": {"trial": int(t) - AWAY}, "do": do} for t in _CHANGES]
-    undone = [{"at": {"trial": int(t)}, "undo": 2 * i} for i, t in enumerate(_CHANGES)]
+        return [{"at": {"trial": int(t)}, "do": do} for t in CHANGES]
+    replaced = [{"at": {"trial": int(t) - AWAY}, "do": do} for t in CHANGES]
+    undone = [{"at": {"trial": int(t)}, "undo": 2 * i} for i, t in enumerate(CHANGES)]
     return [event for pair in zip(replaced, undone, strict=True) for event in pair]
 
 
-def _after(lives: list[list[TrialRecord]], asked: tuple[int, int, float] | None, away: int) -> str:
+def _after(lifetimes: list[list[TrialRecord]], required: tuple[int, int, float], away: int) -> dict[str, Any]:
     """Mean motions before changes, less the trials `away` from the old camera, and in blocks after."""
-    motions = np.array([[record.motions for record in life] for life in lives])
-    success = np.mean([record.success for life in lives for record in life])
-    before = np.mean([motions[:, t - BEFORE : t - away] for t in _CHANGES])
-    blocks = dict.fromkeys([(0, 1), *([asked[:2]] if asked else []), (3, 8), (25, 50)])
-    told = "".join(
-        f"   {a + 1}-{b}: {np.mean([motions[:, t + a : t + b] for t in _CHANGES]):5.2f}"
-        + (f" ({before + asked[2]:.2f})" if asked and asked[:2] == (a, b) else "")
-        for a, b in blocks
-    )
-    return f"before: {before:.2f}{told}   success {success:.2%}"
+    motions = np.array([[record.motions for record in records] for records in lifetimes])
+    before = np.mean([motions[:, t - BEFORE : t - away] for t in CHANGES])
+
+    def after(first: int, last: int) -> float:
+        return float(np.mean([motions[:, t + first : t + last] for t in CHANGES]))
+
+    first, last, more = required
+    return {
+        "before": before,
+        **{_trials(*block): after(*block) for block in BLOCKS},
+        "required in trials": _trials(first, last),
+        "motions there": after(first, last),
+        "required": before + more,
+        "success": np.mean([record.success for records in lifetimes for record in records]),
+    }
 
 
-def _life(
+def _trials(first: int, last: int) -> str:
+    return f"{first + 1}-{last}" if last > first + 1 else f"{last}"
+
+
+def _lifetime(
     seed: int, mount: str, policy: str, schedule: list[dict[str, Any]], trials: int
 ) -> list[TrialRecord]:
-    records: list[TrialRecord] = []
     env = gym.make(REACH, camera_mount=mount, dynamics="kinematic", perturbations=schedule)
-    agent = agents.make("memory", Life(env, seed, records.append), on_change=policy)
-    agent.learn(60 * trials, callback=until(trials, records))
-    return records
+    recorder = LifetimeRecorder(env, seed)
+    return learn_trials(agents.make("memory", recorder, on_change=policy), recorder, trials)
 
 
-def _right(each: Map) -> Iterator[str]:
+def right_actions(each: Map) -> Table:
     """Whether what is done is right: by what else could have been done with a copy of the same state."""
-    yield (
-        f"memory, the same worlds: what it did, and the motions of the next {AFTER} trials, beside those of "
-        "copies that kept, mapped or discarded what was known, told of the change (right: within 10 % of the "
-        "best; wanted: 90 %)"
-    )
-    kinds = ("none", "drift", *KINDS, "arm changed")
+    rows = []
     for mount in calfree_gym.MOUNTS:
         found = [branch for world in each(_branches, WORLDS, _always(mount)) for branch in world]
-        for kind in kinds:
+        for kind in ("none", "drift", *KINDS, "arm changed"):
             motions = np.array([ways for what, ways, _ in found if what == kind])
             names = Counter(name for what, _, name in found if what == kind)
-            right = np.mean(motions[:, 0] <= 1.1 * motions[:, 1:].min(1))
-            means = "   ".join(
-                f"{way} {mean:5.1f}"
-                for way, mean in zip(("did", "keep", "map", "discard"), motions.mean(0), strict=True)
+            rows.append(
+                {
+                    "change": kind,
+                    "mount": mount,
+                    "events": len(motions),
+                    "right": np.mean(motions[:, 0] <= 1.1 * motions[:, 1:].min(1)),
+                    "required": 0.9,
+                    **dict(zip(("did", *WAYS[1:]), motions.mean(0), strict=True)),
+                    "recognised as": ", ".join(f"{name} {count}" for name, count in names.most_common()),
+                }
             )
-            yield (
-                f"  {kind:11} {mount:6} right {right:4.0%} of {len(motions)}   {means}   recognised as "
-                + ", ".join(f"{name} {count}" for name, count in names.most_common())
-            )
-    quiet = list(each(_alarms, WORLDS, _always("waist"))) + list(each(_alarms, WORLDS, _always("stand")))
-    yield f"  false alarms in {150 * len(quiet):,} quiet trials: {sum(quiet)} (wanted: 3 in 3,000)"
+    return Table(
+        "right_actions",
+        f"memory, the same worlds: motions of the {AFTER} trials after a change",
+        pd.DataFrame(rows),
+        {"right": ".0%", "required": ".0%", **dict.fromkeys(("did", *WAYS[1:]), ".1f")},
+        "What it did, beside copies that kept, mapped or discarded their knowledge when the change was "
+        "announced. Right: within 10 % of the best of these.",
+    )
 
 
-def _alarms(seed: int, mount: str) -> int:
-    env = gym.make(REACH, camera_mount=mount, dynamics="kinematic")
-    records: list[TrialRecord] = []
-    agent: Any = agents.make("memory", Life(env, seed, records.append))
-    agent.learn(60 * 150, callback=until(150, records))
-    return len(agent.recognition.events)
+def false_alarms(each: Map, trials: int = 150) -> Table:
+    """Changes that are recognised where nothing changes."""
+    rows = []
+    for mount in calfree_gym.MOUNTS:
+        alarms = list(each(_alarms, WORLDS, _always(mount), _always(trials)))
+        rows.append({"mount": mount, "quiet trials": trials * len(alarms), "false alarms": sum(alarms)})
+    title = "memory, the same worlds: false alarms where nothing changes"
+    formats = {"quiet trials": ",d", "required": "g"}
+    frame = pd.DataFrame(rows)
+    frame["required"] = frame["quiet trials"] / 1_000
+    return Table("false_alarms", title, frame, formats)
+
+
+def _alarms(seed: int, mount: str, trials: int) -> int:
+    recorder = LifetimeRecorder(gym.make(REACH, camera_mount=mount, dynamics="kinematic"), seed)
+    agent: Any = agents.make("memory", recorder)
+    learn_trials(agent, recorder, trials)
+    return len(agent.adaptation.events)
 
 
 def _branches(seed: int, mount: str) -> list[tuple[str, list[int], str]]:
     """What was done to the world, motions of all ways, and what the change was recognised as."""
     states: dict[int, dict[str, NDArray[Any]]] = {}
-    records: list[TrialRecord] = []
     env: Any = gym.make(REACH, camera_mount=mount, dynamics="kinematic")
-    agent: Any = agents.make("memory", Life(env, seed, records.append))
+    recorder = LifetimeRecorder(env, seed)
+    agent: Any = agents.make("memory", recorder)
 
-    def remember(progress: Any) -> bool:
-        if len(records) in BRANCHES:
-            states.setdefault(len(records), agent.arrays())
-        return len(records) < BRANCHES[-1]
+    def keep_state() -> None:
+        if recorder.trials in BRANCHES:
+            states.setdefault(recorder.trials, agent.arrays())
 
-    agent.learn(60 * BRANCHES[-1], callback=remember)
+    learn_trials(agent, recorder, BRANCHES[-1], keep_state)
     found = []
     for kind, (i, trial) in product(("none", "drift", *KINDS, "arm changed"), enumerate(BRANCHES)):
         camera = CAMERAS[i % 2]
@@ -174,8 +205,9 @@ def _branches(seed: int, mount: str) -> list[tuple[str, list[int], str]]:
         schedule = _at_once(kind, camera, of_the_arm)
         changed = np.array([camera == each or kind == "arm changed" for each in CAMERAS])
         ways = [
-            _go(env.unwrapped.world, mount, schedule, 1000 * seed + trial, states[trial], way, told)
-            for way, told in (("recognise", None), ("keep", None), ("map", changed), ("discard", changed))
+            _go(env.unwrapped.world, mount, schedule, 1000 * seed + trial, states[trial], way, announced)
+            for way in WAYS
+            for announced in [changed if way in ("map", "discard") else None]
         ]
         found.append((kind, [motions for motions, _ in ways], (ways[0][1] or ["none"])[0]))
     return found
@@ -198,34 +230,47 @@ def _go(
     seed: int,
     state: dict[str, NDArray[Any]],
     way: str,
-    told: NDArray[np.bool_] | None,
+    announced: NDArray[np.bool_] | None,
 ) -> tuple[int, list[str]]:
-    """Motions of the next trials of a copy of a state, and the changes that it recognised in them."""
-    records: list[TrialRecord] = []
+    """Motions of the next trials of a copy of a state, and the changes that it recognised in them.
+
+    Args:
+        world: In which the copy goes on.
+        mount: What the cameras are fixed to.
+        schedule: What becomes of the world.
+        seed: Of the trials.
+        state: What the copy knows.
+        way: What it does about a change.
+        announced: Cameras (2,) whose change is announced to it; None where it must recognise the change.
+    """
     env = gym.make(REACH, world=world, camera_mount=mount, dynamics="kinematic", perturbations=schedule)
-    agent: Any = agents.make("memory", Life(env, seed, records.append))
+    recorder = LifetimeRecorder(env, seed)
+    agent: Any = agents.make("memory", recorder)
     agent.restore(state)
-    agent.recognition.on_change = way
-    known = len(agent.recognition.events)
-    if told is not None:
-        agent.recognition.tell(told)
-    agent.learn(60 * AFTER, callback=until(AFTER, records))
-    return sum(r.motions for r in records), [e.kind for e in agent.recognition.events[known:]]
+    agent.adaptation.on_change = way
+    known = len(agent.adaptation.events)
+    if announced is not None:
+        agent.adaptation.announce_change(announced)
+    records = learn_trials(agent, recorder, AFTER)
+    return sum(r.motions for r in records), [e.kind for e in agent.adaptation.events[known:]]
 
 
-def _drifting(each: Map) -> Iterator[str]:
+def drift(each: Map) -> Table:
     """Motions per reach where one camera pans on and on."""
-    trials = 500
-    yield (
-        f"memory, the same worlds, a camera pans by 0.2 px a trial, {trials} trials: motions per reach "
-        "(wanted 1.3)"
-    )
+    schedule = [{"drift": {"per": "trial"}, "do": PAN}]
+    rows = []
     for mount in calfree_gym.MOUNTS:
-        schedule = [{"drift": {"per": "trial"}, "do": PAN}]
-        lives = list(each(_life, WORLDS, *map(_always, (mount, "recognise", schedule, trials))))
-        motions = np.array([[record.motions for record in life] for life in lives])
-        success = np.mean([record.success for life in lives for record in life])
-        yield (
-            f"  {mount:6} 1-{trials}: {motions.mean():.2f}"
-            f"   301-{trials}: {motions[:, 300:].mean():.2f}   success {success:.2%}"
+        lifetimes = list(each(_lifetime, WORLDS, *map(_always, (mount, "recognise", schedule, DRIFT_TRIALS))))
+        motions = np.array([[record.motions for record in records] for records in lifetimes])
+        rows.append(
+            {
+                "mount": mount,
+                f"motions in trials 1-{DRIFT_TRIALS}": motions.mean(),
+                f"in {DRIFT_LATE + 1}-{DRIFT_TRIALS}": motions[:, DRIFT_LATE:].mean(),
+                "required": 1.3,
+                "success": np.mean([record.success for records in lifetimes for record in records]),
+            }
         )
+    frame = pd.DataFrame(rows)
+    title = f"memory, the same worlds: a camera pans by 0.2 px a trial, {DRIFT_TRIALS} trials"
+    return Table("drift", title, frame, {**dict.fromkeys(frame.columns[1:4], ".2f"), "success": ".2%"})

@@ -1,84 +1,141 @@
-"""What the controllers reach in worlds that none of them was tuned on, beside what is asked of them."""
+"""What the controllers reach in worlds that none of them was tuned on, beside what is required of them."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
+import pandas as pd
 
 import agents
 import calfree_gym
 from calfree_gym.envs.goal import TELLS
 from experiments.evaluation import TrialRecord, evaluate
-from experiments.running.lifetime import Life
+from experiments.reporting.tables import Table
+from experiments.running.lifetime import LifetimeRecorder, learn_trials
 
 REACH, _ = calfree_gym.ENV_IDS
 FIRST_WORLD = 1000
 
-SERVOS: tuple[tuple[str, dict[str, Any], str], ...] = (
-    ("work_plane_servo", {}, "99 %, 16"),
-    ("unified_servo", {"estimator": "test_motions", "redundancy": "omit"}, "99 %, 14"),
-    ("unified_servo", {"estimator": "test_motions", "redundancy": "transform"}, "99 %, 14"),
-    ("unified_servo", {"estimator": "test_motions"}, "99 %, 14"),
-    ("unified_servo", {"estimator": "broyden"}, ""),
-    ("unified_servo", {"estimator": "trust_region"}, ""),
-    ("unified_servo", {"estimator": "rls"}, ""),
-    ("unified_servo", {"estimator": "local"}, ""),
-    ("unified_servo", {}, "99.5 %, 7 / 8, 12 / 15"),
-    ("joint_space_servo", {}, ""),
-    ("affine_stereo", {}, ""),
+
+class Required(NamedTuple):
+    """The least success, and the most motions, that are required; None where nothing is."""
+
+    success: float | None = None
+    median: int | None = None
+    percentile_95: int | None = None
+
+
+NOTHING = dict.fromkeys(calfree_gym.MOUNTS, Required())
+UNIFIED = {"waist": Required(0.995, 7, 12), "stand": Required(0.995, 8, 15)}
+LATER = {"waist": Required(None, 4, 8), "stand": Required(None, 5, 12)}
+
+SERVOS: tuple[tuple[str, dict[str, Any], dict[str, Required]], ...] = (
+    ("work_plane_servo", {}, dict.fromkeys(calfree_gym.MOUNTS, Required(0.99, 16))),
+    *(
+        ("unified_servo", {"estimator": "test_motions", **more}, dict.fromkeys(calfree_gym.MOUNTS, required))
+        for required in [Required(0.99, 14)]
+        for more in ({"redundancy": "omit"}, {"redundancy": "transform"}, {})
+    ),
+    *(
+        ("unified_servo", {"estimator": estimator}, NOTHING)
+        for estimator in ("broyden", "trust_region", "rls", "local")
+    ),
+    ("unified_servo", {}, UNIFIED),
+    ("joint_space_servo", {}, NOTHING),
+    ("affine_stereo", {}, NOTHING),
 )
-"""Controllers, their settings, and what is asked of them: success, median motions, p95 (waist / stand)."""
+"""Controllers, their settings, and what is required of them on each mount."""
 
-TROUBLES: tuple[tuple[str, dict[str, Any], int, float, str], ...] = (
-    ("20 px noise", {"type": "point_noise", "px": 20.0}, 60, 16.0, "95 % / 85 %"),
-    ("40 % outliers", {"type": "point_outliers", "share": 0.4}, 120, 5.5, "98 %"),
-    ("20 % outliers", {"type": "point_outliers", "share": 0.2}, 120, 5.5, "99 %"),
-    ("30 % dropout", {"type": "point_dropout", "share": 0.3}, 60, 5.5, "99.5 %"),
-    ("latency 1", {"type": "latency", "motions": 1}, 60, 5.5, "99.5 %"),
+ROLLED: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("unified_servo", {}),
+    ("unified_servo", {"estimator": "test_motions"}),
+    ("work_plane_servo", {}),
 )
-"""What looks suffer from, for how many motions, the largest error in px to end with, and the share asked."""
+"""Controllers whose camera is rolled in mid-trial."""
 
 
-def controllers(worlds: int = 500) -> str:
+class Trouble(NamedTuple):
+    """What observations suffer from, for how many motions, and what is required at the end.
+
+    Attributes:
+        name: In the table.
+        do: The perturbation.
+        motions: Of a trial.
+        error_px: The largest true error to end with.
+        required: Share of the trials that must end so, on each mount.
+    """
+
+    name: str
+    do: dict[str, Any]
+    motions: int
+    error_px: float
+    required: dict[str, float]
+
+
+TROUBLES = (
+    Trouble("20 px noise", {"type": "point_noise", "px": 20.0}, 60, 16.0, {"waist": 0.95, "stand": 0.85}),
+    *(
+        Trouble(name, do, motions, 5.5, dict.fromkeys(calfree_gym.MOUNTS, required))
+        for name, do, motions, required in (
+            ("40 % outliers", {"type": "point_outliers", "share": 0.4}, 120, 0.98),
+            ("20 % outliers", {"type": "point_outliers", "share": 0.2}, 120, 0.99),
+            ("30 % dropout", {"type": "point_dropout", "share": 0.3}, 60, 0.995),
+            ("latency 1", {"type": "latency", "motions": 1}, 60, 0.995),
+        )
+    ),
+)
+
+_FORMATS = {
+    "success": ".1%",
+    "required success": ".1%",
+    "median motions": ".0f",
+    "required median": ".0f",
+    "95th percentile": ".0f",
+    "required 95th": ".0f",
+    "µs a decision": ".0f",
+}
+_HOW_TO_READ = (
+    "Success by the noise-free truth; median and 95th percentile of motions; median time of a decision. "
+    "Required: the least success, the most motions."
+)
+
+
+def controllers(worlds: int = 500) -> Iterator[Table]:
     """First trials in wild worlds, later ones in the same world, and trials in which a camera is rolled."""
-    lines = [
-        f"wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, physics, 0.5 px noise, at most 60 motions",
-        "success by the truth, median and 95th percentile of motions, median microseconds a decision",
-    ]
-    for name, settings, asked in SERVOS:
+    where = f"wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, physics, 0.5 px noise, at most 60 motions"
+    first = []
+    for name, settings, required in SERVOS:
         for mount in calfree_gym.MOUNTS:
             agent = _Timed(name, mount, **settings)
-            label = " ".join([name, *settings.values()])
-            lines.append(
-                f"  {label:40} {mount:6} {_of(_first_trials(agent, mount, worlds))}  {agent}  {asked}"
-            )
-    lines.append("later trials 2-4 in the same world (asked: median 4 / 5, p95 8 / 12)")
+            records = _first_trials(agent, mount, worlds)
+            first.append({**agent.named, **_reached(records, mount, required[mount]), **agent.decision})
+    yield _table("first_trials", f"First trials, {where}", first)
+    later = []
     for mount in calfree_gym.MOUNTS:
-        later = [record for seed in _seeds(worlds) for record in _life(mount, seed, trials=4)[1:]]
-        lines.append(f"  {'unified_servo':40} {mount:6} {_of(later)}")
-    lines.append("a camera rolled at motion 1-5 (asked: 99 %, median of motions more than unrolled 4)")
-    for name, settings in (
-        ("unified_servo", {}),
-        ("unified_servo", {"estimator": "test_motions"}),
-        ("work_plane_servo", {}),
-    ):
-        for mount in calfree_gym.MOUNTS:
-            label = " ".join([name, *settings.values()])
-            lines.append(f"  {label:40} {mount:6} {_rolled(_Timed(name, mount, **settings), mount, worlds)}")
-    return "\n".join(lines)
+        records = [record for seed in _seeds(worlds) for record in _lifetime(mount, seed, trials=4)[1:]]
+        later.append({"agent": "unified_servo", **_reached(records, mount, LATER[mount])})
+    yield _table("later_trials", "Trials 2-4 in the same world", later)
+    rolled = [
+        _rolled(_Timed(name, mount, **settings), mount, worlds)
+        for name, settings in ROLLED
+        for mount in calfree_gym.MOUNTS
+    ]
+    yield _table("rolled", "A camera rolled at motion 1-5", rolled)
 
 
-def models(worlds: int = 500, identified: int = 100) -> str:
+def models(worlds: int = 500, identified: int = 100) -> Iterator[Table]:
     """The calibrated robot where its model is true, and the self-calibrating one in wild worlds."""
-    lines = [f"model_based, nominal world, {worlds} objects (asked: 99.5 %, at most 2 motions)"]
+    rows = []
     for mount in calfree_gym.MOUNTS:
         agent = _Timed("model_based", mount, camera_mount=mount)
-        lines.append(f"  {mount:6} {_of(_first_trials(agent, mount, worlds, world='nominal'))}  {agent}")
-    lines.append(f"self_calibrating, {identified} wild worlds: 60 motions of learning, then one trial (95 %)")
+        records = _first_trials(agent, mount, worlds, world="nominal")
+        rows.append({"agent": agent.name, **_reached(records, mount, Required(0.995, 2)), **agent.decision})
+    yield _table("model_based", f"The calibrated robot, nominal world, {worlds} objects", rows)
+    rows = []
     for mount in calfree_gym.MOUNTS:
         records = []
         for seed in _seeds(identified):
@@ -86,36 +143,50 @@ def models(worlds: int = 500, identified: int = 100) -> str:
             env.reset(seed=seed)
             learned = agents.make("self_calibrating", env, camera_mount=mount).learn(60)
             records += evaluate(learned, env, trials=1, seed=seed)
-        lines.append(f"  {mount:6} {_of(records)}")
-    return "\n".join(lines)
+        rows.append({"agent": "self_calibrating", **_reached(records, mount, Required(0.95))})
+    title = f"The self-calibrating robot, {identified} wild worlds: 60 motions of learning, then one trial"
+    yield _table("self_calibrating", title, rows)
 
 
-def robust(worlds: int = 500) -> str:
+def robust(worlds: int = 500) -> Iterator[Table]:
     """unified_servo in trouble; no trial is ended for it, and the true error after the last motion counts."""
-    lines = [f"unified_servo, wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, physics, nothing told"]
-    for label, do, motions, error_px, asked in TROUBLES:
-        shares = []
+    rows = []
+    for trouble in TROUBLES:
         for mount in calfree_gym.MOUNTS:
             records = _first_trials(
                 _Timed("unified_servo", mount),
                 mount,
                 worlds,
-                max_episode_steps=motions,
+                max_episode_steps=trouble.motions,
                 terminate_on_success=False,
-                perturbations=[{"at": {"trial": 0}, "do": do}],
+                perturbations=[{"at": {"trial": 0}, "do": trouble.do}],
             )
-            shares.append(np.mean([record.error_px <= error_px for record in records]))
-        lines.append(
-            f"  {label:14} within {error_px:4} px after {motions:3} motions: "
-            f"{shares[0]:.1%} / {shares[1]:.1%} (waist / stand; asked {asked})"
-        )
-    return "\n".join(lines)
+            rows.append(
+                {
+                    "trouble": trouble.name,
+                    "mount": mount,
+                    "trials": len(records),
+                    "motions": trouble.motions,
+                    "within px": trouble.error_px,
+                    "share": np.mean([record.error_px <= trouble.error_px for record in records]),
+                    "required share": trouble.required[mount],
+                }
+            )
+    yield Table(
+        "robust",
+        f"unified_servo, wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, physics, nothing announced",
+        pd.DataFrame(rows),
+        {"share": ".1%", "required share": ".1%", "within px": "g"},
+        "Share of the trials whose true error after the last motion is within so many pixels.",
+    )
 
 
 class _Timed:
     """An agent whose decisions are timed."""
 
     def __init__(self, name: str, mount: str, **settings: Any) -> None:
+        self.name = name
+        self.named = {"agent": name, "settings": " ".join(settings.values())}
         spaces = gym.make(REACH, camera_mount=mount, tell=tuple(TELLS))
         self.agent: Any = agents.make(name, spaces, **settings)
         self.seconds: list[float] = []
@@ -126,8 +197,15 @@ class _Timed:
         self.seconds.append(time.perf_counter() - start)
         return decision
 
-    def __str__(self) -> str:
-        return f"{1e6 * np.median(self.seconds):4.0f} us"
+    @property
+    def decision(self) -> dict[str, float]:
+        return {"µs a decision": 1e6 * float(np.median(self.seconds))}
+
+
+def _table(name: str, title: str, rows: list[dict[str, Any]]) -> Table:
+    frame = pd.DataFrame(rows)
+    formats = {column: form for column, form in _FORMATS.items() if column in frame}
+    return Table(name, title, frame.dropna(axis="columns", how="all"), formats, _HOW_TO_READ)
 
 
 def _seeds(worlds: int) -> range:
@@ -136,25 +214,24 @@ def _seeds(worlds: int) -> range:
 
 def _first_trials(agent: _Timed, mount: str, worlds: int, **options: Any) -> list[TrialRecord]:
     """One trial in each world, with nothing remembered."""
-    env = gym.make(REACH, camera_mount=mount, tell=agent.agent.told, **options)
+    env = gym.make(REACH, camera_mount=mount, tell=agent.agent.privileged, **options)
     return [record for seed in _seeds(worlds) for record in evaluate(agent, env, trials=1, seed=seed)]
 
 
-def _life(mount: str, seed: int, trials: int) -> list[TrialRecord]:
+def _lifetime(mount: str, seed: int, trials: int) -> list[TrialRecord]:
     """The first trials of a servo that remembers its Jacobian."""
-    records: list[TrialRecord] = []
-    life = Life(gym.make(REACH, camera_mount=mount), seed, records.append)
-    agents.make("unified_servo", life).learn(60 * trials, callback=lambda _: len(records) < trials)
-    return records
+    recorder = LifetimeRecorder(gym.make(REACH, camera_mount=mount), seed)
+    return learn_trials(agents.make("unified_servo", recorder), recorder, trials)
 
 
-def _rolled(agent: _Timed, mount: str, worlds: int) -> str:
+def _rolled(agent: _Timed, mount: str, worlds: int) -> dict[str, Any]:
     """Trials in which a camera was rolled beside the same trials in which none was."""
     records, more = [], []
     for record, rolled in _pairs(agent, mount, worlds):
         records.append(rolled)
         more.append(rolled.motions - record.motions)
-    return f"{_of(records)}   {np.median(more):3.0f} more, in {len(more)} trials"
+    reached = _reached(records, mount, Required(0.99))
+    return {**agent.named, **reached, "median of more motions": np.median(more), "required more": 4}
 
 
 def _pairs(agent: _Timed, mount: str, worlds: int) -> Iterator[tuple[TrialRecord, TrialRecord]]:
@@ -167,9 +244,15 @@ def _pairs(agent: _Timed, mount: str, worlds: int) -> Iterator[tuple[TrialRecord
             yield record, evaluate(agent, envs[k - 1], trials=1, seed=seed)[0]
 
 
-def _of(records: list[TrialRecord]) -> str:
+def _reached(records: list[TrialRecord], mount: str, required: Required) -> dict[str, Any]:
     motions = [record.motions for record in records]
-    return (
-        f"{np.mean([record.success for record in records]):6.1%}  {np.median(motions):3.0f} "
-        f"{np.percentile(motions, 95):3.0f}"
-    )
+    return {
+        "mount": mount,
+        "trials": len(records),
+        "success": np.mean([record.success for record in records]),
+        "required success": required.success,
+        "median motions": np.median(motions),
+        "required median": required.median,
+        "95th percentile": np.percentile(motions, 95),
+        "required 95th": required.percentile_95,
+    }

@@ -1,4 +1,4 @@
-"""What remembering is worth, measured: the paper's claims about its table, and what is asked of memory."""
+"""What knowledge is worth, measured: the paper's claims about its table, and what memory must reach."""
 
 from __future__ import annotations
 
@@ -9,81 +9,108 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 import agents
 import calfree_gym
-from agents.knowledge.knowledge import Knowledge
+from agents.knowledge.interface import Knowledge
 from calfree_gym.geometry import Array
 from calfree_gym.robot.motors import MOTORS
-from experiments.benchmarks.baselines import until
 from experiments.benchmarks.region import Region
 from experiments.evaluation import TrialRecord
-from experiments.running.lifetime import Life
+from experiments.reporting.tables import Table
+from experiments.running.lifetime import LifetimeRecorder, learn_trials
 
 REACH, _ = calfree_gym.ENV_IDS
 FIRST_WORLD = 2000
 TRIALS = 400
 WIDTH = 0.25
 """Of the region, as a share of the work space's width in each dimension."""
-ASKED = ((25, 50), (100, 150), (300, 400))
-"""Trials about which something is asked of memory."""
+REQUIRED: dict[tuple[int, int], tuple[float, float | None]] = {
+    (25, 50): (1.8, None),
+    (100, 150): (1.25, 1.6),
+    (300, 400): (1.15, None),
+}
+"""By a block's first and last trial: the most motions per reach of memory, and of its worst world."""
 STORED = (100, 1_000, 10_000, 100_000)
+REQUIRED_AT = 10_000
+"""Pairs stored at which the time of a recall is bounded."""
 ENOUGH = 0.5
 """A substantial part of the records that are ever needed."""
 TABLES: tuple[dict[str, Any], ...] = ({}, {"cells": 4}, {"cells": 16})
 
 
-def knowledge() -> str:
+def knowledge() -> Iterator[Table]:
     """All that is measured here."""
-    return "\n".join([*_region(), *_records(), *_stored(), *_memory()])
+    yield region()
+    yield records()
+    yield stored()
+    yield memory()
 
 
-def _region(worlds: int = 10) -> Iterator[str]:
+def region(worlds: int = 10) -> Table:
     """Robot seconds per reach of the paper's table, where objects lie anywhere and in a region."""
-    yield (
-        f"grid_table, {_named(worlds)}, waist, kinematic, {TRIALS} trials: robot "
-        "seconds per reach (the paper: 50, then a few; wanted: 3 times fewer in the region)"
-    )
+    rows = []
     for settings in TABLES:
         for share, where in ((1.0, "whole work space"), (WIDTH, f"region of width {WIDTH:g}")):
-            lives, tables = _lives("grid_table", "waist", worlds, share, "kinematic", TRIALS, **settings)
-            seconds = np.array([[record.robot_seconds for record in life] for life in lives])
-            first, last = seconds[:, :25].mean(), seconds[:, -100:].mean()
-            records = [~np.isnan(table.knowledge.records).any(-1) for table in tables]
-            filled = [table.knowledge.known_cells()[0] for table in tables]
-            label = " ".join(f"{key} {value}" for key, value in settings.items()) or "as it is"
-            yield (
-                f"  {label:9} {where:20} trials 1-5: {seconds[:, :5].mean():4.1f}   1-25: {first:4.1f}"
-                f"   {TRIALS - 99}-{TRIALS}: {last:4.1f}   times fewer {first / last:.1f}"
-                f"   records {np.mean([each.sum() for each in records]):5,.0f}"
-                f"   cells filled {np.mean([each.sum() for each in filled]):4,.0f}"
+            lifetimes, tables = _lifetimes(
+                "grid_table", "waist", worlds, share, "kinematic", TRIALS, **settings
             )
+            seconds = np.array([[record.robot_seconds for record in each] for each in lifetimes])
+            first, last = seconds[:, :25].mean(), seconds[:, -100:].mean()
+            stored = [~np.isnan(table.knowledge.records).any(-1) for table in tables]
+            filled = [table.knowledge.known_cells()[0] for table in tables]
+            rows.append(
+                {
+                    "settings": " ".join(f"{key} {value}" for key, value in settings.items()) or "defaults",
+                    "objects": where,
+                    "seconds in trials 1-5": seconds[:, :5].mean(),
+                    "1-25": first,
+                    f"{TRIALS - 99}-{TRIALS}": last,
+                    "times fewer": first / last,
+                    "required": None if share == 1 else 3.0,
+                    "records": np.mean([each.sum() for each in stored]),
+                    "cells filled": np.mean([each.sum() for each in filled]),
+                }
+            )
+    frame = pd.DataFrame(rows)
+    formats = dict.fromkeys(frame.columns[2:7], ".1f") | {"records": ",.0f", "cells filled": ",.0f"}
+    title = f"grid_table, {_named(worlds)}, waist, kinematic, {TRIALS} trials: robot seconds per reach"
+    return Table("region", title, frame, formats, "The paper: 50 s, then a few.")
 
 
-def _records(worlds: int = 5, objects: int = 4_000, cells: int = 8) -> Iterator[str]:
+def records(worlds: int = 5, objects: int = 4_000, cells: int = 8) -> Table:
     """The 4-D table beside one of 6-D, whose other coordinates are the object's direction in both images."""
-    yield (
-        f"records of 8 cells a dimension; needed: those about {objects:,} objects in each of {worlds} wild "
-        "worlds, in 6-D lying in any direction in each image"
-    )
-    curves: dict[int, list[int]] = {4: [], 6: []}
+    trials: dict[int, list[int]] = {4: [], 6: []}
     needed: dict[int, list[int]] = {4: [], 6: []}
     for seed in range(FIRST_WORLD, FIRST_WORLD + worlds):
         sensors = np.array(list(_objects(seed, objects)))
         rng = np.random.default_rng(seed)
         in_4d = np.unique(_corners(sensors, cells)).size
-        for dimensions in curves:
+        for dimensions in trials:
             needed[dimensions].append(in_4d * (cells + 1) ** (dimensions - 4))
             target = ENOUGH * needed[dimensions][-1]
-            curves[dimensions].append(_trials_until(target, sensors, dimensions, cells, rng))
-    for dimensions, trials in curves.items():
-        records = (cells + 1) ** dimensions
-        yield (
-            f"  {dimensions}-D   records {records:7,}   bytes {8 * len(MOTORS) * records:10,}"
-            f"   ever needed {np.mean(needed[dimensions]):7,.0f}"
-            f"   trials until {ENOUGH:.0%} of these have been visited {np.mean(trials):6,.0f}"
-        )
+            trials[dimensions].append(_trials_until(target, sensors, dimensions, cells, rng))
+    rows = [
+        {
+            "dimensions": dimensions,
+            "records": (cells + 1) ** dimensions,
+            "bytes": 8 * len(MOTORS) * (cells + 1) ** dimensions,
+            "ever needed": np.mean(needed[dimensions]),
+            f"trials until {ENOUGH:.0%} of these have been visited": np.mean(trials[dimensions]),
+        }
+        for dimensions in trials
+    ]
+    frame = pd.DataFrame(rows)
+    return Table(
+        "records",
+        f"Records of {cells} cells a dimension",
+        frame,
+        dict.fromkeys(frame.columns[1:], ",.0f"),
+        f"Needed: the records about {objects:,} objects in each of {worlds} wild worlds; in 6-D, they lie "
+        "in any direction in each image.",
+    )
 
 
 def _objects(seed: int, count: int) -> Iterator[Array]:
@@ -116,23 +143,31 @@ def _trials_until(
     return trials
 
 
-def _stored(recalls: int = 300) -> Iterator[str]:
+def stored(recalls: int = 300) -> Table:
     """Bytes to save and recall time against pairs stored, of a smooth map without noise."""
-    yield "bytes to save, and median microseconds a recall (wanted: 300 at 10,000 pairs), after so many pairs"
     kinds: dict[Callable[..., Knowledge], list[str]] = {}
     for name, kind in agents.KNOWLEDGE.items():
         kinds.setdefault(kind, []).append(name)
+    rows = []
     for kind, names in kinds.items():
         base: Any = kind(len(MOTORS))
         rng = np.random.default_rng(0)
-        found, stored = [], 0
+        pairs = 0
         for count in STORED:
-            for _ in range(count - stored):
+            for _ in range(count - pairs):
                 base.learn(*_pair(rng))
-            stored = count
-            size = sum(array.nbytes for array in base.arrays().values())
-            found.append(f"{count:,}: {size:,} B {_recall_time(base, rng, recalls):.0f} us")
-        yield f"  {', '.join(names):28} " + "   ".join(found)
+            pairs = count
+            rows.append(
+                {
+                    "knowledge": ", ".join(names),
+                    "pairs": count,
+                    "bytes": sum(array.nbytes for array in base.arrays().values()),
+                    "µs a recall": _recall_time(base, rng, recalls),
+                    "required": 300.0 if count == REQUIRED_AT else None,
+                }
+            )
+    formats = {"pairs": ",d", "bytes": ",d", "µs a recall": ".0f", "required": ".0f"}
+    return Table("stored", "Bytes to save, and median time of a recall", pd.DataFrame(rows), formats)
 
 
 def _pair(rng: np.random.Generator) -> tuple[Array, Array]:
@@ -154,42 +189,56 @@ def _recall_time(base: Knowledge, rng: np.random.Generator, recalls: int) -> flo
     return float(1e6 * np.median(seconds))
 
 
-def _memory(worlds: int = 20) -> Iterator[str]:
-    """Motions per reach of memory in blocks of trials."""
-    yield (
-        f"memory, {_named(worlds)}, physics: motions per reach, worst world "
-        "in brackets (wanted in trials 26-50: 1.8, in 101-150: 1.25 [1.6], in 301-400: 1.15; success 99.5%)"
-    )
+def memory(worlds: int = 20) -> Table:
+    """Motions per reach of memory in blocks of trials, beside the first trial of a servo without it."""
+    rows = []
     for mount in calfree_gym.MOUNTS:
-        lives, _ = _lives("memory", mount, worlds, 1.0, "physics", TRIALS)
-        first, _ = _lives("unified_servo", mount, worlds, 1.0, "physics", 1)
-        motions = np.array([[record.motions for record in life] for life in lives])
-        blocks = "".join(f"   {a + 1}-{b}: {_mean_and_worst(motions[:, a:b])}" for a, b in ASKED)
-        success = np.mean([record.success for life in lives for record in life])
-        bare = np.mean([record.motions for (record,) in first])
-        yield (
-            f"  {mount:6} trial 1: {motions[:, 0].mean():.2f} (unified_servo {bare:.2f}){blocks}   "
-            f"success {success:.2%}"
-        )
+        lifetimes, _ = _lifetimes("memory", mount, worlds, 1.0, "physics", TRIALS)
+        bare, _ = _lifetimes("unified_servo", mount, worlds, 1.0, "physics", 1)
+        blocks = {(0, 1): (None, None), **REQUIRED, (0, TRIALS): (None, None)}
+        rows.append(_block("unified_servo", mount, bare, 0, 1))
+        for (first, last), (most, worst) in blocks.items():
+            of_block = _block("memory", mount, lifetimes, first, last)
+            required = {
+                "required motions": most,
+                "required of worst": worst,
+                "required success": 0.995 if (first, last) == (0, TRIALS) else None,
+            }
+            rows.append({**of_block, **required})
+    frame = pd.DataFrame(rows)
+    motions = ("motions per reach", "worst world", "required motions", "required of worst")
+    formats = {**dict.fromkeys(motions, ".2f"), "success": ".2%", "required success": ".1%"}
+    return Table("memory", f"memory, {_named(worlds)}, physics", frame, formats)
 
 
-def _mean_and_worst(motions: NDArray[np.int64]) -> str:
-    return f"{motions.mean():.2f} [{motions.mean(1).max():.2f}]"
+def _block(
+    agent: str, mount: str, lifetimes: list[list[TrialRecord]], first: int, last: int
+) -> dict[str, Any]:
+    """What one block of trials came to, over all worlds."""
+    motions = np.array([[record.motions for record in records[first:last]] for records in lifetimes])
+    return {
+        "agent": agent,
+        "mount": mount,
+        "trials": f"{first + 1}-{last}" if last > first + 1 else f"{last}",
+        "motions per reach": motions.mean(),
+        "worst world": motions.mean(1).max(),
+        "success": np.mean([record.success for records in lifetimes for record in records[first:last]]),
+    }
 
 
 def _named(worlds: int) -> str:
     return f"wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}"
 
 
-def _lives(
+def _lifetimes(
     name: str, mount: str, worlds: int, share: float, dynamics: str, trials: int, **settings: Any
 ) -> tuple[list[list[TrialRecord]], list[Any]]:
     """What an agent's own trials came to in each world, and the agents after them."""
-    lives, lived = [], []
+    lifetimes, learned = [], []
     for seed in range(FIRST_WORLD, FIRST_WORLD + worlds):
-        records: list[TrialRecord] = []
         env = gym.make(REACH, camera_mount=mount, dynamics=dynamics)
-        life = Life(Region(env, share) if share < 1 else env, seed, records.append)
-        lived.append(agents.make(name, life, **settings).learn(60 * trials, callback=until(trials, records)))
-        lives.append(records)
-    return lives, lived
+        recorder = LifetimeRecorder(Region(env, share) if share < 1 else env, seed)
+        agent = agents.make(name, recorder, **settings)
+        lifetimes.append(learn_trials(agent, recorder, trials))
+        learned.append(agent)
+    return lifetimes, learned

@@ -20,15 +20,15 @@ class Peer:
 
     Attributes:
         env_id: Its Gymnasium id.
-        substeps: Physics substeps in a step; None where they cannot be told.
-        timestep: Simulated seconds in a substep; None where they cannot be told.
+        substeps: Physics substeps in a step; None where they are not known.
+        timestep: Simulated seconds in a substep; None where they are not known.
         versions: Of its interpreter and packages.
 
     Args:
         spec: "PYTHON=ENV_ID": an interpreter that has the environment, and the id, "module:Id" included.
 
     Raises:
-        ConfigError: There is no such interpreter or environment; says what it said.
+        ConfigError: There is no such interpreter or environment; repeats its message.
     """
 
     def __init__(self, spec: str) -> None:

@@ -38,7 +38,7 @@ def make(env_id: str) -> Any:
 
 
 def substeps_and_timestep(env: Any) -> tuple[int | None, float | None]:
-    """Physics substeps in a step and seconds in a substep, or Nones where they cannot be told."""
+    """Physics substeps in a step and seconds in a substep, or Nones where they are not known."""
     base = env.unwrapped
     sim: Any = getattr(base, "sim", None)
     if hasattr(sim, "n_substeps"):  # panda-gym

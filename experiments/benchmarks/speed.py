@@ -55,16 +55,6 @@ class Speed:
     ratios: tuple[Ratio, ...]
     machine: dict[str, Any]
 
-    def __str__(self) -> str:
-        width = max(len(f"{r.name}, {r.unit}") for r in self.ratios)
-        lines = [f"{'':{width}}{'ratio':>8}{'wanted':>8}{'ours/s':>13}{'other/s':>13}"]
-        for r in self.ratios:
-            wanted = "" if r.wanted is None else f"{r.wanted:.2f}"
-            numbers = f"{r.ratio:8.2f}{wanted:>8}{r.ours:13,.0f}{r.other:13,.0f}"
-            lines.append(f"{f'{r.name}, {r.unit}':{width}}{numbers}")
-        lines.append(", ".join(f"{key} {value}" for key, value in self.machine.items()))
-        return "\n".join(lines)
-
     def to_dict(self) -> dict[str, Any]:
         """As plain values, for JSON."""
         return asdict(self)

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from calfree_gym.errors import near_misses
 from experiments.config.overrides import with_overrides
-from experiments.config.requirements import asked
+from experiments.config.requirements import requirements
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 
@@ -21,8 +21,9 @@ class _StrictLoader(yaml.SafeLoader):
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
         for (key_node, _), key in zip(node.value, keys, strict=True):
             if keys.count(key) > 1:
-                line = key_node.start_mark.line + 1
-                raise yaml.YAMLError(f"line {line}: the key {key!r} stands twice")
+                raise yaml.MarkedYAMLError(
+                    problem=f"the key {key!r} stands twice", problem_mark=key_node.start_mark
+                )
         return super().construct_mapping(node, deep)
 
 
@@ -62,7 +63,17 @@ def read_yaml(path: Path) -> Any:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from None
     except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: is not valid YAML: {error}") from None
+        raise ConfigError(f"{path}{_place(error)}") from None
+
+
+def _place(error: yaml.YAMLError) -> str:
+    """Where in its file an error is, and what it is."""
+    mark: yaml.Mark | None = getattr(error, "problem_mark", None)
+    if mark is None:
+        return f": is not valid YAML: {error}"
+    parts = [error.context, error.problem] if isinstance(error, yaml.MarkedYAMLError) else [str(error)]
+    what = ", ".join(part for part in parts if part)
+    return f", line {mark.line + 1}, column {mark.column + 1}: is not valid YAML: {what}"
 
 
 def _with_settings_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -88,7 +99,7 @@ def _unbuildable(suite: Suite) -> list[str]:
     for env in [scenario.env for scenario in suite.scenarios] + [sweep.env for sweep in suite.sweeps]:
         for j, agent in enumerate(suite.agents):
             try:
-                asked(agent, env)
+                requirements(agent, env)
             except Exception as error:  # whatever a library raises at a setting that it cannot use
                 wrong[f"agents.{j}.settings"] = f"found {_short(agent.settings)}: {error}"
     return [f"{where}: {what}" for where, what in wrong.items()]

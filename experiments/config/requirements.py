@@ -1,4 +1,4 @@
-"""What an agent asks for, so that it is given that and no more."""
+"""What an agent requires, so that it is given that and no more."""
 
 from typing import Any, NamedTuple
 
@@ -7,26 +7,26 @@ from calfree_gym.envs.goal import TELLS
 from experiments.config.suite import AgentConfig, EnvironmentConfig
 
 
-class Asked(NamedTuple):
+class Requirements(NamedTuple):
     """What an agent must be given.
 
     Attributes:
-        tell: What its environment must tell it beside the image points.
-        settings: Its own, and what its cameras are fixed to, where it goes by that and is not told otherwise.
+        privileged: Observations beside the image points, as the environment's argument `tell` names them.
+        settings: Its own, and what its cameras are fixed to, where it uses that and no setting gives it.
     """
 
-    tell: tuple[str, ...]
+    privileged: tuple[str, ...]
     settings: dict[str, Any]
 
 
-def asked(agent: AgentConfig, env: EnvironmentConfig) -> Asked:
-    """Makes the agent once, where all is told, to see what it asks for.
+def requirements(agent: AgentConfig, env: EnvironmentConfig) -> Requirements:
+    """Makes the agent once, in an environment with all privileged observations, to see what it requires.
 
     Raises:
         ValueError: A setting is not allowed.
     """
-    telling = env.make(tell=tuple(TELLS))
-    made = agents.make(agent.name, telling, seed=0, **agent.settings)
-    telling.close()
+    everything = env.make(tell=tuple(TELLS))
+    made = agents.make(agent.name, everything, seed=0, **agent.settings)
+    everything.close()
     mount = {"camera_mount": env.camera_mount} if hasattr(made, "camera_mount") else {}
-    return Asked(made.privileged, {**mount, **agent.settings})
+    return Requirements(made.privileged, {**mount, **agent.settings})

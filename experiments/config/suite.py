@@ -60,13 +60,13 @@ class EnvironmentConfig(Model):
     def make(
         self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()
     ) -> gymnasium.Env[Any, Any]:
-        """Builds the environment for an agent that must be told `tell`."""
+        """Builds the environment; `tell` names the privileged observations that it adds."""
         arguments = {**self.model_dump(exclude={"id"}), "tell": tell}
         return gymnasium.make(self.id, perturbations=list(perturbations) or None, **arguments)
 
 
 class ScenarioConfig(Model):
-    """The life that every agent leads: where, for how many motions or trials, and how it is perturbed."""
+    """Every agent's lifetime: where, for how many motions or trials, and how the world is perturbed."""
 
     name: Name
     env: EnvironmentConfig
@@ -79,12 +79,12 @@ class ScenarioConfig(Model):
     def _motions_or_trials(cls, value: int | None, info: ValidationInfo) -> int | None:
         if "motions" in info.data and (info.data["motions"] is None) == (value is None):
             given = "neither is" if value is None else "both are"
-            raise ValueError(f"a life is of so many motions, or of so many trials; {given} given")
+            raise ValueError(f"a lifetime has a number of motions or a number of trials; {given} given")
         return value
 
     @field_validator("perturbations")
     @classmethod
-    def _within_the_life(
+    def _within_the_lifetime(
         cls, value: tuple[dict[str, Any], ...], info: ValidationInfo
     ) -> tuple[dict[str, Any], ...]:
         for i, event in enumerate(parse_schedule(list(value))):
@@ -92,24 +92,24 @@ class ScenarioConfig(Model):
             if length is not None and event.at >= length:
                 raise ValueError(
                     f"perturbations.{i}.at.{event.clock} is {event.at}: never, "
-                    f"in a life of {length} {event.clock}s"
+                    f"in a lifetime of {length} {event.clock}s"
                 )
         return value
 
     @property
     def length(self) -> tuple[int, str]:
-        """How long a life is, and what it is counted in: "motions" or "trials"."""
+        """How long a lifetime is, and what it is counted in: "motions" or "trials"."""
         return (self.motions, "motions") if self.motions is not None else (self.trials or 0, "trials")
 
     @property
     def most_motions(self) -> int:
-        """The most motions that a life can have."""
+        """The most motions that a lifetime can have."""
         length, of = self.length
         return length if of == "motions" else length * self.env.max_episode_steps
 
 
 class SweepConfig(Model):
-    """One setting of one perturbation, varied: how every agent, untaught, does at each of its values."""
+    """One setting of one perturbation, varied: what every agent reaches at each value, without learning."""
 
     name: Name
     env: EnvironmentConfig
@@ -146,7 +146,7 @@ class SweepConfig(Model):
         return value
 
     def perturbations(self, value: float) -> tuple[dict[str, Any], ...]:
-        """The schedule at one of the values: it strikes before a world's first trial."""
+        """The schedule at one of the values: applied before a world's first trial."""
         return ({"at": {"trial": 0}, "do": {**self.do, self.vary: value}},)
 
 
@@ -216,16 +216,16 @@ class Suite(Model):
 
     @field_validator("evaluation")
     @classmethod
-    def _within_every_life(
+    def _within_every_lifetime(
         cls, value: EvaluationConfig | None, info: ValidationInfo
     ) -> EvaluationConfig | None:
         for scenario in info.data.get("scenarios", ()):
             at_most = "" if scenario.motions is not None else "at most "
-            life = f"scenario {scenario.name!r} has {at_most}{scenario.most_motions} motions"
+            lifetime = f"scenario {scenario.name!r} has {at_most}{scenario.most_motions} motions"
             if value is None and scenario.motions is not None:
-                raise ValueError(f"{life}: only lives counted in trials do without held-out trials")
+                raise ValueError(f"{lifetime}: only lifetimes counted in trials need no held-out trials")
             if value is not None and value.every > scenario.most_motions:
-                raise ValueError(f"evaluation.every is {value.every}; {life}")
+                raise ValueError(f"evaluation.every is {value.every}; {lifetime}")
         return value
 
 

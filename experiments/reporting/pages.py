@@ -3,8 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
+from typing import Any
 
-from experiments.reporting.held_out.summary import Cell
+from experiments.reporting.statistics import Estimate
+from experiments.reporting.tables import Table
+
+SummaryRow = dict[str, Any]
+"""A number of the report: scenario, table, agent, moment, measure, value, low, high and n."""
 
 _CSS = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1c1c1c; max-width: 62rem;
@@ -23,16 +28,19 @@ pre { background: #f5f5f5; padding: .8rem; overflow-x: auto; font-size: .85rem; 
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
-    """A header and rows of text."""
-
-    header: list[str]
-    rows: list[list[str]]
-
-
-@dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a page; `figures` are SVG texts by the name of their file."""
+    """A part of a page.
+
+    Attributes:
+        title: Heads it.
+        text: Stands below the title.
+        figures: SVG texts by the name of their file.
+        table: Stands below the figures.
+        note: How to read figures and table.
+        code: Stands at the end.
+        alarming: Whether the reader must see it first.
+        summary: The numbers of the table and their intervals, one a row; see `report.write_summary`.
+    """
 
     title: str
     text: str = ""
@@ -41,17 +49,28 @@ class Section:
     note: str = ""
     code: str = ""
     alarming: bool = False
+    summary: list[SummaryRow] = field(default_factory=list)
 
 
-def percent(cell: Cell, digits: int = 0) -> str:
-    """A share with its interval."""
-    value, low, high = (f"{part:.{digits}%}" for part in (cell.value, cell.low, cell.high))
-    return f"{value} [{low}, {high}]".replace("%", " %")
+def summary_row(
+    scenario: str, table: str, agent: str, moment: str, measure: str, found: Estimate | float | None, n: int
+) -> SummaryRow:
+    """A number of the report with its interval, if it has one.
 
-
-def number(cell: Cell, digits: int = 1) -> str:
-    """A number with its interval."""
-    return f"{cell.value:.{digits}f} [{cell.low:.{digits}f}, {cell.high:.{digits}f}]"
+    Args:
+        scenario: Name of the scenario or sweep.
+        table: Which of the report's tables: "held_out", "by_trial" or "sweep".
+        agent: The agent's label.
+        moment: When: "before", trials "1–25", or the value of what a sweep varies.
+        measure: What was measured.
+        found: None where there is no number.
+        n: How many trials or worlds the number is of.
+    """
+    value, low, high = (
+        (found.value, found.low, found.high) if isinstance(found, Estimate) else (found, None, None)
+    )
+    where = {"scenario": scenario, "table": table, "agent": agent, "moment": moment, "measure": measure}
+    return where | {"value": value, "low": low, "high": high, "n": n}
 
 
 def html_page(title: str, question: str, sections: Sequence[Section]) -> str:
@@ -73,7 +92,7 @@ def markdown_page(title: str, question: str, sections: Sequence[Section]) -> str
             parts.append(section.text)
         parts += [f"![{name}](figures/{name}.png)" for name in section.figures]
         if section.table:
-            parts.append(_markdown_table(section.table))
+            parts.append(section.table.markdown())
         if section.note:
             parts.append(section.note)
         if section.code:
@@ -104,8 +123,3 @@ def _html_table(table: Table) -> str:
         "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in table.rows
     )
     return f"<table>\n<thead><tr>{header}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>"
-
-
-def _markdown_table(table: Table) -> str:
-    rows = [table.header, ["---"] * len(table.header), *table.rows]
-    return "\n".join("| " + " | ".join(text.replace("|", "\\|") for text in row) + " |" for row in rows)

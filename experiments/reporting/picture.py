@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from agents.knowledge.grid_table import GridTable
 from experiments.errors import ConfigError
-from experiments.reporting.held_out.figure import STYLE
+from experiments.reporting.style import STYLE
 
 _IMAGES = (("left image", "$x_a$", "$y_a$"), ("right image", "$x_b$", "$y_b$"))
 _EMPTY = "#f2f2f2"
@@ -67,7 +67,7 @@ def table_figure(table: GridTable) -> Figure:
     """Both images side by side, with the table's cells as seen in them.
 
     A place in an image belongs to many cells, which differ in where they lie in the other one. The number
-    tells how many of them are filled; the darker, the more of these are trusted.
+    says how many of them are filled; the darker, the more of these are trusted.
     """
     filled, trusted = table.known_cells()
     with plt.rc_context({**STYLE, "axes.grid": False, "axes.titlepad": 8}):
@@ -79,14 +79,14 @@ def table_figure(table: GridTable) -> Figure:
         bar = figure.colorbar(shades, ax=panels, shrink=0.8, label="of the filled cells, trusted")
         bar.ax.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
         bar.outline.set_visible(False)
-        told = f"all corners corrected by {table.TRUSTED} successes or more"
+        trusted_means = f"all corners corrected by {table.TRUSTED} successes or more"
         figure.legend(
             handles=[
                 Patch(color=_EMPTY, label="no cell is filled"),
                 Patch(
                     color=plt.get_cmap(_SHADES)(_LIGHTEST), label="filled, none trusted; number: filled cells"
                 ),
-                Patch(color=plt.get_cmap(_SHADES)(_DARKEST), label=f"trusted: {told}"),
+                Patch(color=plt.get_cmap(_SHADES)(_DARKEST), label=f"trusted: {trusted_means}"),
             ],
             loc="outside lower center",
             ncols=3,

@@ -1,20 +1,26 @@
-"""A finished suite as one HTML page, one Markdown page and figures."""
+"""A finished suite as one HTML page, one Markdown page, figures and a summary of all numbers."""
 
+import hashlib
 import json
 from pathlib import Path
 
+import pandas as pd
 import yaml
 
 from experiments.reporting.by_trial.section import trial_section
+from experiments.reporting.finished_suite import FinishedSuite, read_finished
 from experiments.reporting.held_out.section import scenario_section
-from experiments.reporting.pages import Section, Table, html_page, markdown_page
-from experiments.reporting.results import Finished, read
+from experiments.reporting.pages import Section, html_page, markdown_page
+from experiments.reporting.prior_knowledge import must_know
 from experiments.reporting.sweep.section import sweep_sections
-from experiments.running.results_folder import FAILED, LOG, VERSIONS, folder_of, read_json, write_whole
+from experiments.reporting.tables import Table
+from experiments.running.results_folder import FAILED, LOG, folder_of, read_json, write_whole
+
+SUMMARY = "summary.csv"
 
 
 def write_report(out: Path) -> Path:
-    """Writes `results.parquet`, `report.html`, `report.md` and `figures/` into a suite's folder.
+    """Writes `results.parquet`, `summary.csv`, `report.html`, `report.md` and `figures/` into a folder.
 
     All are made from the finished runs of the suite that was run there last, so they are right also
     where it was interrupted.
@@ -25,7 +31,7 @@ def write_report(out: Path) -> Path:
     Raises:
         ConfigError: No suite was run in the folder, or its runs were made by different versions.
     """
-    finished = read(out)
+    finished = read_finished(out)
     sections = [_failures(finished)] if finished.unfinished else []
     evaluation = finished.suite.evaluation
     for scenario in finished.suite.scenarios:
@@ -34,7 +40,8 @@ def write_report(out: Path) -> Path:
         if scenario.trials:
             sections.append(trial_section(finished, scenario))
     sections += sweep_sections(finished)
-    sections += [_told(finished), _versions(finished), _provenance(finished)]
+    sections += [_agents(finished), _versions(finished), _provenance(finished)]
+    write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
     title, question = finished.suite.name, finished.suite.question
     page = out / "report.html"
     write_whole(page, html_page(title, question, sections))
@@ -42,7 +49,7 @@ def write_report(out: Path) -> Path:
     return page
 
 
-def _failures(finished: Finished) -> Section:
+def _failures(finished: FinishedSuite) -> Section:
     unfinished = finished.unfinished
     tails = []
     for spec in unfinished:
@@ -60,40 +67,54 @@ def _failures(finished: Finished) -> Section:
     )
 
 
-def _told(finished: Finished) -> Section:
-    told: dict[str, str] = {}
-    seconds: dict[str, float] = {}
-    for spec in finished.runs:
-        if outcome := finished.outcomes.get(spec.id):
-            told[spec.agent.label] = ", ".join(outcome["told"]) or "nothing"
-            spent = seconds.get(spec.agent.label, 0.0)
-            seconds[spec.agent.label] = spent + outcome["wall_seconds"]
-    rows = [
-        [
-            agent.label,
-            agent.name,
-            told.get(agent.label, "unknown: no run finished"),
-            json.dumps(agent.settings) if agent.settings else "defaults",
-            f"{seconds.get(agent.label, 0.0):,.0f}",
-        ]
-        for agent in finished.suite.agents
-    ]
-    header = ["agent", "kind", "told, beside the image points", "settings", "computing (s)"]
-    return Section(title="What each agent was told", table=Table(header, rows))
+def _agents(finished: FinishedSuite) -> Section:
+    outcomes = finished.outcomes
+    rows = []
+    for agent in finished.suite.agents:
+        mine = [outcomes[run.id] for run in finished.runs if run.agent == agent and run.id in outcomes]
+        privileged = ", ".join(mine[-1]["privileged"]) or "none" if mine else "unknown: no run finished"
+        rows.append(
+            [
+                agent.label,
+                agent.name,
+                privileged,
+                must_know(agent.name, ()),
+                json.dumps(agent.settings) if agent.settings else "defaults",
+                f"{sum(outcome['wall_seconds'] for outcome in mine):,.0f}",
+            ]
+        )
+    columns = ["agent", "kind", "privileged observations", "prior knowledge", "settings", "computing (s)"]
+    frame = pd.DataFrame(rows, columns=columns)
+    return Section(title="What each agent must know", table=Table("agents", "Agents", frame))
 
 
-def _versions(finished: Finished) -> Section:
-    found: dict[str, set[str]] = {}
-    for spec in finished.runs:
-        made_by = folder_of(finished.out, spec.id) / VERSIONS
-        if made_by.exists():
-            for name, version in read_json(made_by).items():
-                found.setdefault(name, set()).add(version)
-    rows = [[name, ", ".join(sorted(versions))] for name, versions in found.items()]
-    return Section(title="Versions", table=Table(["what", "version"], rows))
+def _versions(finished: FinishedSuite) -> Section:
+    frame = pd.DataFrame(finished.versions.items(), columns=["what", "version"])
+    return Section(title="Versions", table=Table("versions", "Versions", frame))
 
 
-def _provenance(finished: Finished) -> Section:
+def _summary(finished: FinishedSuite, sections: list[Section]) -> pd.DataFrame:
+    """Every number of the report's tables: what it is of, its interval, and what made it."""
+    numbers = pd.DataFrame([row for section in sections for row in section.summary])
+    if numbers.empty:
+        return numbers
+    suite = finished.suite
+    kinds = {agent.label: agent.name for agent in suite.agents}
+    privileged = {
+        run.agent.label: " ".join(finished.outcomes[run.id]["privileged"])
+        for run in finished.runs
+        if run.id in finished.outcomes
+    }
+    config = hashlib.sha256(json.dumps(suite.model_dump(mode="json"), sort_keys=True).encode())
+    return numbers.assign(
+        kind=numbers["agent"].map(kinds),
+        privileged=numbers["agent"].map(privileged),
+        config=config.hexdigest()[:12],
+        **finished.versions,
+    )
+
+
+def _provenance(finished: FinishedSuite) -> Section:
     config = yaml.safe_dump(finished.suite.model_dump(mode="json"), sort_keys=False)
     return Section(
         title="How this was made",

@@ -1,4 +1,4 @@
-"""One agent's life, as its environment sees it: motions counted, trials and perturbations noted."""
+"""One agent's lifetime, recorded at its environment: motions counted, trials and perturbations noted."""
 
 import copy
 from collections.abc import Callable
@@ -8,28 +8,31 @@ import gymnasium
 
 from experiments.evaluation import TrialMeter, TrialRecord
 
+MOST_MOTIONS = 1_000
+"""More motions than any trial has: `learn_trials` stops by trials, never by motions."""
 
-class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
+
+class LifetimeRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Counts every motion in the environment, where no agent can miscount it.
 
     The world belongs to the run: the first reset is seeded with `seed`, and a seed that an agent
     passes later is ignored. A reset of a trial in which nothing has moved repeats that trial's
-    first look, so that trial t is the same trial for every agent, however often it resets.
+    first observation, so that trial t is the same trial for every agent, however often it resets.
 
     World and perturbations are those of the last motion: what a reset has changed belongs to the next
     one. So it makes no difference whether an agent resets at once after a trial or only when it goes on.
 
     Attributes:
         motions: Lifetime motions.
-        trials: Trials that have come to their end.
+        records: Of the trials that have ended. A trial cut off by a reset has none.
         world: The world in which the last motion was made (at first: the world to begin in).
         perturbations: All up to the last motion: lifetime motions made before it, index of the trial
             that it met, and what it was.
 
     Args:
-        env: The environment to live in, with its schedule of perturbations.
+        env: The agent's environment, with its schedule of perturbations.
         seed: Seeds world, objects and noise.
-        on_trial: Called with the record of each finished trial. A trial cut off by a reset is none.
+        on_trial: Called with the record of each finished trial.
     """
 
     def __init__(
@@ -42,10 +45,15 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._on_trial = on_trial
         self._trial = 0
         self.motions = 0
-        self.trials = 0
+        self.records: list[TrialRecord] = []
         self.perturbations: list[tuple[int, int, dict[str, Any]]] = []
         self._begin(*env.reset(seed=seed))
         self._note(())
+
+    @property
+    def trials(self) -> int:
+        """How many trials have ended."""
+        return len(self.records)
 
     @property
     def since_perturbation(self) -> int | None:
@@ -65,7 +73,7 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
         if self._meter.motions:
             self._trial += 1
             self._begin(*self.env.reset())
-        return copy.deepcopy(self._first_look)
+        return copy.deepcopy(self._first)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Makes one motion, and counts it."""
@@ -74,13 +82,13 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.motions += 1
         self._meter.add(info)
         if terminated or truncated:
-            self.trials += 1
-            self._on_trial(self._meter.record())
+            self.records.append(self._meter.record())
+            self._on_trial(self.records[-1])
         return observation, reward, terminated, truncated, info
 
     def _begin(self, observation: Any, info: dict[str, Any]) -> None:
         self._perturbed_by_reset = info["perturbed"]
-        self._first_look = observation, info
+        self._first = observation, info
         self._meter = TrialMeter(self.env, self._trial, info)
 
     def _note(self, perturbed: Any) -> None:
@@ -89,3 +97,26 @@ class Life(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._perturbed_by_reset = ()
         env: Any = self.env.unwrapped
         self.world = env.world
+
+
+def learn_trials(
+    agent: Any, recorder: LifetimeRecorder, trials: int, after_motion: Callable[[], None] = lambda: None
+) -> list[TrialRecord]:
+    """Lets an agent learn until so many trials have ended in its environment.
+
+    Args:
+        agent: Made for `recorder`.
+        recorder: Records the agent's lifetime.
+        trials: Ended trials at which it stops, those before the call included.
+        after_motion: Called after every motion.
+
+    Returns:
+        The records of all trials.
+    """
+
+    def go_on(progress: Any) -> bool:
+        after_motion()
+        return recorder.trials < trials
+
+    agent.learn(trials * MOST_MOTIONS, callback=go_on)
+    return recorder.records

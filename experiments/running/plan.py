@@ -40,11 +40,11 @@ class Run(Model):
         return "-".join([*map(str, self.where.values()), digest])
 
 
-class LifeRun(Run):
-    """One life: an agent in a scenario in one world.
+class LifetimeRun(Run):
+    """One lifetime: an agent in a scenario in one world.
 
     Attributes:
-        scenario: Where it lives, and how its world is perturbed.
+        scenario: The environment, the length, and how the world is perturbed.
         evaluation: When it is evaluated on held-out trials, if ever.
         world: Index of the world; the same for all agents that are compared in it.
         world_seed: Seeds the world, its objects and its noise.
@@ -92,12 +92,12 @@ class SweepRun(Run):
 
 def runs_of(suite: Suite) -> list[Run]:
     """All runs of a suite, agent by agent."""
-    return [*_lives(suite), *_sweeps(suite)]
+    return [*_lifetimes(suite), *_sweeps(suite)]
 
 
-def _lives(suite: Suite) -> list[LifeRun]:
+def _lifetimes(suite: Suite) -> list[LifetimeRun]:
     return [
-        LifeRun(
+        LifetimeRun(
             agent=agent,
             scenario=scenario,
             evaluation=suite.evaluation,

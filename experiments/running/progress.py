@@ -12,13 +12,13 @@ _DONE = re.compile(r"^(?:motions|trials) (\d+)/")
 
 
 def done_by(line: str) -> int | None:
-    """How much of its work a run has done when it prints a line, where the line tells."""
+    """How much of its work a run has done when it prints a line, if the line says so."""
     match = _DONE.match(line)
     return int(match[1]) if match else None
 
 
 class Display(Protocol):
-    """Told by the runner what happens; safe to call from several threads."""
+    """Shows what the runner does; safe to call from several threads."""
 
     def __enter__(self) -> Self:
         """Begins to show."""
@@ -99,7 +99,7 @@ class Bars:
         self._bars[run] = self._progress.add_task(run, total=amount, of=of)
 
     def line(self, run: str, line: str) -> None:
-        """Moves a bar, where the line tells how far the run is."""
+        """Moves a bar, if the line says how far the run is."""
         if (done := done_by(line)) is not None:
             self._progress.update(self._bars[run], completed=done)
 

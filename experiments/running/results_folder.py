@@ -145,7 +145,7 @@ def refuse_foreign(out: Path, suite: Suite, versions: dict[str, str]) -> None:
 
 
 def _changed(out: Path, suite: Suite) -> str:
-    """Which keys differ from the configuration that was run there last, if they can be told."""
+    """Which keys differ from the configuration that was run there last, if it is known."""
     if not (out / SUITE).exists():
         return ""
     then, now = _leaves(read_json(out / SUITE)["suite"]), _leaves(suite.model_dump(mode="json"))

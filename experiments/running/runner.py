@@ -25,7 +25,7 @@ from experiments.running.results_folder import (
     write_json,
     write_whole,
 )
-from experiments.running.versions import REPOSITORY, versions
+from experiments.running.versions import REPOSITORY, commit, versions
 
 _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
@@ -40,7 +40,7 @@ class Runner:
     Args:
         suite: What to run.
         out: The folder.
-        display: Told what happens.
+        display: Shows what happens.
         fail_fast: Whether the first failed run stops the others.
     """
 
@@ -73,7 +73,7 @@ class Runner:
         self._out.mkdir(parents=True, exist_ok=True)
         with locked(self._out) as self._inherited:
             refuse_foreign(self._out, self._suite, self._versions)
-            about = {"suite": self._suite.model_dump(mode="json"), "command": command}
+            about = {"suite": self._suite.model_dump(mode="json"), "command": command, "commit": commit()}
             write_json(self._out / SUITE, about)
             pending = [spec for spec in runs if not is_done(folder_of(self._out, spec.id))]
             self._display.say(f"{len(runs)} runs, {len(runs) - len(pending)} of them finished already")

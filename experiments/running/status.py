@@ -1,6 +1,9 @@
 """How far the runs in a results folder are."""
 
+from dataclasses import dataclass
 from pathlib import Path
+
+import pandas as pd
 
 from experiments.running.plan import Run, runs_of
 from experiments.running.progress import done_by
@@ -16,8 +19,25 @@ from experiments.running.results_folder import (
 )
 
 
-def status(out: Path) -> tuple[str, bool]:
-    """A table of all runs of the suite that was run in a folder last, and whether any has failed.
+@dataclass(frozen=True, slots=True)
+class Status:
+    """The runs of a suite.
+
+    Attributes:
+        runs: One row a run: its id, its state, and details.
+        counts: How many runs are in which state, and whether a runner is at work.
+        command: What the user typed.
+        failed: Whether any run has failed.
+    """
+
+    runs: pd.DataFrame
+    counts: str
+    command: str
+    failed: bool
+
+
+def status(out: Path) -> Status:
+    """The state of all runs of the suite that was run in a folder last.
 
     Raises:
         ConfigError: No suite was run there.
@@ -25,13 +45,10 @@ def status(out: Path) -> tuple[str, bool]:
     suite, command = read_suite(out)
     runner = at_work(out)
     rows = [(spec.id, *_state(spec, folder_of(out, spec.id), runner)) for spec in runs_of(suite)]
-    width = max(len(run) for run, _, _ in rows)
-    lines = [f"{run:{width}}  {state:11}  {detail}".rstrip() for run, state, detail in rows]
     states = [state for _, state, _ in rows]
     counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
-    lines.append(f"{len(rows)} runs: {counts}; {'a runner is' if runner else 'no runner is'} at work")
-    lines.append(f"made by: {command}")
-    return "\n".join(lines), "failed" in states
+    counts = f"{len(rows)} runs: {counts}; {'a runner is' if runner else 'no runner is'} at work"
+    return Status(pd.DataFrame(rows, columns=["run", "state", "detail"]), counts, command, "failed" in states)
 
 
 def _state(spec: Run, folder: Path, runner: bool) -> tuple[str, str]:

@@ -58,13 +58,13 @@ def test_the_filter_is_least_squares():
     """Without drift, records are those of regularised least squares over all that was learned."""
     rng = np.random.default_rng(1)
     table = FactoredTable(1, cells=3)
-    prior, noise = table.covariance.copy(), FactoredTable.SEEN
+    prior, noise = table.covariance.copy(), FactoredTable.SUCCESS_VARIANCE
     sensors, registers = rng.uniform(-1, 1, (30, 4)), rng.normal(size=(30, 1))
     rows = np.zeros((30, len(prior)))
     for row, place in zip(rows, sensors, strict=True):
         which, weights = table._between(place)
         np.add.at(row, which, weights)
-    object.__setattr__(table.gain, "drift", 0.0)
+    object.__setattr__(table.gain, "drift_variance", 0.0)
     for pair in zip(sensors, registers, strict=True):
         table.learn(*pair)
     expected = prior @ rows.T @ np.linalg.solve(rows @ prior @ rows.T + noise * np.eye(30), registers)

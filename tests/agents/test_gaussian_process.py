@@ -28,9 +28,10 @@ def taught(count, seed=0, noise_px=0.5, **settings):
     return knowledge
 
 
-def test_views_are_the_posterior_of_the_kernel_as_defined():
+@pytest.mark.parametrize("count", [20, 75])
+def test_views_are_the_posterior_of_the_kernel_as_defined(count):
     """Against the textbook formula, written out entry by entry."""
-    knowledge = taught(20)
+    knowledge = taught(count)
     knowledge.map(lambda sensors, registers: (sensors, registers), np.array([3.0, 0.0]))
 
     def kernel(first, second):
@@ -41,7 +42,7 @@ def test_views_are_the_posterior_of_the_kernel_as_defined():
     views, variances = knowledge.views(places)
     for camera, noise_px in enumerate((np.hypot(0.7, 3), 0.7)):
         covariance = np.array([[kernel(x, y) for y in knowledge.registers] for x in knowledge.registers])
-        covariance += (noise_px * IMAGE_UNIT) ** 2 * np.eye(20)
+        covariance += (noise_px * IMAGE_UNIT) ** 2 * np.eye(count)
         for place, seen, variance in zip(places, views, variances, strict=True):
             between = np.array([kernel(place, x) for x in knowledge.registers])
             weights = np.linalg.solve(covariance, between)

@@ -1,5 +1,6 @@
-"""A comparison of seconds, and a place to write it."""
+"""A comparison of seconds, a place to write it, and its results."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -7,10 +8,10 @@ from typing import Any
 import pytest
 import yaml
 
+from experiments.__main__ import main
 
-@pytest.fixture
-def suite_data() -> dict[str, Any]:
-    """A comparison of seconds, as it stands in YAML."""
+
+def tiny_suite() -> dict[str, Any]:
     return {
         "name": "tiny",
         "question": "Does <it> run?",
@@ -42,6 +43,12 @@ def suite_data() -> dict[str, Any]:
 
 
 @pytest.fixture
+def suite_data() -> dict[str, Any]:
+    """A comparison of seconds, as it stands in YAML."""
+    return tiny_suite()
+
+
+@pytest.fixture
 def write_config(tmp_path: Path) -> Callable[[Any], Path]:
     """Writes data (or text) as a YAML file, and returns its path."""
 
@@ -51,3 +58,21 @@ def write_config(tmp_path: Path) -> Callable[[Any], Path]:
         return path
 
     return write
+
+
+@pytest.fixture(scope="session")
+def finished_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of `suite_data`, made once; only to be read."""
+    folder = tmp_path_factory.mktemp("finished")
+    (folder / "suite.yaml").write_text(yaml.safe_dump(tiny_suite()), encoding="utf-8")
+    out = folder / "out"
+    assert main(["run", str(folder / "suite.yaml"), "--out", str(out), "--jobs", "2"]) == 0
+    return out
+
+
+@pytest.fixture
+def finished(
+    finished_once: Path, suite_data: dict[str, Any], write_config: Callable[[Any], Path], tmp_path: Path
+) -> tuple[Path, Path]:
+    """A configuration, and a copy of its results that a test may change."""
+    return write_config(suite_data), shutil.copytree(finished_once, tmp_path / "out")

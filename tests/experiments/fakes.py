@@ -77,3 +77,19 @@ class Halver:
         np.random.random()  # noqa: NPY002
         self.states.append(state)
         return np.array([self.word], np.float32), (state or 0) + 1
+
+
+class Repeater:
+    """Learns nothing from trials in which it sends the same word always."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any]):
+        self.env = env
+
+    def learn(self, total_timesteps: int, callback: Any) -> None:
+        self.env.reset()
+        for _ in range(total_timesteps):
+            _, _, terminated, truncated, _ = self.env.step(np.array([0.5], np.float32))
+            if not callback(self):
+                return
+            if terminated or truncated:
+                self.env.reset()

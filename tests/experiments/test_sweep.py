@@ -1,4 +1,4 @@
-"""A sweep: every agent at every value, in the same worlds, told what it asks for and no more."""
+"""A sweep: every agent at every value, in the same worlds, given what it requires and no more."""
 
 import json
 
@@ -8,11 +8,11 @@ import pytest
 
 from experiments.__main__ import main
 from experiments.config.loading import load
-from experiments.config.requirements import asked
+from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, EnvironmentConfig, Suite, SweepConfig
 from experiments.errors import ConfigError
+from experiments.reporting.sweep.estimates import points
 from experiments.reporting.sweep.figure import sweep_figure
-from experiments.reporting.sweep.summary import points
 from experiments.running import sweep_trials as sweep
 from experiments.running.plan import SweepRun, runs_of
 
@@ -35,7 +35,7 @@ def rows_of(tmp_path):
     def make(data):
         found = {}
         for run in runs_of(Suite.model_validate(data)):
-            sweep.sweep(run, tmp_path)
+            sweep.run_sweep(run, tmp_path)
             lines = (tmp_path / "trials.jsonl").read_text().splitlines()
             found[run.agent.label] = pd.DataFrame([json.loads(line) for line in lines])
         return found
@@ -91,12 +91,12 @@ def test_whatever_changes_a_sweep_changes_its_runs_and_nothing_else_does(sweep_d
         assert not set(ids(**change)) & set(ids())
 
 
-def test_all_agents_meet_the_same_worlds_objects_and_looks(sweep_data, rows_of, monkeypatch):
+def test_all_agents_meet_the_same_worlds_objects_and_observations(sweep_data, rows_of, monkeypatch):
     evaluate, met = sweep.evaluate, {}
 
     def watched(agent, env, trials, seed):
-        look, info = env.reset(seed=seed)
-        met.setdefault(agent.kind.split("(")[0], []).append((look, info["truth"], env.unwrapped.world))
+        observation, info = env.reset(seed=seed)
+        met.setdefault(agent.kind.split("(")[0], []).append((observation, info["truth"], env.unwrapped.world))
         return evaluate(agent, env, trials, seed)
 
     monkeypatch.setattr(sweep, "evaluate", watched)
@@ -146,15 +146,15 @@ def test_the_calibrated_robot_is_excellent_as_built_and_falls(sweep_data, rows_o
     assert success[120] < 0.2
 
 
-def test_an_agent_gets_what_it_asks_for():
+def test_an_agent_gets_what_it_requires():
     env = EnvironmentConfig(**ENV, camera_mount="stand")
-    assert asked(AgentConfig(name="joint_space_servo", label="a"), env) == (("joint_angles",), {})
+    assert requirements(AgentConfig(name="joint_space_servo", label="a"), env) == (("joint_angles",), {})
     for name in ("model_based", "self_calibrating"):
-        assert asked(AgentConfig(name=name, label="a"), env) == ((), {"camera_mount": "stand"})
+        assert requirements(AgentConfig(name=name, label="a"), env) == ((), {"camera_mount": "stand"})
     wrong = AgentConfig(name="model_based", label="a", settings={"camera_mount": "waist"})
-    assert asked(wrong, env).settings == {"camera_mount": "waist"}
+    assert requirements(wrong, env).settings == {"camera_mount": "waist"}
     with pytest.raises(ValueError, match="did you mean camera_mount"):
-        asked(AgentConfig(name="model_based", label="a", settings={"camera_mont": "waist"}), env)
+        requirements(AgentConfig(name="model_based", label="a", settings={"camera_mont": "waist"}), env)
 
 
 def table(*rows):
@@ -233,8 +233,8 @@ def test_from_configuration_to_report(sweep_data, write_config, tmp_path, capsys
     for name in ("roll", "aim", "_all"):
         assert (out / "figures" / f"{name}.png").exists()
     page = (out / "report.md").read_text()
-    assert "| joint_space_servo | joint_space_servo | joint_angles |" in page
-    assert "| built | model_based | nothing |" in page
+    assert "| joint_space_servo | joint_space_servo | joint_angles | size" in page
+    assert "| built | model_based | none |" in page
     of_roll = page[page.index("## Sweep roll") : page.index("## Sweep aim")]
     built = results[(results["agent"] == "built") & (results["value"] == 0) & (results["scenario"] == "roll")]
     assert f"| built | 100 % [34 %, 100 %]: {built['motions'].median():g}" in of_roll
@@ -242,7 +242,7 @@ def test_from_configuration_to_report(sweep_data, write_config, tmp_path, capsys
     capsys.readouterr()
     (out / "runs" / runs_of(Suite.model_validate(sweep_data))[0].id / "DONE.json").unlink()
     assert main(["status", str(out)]) == 0
-    assert "interrupted  after 4 of 4 trials; begins anew" in capsys.readouterr().out
+    assert "| interrupted | after 4 of 4 trials; begins anew |" in capsys.readouterr().out
 
 
 def test_a_sweep_run_is_read_back_as_what_was_written(sweep_data):

@@ -1,4 +1,4 @@
-"""Lives counted in trials: their configuration, their blocks, and one from a YAML file to the report."""
+"""Lifetimes counted in trials: their configuration, their blocks, and one from a YAML file to the report."""
 
 import json
 
@@ -10,10 +10,9 @@ from experiments.__main__ import main
 from experiments.config.loading import load
 from experiments.config.suite import ScenarioConfig
 from experiments.errors import ConfigError
+from experiments.reporting.by_trial.estimates import COARSE, FINE, blocks, edges_of, trial_costs
 from experiments.reporting.by_trial.figure import span, trial_curves
-from experiments.reporting.by_trial.summary import COARSE, FINE, blocks, edges_of, trial_costs
-from experiments.reporting.held_out.figure import Perturbation
-from experiments.reporting.held_out.summary import MOTIONS, SECONDS, SUCCESS, with_cost
+from experiments.reporting.finished_suite import MOTIONS, SECONDS, SUCCESS, Perturbation, with_cost
 
 AIM = {"at": {"trial": 4}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}
 BACK = {"at": {"trial": 6}, "undo": 0}
@@ -21,7 +20,7 @@ BACK = {"at": {"trial": 6}, "undo": 0}
 
 @pytest.fixture
 def in_trials(suite_data):
-    """The suite of seconds, its lives counted in trials and without held-out ones."""
+    """The suite of seconds, its lifetimes counted in trials and without held-out ones."""
     del suite_data["scenarios"][0]["motions"]
     suite_data["scenarios"][0] |= {"trials": 8, "perturbations": [AIM, BACK]}
     return suite_data | {"evaluation": None, "agents": ["unified_servo", "grid_table"]}
@@ -33,18 +32,21 @@ def in_trials(suite_data):
         ({"motions": 90}, "scenarios.0.trials: found 8: .* trials; both are given"),
         ({"trials": None}, "scenarios.0.trials: found None: .* trials; neither is given"),
         ({"trials": 0}, r"scenarios.0.trials: found 0: .*greater than 0"),
-        ({"trials": 6}, "perturbations.1.at.trial is 6: never, in a life of 6 trials"),
-        ({"trials": None, "motions": 90}, "scenario 'aimed' has 90 motions: only lives counted in trials"),
+        ({"trials": 6}, "perturbations.1.at.trial is 6: never, in a lifetime of 6 trials"),
+        (
+            {"trials": None, "motions": 90},
+            "scenario 'aimed' has 90 motions: only lifetimes counted in trials",
+        ),
         ({"perturbations": [AIM, BACK | {"undo": 1}]}, "scenarios.0.perturbations.1.undo is 1; it must be"),
     ],
 )
-def test_a_life_has_one_length(in_trials, write_config, change, said):
+def test_a_lifetime_has_one_length(in_trials, write_config, change, said):
     in_trials["scenarios"][0] |= change
     with pytest.raises(ConfigError, match=said):
         load(write_config(in_trials))
 
 
-def test_held_out_trials_are_never_rarer_than_a_life_is_long(in_trials, write_config):
+def test_held_out_trials_are_never_rarer_than_a_lifetime_is_long(in_trials, write_config):
     in_trials["evaluation"] = {"every": 161, "trials": 2}
     with pytest.raises(ConfigError, match="scenario 'aimed' has at most 160 motions"):
         load(write_config(in_trials))
@@ -81,9 +83,9 @@ def test_blocks_are_means_of_trials_in_each_run():
 
     motions = blocks(costs, "servo", MOTIONS, 2, edges, cap=20)
     np.testing.assert_array_equal(motions.runs, [[9, 3, 1], [11, (20 + 3 * 2) / 4, 2]])
-    cells = motions.cells()
-    assert [cell.value for cell in cells] == [10, 4.75, 1.5]
-    assert [(cell.low, cell.high) for cell in cells] == [(9, 11), (3, 6.5), (1, 2)]
+    found = motions.estimates()
+    assert [each.value for each in found] == [10, 4.75, 1.5]
+    assert [(each.low, each.high) for each in found] == [(9, 11), (3, 6.5), (1, 2)]
 
     seconds = blocks(costs, "servo", SECONDS, 2, edges, cap=20)  # the failed trial goes on to 20 motions
     np.testing.assert_array_equal(seconds.runs, 3 * motions.runs)
@@ -122,7 +124,7 @@ def test_the_figure_draws_each_block_in_its_middle_and_events_between_trials():
     assert "lens\n(k1 0.1)" in [text.get_text() for text in above.texts]
 
 
-def test_a_life_in_trials_from_configuration_to_report(in_trials, write_config, tmp_path, capsys):
+def test_a_lifetime_in_trials_from_configuration_to_report(in_trials, write_config, tmp_path, capsys):
     config, out = write_config(in_trials), tmp_path / "out"
     assert main(["validate", str(config)]) == 0
     assert "4 runs, 32 trials" in capsys.readouterr().out
@@ -132,11 +134,11 @@ def test_a_life_in_trials_from_configuration_to_report(in_trials, write_config, 
     assert set(results["phase"]) == {"train"}
     assert all(list(of_run["trial"]) == list(range(8)) for _, of_run in results.groupby("run"))
     for done in out.glob("runs/*/DONE.json"):
-        struck = json.loads(done.read_text())["perturbations"]
-        assert [(trial, what["type"]) for _, trial, what in struck] == [(4, "camera_aim"), (6, "undo")]
+        met = json.loads(done.read_text())["perturbations"]
+        assert [(trial, what["type"]) for _, trial, what in met] == [(4, "camera_aim"), (6, "undo")]
 
     page = (out / "report.html").read_text()
-    assert "8 trials a life" in page
+    assert "8 trials a lifetime" in page
     assert page.count("<svg") == 1
     assert "undo: camera_aim" in page
     assert (out / "figures" / "aimed-trials.png").exists()
@@ -148,7 +150,7 @@ def test_a_life_in_trials_from_configuration_to_report(in_trials, write_config, 
     assert "4 runs, 4 of them finished already" in capsys.readouterr().out
 
 
-def test_lives_in_trials_may_have_held_out_trials_too(in_trials, write_config, tmp_path):
+def test_lifetimes_in_trials_may_have_held_out_trials_too(in_trials, write_config, tmp_path):
     in_trials |= {"worlds": 1, "agents": ["unified_servo"], "evaluation": {"every": 10, "trials": 2}}
     out = tmp_path / "out"
     assert main(["run", str(write_config(in_trials)), "--out", str(out)]) == 0

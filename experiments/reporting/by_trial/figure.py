@@ -1,8 +1,7 @@
-"""The learning curves of lives counted in trials, on an axis whose blocks widen after each event."""
+"""The learning curves of lifetimes counted in trials, on an axis whose blocks widen after each event."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -10,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from experiments.reporting.by_trial.summary import Blocks
-from experiments.reporting.held_out.figure import STYLE, Perturbation, line_of
-from experiments.reporting.held_out.summary import MOTIONS, SECONDS
+from experiments.reporting.by_trial.estimates import Blocks
+from experiments.reporting.finished_suite import MOTIONS, SECONDS, Perturbation
 from experiments.reporting.statistics import Array
+from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
 
 _ROOM_FOR_WORDS = 5  # labels side by side above the panels
 
@@ -45,22 +44,18 @@ def trial_curves(
             axes.yaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_minor_formatter(NullFormatter())
             for perturbation in perturbations:
-                axes.axvline(_place(edges, perturbation.first), color="#555555", linewidth=1, linestyle=":")
+                axes.axvline(_place(edges, perturbation.first), color=DARK_GREY, linewidth=1, linestyle=":")
         _name_blocks(panels[1], edges)
         _name_events(panels[0], edges, perturbations)
         figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(4, max(1, len(labels))))
+        legend_below(figure, [panels[0]], columns=4)
     return figure
 
 
 def _draw(axes: Axes, blocks: Blocks, agent: str, index: int) -> None:
-    line: dict[str, Any] = line_of(index)
-    cells = blocks.cells()
-    places = np.arange(len(cells)) + 0.5
-    low, high = [cell.low for cell in cells], [cell.high for cell in cells]
-    axes.fill_between(places, low, high, color=line["color"], alpha=0.18, linewidth=0)
-    axes.plot(places, [cell.value for cell in cells], label=agent, **line)
+    found = blocks.estimates()
+    middle, low, high = zip(*((e.value, e.low, e.high) for e in found), strict=True)
+    draw_band(axes, np.arange(len(found)) + 0.5, middle, low, high, label=agent, line=line_of(index))
 
 
 def _place(edges: Array, trial: float) -> float:
@@ -85,7 +80,7 @@ def _name_events(axes: Axes, edges: Array, perturbations: Sequence[Perturbation]
             xytext=(2, 3),
             textcoords="offset points",
             fontsize=8,
-            color="#555555",
+            color=DARK_GREY,
         )
 
 

@@ -1,26 +1,35 @@
-"""The part of the report about a scenario whose lives are counted in trials."""
+"""The part of the report about a scenario whose lifetimes are counted in trials."""
 
 from itertools import pairwise
 
+import pandas as pd
+
 from experiments.config.suite import ScenarioConfig
+from experiments.reporting.by_trial.estimates import COARSE, FINE, blocks, edges_of, trial_costs
 from experiments.reporting.by_trial.figure import span, trial_curves
-from experiments.reporting.by_trial.summary import COARSE, FINE, blocks, edges_of, trial_costs
-from experiments.reporting.held_out import figure as figures
-from experiments.reporting.held_out.section import about, perturbations_met
-from experiments.reporting.held_out.summary import MOTIONS, SECONDS, SUCCESS, with_cost
-from experiments.reporting.pages import Section, Table, number, percent
-from experiments.reporting.results import Finished
+from experiments.reporting.finished_suite import (
+    MOTIONS,
+    SECONDS,
+    SUCCESS,
+    FinishedSuite,
+    about,
+    perturbations_met,
+    with_cost,
+)
+from experiments.reporting.pages import Section, summary_row
+from experiments.reporting.style import save
+from experiments.reporting.tables import Table, number, percent
 
 _HOW_TO_READ = (
     "The agents' own trials, in which they learn. Every number: each world's mean over the trials of a "
     "block, then the mean over worlds, with a 95 % bootstrap over worlds. A failed trial counts as the cap "
     "in motions, and as going on to it at its own pace in robot seconds. A run that did not finish counts "
     "as no success, as the cap, and as the slowest trial of any agent. Blocks begin anew where the "
-    "schedule strikes."
+    "schedule perturbs the world."
 )
 
 
-def trial_section(finished: Finished, scenario: ScenarioConfig) -> Section:
+def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
     """Motions and robot seconds per reach against trials, and the table of their blocks."""
     suite, cap = finished.suite, scenario.env.max_episode_steps
     labels = tuple(agent.label for agent in suite.agents)
@@ -35,22 +44,28 @@ def trial_section(finished: Finished, scenario: ScenarioConfig) -> Section:
     )
     name = f"{scenario.name}-trials"
     coarse = edges_of(scenario, COARSE)
-    table = Table(["trials", "agent", "motions per reach", "robot seconds per reach", "success"], [])
+    columns = ["trials", "agent", "motions per reach", "robot seconds per reach", "success"]
+    rows, summary = [], []
     of_agent = {
         label: [
-            blocks(costs, label, measure, suite.worlds, coarse, cap).cells()
+            blocks(costs, label, measure, suite.worlds, coarse, cap).estimates()
             for measure in (MOTIONS, SECONDS, SUCCESS)
         ]
         for label in labels
     }
     for i, (first, end) in enumerate(pairwise(coarse)):
         for label, (motions, seconds, success) in of_agent.items():
-            row = [span(first, end), label, number(motions[i], 2), number(seconds[i]), percent(success[i], 1)]
-            table.rows.append(row)
+            block = span(first, end)
+            rows.append([block, label, number(motions[i], 2), number(seconds[i]), percent(success[i], 1)])
+            summary += [
+                summary_row(scenario.name, "by_trial", label, block, measure, estimates[i], suite.worlds)
+                for measure, estimates in ((MOTIONS, motions), (SECONDS, seconds), (SUCCESS, success))
+            ]
     return Section(
         title=f"Scenario {scenario.name}, trial by trial",
         text=about(suite, scenario),
-        figures={name: figures.save(figure, finished.out / "figures", name)},
-        table=table,
+        figures={name: save(figure, finished.out / "figures", name)},
+        table=Table("by_trial", scenario.name, pd.DataFrame(rows, columns=columns)),
         note=_HOW_TO_READ,
+        summary=summary,
     )

@@ -10,13 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator, PercentFormatter
 
 from experiments.config.suite import SweepConfig
-from experiments.reporting.held_out.figure import STYLE, line_of
-from experiments.reporting.held_out.summary import Cell
-from experiments.reporting.sweep.summary import Point
+from experiments.reporting.statistics import Estimate
+from experiments.reporting.style import GREY, STYLE, draw_band, legend_below, line_of
+from experiments.reporting.sweep.estimates import Point
 
 _ACROSS = 4
 """Sweeps side by side."""
-_GREY = "#8a8a8a"
 
 
 def sweep_figure(sweeps: Sequence[SweepConfig], curves: Mapping[str, Mapping[str, list[Point]]]) -> Figure:
@@ -44,13 +43,7 @@ def sweep_figure(sweeps: Sequence[SweepConfig], curves: Mapping[str, Mapping[str
             if column == 0:
                 success.set_ylabel("success rate (%)")
                 motions.set_ylabel("motions of successful trials")
-        handles = {
-            label: handle
-            for panel in grid.flat
-            for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
-        }
-        columns = 5 if across > 1 else 3
-        figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)
+        legend_below(figure, grid.flat, columns=5 if across > 1 else 3)
     return figure
 
 
@@ -63,7 +56,7 @@ def _column(success: Axes, motions: Axes, sweep: SweepConfig, found: Mapping[str
             success.plot(sweep.over, [p.at_once for p in points], label=f"{agent}, its first motion", **thin)
     out_of_view = [1 - p.trials / p.worlds for p in next(iter(found.values()))]
     if any(out_of_view):
-        grey: Any = {"color": _GREY, "alpha": 0.6, "linewidth": 0, "step": "mid"}
+        grey: Any = {"color": GREY, "alpha": 0.6, "linewidth": 0, "step": "mid"}
         success.fill_between(sweep.over, out_of_view, label="trials out of view", **grey)
     for axes in (success, motions):
         axes.set_visible(True)
@@ -76,16 +69,15 @@ def _column(success: Axes, motions: Axes, sweep: SweepConfig, found: Mapping[str
     motions.set_xlabel(_axis(sweep))
 
 
-def _draw(axes: Axes, curve: list[tuple[float, Cell | None]], agent: str, index: int) -> None:
+def _draw(axes: Axes, curve: list[tuple[float, Estimate | None]], agent: str, index: int) -> None:
     """A line with its band; the first agents lie on top, with smaller markers, so that all are seen."""
     values = [value for value, _ in curve]
     middle, low, high = (
-        [math.nan if cell is None else getattr(cell, edge) for _, cell in curve]
+        [math.nan if found is None else getattr(found, edge) for _, found in curve]
         for edge in ("value", "low", "high")
     )
     line = {**line_of(index), "markersize": 3 + 0.8 * index, "zorder": 10 - 0.1 * index}
-    axes.fill_between(values, low, high, color=line["color"], alpha=0.15, linewidth=0)
-    axes.plot(values, middle, label=agent, **line)
+    draw_band(axes, values, middle, low, high, label=agent, line=line, alpha=0.15)
 
 
 def _scale(axes: Axes, sweep: SweepConfig) -> None:

@@ -1,14 +1,16 @@
 """A sweep's part of the report."""
 
 import numpy as np
+import pandas as pd
 
 from calfree_gym.perturbations.types import TYPES
 from experiments.config.suite import SweepConfig
-from experiments.reporting.held_out import figure as figures
-from experiments.reporting.pages import Section, Table, percent
-from experiments.reporting.results import Finished
+from experiments.reporting.finished_suite import SUCCESS, FinishedSuite
+from experiments.reporting.pages import Section, SummaryRow, summary_row
+from experiments.reporting.style import save
+from experiments.reporting.sweep.estimates import Point, points
 from experiments.reporting.sweep.figure import sweep_figure
-from experiments.reporting.sweep.summary import Point, points
+from experiments.reporting.tables import Table, percent
 
 _SHOWN = 5
 """Values that stand in the table; the figure has all."""
@@ -18,19 +20,19 @@ _ALL = "_all"
 _HOW_TO_READ_FIGURES = (
     "Bands: 95 % Wilson intervals of success; of the median motions, 95 % bootstrap intervals over worlds. "
     "Thin: the share that an agent's first motion brings there, if any. Grey: the share of trials that begin "
-    "out of view, which are in no other number. A trial ends at the rendezvous that is observed: where noise "
-    "or outliers hide it, the trial lasts to the cap, and what counts is where the gripper is then."
+    "out of view, which are excluded elsewhere. A trial ends at the observed rendezvous: where noise or "
+    "outliers hide it, the trial lasts to the cap, and the place of the gripper at its end counts."
 )
 
 _HOW_TO_READ = (
-    "In view: trials in whose first look both cameras show gripper and object, the same for every agent; "
-    "the others stand apart, and are in no other number. Success: the share that reaches by the noise-free "
+    "In view: trials in whose first observation both cameras see gripper and object, the same for every "
+    "agent; the others are excluded. Success: the share that reaches by the noise-free "
     "truth, with the 95 % Wilson interval. Then the median motions of those that reach; in brackets the "
-    "share that its first motion brings there, if any. Where fewer than a tenth reach, no median is told."
+    "share that its first motion brings there, if any. Where fewer than a tenth reach, no median is given."
 )
 
 
-def sweep_sections(finished: Finished) -> list[Section]:
+def sweep_sections(finished: FinishedSuite) -> list[Section]:
     """Where there are several sweeps, all in one figure; then each with its curves and a table."""
     sweeps, labels = finished.suite.sweeps, [agent.label for agent in finished.suite.agents]
     curves = {
@@ -39,7 +41,7 @@ def sweep_sections(finished: Finished) -> list[Section]:
     }
 
     def drawn(name: str, *of: SweepConfig) -> dict[str, str]:
-        return {name: figures.save(sweep_figure(of, curves), finished.out / "figures", name)}
+        return {name: save(sweep_figure(of, curves), finished.out / "figures", name)}
 
     each = [
         Section(
@@ -48,6 +50,7 @@ def sweep_sections(finished: Finished) -> list[Section]:
             figures=drawn(sweep.name, sweep),
             table=_table(curves[sweep.name], sweep),
             note=_HOW_TO_READ,
+            summary=_summary(curves[sweep.name], sweep),
         )
         for sweep in sweeps
     ]
@@ -56,7 +59,7 @@ def sweep_sections(finished: Finished) -> list[Section]:
     return [Section(title="All sweeps", figures=drawn(_ALL, *sweeps), note=_HOW_TO_READ_FIGURES), *each]
 
 
-def _about(finished: Finished, sweep: SweepConfig) -> str:
+def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
     env, do = sweep.env, sweep.do
     settings = [f"{key} {value}" for key, value in do.items() if key != "type"]
     settings += [f"any {key}" for key in TYPES[do["type"]].settings() if key not in (*do, sweep.vary)]
@@ -64,8 +67,8 @@ def _about(finished: Finished, sweep: SweepConfig) -> str:
     return (
         f"{do['type']} ({', '.join(settings)}) before the first trial; {env.id}, {env.world} worlds, cameras "
         f"on the {env.camera_mount}, tolerance {env.tolerance_px:g} px, {env.dynamics} dynamics, at most "
-        f"{env.max_episode_steps} motions. At each value every agent, untaught, makes one trial in each of "
-        f"{finished.suite.worlds} worlds, the same for all agents and values."
+        f"{env.max_episode_steps} motions. At each value every agent, without learning, makes one trial in "
+        f"each of {finished.suite.worlds} worlds, the same for all agents and values."
     )
 
 
@@ -74,9 +77,21 @@ def _table(found: dict[str, list[Point]], sweep: SweepConfig) -> Table:
     first = next(iter(found.values()))
     in_view = [f"{first[i].trials} of {first[i].worlds}" for i in indices]
     rows = [[label, *(_cell(curve[i]) for i in indices)] for label, curve in found.items()]
-    return Table(
-        [sweep.vary, *(f"{sweep.over[i]:g}" for i in indices)], [["trials in view", *in_view], *rows]
-    )
+    columns = [sweep.vary, *(f"{sweep.over[i]:g}" for i in indices)]
+    return Table("sweep", sweep.name, pd.DataFrame([["trials in view", *in_view], *rows], columns=columns))
+
+
+def _summary(found: dict[str, list[Point]], sweep: SweepConfig) -> list[SummaryRow]:
+    rows = []
+    for agent, of_agent in found.items():
+        for point in of_agent:
+            where = sweep.name, "sweep", agent, f"{point.value:g}"
+            rows += [
+                summary_row(*where, SUCCESS, point.success, point.trials),
+                summary_row(*where, "success_at_once", point.at_once, point.trials),
+                summary_row(*where, "median_motions", point.motions, point.trials),
+            ]
+    return rows
 
 
 def _cell(point: Point) -> str:

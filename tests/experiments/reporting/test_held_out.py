@@ -5,14 +5,8 @@ import pandas as pd
 import pytest
 
 from experiments.config.suite import ScenarioConfig
-from experiments.reporting.held_out.summary import (
-    MOTIONS,
-    SUCCESS,
-    held_out_curve,
-    moments,
-    training_curve,
-    with_cost,
-)
+from experiments.reporting.finished_suite import MOTIONS, SUCCESS, with_cost
+from experiments.reporting.held_out.estimates import held_out_curve, moments, training_curve
 
 CAP = 60
 
@@ -74,7 +68,7 @@ def test_a_stretch_without_a_trial_is_no_failure(scenario):
     np.testing.assert_array_equal(curve.runs, [[45, 45, 30], [60, 50, 50]])
 
 
-def test_a_finished_life_too_short_for_a_trial_has_no_training_curve(scenario):
+def test_a_finished_lifetime_too_short_for_a_trial_has_no_training_curve(scenario):
     rows = table(scenario, (0, "eval", 0, None, True, 10), (1, "eval", 0, None, True, 10))
     curve = training_curve(rows, "servo", MOTIONS, 2, scenario, width=100)
     assert curve.mean.shape == curve.band()[0].shape == (0,)
@@ -107,6 +101,6 @@ def test_a_run_that_is_not_perturbed_has_only_an_end(perturbed_at_different_moti
     assert list(moments(calm, "servo", 1, CAP)) == ["at the end"]
 
 
-def test_a_life_that_begins_perturbed_has_no_before(scenario):
+def test_a_lifetime_that_begins_perturbed_has_no_before(scenario):
     rows = table(scenario, (0, "eval", 0, 0, True, 10), (0, "eval", 300, 300, True, 10))
     assert list(moments(rows, "servo", 1, CAP)) == ["right after", "at the end"]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[3]
 
 
 def command(config, out):
@@ -20,7 +20,7 @@ def command(config, out):
 
 
 def digests(out):
-    """Hashes of all results; what tells of wall-clock time is left out."""
+    """Hashes of all results; wall-clock times are left out."""
     found = {}
     for path in [*sorted(out.glob("runs/*/*")), out / "results.parquet", out / "report.md"]:
         text = path.read_bytes()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from experiments.config.loading import load
 from experiments.errors import ConfigError
 
-CONFIGS = Path(__file__).parents[2] / "configs"
+CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.name)
@@ -66,7 +66,7 @@ ENV = ("scenarios", 0, "env")
             ("scenarios", 0, "perturbations", 0, "at", "motion"),
             90,
             "scenarios.0.perturbations.0.at.motion is 90",
-            "never, in a life of 90 motions",
+            "never, in a lifetime of 90 motions",
         ),
         (("agents", 1, "settings"), {"tset_px": 3}, "agents.1.settings", "tset_px"),
         (("agents", 1, "settings"), {"test_px": -3.0}, "agents.1.settings", "test_px"),
@@ -100,10 +100,12 @@ def test_a_missing_key_is_named(suite_data, write_config):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("seed: 1\nworlds: 2\nseed: 3\n", "line 1: the key 'seed' stands twice"),
+        ("seed: 1\nworlds: 2\nseed: 3\n", "suite.yaml, line 1, column 1: .*the key 'seed' stands twice"),
         ("- 1\n", "found list"),
-        ("a: [1\n", "not valid YAML"),
+        ("a: [1\n", "suite.yaml, line 2, column 1: is not valid YAML: .*flow sequence"),
+        ("a: 1\nb: 2\n  c: 3\n", "suite.yaml, line 3, column 4: is not valid YAML"),
         ("? [1]\n: 2\n", "not valid YAML"),
+        ("a: \x07", "not valid YAML"),
     ],
 )
 def test_files_that_are_no_mapping(write_config, text, said):
@@ -120,6 +122,13 @@ def test_settings_may_stand_in_a_file(suite_data, write_config, tmp_path):
     (tmp_path / "words.yaml").write_text("limit: 0.5\n")
     suite_data["agents"][0]["settings"] = "words.yaml"
     assert load(write_config(suite_data)).agents[0].settings == {"limit": 0.5}
+
+
+def test_an_error_in_a_file_of_settings_names_that_file(suite_data, write_config, tmp_path):
+    (tmp_path / "words.yaml").write_text("limit: 0.5\n- 1\n")
+    suite_data["agents"][0]["settings"] = "words.yaml"
+    with pytest.raises(ConfigError, match=r"words\.yaml, line 2, column 1: is not valid YAML"):
+        load(write_config(suite_data))
 
 
 def test_a_bare_name_is_an_agent(suite_data, write_config):

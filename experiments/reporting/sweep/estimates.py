@@ -6,11 +6,10 @@ import numpy as np
 import pandas as pd
 
 from experiments.config.suite import SweepConfig
-from experiments.reporting.held_out.summary import Cell
-from experiments.reporting.statistics import Array, bootstrap_band, wilson_interval
+from experiments.reporting.statistics import Array, Estimate, bootstrap_band, wilson_interval
 
 _ENOUGH = 0.1
-"""Share of the trials that must reach, for their median to tell anything."""
+"""Share of the trials that must reach, for their median to mean anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +28,9 @@ class Point:
     value: float
     worlds: int
     trials: int
-    success: Cell | None
+    success: Estimate | None
     at_once: float
-    motions: Cell | None
+    motions: Estimate | None
 
 
 def points(results: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -> list[Point]:
@@ -53,12 +52,12 @@ def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int) -> Point:
     if not trials:
         return Point(value, worlds, 0, None, 0.0, None)
     reached = in_view[(in_view["agent"] == agent) & in_view["success"]]["motions"].to_numpy(dtype=float)
-    success = Cell(len(reached) / trials, *wilson_interval(len(reached), trials))
+    success = Estimate(len(reached) / trials, *wilson_interval(len(reached), trials))
     at_once = float((reached <= 1).sum()) / trials
     enough = len(reached) and len(reached) >= _ENOUGH * trials
     return Point(value, worlds, trials, success, at_once, _median(reached) if enough else None)
 
 
-def _median(motions: Array) -> Cell:
+def _median(motions: Array) -> Estimate:
     low, high = bootstrap_band(motions, lambda of: np.median(of, axis=0), np.random.default_rng(0))
-    return Cell(float(np.median(motions)), float(low), float(high))
+    return Estimate(float(np.median(motions)), float(low), float(high))

@@ -10,9 +10,14 @@ import numpy as np
 import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
-from experiments.reporting.statistics import Array, bootstrap_band, interquartile_mean, wilson_interval
-
-SUCCESS, MOTIONS, SECONDS = "success", "motions_per_reach", "robot_seconds"
+from experiments.reporting.finished_suite import MOTIONS, SUCCESS
+from experiments.reporting.statistics import (
+    Array,
+    Estimate,
+    bootstrap_band,
+    interquartile_mean,
+    wilson_interval,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,40 +43,24 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
-    """One number of the table, with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, slots=True)
 class Moment:
     """An agent at one checkpoint of each of its runs, and over their held-out trials.
 
     Attributes:
         worlds: Finished runs that came to it.
         lifetime_motions: The fewest and the most, over these runs.
-        success: Share of trials; all those of failed runs count as failed.
+        trials: Held-out trials of all runs; failed runs count as having made as many as the others.
+        success: Share of these trials; all those of failed runs count as failed.
         motions_per_reach: Interquartile mean over runs; failed runs count as the cap.
         distance_mm: Median true distance at the end of a trial, of finished runs only.
     """
 
     worlds: int
     lifetime_motions: tuple[int, int]
-    success: Cell
-    motions_per_reach: Cell
+    trials: int
+    success: Estimate
+    motions_per_reach: Estimate
     distance_mm: float
-
-
-def with_cost(results: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
-    """The rows of one scenario, with motions per reach: a failed trial counts as the cap."""
-    rows = results[results["scenario"] == scenario.name].copy()
-    cap = scenario.env.max_episode_steps
-    rows[MOTIONS] = rows["motions"].where(rows["success"], cap).astype(float)
-    rows[SUCCESS] = rows["success"].astype(float)
-    return rows
 
 
 def held_out_curve(
@@ -119,7 +108,7 @@ def _curve(
 
 
 def moments(rows: pd.DataFrame, agent: str, worlds: int, cap: int) -> dict[str, Moment]:
-    """An agent before its first perturbation, right after it, and at the end of its life.
+    """An agent before its first perturbation, right after it, and at the end of its lifetime.
 
     Each run has its own moments; a run that finished unperturbed has only an end. Runs that failed
     are worst at every moment, except in distance.
@@ -154,7 +143,8 @@ def _moment(mine: pd.DataFrame, at: Any, failed: int, cap: int) -> Moment:
     return Moment(
         worlds=len(at),
         lifetime_motions=(int(at.min()), int(at.max())),
-        success=Cell(successes / trials, *wilson_interval(successes, trials)),
-        motions_per_reach=Cell(float(interquartile_mean(per_run)), float(low), float(high)),
+        trials=trials,
+        success=Estimate(successes / trials, *wilson_interval(successes, trials)),
+        motions_per_reach=Estimate(float(interquartile_mean(per_run)), float(low), float(high)),
         distance_mm=float(rows["distance_mm"].median()),
     )

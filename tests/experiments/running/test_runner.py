@@ -18,13 +18,6 @@ def run(config, out):
     return main(["run", str(config), "--out", str(out), "--jobs", "2"])
 
 
-@pytest.fixture
-def finished(suite_data, write_config, tmp_path):
-    config, out = write_config(suite_data), tmp_path / "out"
-    assert run(config, out) == 0
-    return config, out
-
-
 def test_from_configuration_to_report(finished, capsys):
     config, out = finished
     results = pd.read_parquet(out / "results.parquet")

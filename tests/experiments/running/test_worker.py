@@ -7,7 +7,7 @@ import pytest
 
 from experiments.config.suite import Suite
 from experiments.running import worker
-from experiments.running.lifetime import Life
+from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import runs_of
 
 AGENTS = [
@@ -19,8 +19,8 @@ AGENTS = [
 AIM = {"type": "camera_aim", "camera": "left"}  # by how much is drawn
 
 
-class Watched(Life):
-    """Keeps what its agent lived through."""
+class Watched(LifetimeRecorder):
+    """Keeps the worlds and objects that its agent meets."""
 
     def __init__(self, *arguments):
         super().__init__(*arguments)
@@ -41,42 +41,44 @@ class Watched(Life):
 
 
 @pytest.fixture
-def live(suite_data, tmp_path, monkeypatch):
-    """Makes every run of the suite, and returns its spec, its life and its rows."""
+def run_all(suite_data, tmp_path, monkeypatch):
+    """Makes every run of the suite, and returns its spec, its recorder and its rows."""
 
     def make(data=suite_data):
         runs = runs_of(Suite.model_validate(data))
-        lives = []
-        monkeypatch.setattr(worker, "Life", lambda *a: lives.append(Watched(*a)) or lives[-1])
+        recorders = []
+        monkeypatch.setattr(
+            worker, "LifetimeRecorder", lambda *a: recorders.append(Watched(*a)) or recorders[-1]
+        )
         rows = []
         for spec in runs:
-            worker.live(spec, tmp_path)
+            worker.run_lifetime(spec, tmp_path)
             lines = (tmp_path / "trials.jsonl").read_text().splitlines()
             rows.append([json.loads(line) for line in lines])
-        return list(zip(runs, lives, rows, strict=True))
+        return list(zip(runs, recorders, rows, strict=True))
 
     return make
 
 
 @pytest.mark.parametrize("at", [{"trial": 3}, {"motion": 40}], ids=str)
-def test_every_agent_meets_the_same_worlds_trials_and_perturbations(suite_data, live, at):
+def test_every_agent_meets_the_same_worlds_trials_and_perturbations(suite_data, run_all, at):
     suite_data["agents"] = AGENTS
     suite_data["scenarios"][0]["perturbations"] = [{"at": at, "do": AIM}]
-    lives = live()
+    recorders = run_all()
     for world in range(suite_data["worlds"]):
-        ours = [life for spec, life, _ in lives if spec.world == world]
+        ours = [recorder for spec, recorder, _ in recorders if spec.world == world]
         assert len(ours) == len(AGENTS)
-        assert all(life.worlds == ours[0].worlds for life in ours)
+        assert all(recorder.worlds == ours[0].worlds for recorder in ours)
         assert len(ours[0].worlds) == 2
         if "trial" in at:  # else some agents meet trial t before the perturbation, others after it
-            common = min(len(life.objects) for life in ours)
+            common = min(len(recorder.objects) for recorder in ours)
             assert common > 3
-            for life in ours:
-                np.testing.assert_array_equal(life.objects[:common], ours[0].objects[:common])
-    assert lives[0][1].worlds[0] != lives[1][1].worlds[0]
+            for recorder in ours:
+                np.testing.assert_array_equal(recorder.objects[:common], ours[0].objects[:common])
+    assert recorders[0][1].worlds[0] != recorders[1][1].worlds[0]
 
 
-def test_checkpoints_are_the_same_for_agents_that_reset_at_once(suite_data, live, monkeypatch):
+def test_checkpoints_are_the_same_for_agents_that_reset_at_once(suite_data, run_all, monkeypatch):
     """Stable-baselines3 resets before its callback, a servo after it: the perturbation waits for neither."""
     suite_data |= {"worlds": 1, "agents": [AGENTS[1], AGENTS[3]]}
     suite_data["scenarios"][0]["perturbations"] = [{"at": {"trial": 2}, "do": AIM}]
@@ -88,23 +90,23 @@ def test_checkpoints_are_the_same_for_agents_that_reset_at_once(suite_data, live
         return evaluate(agent, env, trials, seed)
 
     monkeypatch.setattr(worker, "evaluate", watched)
-    lives = live()
-    for _, _, rows in lives:
+    recorders = run_all()
+    for _, _, rows in recorders:
         held_out = [row for row in rows if row["phase"] == "eval" and row["trial"] == 0]
         checkpoints = [(row["lifetime_motions"], row["motions_since_perturbation"]) for row in held_out]
         assert checkpoints == [(0, None), (40, None), (41, 1), (80, 40), (90, 50)]
     assert worlds[:5] == worlds[5:]
     assert worlds[1] == worlds[0] != worlds[2] == worlds[4]
-    assert lives[0][1].perturbations == lives[1][1].perturbations
+    assert recorders[0][1].perturbations == recorders[1][1].perturbations
 
 
 @pytest.mark.parametrize("agent", AGENTS, ids=lambda agent: agent["name"])
-def test_evaluation_changes_nothing_in_the_agent(suite_data, live, agent):
+def test_evaluation_changes_nothing_in_the_agent(suite_data, run_all, agent):
     suite_data |= {"worlds": 1, "agents": [agent]}
     trials = []
     for every in (20, 90):
         suite_data["evaluation"]["every"] = every
-        ((_, _, rows),) = live()
+        ((_, _, rows),) = run_all()
         trials.append([row for row in rows if row["phase"] == "train"])
     assert len(trials[0]) >= 4
     assert trials[0] == trials[1]

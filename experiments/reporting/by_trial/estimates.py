@@ -1,4 +1,4 @@
-"""From results.parquet to what lives counted in trials came to, in blocks of trials."""
+"""From results.parquet to lifetimes counted in trials, in blocks of trials."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
-from experiments.reporting.held_out.summary import MOTIONS, SECONDS, SUCCESS, Cell
-from experiments.reporting.statistics import Array, bootstrap_band
+from experiments.reporting.finished_suite import MOTIONS, SECONDS, SUCCESS
+from experiments.reporting.statistics import Array, Estimate, bootstrap_band
 
 FINE = (1, 5, 10, 25, 50, 100, 150, 200, 300, 400, 500, 1_000, 2_000, 5_000)
 COARSE = (25, 50, 100, 150, 300, 400, 500, 1_000, 2_000, 5_000)
@@ -28,17 +28,17 @@ class Blocks:
     edges: Array
     runs: Array
 
-    def cells(self) -> list[Cell]:
+    def estimates(self) -> list[Estimate]:
         """Each block's mean over runs, with the 95 % bootstrap over whole runs."""
         mean = self.runs.mean(axis=0)
         low, high = bootstrap_band(
             self.runs, lambda runs: np.asarray(runs.mean(axis=0)), np.random.default_rng(0)
         )
-        return [Cell(*map(float, cell)) for cell in zip(mean, low, high, strict=True)]
+        return [Estimate(*map(float, edges)) for edges in zip(mean, low, high, strict=True)]
 
 
 def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:
-    """Where blocks of trials begin and end: `ends` after the life's beginning and each `at: {trial: n}`."""
+    """Where blocks of trials begin and end: `ends` after the beginning and each `at: {trial: n}`."""
     trials, _ = scenario.length
     events = {e["at"]["trial"] for e in scenario.perturbations if "trial" in e.get("at", {})}
     found = {trials}
@@ -48,7 +48,7 @@ def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:
 
 
 def trial_costs(rows: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
-    """The agents' own trials, of the rows of `summary.with_cost`, in robot seconds per reach too.
+    """The agents' own trials, of the rows of `with_cost`, in robot seconds per reach too.
 
     A failed trial counts as going on to the cap at its own pace.
     """

@@ -42,8 +42,8 @@ def test_cells_stand_where_they_are_seen():
     figure = table_figure(table)
     assert "2 of 4,096 cells are filled, 1 are trusted" in figure.get_suptitle()
     left, right = figure.axes[:2]
-    told = [{(t.get_position(), t.get_text()) for t in panel.texts} for panel in (left, right)]
-    assert told == [{((-0.875, 0.125), "2")}, {((0.875, -0.625), "1"), ((0.875, 0.625), "1")}]
+    drawn = [{(t.get_position(), t.get_text()) for t in panel.texts} for panel in (left, right)]
+    assert drawn == [{((-0.875, 0.125), "2")}, {((0.875, -0.625), "1"), ((0.875, 0.625), "1")}]
     assert left.images[0].get_array().data[4, 0] == 0.5
     assert right.images[0].get_array().compressed().tolist() == [1.0, 0.0]
 
@@ -56,7 +56,7 @@ def test_other_and_damaged_files_are_named(tmp_path, environment, capsys):
     with np.load(table) as file:
         arrays = dict(file)
     np.savez(tmp_path / "lacking.npz", **{k: v for k, v in arrays.items() if k != "variances"})
-    for source, told in (
+    for source, said in (
         (servo, r"holds UnifiedServo\(.*only a saved grid_table can be drawn"),
         (damaged, "damaged or no saved agent"),
         (tmp_path / "lacking.npz", "damaged: what was saved holds no variances"),
@@ -65,7 +65,7 @@ def test_other_and_damaged_files_are_named(tmp_path, environment, capsys):
         assert main(["picture", str(source), "--out", str(tmp_path / "x.png")]) == 2
         error = capsys.readouterr().err
         assert source.name in error
-        assert re.search(told, error), error
+        assert re.search(said, error), error
         assert not (tmp_path / "x.png").exists()
     assert main(["picture", str(table), "--out", str(tmp_path / "x.nonsense")]) == 2
     assert "nonsense" in capsys.readouterr().err

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,6 +11,31 @@ def test_interquartile_mean_leaves_out_a_quarter_at_each_end():
     assert interquartile_mean(np.array([100.0, 1, 2, 3, -100, 4, 5, 6])) == 3.5
     assert interquartile_mean(np.array([1.0, 3.0])) == 2.0
     np.testing.assert_allclose(interquartile_mean(np.arange(8.0).reshape(4, 2)), [3, 4])
+
+
+@pytest.mark.parametrize("runs", [1, 2, 3, 4, 7, 20])
+def test_interquartile_mean_is_the_trimmed_mean(runs):
+    values = np.random.default_rng(runs).normal(size=(runs, 3))
+    np.testing.assert_allclose(interquartile_mean(values), scipy.stats.trim_mean(values, 0.25), atol=1e-14)
+
+
+@pytest.mark.parametrize("level", [0.5, 0.95])
+@pytest.mark.parametrize("statistic", [np.mean, np.median, np.std], ids=lambda s: s.__name__)
+def test_bootstrap_is_the_percentile_bootstrap(level, statistic):
+    """Two bootstraps of 20,000 resamples differ by their resamples only."""
+    values = np.random.default_rng(3).gamma(2, size=25)
+    mine = bootstrap_band(
+        values, lambda runs: statistic(runs, axis=0), np.random.default_rng(0), level, resamples=20_000
+    )
+    theirs = scipy.stats.bootstrap(
+        (values,),
+        statistic,
+        confidence_level=level,
+        n_resamples=20_000,
+        method="percentile",
+        rng=np.random.default_rng(1),
+    ).confidence_interval
+    np.testing.assert_allclose(mine, theirs, atol=0.03)
 
 
 def test_bootstrap_covers_the_truth_as_often_as_it_says():
@@ -39,6 +65,12 @@ def test_wilson_interval_of_published_examples():
     assert wilson_interval(15, 148) == pytest.approx((0.0624, 0.1605), abs=1e-4)  # Newcombe 1998
     assert wilson_interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
     assert wilson_interval(0, 20) == pytest.approx((0.0, 0.1611), abs=1e-4)
+
+
+@given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))), st.floats(0.5, 0.999))
+def test_wilson_interval_is_that_of_scipy(counts, level):
+    theirs = scipy.stats.binomtest(*counts).proportion_ci(level, method="wilson")
+    assert wilson_interval(*counts, level) == pytest.approx(tuple(theirs), abs=1e-9)
 
 
 @given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))

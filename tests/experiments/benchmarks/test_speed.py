@@ -21,7 +21,7 @@ def test_a_peer_steps_when_it_is_asked_to_and_tells_what_it_is():
 
 @pytest.fixture
 def simulated(tmp_path, monkeypatch):
-    """A peer that tells its substeps as panda-gym does."""
+    """A peer that has its substeps where panda-gym has them."""
     (tmp_path / "tiny_peer.py").write_text(
         "import gymnasium, types\n"
         "from gymnasium.envs.classic_control import CartPoleEnv\n"
@@ -66,7 +66,7 @@ def test_table_and_json_hold_the_same_ratios(simulated, monkeypatch, capsys):
     assert units.count("environment steps") == 7
     assert units.count("physics substeps") == units.count("simulated seconds") == 2
     for ratio in found["ratios"]:
-        assert f"{ratio['name']}, {ratio['unit']}" in table
+        assert f"| {ratio['name']} | {ratio['unit']} | {ratio['ratio']:.2f} |" in table
         assert ratio["ratio"] > 0
     assert found["machine"]["mujoco"]
     substeps, seconds = found["ratios"][6:8]

@@ -1,0 +1,296 @@
+"""Keep, map, discard or recall: what is done with knowledge when the world has changed (paper, section 5).
+
+The paper asks when to discard what is stored, and when "to modify all stored data at once in a systematic
+way". The answer comes from motions that are made anyway. What was known before a change is set aside as it
+was; while more is seen, the explanation of the change is fitted again, and what was known is mapped by it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.adaptation.archive import Archive
+from agents.adaptation.detector import NO_CAMERA, ChangeDetector, Finding, Verdict
+from agents.adaptation.explanation import as_seen_now, explain_drift, explain_jump
+from agents.adaptation.home_view import Cameras
+from agents.adaptation.knowledge_with_views import KnowledgeWithViews
+from agents.adaptation.pairs import Pairs
+from agents.base.checks import checked_array
+from agents.base.observation import Array
+from agents.base.storage import prefixed, under
+from agents.knowledge.interface import Knowledge
+
+ON_CHANGE = ("recognise", "map", "discard", "keep")
+"""What is done after a jump: what is best by what was seen, or always the same. A drift is followed, unless
+all is to be kept."""
+
+Arrays = Mapping[str, NDArray[Any]]
+
+_EARLIER_NAMES = {
+    "held": "suspects",
+    "doubted": "unconfirmed_home",
+    "scores": "usual_scores",
+    "since": "after_change",
+}
+"""What arrays were called in files of earlier versions, and what they are called now."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change of the world, as it was recognised.
+
+    Attributes:
+        trial: The first trial, counted from 0, that showed it.
+        kind: "drift", "re-aimed", "rolled", "zoomed", "moved", "replaced", "arm changed", "back", or
+            "unknown" where it was not looked into.
+        action: What was done with what was known: "map", "discard", or "recall" from the archive.
+    """
+
+    trial: int
+    kind: str
+    action: str
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A jump that is still being explained.
+
+    Attributes:
+        before: What was known before it, as named arrays.
+        cameras: The cameras (2,) that show it.
+        after_change: All pairs seen since.
+    """
+
+    before: Arrays
+    cameras: Cameras
+    after_change: Pairs
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A drift that is being followed.
+
+    Attributes:
+        before: What was known before it, as named arrays.
+        cameras: The cameras (2,) that show it.
+    """
+
+    before: Arrays
+    cameras: Cameras
+
+
+class AdaptiveKnowledge:
+    """Teaches a knowledge base, and keeps, maps, discards or recalls it where the world has changed.
+
+    Attributes:
+        knowledge: The knowledge base.
+        on_change: One of `ON_CHANGE`.
+        detector: Says whether anything has changed.
+        archive: What was known in earlier worlds.
+        events: The changes that were recognised.
+        change: The jump that is being explained or the drift that is being followed; None in a steady world.
+
+    Args:
+        knowledge: An empty knowledge base.
+        motors: Number of registers m.
+        on_change: One of `ON_CHANGE`.
+
+    Raises:
+        ValueError: `on_change` is none of these.
+    """
+
+    EXPLAINED_TRIALS = 30
+    """So many trials after a change its explanation is final. Tuned (wild worlds 3000-)."""
+    REFIT_TRIALS = 5
+    """So many trials the explanation is fitted again after each, later after each so many: a choice between
+    time and accuracy."""
+    DRIFT_TRIALS = 12
+    """Trials by which a drift is followed. Tuned (wild worlds 3000-)."""
+
+    def __init__(self, knowledge: Knowledge, motors: int, on_change: str = "recognise") -> None:
+        if on_change not in ON_CHANGE:
+            raise ValueError(f"on_change is {on_change!r}; allowed: {', '.join(ON_CHANGE)}")
+        self.on_change = on_change
+        self.detector = ChangeDetector(motors)
+        self.archive = Archive()
+        self.events: list[Event] = []
+        self.change: Jump | Drift | None = None
+        self._known = KnowledgeWithViews(knowledge, motors)
+        self._nothing = self._known.arrays()
+        self._none = Pairs.none(motors)
+        self._recent = self._none
+        self._announced = NO_CAMERA
+        self._trial = 0
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """The knowledge base."""
+        return self._known.knowledge
+
+    def knowledge_for(self, gripper: Array) -> Knowledge | None:
+        """The knowledge for a world in which the gripper at home is seen there (4,), in image units.
+
+        None where the world has changed and the archive knows none like it.
+        """
+        if self.on_change == "keep" or not (self._announced | self.detector.home.jumped(gripper)).any():
+            return self.knowledge
+        archived = self._recalled(gripper)
+        return archived.knowledge if archived else None
+
+    def announce_change(self, cameras: Cameras) -> None:
+        """Takes it from somebody who knows: before the next trial these cameras (2,) have been changed.
+
+        Both, where it is the arm.
+        """
+        self._announced = np.asarray(cameras, bool)
+
+    def learn(self, registers: Array, sensors: Array) -> None:
+        """Takes in a trial: what was seen (n, 4), in image units, and at which registers (n, m); home first.
+
+        A trial in which home was not seen teaches nothing, unless all is kept whatever changes.
+        """
+        pairs = Pairs(registers, sensors.copy(), np.full(len(registers), self._trial))
+        self._trial += 1
+        if self.on_change == "keep":
+            for pair in zip(pairs.sensors, pairs.registers, strict=True):
+                self.knowledge.learn(*pair)
+            return
+        if not len(pairs) or registers[0].any():
+            return
+        announced = self._announced if len(self._known.views.registers) else NO_CAMERA
+        self._announced = NO_CAMERA
+        finding = self.detector.examine(pairs, self._known, announced)
+        if finding.verdict is Verdict.CHANGED:
+            self._meet_jump(finding)
+        elif finding.verdict is Verdict.UNCHANGED:
+            self._go_on(finding.pairs)
+
+    def _meet_jump(self, found: Finding) -> None:
+        """Sets aside what was known, and recalls, discards or maps it."""
+        before = self._known.arrays()
+        archived = self._recalled(found.pairs.sensors[0])
+        self.archive.add(before, found.home_before)
+        self.change, self._recent = None, self._none
+        first = int(found.pairs.trials[0])
+        if self.on_change == "discard":
+            self.events.append(Event(first, "unknown", "discard"))
+            self._known.restore(self._nothing)
+            self._known.learn(found.pairs)
+        elif archived and archived.agrees_with(found.pairs):
+            self.events.append(Event(first, "back", "recall"))
+            self._known.restore(archived.arrays())
+            self._known.learn(found.pairs)
+        else:
+            self.events.append(Event(first, "unknown", "map"))
+            self._refit_explanation(Jump(before, found.cameras, found.pairs))
+
+    def _go_on(self, pairs: Pairs) -> None:
+        """Nothing has jumped: learns, explains the last jump better, follows a drift."""
+        self._recent = (self._recent + pairs).latest(self.DRIFT_TRIALS)
+        if isinstance(self.change, Jump):
+            self.change = replace(self.change, after_change=self.change.after_change + pairs)
+            age = self._trial - self.events[-1].trial
+            if age <= self.REFIT_TRIALS or age % self.REFIT_TRIALS == 0:
+                self._refit_explanation(self.change)
+            else:
+                self._known.learn(pairs)
+        elif isinstance(self.change, Drift):
+            self._refit_explanation(self.change)
+        else:
+            self._known.learn(pairs)
+            drifting = self.detector.home.drifting()
+            if drifting.any():
+                self.events.append(Event(self._trial - 1, "drift", "map"))
+                self._refit_explanation(Drift(self._known.arrays(), drifting))
+
+    def _refit_explanation(self, change: Jump | Drift) -> None:
+        """Explains the change by all that was seen since, and maps or discards what was known by it."""
+        self.change, views = change, self._known.views
+        self._known.restore(change.before)
+        if isinstance(change, Jump):
+            seen = change.after_change
+            explanation = explain_jump(views, seen, change.cameras)
+        else:
+            rate = self.detector.home.drift_rate(self.DRIFT_TRIALS)
+            seen = as_seen_now(self._recent, change.cameras, rate, self._trial - 1)
+            explanation = explain_drift(views, seen, change.cameras)
+        discard = self.on_change == "recognise" and not explanation.convinces
+        if discard:
+            self._known.restore(self._nothing)
+        else:
+            self._known.map(explanation.changes)
+        self._known.learn(seen)
+        if isinstance(change, Jump):
+            kind, action = explanation.kind(discard), "discard" if discard else "map"
+            self.events[-1] = replace(self.events[-1], kind=kind, action=action)
+        if self._trial - self.events[-1].trial >= self.EXPLAINED_TRIALS:
+            self.change = None
+            if isinstance(change, Drift):
+                self.detector.home.keep(self.DRIFT_TRIALS)
+
+    def _recalled(self, gripper: Array) -> KnowledgeWithViews | None:
+        """What is archived of a world in which the gripper at home was seen there (4,)."""
+        archived = self.archive.find(gripper) if self.on_change == "recognise" else None
+        return self._known.copy_of(archived) if archived else None
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All that it knows, as named arrays."""
+        if self.on_change == "keep":
+            return self.knowledge.arrays()
+        change = self.change
+        after_change = change.after_change if isinstance(change, Jump) else self._none
+        return {
+            **self._known.arrays(),
+            **self.archive.arrays(),
+            **self.detector.arrays(),
+            **prefixed("before", change.before if change else {}),
+            **prefixed("after_change", after_change.arrays()),
+            **prefixed("recent", self._recent.arrays()),
+            "cameras": change.cameras if change else NO_CAMERA,
+            "clock": np.array([self._trial, isinstance(change, Drift)]),
+            "events": np.array([astuple(event) for event in self.events], str).reshape(-1, 3),
+        }
+
+    def restore(self, arrays: Arrays) -> None:
+        """Takes over what `arrays` returned, of earlier versions too, which it warns of.
+
+        Raises:
+            KeyError: An array is missing.
+            ValueError: An array is missing or of another shape.
+        """
+        if self.on_change == "keep":
+            self.knowledge.restore(arrays)
+            return
+        arrays = _with_present_names(arrays)
+        self._known.restore(arrays)
+        self.archive.restore(arrays)
+        self.detector.restore(arrays)
+        self._recent, after_change = (Pairs.of(under(key, arrays)) for key in ("recent", "after_change"))
+        cameras = checked_array(arrays, "cameras", (2,)) > 0
+        trial, drifting = checked_array(arrays, "clock", (2,))
+        self._trial = int(trial)
+        before = under("before", arrays)
+        self.change = None
+        if before:
+            self.change = Drift(before, cameras) if drifting else Jump(before, cameras, after_change)
+        self.events = [Event(int(trial), kind, action) for trial, kind, action in arrays["events"]]
+
+
+def _with_present_names(arrays: Arrays) -> Arrays:
+    """Arrays under the names that they have now; warns of those that had another."""
+    earlier = {name.split("/")[0] for name in arrays} & _EARLIER_NAMES.keys()
+    if not earlier:
+        return arrays
+    names = ", ".join(f"{name} (now {_EARLIER_NAMES[name]})" for name in sorted(earlier))
+    warnings.warn(f"read under the names of an earlier version: {names}", stacklevel=2)
+    renamed = {}
+    for name, array in arrays.items():
+        first, *rest = name.split("/")
+        renamed["/".join([_EARLIER_NAMES.get(first, first), *rest])] = array
+    return renamed

@@ -1,0 +1,1 @@
+"""The result tables of README.md and docs/, made from kept results."""

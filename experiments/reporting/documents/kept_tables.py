@@ -1,0 +1,137 @@
+"""Kept results (`experiments/results/NAME/`) as tables: `summary.csv` of a suite, JSON of benchmarks."""
+
+import json
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+import agents
+from calfree_gym.errors import near_misses
+from experiments.config.requirements import requirements
+from experiments.config.suite import AgentConfig, EnvironmentConfig
+from experiments.errors import ConfigError
+from experiments.reporting.finished_suite import MOTIONS, SUCCESS
+from experiments.reporting.prior_knowledge import must_know
+from experiments.reporting.report import SUMMARY
+from experiments.reporting.statistics import Estimate
+from experiments.reporting.tables import Table, number, percent
+from experiments.running.versions import REPOSITORY
+
+KEPT = REPOSITORY / "experiments" / "results"
+AGENTS = "agents"
+"""The one table that is made from the code alone."""
+
+
+def tables_named(name: str, kept: Path = KEPT) -> str:
+    """The Markdown of a table of README.md or docs/.
+
+    Args:
+        name: "agents", a folder of kept results such as "quick", or one table in it, as "quick/wild".
+        kept: Holds the folders of kept results.
+
+    Raises:
+        ConfigError: Nothing is kept under that name; says what is.
+    """
+    if name == AGENTS:
+        return _agents().markdown()
+    folder, _, chosen = name.partition("/")
+    allowed = [AGENTS, *sorted(path.name for path in kept.glob("*") if _files(path))]
+    if folder not in allowed:
+        hint = near_misses(folder, allowed)
+        raise ConfigError(f"no results are kept as {folder!r}{hint}; allowed: {', '.join(allowed)}")
+    found = [(table, commit) for path in _files(kept / folder) for table, commit in _read(path)]
+    names = list(dict.fromkeys(table.name for table, _ in found))
+    if chosen and chosen not in names:
+        hint = near_misses(chosen, names)
+        raise ConfigError(f"{folder} keeps no table {chosen!r}{hint}; allowed: {', '.join(names)}")
+    shown = [(table, commit) for table, commit in found if chosen in ("", table.name)]
+    return "\n\n".join(_shown(table, commit, folder, len(shown) > 1) for table, commit in shown)
+
+
+def _shown(table: Table, commit: str, folder: str, with_title: bool) -> str:
+    source = f"*Made from `experiments/results/{folder}`, code of commit {commit}.*"
+    title = f"**{table.title}**" if with_title else ""
+    return "\n\n".join(part for part in (title, table.markdown(), table.note, source) if part)
+
+
+def _files(folder: Path) -> list[Path]:
+    return [*folder.glob(SUMMARY), *sorted(folder.glob("*.json"))]
+
+
+def _read(path: Path) -> Iterator[tuple[Table, str]]:
+    """The tables in a kept file, each with the commit that made it."""
+    try:
+        if path.suffix == ".csv":
+            summary = pd.read_csv(path, dtype={"moment": str}, keep_default_na=False, na_values=[""])
+            commit = str(summary["commit"].iloc[0])
+            for (scenario, kind), rows in summary.groupby(["scenario", "table"], sort=False):
+                yield _MAKERS[kind](str(scenario), rows), commit
+        else:
+            kept = json.loads(path.read_text(encoding="utf-8"))
+            for table in kept["tables"]:
+                yield Table.from_dict(table), kept["commit"]
+    except (KeyError, IndexError, ValueError) as error:
+        raise ConfigError(f"{path} is damaged or no kept result: {error!r}") from None
+
+
+@cache
+def _agents() -> Table:
+    env = EnvironmentConfig.model_validate({"id": "CalFree/Reach-v0", "world": "nominal"})
+    rows = []
+    for name in agents.names():
+        required = requirements(AgentConfig(name=name, label=name), env)
+        rows.append((f"`{name}`", must_know(name, required.privileged)))
+    return Table(AGENTS, "Agents", pd.DataFrame(rows, columns=["agent", "what it must know"]))
+
+
+def _held_out(scenario: str, rows: pd.DataFrame) -> Table:
+    """Agent, what it must know, success and motions: before, right after, at the end."""
+    lines: list[list[str]] = []
+    before = ""
+    for (agent, moment), found in rows.groupby(["agent", "moment"], sort=False):
+        of = {row.measure: Estimate(row.value, row.low, row.high) for row in found.itertuples()}
+        first = found.iloc[0]
+        head = [f"`{agent}`", must_know(first["kind"], _words(first["privileged"]))]
+        head = ["", ""] if agent == before else head
+        lines.append([*head, str(moment), percent(of[SUCCESS]), number(of[MOTIONS])])
+        before = str(agent)
+    columns = ["agent", "what it must know", "when", "success", "motions per reach"]
+    return Table(scenario, f"Scenario {scenario}", pd.DataFrame(lines, columns=columns))
+
+
+def _by_trial(scenario: str, rows: pd.DataFrame) -> Table:
+    """Motions per reach in blocks of trials."""
+    cells = _cells(rows[rows["measure"] == MOTIONS], lambda found: number(found, 2))
+    return Table(scenario, f"Scenario {scenario}, motions per reach in trials", cells)
+
+
+def _sweep(scenario: str, rows: pd.DataFrame) -> Table:
+    """Success at each value."""
+    cells = _cells(rows[rows["measure"] == SUCCESS], percent)
+    return Table(scenario, f"Sweep {scenario}, success", cells)
+
+
+_MAKERS = {"held_out": _held_out, "by_trial": _by_trial, "sweep": _sweep}
+"""By what `summary.csv` calls the table."""
+
+
+def _cells(rows: pd.DataFrame, text: Any) -> pd.DataFrame:
+    """Agents by moments, each number with its interval."""
+    found = [text(Estimate(row.value, row.low, row.high)) for row in rows.itertuples()]
+    wide = rows.assign(cell=found).pivot(index="agent", columns="moment", values="cell")
+    wide = wide.reindex(index=rows["agent"].unique(), columns=rows["moment"].unique())
+    wide.insert(0, "what it must know", _knowledge_of(rows).reindex(wide.index))
+    return wide.rename_axis(columns=None).reset_index()
+
+
+def _knowledge_of(rows: pd.DataFrame) -> "pd.Series[str]":
+    first = rows.groupby("agent", sort=False).first()
+    known = [must_know(row["kind"], _words(row["privileged"])) for _, row in first.iterrows()]
+    return pd.Series(known, index=first.index)
+
+
+def _words(privileged: Any) -> list[str]:
+    return [] if pd.isna(privileged) else str(privileged).split()

@@ -1,0 +1,163 @@
+"""A suite's folder, read back, and what several parts of the report need of its scenarios."""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from calfree_gym.perturbations.undo import Undo
+from experiments.config.suite import ScenarioConfig, Suite
+from experiments.running import trial_log
+from experiments.running.plan import LifetimeRun, Run, runs_of
+from experiments.running.results_folder import (
+    DONE,
+    SUITE,
+    VERSIONS,
+    folder_of,
+    is_done,
+    read_json,
+    read_suite,
+    refuse_foreign,
+)
+
+RESULTS = "results.parquet"
+SUCCESS, MOTIONS, SECONDS = "success", "motions_per_reach", "robot_seconds"
+"""What is measured in a trial; a failed one counts as the cap in motions per reach."""
+
+
+@dataclass(frozen=True, slots=True)
+class FinishedSuite:
+    """What a suite has come to so far.
+
+    Attributes:
+        out: Its folder.
+        suite: What was run.
+        command: What the user typed.
+        runs: All runs of the suite.
+        outcomes: What the finished ones say about themselves, by their ids.
+        versions: The commit, and what else made the finished ones; several versions where they differ.
+        results: All rows of the finished ones.
+    """
+
+    out: Path
+    suite: Suite
+    command: str
+    runs: list[Run]
+    outcomes: dict[str, dict[str, Any]]
+    versions: dict[str, str]
+    results: pd.DataFrame
+
+    @property
+    def unfinished(self) -> list[Run]:
+        """Runs that failed, or were never finished."""
+        return [run for run in self.runs if run.id not in self.outcomes]
+
+
+def read_finished(out: Path) -> FinishedSuite:
+    """Reads a folder, and writes `results.parquet` into it.
+
+    Raises:
+        ConfigError: No suite was run in the folder, or its runs were made by different versions.
+    """
+    suite, command = read_suite(out)
+    runs = runs_of(suite)
+    done = {folder: run for run in runs if is_done(folder := folder_of(out, run.id))}
+    for folder in list(done)[:1]:
+        refuse_foreign(out, suite, read_json(folder / VERSIONS))
+    outcomes = {run.id: _outcome(folder) for folder, run in done.items()}
+    trial_log.compact(done, out / RESULTS)
+    return FinishedSuite(
+        out, suite, command, runs, outcomes, _versions(out, runs), pd.read_parquet(out / RESULTS)
+    )
+
+
+def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
+    found: dict[str, set[str]] = {"commit": {read_json(out / SUITE).get("commit", "unknown")}}
+    for run in runs:
+        made_by = folder_of(out, run.id) / VERSIONS
+        if made_by.exists():
+            for name, version in read_json(made_by).items():
+                found.setdefault(name, set()).add(version)
+    return {name: ", ".join(sorted(versions)) for name, versions in found.items()}
+
+
+def _outcome(folder: Path) -> dict[str, Any]:
+    """What a finished run says about itself; "told" is an older name of its privileged observations."""
+    outcome: dict[str, Any] = read_json(folder / DONE)
+    if "told" in outcome:
+        outcome["privileged"] = outcome.pop("told")
+    return outcome
+
+
+def with_cost(results: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
+    """The rows of one scenario, with motions per reach: a failed trial counts as the cap."""
+    rows = results[results["scenario"] == scenario.name].copy()
+    cap = scenario.env.max_episode_steps
+    rows[MOTIONS] = rows["motions"].where(rows["success"], cap).astype(float)
+    rows[SUCCESS] = rows["success"].astype(float)
+    return rows
+
+
+def about(suite: Suite, scenario: ScenarioConfig) -> str:
+    """What the runs of a scenario have in common, in words."""
+    env = scenario.env
+    length, of = scenario.length
+    return (
+        f"{env.id}, {env.world} worlds, cameras on the {env.camera_mount}, tolerance "
+        f"{env.tolerance_px:g} px, {env.dynamics} dynamics, at most {env.max_episode_steps} "
+        f"motions a trial, {length:,} {of} a lifetime, {suite.worlds} worlds, the same "
+        f"for every agent. Lines: mean over worlds; bands: 95 % bootstrap over worlds."
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Perturbation:
+    """How the world changed, and between which lifetime motions (or trials) it did so in the runs."""
+
+    first: int
+    last: int
+    what: str
+
+
+def perturbations_met(finished: FinishedSuite, scenario: ScenarioConfig, of: str) -> tuple[Perturbation, ...]:
+    """After how many motions, or trials (`of`), the runs were perturbed, and how; a span where they differ.
+
+    Spans of the same perturbation that overlap, as where it comes at every trial, are one.
+    """
+    met: dict[tuple[str, int], list[int]] = {}
+    for spec in finished.runs:
+        if isinstance(spec, LifetimeRun) and spec.scenario == scenario and spec.id in finished.outcomes:
+            seen: Counter[str] = Counter()
+            for motions, trials, perturbation in finished.outcomes[spec.id]["perturbations"]:
+                what = _in_words(perturbation, scenario)
+                met.setdefault((what, seen[what]), []).append(motions if of == "motions" else trials)
+                seen[what] += 1
+    spans: list[Perturbation] = []
+    for (what, _), counts in sorted(met.items(), key=lambda item: (item[0][0], min(item[1]))):
+        first, last = min(counts), max(counts)
+        if spans and spans[-1].what == what and first <= spans[-1].last:
+            first, last = spans[-1].first, max(last, spans.pop().last)
+        spans.append(Perturbation(first, last, what))
+    return tuple(sorted(spans, key=lambda span: span.first))
+
+
+def _in_words(perturbation: dict[str, Any], scenario: ScenarioConfig) -> str:
+    """A perturbation as in the schedule, without what it drew (which differs from world to world)."""
+    schedule = scenario.perturbations
+    if perturbation["type"] == Undo.type:
+        return f"undo: {_named(schedule[perturbation['event']]['do'])}"
+    given = (entry for entry in schedule if "do" in entry)
+    entry = next((e for e in given if e["do"].items() <= perturbation.items()), {"do": perturbation})
+    drift = "drift" in {**entry, **entry.get("at", {})}
+    return ("drift: " if drift else "") + _named(entry["do"])
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _named(perturbation: dict[str, Any]) -> str:
+    given = ", ".join(f"{key} {_short(value)}" for key, value in perturbation.items() if key != "type")
+    return f"{perturbation['type']} ({given})" if given else str(perturbation["type"])

@@ -1,0 +1,82 @@
+"""How every figure looks: style, palette, bands, legends, files. Drawn without a display."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+# Okabe and Ito's palette, distinct for all kinds of colour vision; markers and dashes are distinct in grey.
+_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), "-.", (0, (3, 1, 1, 1, 1, 1)), "-", "--")
+DARK_GREY, GREY = "#555555", "#8a8a8a"
+
+STYLE: Any = {
+    "font.size": 10,
+    "axes.titlesize": 10.5,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 18,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "svg.hashsalt": "calfree",
+}
+
+
+def line_of(index: int) -> dict[str, Any]:
+    """How the line of the agent with this index is drawn, in every figure."""
+    again = index // len(_COLOURS)  # a colour that comes again has another marker and other dashes
+    return {
+        "color": _COLOURS[index % len(_COLOURS)],
+        "linestyle": _DASHES[(index + again) % len(_DASHES)],
+        "marker": _MARKERS[(index + again) % len(_MARKERS)],
+        "markersize": 4,
+        "linewidth": 1.6,
+    }
+
+
+def draw_band(
+    axes: Axes,
+    x: Any,
+    middle: Any,
+    low: Any,
+    high: Any,
+    label: str,
+    line: dict[str, Any],
+    alpha: float = 0.18,
+) -> None:
+    """Draws a line with its interval as a band."""
+    axes.fill_between(x, low, high, color=line["color"], alpha=alpha, linewidth=0)
+    axes.plot(x, middle, label=label, **line)
+
+
+def legend_below(figure: Figure, panels: Iterable[Axes], columns: int | None = None) -> None:
+    """One legend below all panels, each label once, in at most `columns`."""
+    handles = {
+        label: handle
+        for panel in panels
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
+    }
+    across = max(1, len(handles) if columns is None else min(columns, len(handles)))
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=across)
+
+
+def save(figure: Figure, folder: Path, name: str) -> str:
+    """Writes a figure as PNG and SVG, and returns the SVG's text."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with plt.rc_context(STYLE):
+        figure.savefig(folder / f"{name}.png", dpi=160)
+        figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+    plt.close(figure)
+    return (folder / f"{name}.svg").read_text(encoding="utf-8")

@@ -1,0 +1,116 @@
+"""A table: a DataFrame with a title and a note, on a terminal, as Markdown or as JSON."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import pandas as pd
+import rich.box
+import rich.table
+import rich.text
+from rich.console import Console
+
+from experiments.reporting.statistics import Estimate
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows and columns, with what a reader needs to understand them.
+
+    Attributes:
+        name: Names the table in kept files and in the markers of pages.
+        title: What the rows are about.
+        frame: One row a line, numbers as numbers.
+        formats: How the numbers of a column are written, such as ".1%" or ",.0f"; others as they are.
+        note: How to read the table.
+    """
+
+    name: str
+    title: str
+    frame: pd.DataFrame
+    formats: Mapping[str, str] = field(default_factory=dict)
+    note: str = ""
+
+    @property
+    def header(self) -> list[str]:
+        """The names of the columns."""
+        return [str(column) for column in self.frame.columns]
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """The cells as text; what is missing is empty."""
+        columns = [
+            [_text(cell, self.formats.get(str(name), "")) for cell in self.frame[name]]
+            for name in self.frame.columns
+        ]
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    def markdown(self) -> str:
+        """The rows as a Markdown table."""
+        rows = [self.header, ["---"] * len(self.header), *self.rows]
+        return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values, for JSON."""
+        return {
+            "name": self.name,
+            "title": self.title,
+            "columns": self.header,
+            "rows": [[_plain(cell) for cell in row] for row in self.frame.itertuples(index=False)],
+            "formats": dict(self.formats),
+            "note": self.note,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What `to_dict` returned."""
+        frame = pd.DataFrame(data["rows"], columns=data["columns"], dtype=object)
+        return cls(data["name"], data["title"], frame, data["formats"], data["note"])
+
+
+def show(tables: Iterable[Table], markdown: bool = False) -> None:
+    """Prints tables: drawn on a terminal, and as Markdown elsewhere or where `markdown` is true."""
+    console = Console()
+    for table in tables:
+        if markdown or not console.is_terminal:
+            parts = [f"### {table.title}", table.markdown(), table.note]
+            print("\n\n".join(part for part in parts if part), end="\n\n", flush=True)
+        else:
+            console.print(drawn(table), table.note, markup=False, highlight=False)
+
+
+def drawn(table: Table) -> rich.table.Table:
+    """The table for a terminal, numbers to the right; nothing is cut off where it is narrow."""
+    found = rich.table.Table(
+        title=rich.text.Text(table.title), title_justify="left", box=rich.box.SIMPLE_HEAD
+    )
+    for name in table.frame.columns:
+        numbers = str(name) in table.formats or pd.api.types.is_numeric_dtype(table.frame[name])
+        found.add_column(rich.text.Text(str(name)), justify="right" if numbers else "left", overflow="fold")
+    for row in table.rows:
+        found.add_row(*(rich.text.Text(cell) for cell in row))
+    return found
+
+
+def percent(estimate: Estimate, digits: int = 0) -> str:
+    """A share with its interval."""
+    value, low, high = (f"{part:.{digits}%}" for part in (estimate.value, estimate.low, estimate.high))
+    return f"{value} [{low}, {high}]".replace("%", " %")
+
+
+def number(estimate: Estimate, digits: int = 1) -> str:
+    """A number with its interval."""
+    return f"{estimate.value:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
+
+
+def _text(cell: Any, form: str) -> str:
+    if cell is None or (isinstance(cell, float) and pd.isna(cell)):
+        return ""
+    text = format(cell, form) if form and not isinstance(cell, str) else str(cell)
+    return text.replace("%", " %") if form.endswith("%") else text
+
+
+def _plain(cell: Any) -> Any:
+    """A cell as JSON knows it: no NumPy number, nothing that is not a number."""
+    value = cell.item() if hasattr(cell, "item") else cell
+    return None if isinstance(value, float) and pd.isna(value) else value

@@ -1,0 +1,123 @@
+"""Keep, map, discard or recall: what is done about knowledge, in worlds that change while an agent lives."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+from agents.adaptation.adaptive_knowledge import Drift, Jump
+from tests.agents.lengths import Lengths
+
+
+def lived(perturbations, mount="waist", motions=260, seed=3, **settings_):
+    """An agent, and how long its trials were; what is scheduled at trial t strikes before its trial t."""
+    log = Lengths(
+        gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", perturbations=perturbations)
+    )
+    log.seed = seed
+    return agents.make("memory", log, **settings_).learn(motions), log.lengths
+
+
+AIM = [{"at": {"trial": 50}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}]
+ROLL = [{"at": {"trial": 50}, "do": {"type": "camera_roll", "camera": "right", "degrees": 40}}]
+REPLACE = {"at": {"trial": 50}, "do": {"type": "camera_replace", "camera": "left"}}
+
+
+@pytest.mark.parametrize("mount", ["waist", "stand"])
+@pytest.mark.parametrize(("perturbations", "kind"), [(AIM, "re-aimed"), (ROLL, "rolled")])
+def test_a_turned_camera_is_recognised_and_all_that_was_known_stays_of_use(mount, perturbations, kind):
+    agent, lengths = lived(perturbations, mount)
+    (event,) = agent.adaptation.events
+    assert (event.trial, event.kind, event.action) == (50, kind, "map")
+    assert np.mean(lengths[53:73]) < 1.3
+
+
+def test_who_never_acts_goes_on_missing_and_who_discards_starts_anew():
+    never, lengths = lived(AIM, on_change="keep")
+    assert not never.adaptation.events
+    assert np.mean(lengths[53:63]) > 2
+    discarding, lengths = lived(AIM, on_change="discard")
+    assert [event.action for event in discarding.adaptation.events] == ["discard"]
+    assert np.mean(lengths[51:54]) > np.mean(lived(AIM)[1][51:54])
+
+
+def test_the_old_camera_is_met_with_what_was_known_of_it():
+    """The very first trial after its return is like the ones before it was away."""
+    agent, lengths = lived([REPLACE, {"at": {"trial": 80}, "undo": 0}])
+    assert [event.kind for event in agent.adaptation.events][-1] == "back"
+    assert lengths[50] > 2
+    assert np.mean(lengths[80:90]) < 1.3
+
+
+def test_a_reversed_motor_is_told_from_a_changed_camera():
+    agent, lengths = lived(
+        [{"at": {"trial": 50}, "do": {"type": "motor_sign", "motor": "elbow"}}], motions=300
+    )
+    assert [event.kind for event in agent.adaptation.events] == ["arm changed"]
+    assert np.mean(lengths[54:74]) < 1.4
+
+
+def test_quiet_worlds_give_hardly_an_alarm():
+    """At most three in 3,000 trials are asked: here at most one in some 300."""
+    assert sum(len(lived(None, motions=200, seed=seed)[0].adaptation.events) for seed in (1, 2, 3)) <= 1
+
+
+def test_an_agent_saved_while_it_explains_a_change_goes_on_alike(tmp_path):
+    """The same words, motion for motion, as the one that was not interrupted."""
+    first, _ = lived([REPLACE], motions=110)
+    assert isinstance(first.adaptation.change, Jump)
+    first.save(tmp_path / "agent.npz")
+    second = agents.make("memory", first.env).load(tmp_path / "agent.npz")
+    traces = []
+    for agent in (first, second):
+        env = gym.make("CalFree/Reach-v0", dynamics="kinematic", world=first.env.unwrapped.world)
+        env.reset(seed=5)
+        agent.env = env
+        agent.learn(60)
+        traces.append(agent.arrays())
+    assert traces[0].keys() == traces[1].keys()
+    for name, array in traces[0].items():
+        np.testing.assert_array_equal(array, traces[1][name], err_msg=name)
+
+
+EARLIER_NAMES = {
+    "suspects": "held",
+    "unconfirmed_home": "doubted",
+    "usual_scores": "scores",
+    "after_change": "since",
+}
+
+
+@pytest.mark.parametrize("phase", [Jump, Drift])
+def test_what_an_earlier_version_saved_is_read_under_its_names_with_a_warning(phase):
+    slow = {"drift": {"per": "trial"}, "do": {"type": "camera_aim", "camera": "left", "degrees": 0.04}}
+    agent, _ = lived([REPLACE if phase is Jump else slow], motions=110)
+    assert isinstance(agent.adaptation.change, phase)
+    earlier = {}
+    for name, array in agent.arrays().items():
+        first, *rest = name.split("/")
+        earlier["/".join([EARLIER_NAMES.get(first, first), *rest])] = array
+    again = agents.make("memory", agent.env)
+    with pytest.warns(UserWarning, match=r"held \(now suspects\).*since \(now after_change\)"):
+        again.restore(earlier)
+    for name, array in agent.arrays().items():
+        np.testing.assert_array_equal(again.arrays()[name], array, err_msg=name)
+
+
+def test_a_change_announced_before_anything_is_known_changes_nothing():
+    log = Lengths(gym.make("CalFree/Reach-v0", dynamics="kinematic"))
+    agent = agents.make("memory", log)
+    agent.adaptation.announce_change(np.array([True, False]))
+    agent.learn(20)
+    assert not agent.adaptation.events
+    agent.adaptation.announce_change(np.array([True, False]))
+    agent.learn(20)
+    assert len(agent.adaptation.events) == 1
+
+
+def test_it_needs_looks_at_the_gripper_to_see_change():
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic")
+    with pytest.raises(ValueError, match="needs every_look"):
+        agents.make("memory", env, every_look=False)
+    with pytest.raises(ValueError, match="on_change is 'forget'; allowed: recognise, map, discard, keep"):
+        agents.make("memory", env, on_change="forget")

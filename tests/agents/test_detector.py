@@ -1,0 +1,142 @@
+"""Has anything changed? Against worlds that were, and worlds that were not."""
+
+import numpy as np
+import pytest
+
+from agents.adaptation.detector import ChangeDetector, Verdict
+from agents.adaptation.home_view import HomeView
+from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.perturbations import CameraAim, CameraRoll, MotorSign
+from tests.agents.gripper_views import known, trial, wild
+
+TRIALS = 30
+
+
+def homes(count, seed, rate_px=0.0):
+    home = HomeView()
+    rng = np.random.default_rng(seed)
+    for i in range(count):
+        gone = np.array([i * rate_px * IMAGE_UNIT, 0, 0, 0])
+        home.add(gone + rng.normal(0, 0.5 * IMAGE_UNIT, 4))
+    return home
+
+
+def test_a_view_that_only_trembles_neither_jumps_nor_drifts():
+    alarms = 0
+    for seed in range(60):
+        home, rng = homes(3, seed), np.random.default_rng(1000 + seed)
+        for _ in range(50):
+            seen = rng.normal(0, 0.5 * IMAGE_UNIT, 4)
+            alarms += home.jumped(seen).any()
+            home.add(seen)
+            alarms += home.drifting().any()
+    assert alarms <= 3
+
+
+def test_a_view_that_jumps_or_drifts_does_so_in_the_camera_that_moved():
+    home = homes(20, 0)
+    assert home.jumped(np.array([0, 0, 6 * IMAGE_UNIT, 0])).tolist() == [False, True]
+    assert homes(30, 1, rate_px=0.2).drifting().tolist() == [True, False]
+    rate = homes(30, 1, 0.2).drift_rate(12)
+    np.testing.assert_allclose(rate[0], 0.2 * IMAGE_UNIT, atol=0.15 * IMAGE_UNIT)
+    assert not homes(30, 1, rate_px=0.2).jumped(np.array([30 * 0.2 * IMAGE_UNIT, 0, 0, 0])).any()
+
+
+@pytest.fixture(scope="module", params=[4110, 4111])
+def acquainted(request):
+    """A wild world, what is known of it, and a detector that has examined every trial."""
+    world, detector, verdicts = wild(request.param), ChangeDetector(3), []
+    knowledge = known(world, TRIALS, lambda *each: verdicts.append(detector.examine(*each).verdict))
+    assert set(verdicts) == {Verdict.UNCHANGED}
+    return world, knowledge, detector.arrays()
+
+
+def examine(acquainted, *trials):
+    """What the detector says after each of some further trials."""
+    _, knowledge, arrays = acquainted
+    detector = ChangeDetector(3)
+    detector.restore(arrays)
+    return detector, [detector.examine(pairs, knowledge) for pairs in trials]
+
+
+def changed(world, perturbation):
+    return perturbation.apply(world, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("perturbation", "cameras"),
+    [
+        (CameraAim(camera="left", degrees=8), [True, False]),
+        (CameraRoll(camera="right", degrees=25), [False, True]),
+    ],
+)
+def test_a_turned_camera_shows_at_once_and_by_its_side(acquainted, perturbation, cameras):
+    pairs = trial(changed(acquainted[0], perturbation), TRIALS)
+    detector, (finding,) = examine(acquainted, pairs)
+    assert finding.verdict is Verdict.CHANGED
+    assert finding.cameras.tolist() == cameras
+    assert finding.pairs.trials.tolist() == [TRIALS] * len(pairs)
+    assert len(detector.home.sensors) == 1
+    before = trial(acquainted[0], 99).sensors[0]
+    np.testing.assert_allclose(finding.home_before, before, atol=2.5 * IMAGE_UNIT)
+
+
+def test_a_reversed_motor_shows_away_from_home_only(acquainted):
+    """Many inconsistent observations in one trial are enough; of two trials with few, the second confirms."""
+    reversed_ = changed(acquainted[0], MotorSign(motor="elbow"))
+    _, (finding,) = examine(acquainted, trial(reversed_, TRIALS))
+    assert finding.verdict is Verdict.CHANGED
+    few = [trial(reversed_, TRIALS + i, places=2) for i in (0, 1)]
+    detector, (first, second) = examine(acquainted, *few)
+    assert first.verdict is Verdict.SUSPECT
+    assert second.verdict is Verdict.CHANGED
+    assert set(second.pairs.trials) == {TRIALS, TRIALS + 1}
+    assert not len(detector.suspects)
+
+
+def test_what_is_not_confirmed_was_mistaken(acquainted):
+    """Of a suspicious trial only what was not far off is learned, once enough quiet trials have followed."""
+    odd = trial(acquainted[0], TRIALS, places=2)
+    odd.sensors[1] += 0.3
+    quiet = [trial(acquainted[0], TRIALS + i) for i in range(1, 5)]
+    detector, findings = examine(acquainted, odd, *quiet)
+    verdicts = [finding.verdict for finding in findings]
+    assert verdicts == [Verdict.SUSPECT] + 4 * [Verdict.UNCHANGED]
+    learned = np.concatenate([finding.pairs.sensors for finding in findings[1:]])
+    assert any((odd.sensors[2] == each).all() for each in learned)
+    assert not any((odd.sensors[1] == each).all() for each in learned)
+    assert not len(detector.suspects)
+
+
+def test_home_that_is_seen_elsewhere_once_is_a_mistake_and_twice_a_change(acquainted):
+    odd = [trial(acquainted[0], TRIALS + i) for i in (0, 1)]
+    home = odd[0].sensors[0].copy()
+    for pairs in odd:
+        pairs.sensors[0, :2] += 0.1
+    quiet = trial(acquainted[0], TRIALS + 1)
+    detector, (first, then) = examine(acquainted, odd[0], quiet)
+    assert first.verdict is then.verdict is Verdict.UNCHANGED
+    np.testing.assert_allclose(first.pairs.sensors[0], home, atol=2.5 * IMAGE_UNIT)
+    assert not len(detector.unconfirmed_home)
+    _, (first, then) = examine(acquainted, *odd)
+    assert (first.verdict, then.verdict) == (Verdict.UNCHANGED, Verdict.CHANGED)
+    assert then.cameras.tolist() == [True, False]
+
+
+def test_an_announced_change_is_believed(acquainted):
+    _, knowledge, arrays = acquainted
+    detector = ChangeDetector(3)
+    detector.restore(arrays)
+    finding = detector.examine(trial(acquainted[0], TRIALS), knowledge, np.array([False, True]))
+    assert finding.verdict is Verdict.CHANGED
+    assert finding.cameras.tolist() == [False, True]
+
+
+def test_a_restored_detector_says_the_same(acquainted):
+    few = trial(changed(acquainted[0], MotorSign(motor="elbow")), TRIALS, places=2)
+    detector, _ = examine(acquainted, few)
+    again = ChangeDetector(3)
+    again.restore(detector.arrays())
+    for name, array in detector.arrays().items():
+        np.testing.assert_array_equal(again.arrays()[name], array, err_msg=name)
+    assert len(again.suspects) == len(few)

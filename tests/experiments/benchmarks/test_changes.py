@@ -1,0 +1,81 @@
+"""The parts of `benchmark changes` against numbers known beforehand; nothing asserts what it measures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calfree_gym.perturbations.schedule import parse_schedule
+from experiments.benchmarks import changes
+from experiments.evaluation import TrialRecord
+
+RECORD = TrialRecord(0, 1, 1.0, True, 1.0, 1.0, {})
+
+
+def test_motions_before_and_after_changes_are_kept_apart():
+    """One motion a trial; three in the first after each change, two in trials 4-8."""
+    motions = np.ones(changes.TRIALS, int)
+    for t in changes.CHANGES:
+        motions[t] = 3
+        motions[t + 3 : t + 8] = 2
+    lifetimes = [[replace(RECORD, motions=int(m)) for m in motions]] * 2
+    found = changes._after(lifetimes, (3, 8, 0.25), away=0)
+    before = np.mean([m for t in changes.CHANGES for m in motions[t - 50 : t]])
+    assert found == pytest.approx(
+        {
+            "before": before,
+            "1": 3,
+            "4-8": 2,
+            "26-50": 1,
+            "required in trials": "4-8",
+            "motions there": 2,
+            "required": before + 0.25,
+            "success": 1,
+        }
+    )
+
+
+def test_changes_come_where_they_are_looked_for_and_the_old_camera_comes_back_there():
+    for kind in changes.KINDS:
+        events = parse_schedule(changes._schedule(kind))
+        assert [event.at for event in events] == changes.CHANGES.tolist()
+    back = parse_schedule(changes._schedule("back"))
+    assert [event.at for event in back[1::2]] == changes.CHANGES.tolist()
+    assert [event.at + changes.AWAY for event in back[::2]] == changes.CHANGES.tolist()
+    assert [event.perturbation.event for event in back[1::2]] == [0, 2, 4, 6, 8]
+
+
+def test_copies_of_a_state_go_their_own_ways(monkeypatch):
+    monkeypatch.setattr(changes, "BRANCHES", (40,))
+    monkeypatch.setattr(changes, "AFTER", 8)
+    monkeypatch.setattr(changes, "KINDS", {"rolled": "camera_roll"})
+    found = changes._branches(3, "waist")
+    assert [kind for kind, _, _ in found] == ["none", "drift", "rolled", "arm changed"]
+    did, kept, _, discarded = found[0][1]
+    assert did == kept < discarded
+    assert min(found[2][1]) > min(found[0][1])
+    assert found[2][2] == "rolled"
+
+
+def test_tables_hold_what_is_required_beside_what_was_found(monkeypatch):
+    monkeypatch.setattr(changes, "_branches", lambda seed, mount: BRANCHES)
+    monkeypatch.setattr(changes, "_alarms", lambda seed, mount, trials: seed == changes.WORLDS[0])
+    monkeypatch.setattr(changes, "_lifetime", lambda *args: [RECORD] * args[-1])
+    actions = changes.right_actions(map).frame
+    rolled = actions[actions["change"] == "rolled"].iloc[0]
+    assert rolled[["right", "required", "did", "keep"]].tolist() == [0.5, 0.9, 30.5, 45.0]
+    assert rolled["recognised as"] == "rolled 20, re-aimed 20"
+    alarms = changes.false_alarms(map).frame
+    assert alarms[["quiet trials", "false alarms", "required"]].to_numpy().tolist() == [[3000, 1, 3]] * 2
+    sudden = changes.sudden_changes(map).frame
+    assert len(sudden) == 36
+    assert (sudden["required"] > sudden["before"]).all()
+    assert changes.drift(map).frame["required"].tolist() == [1.3, 1.3]
+
+
+BRANCHES = [
+    (kind, ways, name)
+    for kind in ("none", "drift", *changes.KINDS, "arm changed")
+    for ways, name in (([31, 60, 30, 50], "rolled"), ([30, 30, 25, 20], "re-aimed"))
+]
+"""What `_branches` finds in a world: the first action is right, the second is not."""

@@ -1,0 +1,45 @@
+"""The parts of `benchmark controllers` against numbers known beforehand; nothing asserts what it measures."""
+
+from dataclasses import replace
+
+import pytest
+
+from experiments.benchmarks import controllers
+from experiments.evaluation import TrialRecord
+
+RECORD = TrialRecord(0, 1, 1.0, True, 1.0, 1.0, {})
+
+
+def test_a_row_holds_what_is_required_beside_what_was_reached():
+    records = [replace(RECORD, motions=m, success=m < 60) for m in (4, 6, 60)]
+    row = {"agent": "a", **controllers._reached(records, "waist", controllers.Required(0.99, 16))}
+    table = controllers._table("first_trials", "First", [row])
+    assert table.header == [
+        "agent",
+        "mount",
+        "trials",
+        "success",
+        "required success",
+        "median motions",
+        "required median",
+        "95th percentile",
+    ]
+    assert table.rows == [["a", "waist", "3", "66.7 %", "99.0 %", "6", "16", "55"]]
+
+
+def test_a_rolled_camera_is_paired_with_the_same_trial_unrolled(monkeypatch):
+    pairs = [(RECORD, replace(RECORD, motions=m)) for m in (3, 5, 9)]
+    monkeypatch.setattr(controllers, "_pairs", lambda *args: iter(pairs))
+    row = controllers._rolled(controllers._Timed("random", "waist"), "waist", 3)
+    assert (row["agent"], row["trials"], row["median of more motions"]) == ("random", 3, 4)
+
+
+def test_robustness_is_the_share_within_the_error_of_each_trouble(monkeypatch):
+    records = [replace(RECORD, error_px=e) for e in (5.4, 5.6, 15.9, 16.1)]
+    monkeypatch.setattr(controllers, "_first_trials", lambda *args, **options: records)
+    (table,) = controllers.robust(worlds=4)
+    shares = table.frame.groupby("trouble")["share"].unique()
+    assert shares["20 px noise"].tolist() == [0.75]
+    assert shares["40 % outliers"].tolist() == [0.25]
+    required = table.frame.set_index(["trouble", "mount"])["required share"]
+    assert required["20 px noise"].to_dict() == pytest.approx({"waist": 0.95, "stand": 0.85})

@@ -1,0 +1,68 @@
+"""The parts of `benchmark knowledge` against numbers known beforehand; nothing asserts what it measures."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+
+import calfree_gym
+from experiments.benchmarks import knowledge, region
+from experiments.evaluation import TrialRecord
+from experiments.running.lifetime import LifetimeRecorder
+
+REACH, _ = calfree_gym.ENV_IDS
+RECORD = TrialRecord(0, 1, 1.0, True, 1.0, 1.0, {})
+
+
+def test_objects_lie_in_a_region_of_the_given_width():
+    env = region.Region(gym.make(REACH, dynamics="kinematic"), 0.25)
+    recorder = LifetimeRecorder(env, seed=3)
+    places = []
+    for _ in range(12):
+        _, info = recorder.reset()
+        places.append(region._place(info))
+        recorder.step(np.zeros(3, np.float32))
+    width = np.ptp(places, axis=0)
+    assert len(np.unique(places, axis=0)) == 12
+    assert (width > 0).all()
+    assert (width <= 0.25 * (region.HIGH - region.LOW) + 1e-8).all()
+
+
+def test_corners_are_counted():
+    corners = knowledge._corners(np.array([[-1.0, -1.0], [0.9, 1.0]]), cells=2)
+    assert corners.tolist() == [[0, 1, 3, 4], [4, 5, 7, 8]]
+
+
+def test_visits_are_counted_until_enough_records_were_met():
+    sensors = np.zeros((3, 4))
+    rng = np.random.default_rng(0)
+    assert knowledge._trials_until(16, sensors, 4, 2, rng) == 1
+    assert knowledge._trials_until(16 * 9 - 1, sensors, 6, 2, rng) > 1
+
+
+def test_tables_hold_what_is_required_beside_what_was_found(monkeypatch):
+    monkeypatch.setattr(knowledge, "TRIALS", 3)
+    monkeypatch.setattr(knowledge, "TABLES", ({"cells": 2},))
+    monkeypatch.setattr(knowledge, "STORED", (12, 20))
+    monkeypatch.setattr(knowledge, "REQUIRED_AT", 20)
+    of_region = knowledge.region(worlds=1)
+    assert of_region.rows[0][:2] == ["cells 2", "whole work space"]
+    assert of_region.frame["required"].isna().tolist() == [True, False]
+    assert "531,441" in knowledge.records(worlds=1, objects=20).markdown()
+    stored = knowledge.stored(recalls=3).frame
+    assert stored.groupby("pairs")["required"].sum().to_dict() == {12: 0, 20: 300 * (len(stored) // 2)}
+    assert (stored["bytes"] > 0).all()
+
+
+def test_memory_stands_beside_the_bare_servo(monkeypatch):
+    monkeypatch.setattr(knowledge, "REQUIRED", {(1, 2): (1.8, 2.5)})
+    monkeypatch.setattr(knowledge, "TRIALS", 2)
+    records = [[replace(RECORD, motions=m) for m in motions] for motions in ([9, 2], [5, 1])]
+    monkeypatch.setattr(knowledge, "_lifetimes", lambda *args: ([r[: args[-1]] for r in records], []))
+    table = knowledge.memory(worlds=2)
+    assert table.rows[:4] == [
+        ["unified_servo", "waist", "1", "7.00", "9.00", "100.00 %", "", "", ""],
+        ["memory", "waist", "1", "7.00", "9.00", "100.00 %", "", "", ""],
+        ["memory", "waist", "2", "1.50", "2.00", "100.00 %", "1.80", "2.50", ""],
+        ["memory", "waist", "1-2", "4.25", "5.50", "100.00 %", "", "", "99.5 %"],
+    ]

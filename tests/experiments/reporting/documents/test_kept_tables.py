@@ -1,0 +1,138 @@
+"""Tables of README.md and docs/ are made from kept results, and are what they are made to be."""
+
+import json
+import shutil
+
+import pandas as pd
+import pytest
+
+import agents
+from experiments.__main__ import main
+from experiments.errors import ConfigError
+from experiments.reporting.documents import kept_tables, markers
+from experiments.reporting.documents.kept_tables import tables_named
+from experiments.reporting.prior_knowledge import PRIOR_KNOWLEDGE, must_know
+from experiments.reporting.tables import Table
+
+FRAME = pd.DataFrame({"agent": ["memory"], "success": [0.9876]})
+
+
+@pytest.fixture
+def kept(tmp_path, finished_once):
+    """Results of a suite and of a benchmark, kept as the lead engineer keeps them."""
+    folder = tmp_path / "results"
+    for name in ("quick", "controllers", "only_a_report"):
+        (folder / name).mkdir(parents=True)
+    shutil.copy(finished_once / "summary.csv", folder / "quick")
+    tables = [Table(name, name.title(), FRAME, {"success": ".1%"}).to_dict() for name in ("first", "later")]
+    document = {"commit": "abc", "versions": {}, "tables": tables}
+    (folder / "controllers" / "two_cores.json").write_text(json.dumps(document))
+    (folder / "only_a_report" / "report.md").write_text("# old\n")
+    return folder
+
+
+def test_the_pages_are_what_kept_results_make_them():
+    changed = markers.outdated(markers.pages(), tables_named)
+    assert not changed, f"run make results-tables: {[path.name for path in changed]}"
+
+
+def test_every_agent_says_what_it_must_know():
+    assert set(agents.names()) <= set(PRIOR_KNOWLEDGE)
+    table = tables_named("agents")
+    assert all(f"| `{name}` | " in table for name in agents.names())
+    assert "`joint_angles`; size and noise" in table
+    assert must_know("somebody's own", ()) == "not stated"
+
+
+def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
+    text = tables_named("quick", kept)
+    lines = text.splitlines()
+    assert lines[0] == "| agent | what it must know | when | success | motions per reach |"
+    known = must_know("unified_servo", ())
+    assert [line.split(" | ")[:3] for line in lines[5:8]] == [
+        ["| `unified_servo`", known, "before"],
+        ["| ", "", "right after"],
+        ["| ", "", "at the end"],
+    ]
+    report = (finished_once / "report.md").read_text().splitlines()
+    of_report = [line.split(" | ") for line in report if line.startswith("| unified_servo | before")]
+    assert lines[5].rstrip(" |").split(" | ")[3:] == of_report[0][4:6]
+    commit = pd.read_csv(kept / "quick" / "summary.csv")["commit"][0]
+    assert lines[-1] == f"*Made from `experiments/results/quick`, code of commit {commit}.*"
+
+
+def test_blocks_and_sweeps_have_their_moments_side_by_side(kept):
+    row = {"scenario": "s", "agent": "mine", "kind": "memory", "privileged": "", "n": 20, "commit": "c"}
+    numbers = {"value": 1.5, "low": 1.25, "high": 2}
+    rows = [
+        {**row, "table": table, "moment": moment, "measure": measure, **numbers}
+        for table in ("by_trial", "sweep")
+        for moment in ("2–5", "10")
+        for measure in ("motions_per_reach", "success")
+    ]
+    pd.DataFrame(rows).to_csv(kept / "quick" / "summary.csv", index=False)
+    text = tables_named("quick", kept)
+    assert "**Scenario s, motions per reach in trials**" in text
+    assert f"| mine | {must_know('memory', ())} | 1.50 [1.25, 2.00] | 1.50 [1.25, 2.00] |" in text
+    assert "| agent | what it must know | 2–5 | 10 |" in text
+    assert "150 % [125 %, 200 %]" in text
+
+
+def test_a_benchmark_is_its_tables_or_one_of_them(kept):
+    text = tables_named("controllers", kept)
+    assert text.index("**First**") < text.index("**Later**")
+    one = tables_named("controllers/later", kept)
+    assert one.splitlines()[2] == "| memory | 98.8 % |"
+    assert "**" not in one
+    assert one.endswith("code of commit abc.*")
+
+
+def test_what_is_not_kept_is_answered_by_what_is(kept):
+    for name, said in {
+        "quik": r"'quik' \(did you mean quick\?\); allowed: agents, controllers, quick",
+        "only_a_report": "allowed: agents, controllers, quick",
+        "controllers/latr": r"no table 'latr' \(did you mean later\?\); allowed: first, later",
+    }.items():
+        with pytest.raises(ConfigError, match=said):
+            tables_named(name, kept)
+    (kept / "quick" / "summary.csv").write_text("a,b\n1,2\n")
+    (kept / "controllers" / "two_cores.json").write_text("{")
+    for name in ("quick", "controllers"):
+        with pytest.raises(ConfigError, match=f"{name}.*is damaged or no kept result"):
+            tables_named(name, kept)
+
+
+def test_results_tables_fills_pages_and_checks_them(kept, tmp_path, monkeypatch, capsys):
+    page = tmp_path / "README.md"
+    page.write_text("Before.\n\n<!-- table: controllers/first -->\nold\n<!-- end of table -->\n\nAfter.\n")
+    monkeypatch.setattr(markers, "pages", lambda: [page])
+    monkeypatch.setattr(kept_tables.tables_named, "__defaults__", (kept,))
+    assert main(["results-tables", "--check"]) == 1
+    assert "README.md: differs" in capsys.readouterr().out
+    assert main(["results-tables"]) == 0
+    assert main(["results-tables", "--check"]) == 0
+    text = page.read_text()
+    assert text.startswith("Before.\n\n<!-- table: controllers/first -->\n\n| agent | success |\n")
+    assert text.endswith("commit abc.*\n\n<!-- end of table -->\n\nAfter.\n")
+    assert "old" not in text
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("\n<!-- table: x -->\n", r"page.md, line 2: the table has no <!-- end of table -->"),
+        ("<!-- end of table -->\n", r"page.md, line 1: <!-- end of table --> without its other half"),
+        ("<!-- table: x -->\n<!-- table: y -->\n", r"line 2: <!-- table: y --> without its other half"),
+        ("<!-- table: z -->\n<!-- end of table -->\n", "page.md, line 1: no z"),
+    ],
+)
+def test_a_marker_that_is_wrong_is_named(tmp_path, text, said):
+    def made(name):
+        if name == "z":
+            raise ConfigError("no z")
+        return name
+
+    page = tmp_path / "page.md"
+    page.write_text(text)
+    with pytest.raises(ConfigError, match=said):
+        markers.outdated([page], made)

@@ -1,0 +1,65 @@
+import json
+
+import pandas as pd
+import pytest
+
+from experiments.config.suite import Suite
+from experiments.reporting.finished_suite import (
+    FinishedSuite,
+    Perturbation,
+    perturbations_met,
+    read_finished,
+)
+from experiments.running.plan import runs_of
+
+
+@pytest.mark.parametrize(
+    ("met", "spans"),
+    [
+        ([[50], [50], [50], [50]], [(50, 50)]),
+        ([[50], [70], [60], []], [(50, 70)]),
+        ([[50, 200], [70, 210]], [(50, 70), (200, 210)]),
+        ([[50, 60, 90], [70, 95, 100]], [(50, 100)]),  # overlapping: 50-70, 60-95, 90-100
+        ([], []),
+    ],
+)
+def test_perturbations_are_marked_where_the_runs_met_them(suite_data, tmp_path, met, spans):
+    suite = Suite.model_validate(suite_data)
+    runs = runs_of(suite)
+    outcomes = {
+        spec.id: {"perturbations": [(motions, 0, {"type": "lens"}) for motions in of_run]}
+        for spec, of_run in zip(runs, met, strict=False)
+    }
+    finished = FinishedSuite(tmp_path, suite, "", runs, outcomes, {}, pd.DataFrame())
+    assert perturbations_met(finished, suite.scenarios[0], "motions") == tuple(
+        Perturbation(*s, "lens") for s in spans
+    )
+
+
+def test_older_outcomes_are_read(finished):
+    """Runs once said what their agent was "told"."""
+    _, out = finished
+    (done, *_) = sorted(out.glob("runs/*/DONE.json"))
+    outcome = json.loads(done.read_text())
+    outcome["told"] = [*outcome.pop("privileged"), "joint_angles"]
+    done.write_text(json.dumps(outcome))
+    assert read_finished(out).outcomes[done.parent.name]["privileged"] == ["joint_angles"]
+    suite = json.loads((out / "suite.json").read_text())
+    del suite["commit"]
+    (out / "suite.json").write_text(json.dumps(suite))
+    assert read_finished(out).versions["commit"] == "unknown"
+
+
+def test_a_summary_has_every_number_of_the_report(finished_once):
+    summary = pd.read_csv(finished_once / "summary.csv")
+    assert set(summary["measure"]) == {"success", "motions_per_reach", "distance_mm"}
+    assert len(summary) == 2 * 3 * 3
+    assert summary[["config", "commit", "code", "mujoco"]].notna().all(axis=None)
+    results = read_finished(finished_once).results
+    end = results[(results["agent"] == "unified_servo") & (results["lifetime_motions"] == 90)]
+    of_end = summary[(summary["agent"] == "unified_servo") & (summary["moment"] == "at the end")]
+    of_end = of_end.set_index("measure")
+    held_out = end[end["phase"] == "eval"]
+    assert of_end.loc["success", "value"] == held_out["success"].mean()
+    assert of_end.loc["success", "n"] == len(held_out) == 4
+    assert of_end.loc["distance_mm", "value"] == held_out["distance_mm"].median()
