@@ -8,7 +8,7 @@ from agents.adaptation.knowledge_with_views import KnowledgeWithViews
 from agents.knowledge.gaussian_process import GaussianProcess
 from agents.knowledge.grid_table import GridTable
 from calfree_gym.perturbations import CameraReplace
-from tests.agents.gripper_views import known, trial, wild
+from tests.agents.adaptation.gripper_views import known, trial, wild
 
 
 @pytest.mark.parametrize("seed", [4112, 4113])

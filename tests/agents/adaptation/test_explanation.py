@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 from agents.adaptation.arm_change import fit_arm
 from agents.adaptation.camera_change import CameraMap, fit_camera
 from agents.adaptation.explanation import DISCARD_PX, as_seen_now, explain_drift, explain_jump
-from agents.adaptation.home_view import lengths_px
 from agents.adaptation.pairs import Pairs
+from agents.base.observation import camera_lengths_px
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, CameraZoom, MotorGain, MotorSign
-from tests.agents.gripper_views import known, trial, wild
-from tests.agents.test_gaussian_process import taught, view
+from tests.agents.adaptation.gripper_views import known, trial, wild
+from tests.agents.knowledge.test_gaussian_process import taught, view
 
 PLACES = np.random.default_rng(0).uniform(-0.6, 0.6, (12, 3))
 NOISE = np.random.default_rng(1).normal(0, 0.5 * IMAGE_UNIT, (12, 4))
@@ -168,4 +168,4 @@ def test_a_drift_is_explained_by_the_camera_that_drifts(lived_in):
     mapped.map(explanation.changes)
     held_out = trial(world, 200, places=20)
     assert error_px(mapped, held_out) < 0.7 * error_px(before, held_out)
-    assert lengths_px(step).argmax() == 0
+    assert camera_lengths_px(step).argmax() == 0

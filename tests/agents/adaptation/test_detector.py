@@ -7,7 +7,7 @@ from agents.adaptation.detector import ChangeDetector, Verdict
 from agents.adaptation.home_view import HomeView
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, MotorSign
-from tests.agents.gripper_views import known, trial, wild
+from tests.agents.adaptation.gripper_views import known, trial, wild
 
 TRIALS = 30
 
