@@ -13,7 +13,9 @@ from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
 _REWARDS = {"CalFree/Reach-v0": "sparse", "CalFree/ReachDense-v0": "dense"}
 ENV_IDS = tuple(_REWARDS)
 
-__all__ = ["DISTRIBUTIONS", "ENV_IDS", "MOUNTS", "World", "WorldDistribution", "nominal"]
+__version__ = "0.1.0"
+
+__all__ = ["DISTRIBUTIONS", "ENV_IDS", "MOUNTS", "World", "WorldDistribution", "__version__", "nominal"]
 
 for _id, _reward in _REWARDS.items():
     _arguments: dict[str, Any] = {"reward": _reward}

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 def make_sb3_env(env_id: str = "CalFree/ReachDense-v0", n_envs: int = 64, **arguments: Any) -> VecEnv:
     """Makes `n_envs` arms, stepped together, as a monitored stable-baselines3 `VecEnv`.
 
-    Words of the whole range make 4 px hard to learn: let actions be words of at most a quarter, as `agents`
-    does in `configs/agents/sac.yaml`, or begin with a larger `tolerance_px`.
+    Control words of the full range make 4 px hard to learn. Limit them to a quarter, as
+    `configs/agents/sac.yaml` does, or start with a larger `tolerance_px`.
 
     Args:
         env_id: One of `calfree_gym.ENV_IDS`, with or without "calfree_gym:" before it.

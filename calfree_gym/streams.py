@@ -1,13 +1,15 @@
-"""Named streams of random numbers: who draws more from one moves no number of another."""
+"""Named streams of random numbers: drawing more from one changes no number of another."""
 
 from __future__ import annotations
 
 import zlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Key = NDArray[np.uint64]
+Key = tuple[int, int]
+"""Names the counter-based streams of one purpose under one seed."""
 
 
 def _sequence(seed: int, name: str, *indices: int) -> np.random.SeedSequence:
@@ -26,19 +28,20 @@ def stream(seed: int, name: str, *indices: int) -> np.random.Generator:
 
 
 def key(seed: int, name: str) -> Key:
-    """The key (2,) of the counter-based streams that belong to `name` under `seed`."""
-    return _sequence(seed, name).generate_state(2, np.uint64).astype(np.uint64)
+    """The key of the counter-based streams that belong to `name` under `seed`."""
+    first, second = _sequence(seed, name).generate_state(2, np.uint64).tolist()
+    return first, second
 
 
-class LookNumbers:
-    """Random numbers for every look of N rows: pure functions of seed, trial and motion.
+class MotionNumbers:
+    """Random numbers for every motion of N rows: pure functions of seed, trial and motion of the trial.
 
-    They come from Philox streams, found by key and counter in a microsecond, in blocks of motions.
+    They come from `CounterStreams`, in blocks of motions.
 
     Args:
         rows: N.
         name: What they are for.
-        shape: Of the numbers for one look.
+        shape: Of the numbers for one motion.
         normal: Whether they are standard normal, else uniform in [0, 1).
     """
 
@@ -47,11 +50,12 @@ class LookNumbers:
     def __init__(self, rows: int, name: str, shape: tuple[int, ...], normal: bool) -> None:
         self._name = name
         self._normal = normal
-        self._keys = np.zeros((rows, 2), np.uint64)
+        self._keys: list[Key] = [(0, 0)] * rows
         self._streams = CounterStreams()
         self._numbers = np.zeros((rows, self.BLOCK, *shape))
         self._loaded = np.full(rows, -1)
-        self._all = np.arange(rows)
+        self._by_motion = self._numbers.reshape(rows * self.BLOCK, *shape)
+        self._first = self.BLOCK * np.arange(rows)
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`."""
@@ -60,27 +64,37 @@ class LookNumbers:
 
     def at(self, trials: NDArray[np.int64], motions: NDArray[np.int64]) -> NDArray[np.float64]:
         """The numbers (N, *shape) of the rows' present trial and motion of the trial (N,)."""
-        wanted = trials * 2**32 + motions // self.BLOCK
-        for row in (wanted != self._loaded).nonzero()[0]:
-            keyed = self._streams.at(self._keys[row], trials[row], motions[row] // self.BLOCK)
-            draw = keyed.standard_normal if self._normal else keyed.random
+        blocks, places = motions // self.BLOCK, motions % self.BLOCK
+        wanted = trials * 2**32 + blocks
+        if len(stale := (wanted != self._loaded).nonzero()[0]):
+            self._load(stale, trials, blocks)
+            self._loaded = wanted
+        return self._by_motion.take(self._first + places, axis=0)
+
+    def _load(self, rows: NDArray[np.intp], trials: NDArray[np.int64], blocks: NDArray[np.int64]) -> None:
+        generator = self._streams.generator
+        draw = generator.standard_normal if self._normal else generator.random
+        for row, trial, block in zip(
+            rows.tolist(), trials[rows].tolist(), blocks[rows].tolist(), strict=True
+        ):
+            self._streams.go_to(self._keys[row], trial, block)
             draw(out=self._numbers[row])
-        self._loaded = wanted
-        return self._numbers[self._all, motions % self.BLOCK]
 
 
 class CounterStreams:
-    """Philox streams, found by key and counter in a microsecond: for numbers needed at every motion."""
+    """Philox streams, found by key and counter in a microsecond: for numbers needed at every motion.
+
+    Attributes:
+        generator: Draws from the stream to which `go_to` went last.
+    """
 
     def __init__(self) -> None:
         self._bits = np.random.Philox(key=[0, 0])
-        self._state = self._bits.state
-        self._generator = np.random.Generator(self._bits)
+        self._state: Any = self._bits.state
+        self._state["buffer"] = self._state["buffer"].tolist()  # lists are read faster than arrays
+        self.generator = np.random.Generator(self._bits)
 
-    def at(self, stream_key: Key, first: int, second: int) -> np.random.Generator:
-        """The generator of one key and two indices, to be used before the next call."""
-        self._state["state"]["key"] = stream_key
-        self._state["state"]["counter"][2] = first
-        self._state["state"]["counter"][3] = second
+    def go_to(self, stream_key: Key, first: int, second: int) -> None:
+        """Goes to the beginning of the stream of one key and two indices."""
+        self._state["state"] = {"key": stream_key, "counter": (0, 0, first, second)}
         self._bits.state = self._state
-        return self._generator

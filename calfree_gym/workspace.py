@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import Array, Flags, rotation_matrix
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.geometry import Array, Flags
+from calfree_gym.image import inside, lengths
 from calfree_gym.robot.kinematics import gripper_position
 from calfree_gym.robot.motors import JOINT_LIMITS, MotorMap
-from calfree_gym.vision.cameras import image_points, inside, pinhole
+from calfree_gym.vision.cameras import StereoCameras
 from calfree_gym.world import World
 
 HEIGHT = (0.03, 0.25)
@@ -30,9 +30,9 @@ MAX_REGISTER = 0.9
 MIN_IN_VIEW = 0.5
 """Share of the work space that both cameras must see."""
 CHECKED = 200
-"""Candidates by which a world is judged."""
+"""Candidates that decide whether a world is in view."""
 ATTEMPTS = 1000
-"""Worlds, or objects' blocks of candidates, drawn in vain before giving up."""
+"""Draws of worlds, or of blocks of candidate objects, before giving up."""
 
 _LOWEST = JOINT_LIMITS[:3, 0] + LIMIT_MARGIN
 _HIGHEST = JOINT_LIMITS[:3, 1] - LIMIT_MARGIN
@@ -64,6 +64,9 @@ class Candidates(NamedTuple):
 class Workspaces:
     """The work spaces of N worlds, one row each, and what their cameras see of them.
 
+    Attributes:
+        cameras: The cameras of the N worlds.
+
     Args:
         rows: N.
         mount: Where the cameras are fixed, see `cameras.MOUNTS`.
@@ -72,11 +75,7 @@ class Workspaces:
     def __init__(self, rows: int, mount: str) -> None:
         self._turning = mount == "waist"
         self._motors = MotorMap(rows)
-        self._position = np.zeros((rows, 2, 3))
-        self._rotation = np.zeros((rows, 2, 3, 3))
-        self._focal = np.ones((rows, 2, 1))
-        self._principal = np.zeros((rows, 2, 2))
-        self._k1 = np.zeros((rows, 2))
+        self.cameras = StereoCameras(rows)
         self._lengths = np.ones((rows, 5))
         self._home = np.zeros((rows, 5))
         self._gripper_images = np.zeros((rows, 2, 2))
@@ -85,11 +84,7 @@ class Workspaces:
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the arm and the cameras of `world`."""
         self._motors.set_world(row, world)
-        self._position[row] = world.camera_position
-        self._rotation[row] = [rotation_matrix(q) for q in world.camera_orientation]
-        self._focal[row, :, 0] = world.focal_length * IMAGE_UNIT
-        self._principal[row] = world.principal_point * IMAGE_UNIT
-        self._k1[row] = world.lens_k1
+        self.cameras.set_world(row, world)
         self._lengths[row] = world.link_lengths
         one = np.array([row])
         self._home[one] = self._motors.joints(np.zeros((1, 3)), one)
@@ -100,8 +95,8 @@ class Workspaces:
         """Turns uniform draws in [0, 1) (n, k, 3), one each for J1-J3 of the n `rows`, into candidates."""
         joints = _LOWEST + draws * (_HIGHEST - _LOWEST)
         wrist = self._motors.wrist(joints[..., 1], joints[..., 2], rows[:, None])
-        lengths = self._lengths[rows][:, None]
-        points = gripper_position(np.concatenate([joints, wrist[..., None]], -1), lengths)
+        bent = np.concatenate([joints, wrist[..., None]], -1)
+        points = gripper_position(bent, self._lengths[rows][:, None])
         height, distance = points[..., 2], np.hypot(points[..., 0], points[..., 1])
         within = (
             (height >= HEIGHT[0])
@@ -115,8 +110,7 @@ class Workspaces:
             judged &= self._images(points[within], joints[within][:, 0], rows[of])[1]
         seen, apart = np.zeros_like(within), np.zeros(within.shape)
         seen[within] = judged
-        d = images - self._gripper_images[rows[of]]
-        apart[within] = np.sqrt((d * d).sum(-1)).max(-1)
+        apart[within] = lengths(images - self._gripper_images[rows[of]]).max(-1)
         return Candidates(points, within, self._motors.reaches(joints, MAX_REGISTER, rows), seen, apart)
 
     def gripper_seen_at_home(self, row: int) -> bool:
@@ -132,9 +126,8 @@ class Workspaces:
             c, s = np.cos(waist), np.sin(waist)
             x, y, z = points.T
             points = np.stack([c * x + s * y, c * y - s * x, z], -1)
-        flat, depth = pinhole(points[:, None], self._position[rows], self._rotation[rows])
-        images, shown = image_points(flat, self._focal[rows], self._principal[rows], self._k1[rows])
-        return images, np.asarray((shown & (depth > 0) & inside(images, BORDER_PX)).all(-1))
+        images, shown = self.cameras.project(points, rows)
+        return images, np.asarray((shown & inside(images, BORDER_PX)).all(-1))
 
 
 def in_view(world: World, mount: str, whole: bool = False) -> bool:
@@ -164,7 +157,7 @@ def first_in_view(draw: Callable[[int], World], mount: str, what: str, whole: bo
     """The first of `draw(0)`, `draw(1)`, ... that is in view.
 
     Raises:
-        ValueError: None of many is; `what` was drawn in vain.
+        ValueError: None of `ATTEMPTS` draws of `what` is.
     """
     for attempt in range(ATTEMPTS):
         world = draw(attempt)

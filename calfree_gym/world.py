@@ -24,12 +24,12 @@ CAMERA_POSITION = np.array([[0.05, 0.35, 0.60], [0.05, -0.35, 0.60]])
 AIM = np.array([0.42, 0.0, 0.12])
 """Where the built robot's cameras look (m)."""
 MAX_LATENCY = 10
-"""Motions by which image points come late at most."""
+"""The largest latency of image points, in motions."""
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Cameras, arm, motors and sensing of one robot. Compares by value; arrays are read-only.
+    """Cameras, arm, motors and measurement of one robot. Compares by value; arrays are read-only.
 
     Attributes:
         camera_position: Optical centres (2, 3) in m, left then right, in the frame of their mount.
@@ -39,14 +39,14 @@ class World:
         lens_k1: Radial distortion (2,): a pinhole point at radius r from the axis, in focal lengths,
             appears at r * (1 + k1 * r**2).
         link_lengths: In m (5,), in the order of `LINKS`.
-        joint_zeros: True minus believed angle of J1-J4 in rad (4,).
+        joint_zeros: True minus assumed angle of J1-J4 in rad (4,).
         motor_sign: +1 or -1 (3,), waist, shoulder, elbow.
         motor_gain: Relative to the built robot's (3,), positive.
         motor_curvature: Of the map from register to angle (3,), see `motors`.
         point_noise: Standard deviation of an image coordinate in pixels ().
-        point_outliers: Share of the points in a look that stand anywhere in the image instead ().
-        point_dropout: Share of the points in a look that are not seen ().
-        latency: Motions by which image points and flags come late (), a whole number.
+        point_outliers: Share of the points of an observation that stand anywhere in the image instead ().
+        point_dropout: Share of the points of an observation that are not seen ().
+        latency: Delay of image points and flags in motions (), a whole number.
     """
 
     camera_position: Array
@@ -191,7 +191,7 @@ def _coarse(draw: Draw) -> World:
 
 
 def _wild(draw: Draw) -> World:
-    """Cameras mounted by someone in a hurry on an arm that nobody measured."""
+    """Cameras mounted roughly, on an arm that was never measured."""
     built = nominal()
     cameras = [wild_camera(draw("cameras_" + side), i) for i, side in enumerate(CAMERAS)]
     return World(
@@ -244,7 +244,7 @@ DISTRIBUTIONS: dict[str, Callable[[Draw], World]] = {
 class WorldDistribution:
     """How to draw a world: "nominal", "coarse" or "wild".
 
-    Every group of fields has a random stream of its own, so that a new field moves no other.
+    Every group of fields has a random stream of its own, so that a new field changes no other draw.
     """
 
     name: str
@@ -261,7 +261,7 @@ class WorldDistribution:
 
         Args:
             seed: Non-negative.
-            attempt: How many were drawn before it and found out of view.
+            attempt: How many draws before it were out of view.
             trial: The trial, where each has a world of its own.
         """
         return DISTRIBUTIONS[self.name](lambda group: stream(seed, "world_" + group, trial, attempt))

@@ -6,8 +6,8 @@ import inspect
 import math
 from typing import Any
 
-from calfree_gym.perturbations.base import Perturbation, Setting
-from calfree_gym.perturbations.types import TYPES
+from calfree_gym.perturbations import TYPES, Perturbation
+from calfree_gym.perturbations.base import Setting
 
 UNITS = dict.fromkeys(("degrees", "direction", "azimuth", "elevation"), "degrees") | {
     "metres": "m",

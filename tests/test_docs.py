@@ -16,7 +16,7 @@ import agents
 from calfree_gym import WorldDistribution, nominal
 from calfree_gym.envs.goal import observation_space
 from calfree_gym.envs.single import StereoArmEnv
-from calfree_gym.perturbations.types import TYPES
+from calfree_gym.perturbations import TYPES
 from calfree_gym.robot.motors import MOTORS
 from experiments.config import loading
 from experiments.config import suite as config

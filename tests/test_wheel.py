@@ -13,6 +13,10 @@ STRANGER = """
 import gymnasium as gym, numpy as np, calfree_gym
 from importlib.util import find_spec
 assert "site-packages" in calfree_gym.__file__
+from importlib.metadata import version
+from importlib.resources import files
+assert calfree_gym.__version__ == version("calfree-gym")
+assert (files("calfree_gym") / "py.typed").is_file()
 for absent in ("agents", "experiments", "torch", "stable_baselines3"):
     assert find_spec(absent) is None, absent
 for env_id in calfree_gym.ENV_IDS:

@@ -1,1 +1,1 @@
-"""What a calibrated robot believes of itself, and how it finds that out from its own motions."""
+"""What a calibrated robot knows of itself in numbers, how it acts by that, and how it identifies it."""

@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 
 from agents.base.checks import check_number
-from agents.base.observation import Array, Observation
+from agents.base.observation import POINTS, Array, Observation
 from agents.base.procedure import Procedure, ProcedureAgent
-from agents.calibrated.model import CalibratedModel
+from agents.calibrated.robot_model import RobotModel
 from agents.jacobian import distance_jacobian
 from agents.perception import ObservationFilter, Observing
 from agents.servo.trial import half_way_back
@@ -23,21 +23,28 @@ class AffineStereo(ProcedureAgent):
 
     From the reference: far from the cameras the four image coordinates are an affine function of position,
     whose 16 parameters four known positions, not in one plane, give exactly; steps in three dimensions with a
-    gain below 1 make up for what is not affine. It is told the gripper's position in the room, and heeds it
-    at these four only: at home and after three motions, in every trial.
+    gain below 1 make up for what is not affine. Its observations have a privileged key, the gripper's
+    position in the room; it uses this at these four only: at home and after three motions, in every trial.
 
     Reconstructions: the affine function is that of the image distance d, so that it also holds where cameras
-    turn with the waist and move the object in the images; and positions become words by the nominal arm,
-    whose linear errors, told the same four positions, are corrected: "linear modeling errors of the
-    manipulator" (paper, section 2.3). An arm whose motors turn the other way, or twice as far, is no linear
-    error: in wild worlds a quarter to a third of the trials fail.
+    turn with the waist and move the object in the images; and positions become words by the arm as built,
+    whose linear errors the same four positions correct: "linear modeling errors of the manipulator" (paper,
+    section 2.3). An arm whose motors turn the other way, or twice as far, is no linear error: in wild worlds
+    a quarter to a third of the trials fail.
+
+    Beside the privileged positions it knows the arm as built, with the simulator's own kinematics and motor
+    curve; of the cameras nothing.
 
     Args:
-        gain: Share of the way to the object that a step is to make, below 1.
-        spacing: Of the known positions, by the nominal arm, in m.
+        gain: Share of the way to the object that a step is to make, at most 1. The default was tuned on wild
+            worlds 3000 and up.
+        spacing: Of the known positions, by the arm as built, in m. The default was tuned likewise.
     """
 
     privileged = ("gripper_position",)
+    DIRECTIONS = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    """In the room, one after the other, to the known positions: derived, the four are in no plane. To the
+    side, ahead, down: there is room from home."""
 
     def __init__(
         self,
@@ -49,7 +56,7 @@ class AffineStereo(ProcedureAgent):
         super().__init__(env, seed)
         self.gain = check_number("gain", gain, above=0, most=1)
         self.spacing = check_number("spacing", spacing, above=0)
-        self._arm = CalibratedModel.of(nominal(), "stand")
+        self._arm = RobotModel.of(nominal(), "stand")
 
     @property
     def kind(self) -> str:
@@ -61,13 +68,13 @@ class AffineStereo(ProcedureAgent):
         filter_ = ObservationFilter()
         now = yield from filter_.first(first)
         known = [now]
-        for along in self.spacing * np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]):
+        for along in self.spacing * self.DIRECTIONS:
             now = yield from self._go(filter_, now, self._words(now, along))
             known.append(now)
         affine = Affine.through(
             np.array([each.privileged["gripper_position"] for each in known]),
-            np.array([each.points.ravel() for each in known]),
-            np.array([self._by_nominal_arm(each) for each in known]),
+            np.array([each.points for each in known]),
+            np.array([self._gripper_as_built(each) for each in known]),
         )
         while True:
             words = self._words(now, affine.step(now.distance, self.gain))
@@ -83,21 +90,21 @@ class AffineStereo(ProcedureAgent):
         last = before
         while True:
             now = yield words
-            moved = np.zeros((4, 2))
+            moved = np.zeros((POINTS, 2))
             if affine is not None:
-                moved = affine.moved(self._by_nominal_arm(now) - self._by_nominal_arm(last))
-            last = yield from filter_.settle(now, last, moved, np.full(4, affine is not None))
+                moved = affine.moved(self._gripper_as_built(now) - self._gripper_as_built(last))
+            last = yield from filter_.settle(now, last, moved, np.full(POINTS, affine is not None))
             if not filter_.lost.any():
                 return last
             words = half_way_back(before, last)
 
-    def _by_nominal_arm(self, observation: Observation) -> Array:
-        """Where the nominal arm has the gripper (3,)."""
+    def _gripper_as_built(self, observation: Observation) -> Array:
+        """Where the arm as built has the gripper (3,), in m."""
         return self._arm.gripper(self._arm.joints(observation.registers[None]))[0]
 
     def _words(self, observation: Observation, along: Array) -> Array:
-        """Control words (3,) that move the gripper of the nominal arm by `along` (3,) in m."""
-        target = self._by_nominal_arm(observation) + along
+        """Control words (3,) that move the gripper of the arm as built by `along` (3,) in m."""
+        target = self._gripper_as_built(observation) + along
         return self._arm.registers(target) - observation.registers
 
 
@@ -106,24 +113,31 @@ class Affine:
     """An affine world, by what a displacement in the room does.
 
     Attributes:
-        points: To gripper and object points (8, 3).
-        arm: To where the nominal arm has the gripper (3, 3).
+        points: By a displacement, that of gripper and object points, coordinate after coordinate (8, 3).
+        arm: By a displacement, that of the gripper of the arm as built (3, 3).
     """
 
     points: Array
     arm: Array
 
     @classmethod
-    def through(cls, positions: Array, points: Array, nominal_positions: Array) -> Affine:
-        """What four positions (4, 3), their image points (4, 8) and the nominal arm's (4, 3) determine."""
-        rows = np.diff(np.hstack([points, nominal_positions]), axis=0)
+    def through(cls, positions: Array, points: Array, positions_as_built: Array) -> Affine:
+        """What four known positions determine.
+
+        Args:
+            positions: Of the gripper in the room (4, 3), in m.
+            points: Image points (4, 4, 2) seen there.
+            positions_as_built: Where the arm as built has the gripper (4, 3), in m.
+        """
+        rows = np.diff(np.hstack([points.reshape(len(points), -1), positions_as_built]), axis=0)
         by_room = np.asarray(np.linalg.lstsq(np.diff(positions, axis=0), rows, rcond=None)[0].T, float)
-        return cls(by_room[:8], by_room[8:])
+        return cls(by_room[: 2 * POINTS], by_room[2 * POINTS :])
 
     def step(self, distance: Array, gain: float) -> Array:
-        """Displacement (3,) of the nominal arm that is to undo so much of the image distance (4,)."""
+        """Displacement (3,) of the arm as built, in m, that is to undo so much of the image distance (4,)."""
         return -gain * self.arm @ np.linalg.lstsq(distance_jacobian(self.points), distance, rcond=None)[0]
 
     def moved(self, along: Array) -> Array:
-        """Displacement (4, 2) of the points when the nominal arm has moved by `along` (3,) in m."""
-        return np.asarray(self.points @ np.linalg.lstsq(self.arm, along, rcond=None)[0]).reshape(4, 2)
+        """Displacement (4, 2) of the points when the arm as built has moved by `along` (3,) in m."""
+        in_room = np.linalg.lstsq(self.arm, along, rcond=None)[0]
+        return np.asarray(self.points @ in_room).reshape(POINTS, 2)

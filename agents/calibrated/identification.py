@@ -1,151 +1,213 @@
-"""Identifying cameras, arm and motors by bounded least squares on the image points seen at known registers.
+"""Identifying cameras, arm and motors by bounded least squares on image points measured at known registers.
 
 Images alone leave some combinations of parameters open: the scale of all lengths, where the frame of the room
-lies, how cameras on the waist stand to its axis as long as nothing was seen beside the work plane. These are
-held by a weak pull towards the robot as built.
+lies, how cameras on the waist stand to its axis as long as nothing was seen beside the work plane. A weak
+prior, the robot as built, determines these.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agents.base.observation import Array
+from agents.base.checks import checked_array
+from agents.base.observation import POINTS, Array
 from agents.calibrated.least_squares import least_squares
-from agents.calibrated.model import CalibratedModel
-from agents.calibrated.observations import Looks
-from agents.calibrated.parameters import COUNT, MOST, RULE, model_of, named, predicted
-from calfree_gym.image import IMAGE_UNIT
+from agents.calibrated.measurements import MOTORS, Measurements
+from agents.calibrated.parameters import BOUND, COUNT, PRIOR_STD, model_of, named
+from agents.calibrated.prediction import Prediction
+from agents.calibrated.robot_model import RobotModel
+from calfree_gym.image import CAMERAS, IMAGE_UNIT
 from calfree_gym.world import AIM
 
-_OBJECT_RULE = np.array([0.2, 0.3, 0.15])
-_OBJECT_MOST = np.array([0.6, 0.8, 0.5])
-_SIGNS = np.array(list(product([1.0, -1.0], repeat=3)))
-_SCREENING, _FITTING = 8, 60
-"""Steps of the least squares with each set of motor signs, and with the best of them."""
-_FAR_PX, _OUTLYING = 40.0, 8.0
-"""Image points further off count as outliers as long as nothing is known; then, so many times the noise."""
+OBJECT_PRIOR_STD = np.array([0.2, 0.3, 0.15])
+OBJECT_BOUND = np.array([0.6, 0.8, 0.5])
+"""Of the objects' places about the middle of the work space, `AIM`, in m. The simulator draws objects with
+standard deviations of 0.10, 0.19 and 0.07: a weak prior has about twice that. At least twice the work space
+bounds them (a guard: the frame of the room may come out shifted)."""
+_INSIDE_BOUND = 0.9
+"""Triangulated objects are brought within this share of their bounds (a guard: on a bound nothing moves)."""
+_SIGNS = np.array(list(product([1.0, -1.0], repeat=MOTORS)))
+"""All that the motors' signs can be."""
+_SCREENING_STEPS, _FITTING_STEPS = 8, 60
+"""Of least squares with each set of signs, then with the best of them; a fit from what is known takes two or
+three of the latter. Tuned on wild worlds 3000 and up."""
+_GO_ON_WITH = 2
+"""So many sets of signs go on after screening: tuned likewise."""
+_LARGEST_ZOOM = 0.4
+"""Of the start, as a logarithm: what the wild worlds' cameras have, a factor of 0.67 to 1.5."""
+_FAR_PX = 40.0
+"""Residuals beyond this count as outliers as long as nothing is known: tuned likewise."""
+_OUTLYING = 8.0
+"""Then those beyond so many times the noise do: tuned likewise, with and without mistaken points."""
+_LEAST_NOISE_PX = 1.0
+"""Against the prior, image points count as if they were at least so noisy: model errors add to their noise.
+Tuned likewise."""
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What was identified from looks.
+    """What was identified from measurements.
 
     Attributes:
         signs: Of the motors (3,).
-        parameters: How far the robot is off as built (COUNT,), in the order of `PARAMETERS`.
+        parameters: How the robot differs from the robot as built (COUNT,), in the order of `PARAMETERS`.
         objects: Where the trials' objects are (trials, 3) in m.
-        off_px: How far image coordinates (n, 8) are from where they should be; 0 where not seen.
+        residuals_px: Predicted less measured image points (n, 4, 2); 0 where not seen.
         cost: Of the least squares, in px².
     """
 
     signs: Array
     parameters: Array
     objects: Array
-    off_px: Array
+    residuals_px: Array
     cost: Array
 
-    def innovation(self, later: Identification, noise_px: float) -> float:
-        """By how much `later`, of the same looks and more, had to give way to each of the further looks.
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]], measurements: Measurements) -> Identification:
+        """What was saved under the names of the attributes, as identified from `measurements`.
 
-        The least cost rises by half the squared innovation of the further looks, in units of its standard
-        deviation (which includes what was not known well): about 4 a look in a world that stands still.
+        Raises:
+            ValueError: An array is missing or of a wrong shape.
         """
-        further = max(len(later.off_px) - len(self.off_px), 1)
+        return cls(
+            signs=checked_array(arrays, "signs", (MOTORS,)),
+            parameters=checked_array(arrays, "parameters", (COUNT,)),
+            objects=checked_array(arrays, "objects", (measurements.trials, 3)),
+            residuals_px=checked_array(arrays, "residuals_px", (len(measurements.trial), POINTS, 2)),
+            cost=checked_array(arrays, "cost", ()),
+        )
+
+    def model(self, built: RobotModel) -> RobotModel:
+        """The robot that was identified."""
+        return model_of(built, self.signs, self.parameters)
+
+    def innovation(self, later: Identification, noise_px: float) -> float:
+        """By how much `later`, of the same measurements and more, contradicts this.
+
+        The least cost rises by half the squared innovation of the further measurements, in units of its
+        standard deviation (which includes what was not known well): about 4 for each of them in a world that
+        stands still, half of its 8 coordinates.
+
+        Returns:
+            The rise in units of the noise, for each further measurement.
+        """
+        further = max(len(later.residuals_px) - len(self.residuals_px), 1)
         return float(later.cost - self.cost) / noise_px**2 / further
 
 
 def identify(
-    looks: Looks, built: CalibratedModel, noise_px: float = 0.5, known: Identification | None = None
+    measurements: Measurements, built: RobotModel, noise_px: float = 0.5, known: Identification | None = None
 ) -> Identification:
-    """What explains `looks` best.
+    """What explains `measurements` best.
 
     Args:
-        looks: Of one trial or several.
-        built: The robot as it was meant to be.
+        measurements: Of one trial or several.
+        built: The robot as built.
         noise_px: Standard deviation of an image coordinate.
-        known: To begin with. Without it, it begins eight times, once for each set of motor signs, with the
+        known: Where to start. Without it, it starts eight times, once for each set of motor signs, with the
             cameras rolled and zoomed as fits these signs, and goes on with the two that have come furthest.
     """
+    fit = _LeastSquares(measurements, built, noise_px)
     if known is None:
-        known = _from_nothing(looks, built, noise_px)
-    model = model_of(built, known.signs, known.parameters)
-    start = np.concatenate([known.parameters, _triangulated(looks, model).ravel()])
-    return _fit(looks, built, noise_px, known.signs[None], start[None], _FITTING, _OUTLYING * noise_px)[0]
+        known = _identify_from_nothing(fit)
+    objects = _triangulated(measurements, known.model(built))
+    start = np.concatenate([known.parameters, objects.ravel()])
+    return fit(known.signs[None], start[None], _FITTING_STEPS, _OUTLYING * noise_px)[0]
 
 
-def _from_nothing(looks: Looks, built: CalibratedModel, noise_px: float) -> Identification:
-    middle = np.tile(AIM, looks.trials)
-    starts = np.array([np.concatenate([_rolled(looks, built, signs), middle]) for signs in _SIGNS])
-    screened = _fit(looks, built, noise_px, _SIGNS, starts, _SCREENING, _FAR_PX)
-    best = sorted(screened, key=lambda fit: fit.cost)[:2]
-    signs = np.array([fit.signs for fit in best])
-    starts = np.array([np.concatenate([fit.parameters, fit.objects.ravel()]) for fit in best])
-    return min(_fit(looks, built, noise_px, signs, starts, _FITTING, _FAR_PX), key=lambda fit: fit.cost)
+class _LeastSquares:
+    """Least squares on the same measurements, with sets of motor signs each from a start of its own."""
+
+    def __init__(self, measurements: Measurements, built: RobotModel, noise_px: float) -> None:
+        trials = measurements.trials
+        self.measurements = measurements
+        self.built = built
+        self._prior_mean = np.concatenate([np.zeros(COUNT), np.tile(AIM, trials)])
+        prior_std = np.concatenate([PRIOR_STD, np.tile(OBJECT_PRIOR_STD, trials)])
+        self._prior_std_by_px = prior_std / max(noise_px, _LEAST_NOISE_PX)
+        self._bound = np.concatenate([BOUND, np.tile(OBJECT_BOUND, trials)])
+        self._per_px = measurements.seen[..., None] / IMAGE_UNIT
+
+    def __call__(self, signs: Array, start: Array, steps: int, outlying_px: float) -> list[Identification]:
+        """What comes out of each set of signs (s, 3) and each start (s, COUNT + 3 trials)."""
+
+        def residuals(x: Array) -> tuple[Array, Callable[[], Array]]:
+            prediction = Prediction(self.measurements, self.built, signs, x)
+
+            def derivatives() -> Array:
+                by_x = prediction.derivatives()
+                by_x *= self._per_px[..., None]
+                return by_x.reshape(len(x), -1, x.shape[1])
+
+            off_px = (prediction.points - self.measurements.points) * self._per_px
+            return off_px.reshape(len(x), -1), derivatives
+
+        x, off_px, cost = least_squares(
+            residuals, start, self._prior_mean, self._prior_std_by_px, self._bound, steps, outlying_px
+        )
+        return [
+            Identification(
+                signs=signs[i],
+                parameters=x[i, :COUNT],
+                objects=x[i, COUNT:].reshape(-1, 3),
+                residuals_px=off_px[i].reshape(-1, POINTS, 2),
+                cost=cost[i],
+            )
+            for i in range(len(x))
+        ]
 
 
-def _triangulated(looks: Looks, model: CalibratedModel) -> Array:
-    """Where the trials' objects (trials, 3) were last seen by `model`; where they never were, the middle."""
-    objects = np.tile(AIM, (looks.trials, 1))
-    rows = np.flatnonzero(looks.seen[:, 4:].all(1))
-    objects[looks.trial[rows]] = model.triangulate(
-        looks.points[rows, 4:], model.joints(looks.registers[rows])
-    )
-    return np.clip(objects, AIM - 0.9 * _OBJECT_MOST, AIM + 0.9 * _OBJECT_MOST)
+def _identify_from_nothing(fit: _LeastSquares) -> Identification:
+    """The best of all sets of motor signs."""
+    objects = np.tile(AIM, fit.measurements.trials)
+    starts = [np.concatenate([_rolled_and_zoomed(fit, signs), objects]) for signs in _SIGNS]
+    screened = fit(_SIGNS, np.array(starts), _SCREENING_STEPS, _FAR_PX)
+    best = sorted(screened, key=lambda each: each.cost)[:_GO_ON_WITH]
+    signs = np.array([each.signs for each in best])
+    starts = [np.concatenate([each.parameters, each.objects.ravel()]) for each in best]
+    return min(fit(signs, np.array(starts), _FITTING_STEPS, _FAR_PX), key=lambda each: each.cost)
 
 
-def _rolled(looks: Looks, built: CalibratedModel, signs: Array) -> Array:
-    """Parameters (COUNT,) of the built robot with each camera rolled and zoomed as fits best what it saw.
+def _rolled_and_zoomed(fit: _LeastSquares, signs: Array) -> Array:
+    """Parameters (COUNT,) of the robot as built with each camera rolled and zoomed as fits best what it saw.
 
-    The rotation and scale that take predicted displacements to seen ones, in closed form.
+    The rotation and scale that take predicted displacements to measured ones, in closed form: image points
+    are complex numbers, a rotation and scale one factor, found by least squares.
     """
-    model = model_of(built, signs, np.zeros(COUNT))
-    joints = model.joints(looks.registers)
-    objects = np.tile(AIM, (len(joints), 1))
-    expected = np.concatenate([model.image(model.gripper(joints), joints), model.image(objects, joints)], -1)
+    measured, built = fit.measurements, fit.built
+    objects = np.tile(AIM, (len(measured.trial), 1))
+    predicted = model_of(built, signs, np.zeros(COUNT)).points(measured.registers, objects)
     start = np.zeros(COUNT)
     off = named(start)
-    for camera in range(2):
+    for camera in range(len(CAMERAS)):
         overlap, square = 0.0 + 0.0j, 0.0
-        for point in (2 * camera, 4 + 2 * camera):
-            for trial in range(looks.trials):
-                rows = (looks.trial == trial) & looks.seen[:, point]
-                away, seen = (
-                    points[rows, point] + 1j * points[rows, point + 1] for points in (expected, looks.points)
+        for point in (camera, len(CAMERAS) + camera):
+            for trial in range(measured.trials):
+                rows = (measured.trial == trial) & measured.seen[:, point]
+                expected, seen = (
+                    points[rows, point, 0] + 1j * points[rows, point, 1]
+                    for points in (predicted, measured.points)
                 )
-                away, seen = away - away.mean(), seen - seen.mean()
-                overlap += np.vdot(away, seen)
-                square += np.vdot(away, away).real
+                expected, seen = expected - expected.mean(), seen - seen.mean()
+                overlap += np.vdot(expected, seen)
+                square += np.vdot(expected, expected).real
         off["camera_turn"][camera, 2] = np.angle(overlap)
-        off["focal_length"][camera] = np.clip(np.log(np.abs(overlap) / square), -0.4, 0.4)
+        zoom = np.log(np.abs(overlap) / square)
+        off["focal_length"][camera] = np.clip(zoom, -_LARGEST_ZOOM, _LARGEST_ZOOM)
     return start
 
 
-def _fit(
-    looks: Looks,
-    built: CalibratedModel,
-    noise_px: float,
-    signs: Array,
-    start: Array,
-    steps: int,
-    outlying_px: float,
-) -> list[Identification]:
-    """Least squares with sets of signs (s, 3), each from its own start (s, COUNT + 3 trials)."""
-    rule = np.concatenate([RULE, np.tile(_OBJECT_RULE, looks.trials)])
-    most = np.concatenate([MOST, np.tile(_OBJECT_MOST, looks.trials)])
-    middle = np.concatenate([np.zeros(COUNT), np.tile(AIM, looks.trials)])
-    weight = looks.seen.ravel() / IMAGE_UNIT
-
-    def residuals(x: Array) -> tuple[Array, Array]:
-        points, slopes = predicted(looks, built, signs, x)
-        return (points - looks.points.ravel()) * weight, slopes * weight[:, None]
-
-    x, off, cost = least_squares(
-        residuals, start, middle, rule / max(noise_px, 1.0), most, steps, outlying_px
+def _triangulated(measurements: Measurements, model: RobotModel) -> Array:
+    """Where the trials' objects (trials, 3) were last seen by `model`; where they never were, `AIM`."""
+    objects = np.tile(AIM, (measurements.trials, 1))
+    rows = np.flatnonzero(measurements.seen[:, 2:].all(1))
+    objects[measurements.trial[rows]] = model.triangulate(
+        measurements.points[rows, 2:].reshape(-1, 4), model.joints(measurements.registers[rows])
     )
-    return [
-        Identification(signs[i], x[i, :COUNT], x[i, COUNT:].reshape(-1, 3), off[i].reshape(-1, 8), cost[i])
-        for i in range(len(x))
-    ]
+    return np.clip(objects, AIM - _INSIDE_BOUND * OBJECT_BOUND, AIM + _INSIDE_BOUND * OBJECT_BOUND)

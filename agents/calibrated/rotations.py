@@ -8,25 +8,24 @@ from agents.base.observation import Array
 
 
 def rotation(angles: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of angles (..., 3) in rad."""
-    x, y, z = np.moveaxis(angles, -1, 0)
-    one, none = np.ones_like(x), np.zeros_like(x)
-    about_x = [one, none, none, none, np.cos(x), -np.sin(x), none, np.sin(x), np.cos(x)]
-    about_y = [np.cos(y), none, np.sin(y), none, one, none, -np.sin(y), none, np.cos(y)]
-    about_z = [np.cos(z), -np.sin(z), none, np.sin(z), np.cos(z), none, none, none, one]
-    first, second, third = (
-        np.stack(rows, -1).reshape(*x.shape, 3, 3) for rows in (about_x, about_y, about_z)
-    )
-    return first @ second @ third
+    """Rotation matrices (..., 3, 3) of angles (..., 3) in rad: the product of those about x, y and z."""
+    (cx, cy, cz), (sx, sy, sz) = (np.moveaxis(f(angles), -1, 0) for f in (np.cos, np.sin))
+    rows = [
+        [cy * cz, -cy * sz, sy],
+        [cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy],
+        [sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy],
+    ]
+    return _matrix(rows)
 
 
 def rotation_axes(angles: Array) -> Array:
     """Axes (..., 3, 3) about which each of the angles (..., 3) turns, as columns, in the turned frame."""
-    _, y, z = np.moveaxis(angles, -1, 0)
-    none = np.zeros_like(y)
-    columns = [
-        [np.cos(y) * np.cos(z), -np.cos(y) * np.sin(z), np.sin(y)],
-        [np.sin(z), np.cos(z), none],
-        [none, none, np.ones_like(y)],
-    ]
-    return np.stack([np.stack(column, -1) for column in columns], -1)
+    (_, cy, cz), (_, sy, sz) = (np.moveaxis(f(angles), -1, 0) for f in (np.cos, np.sin))
+    none = np.zeros_like(cy)
+    return _matrix([[cy * cz, sz, none], [-cy * sz, cz, none], [sy, none, none + 1]])
+
+
+def _matrix(rows: list[list[Array]]) -> Array:
+    """Matrices (..., 3, 3) from their entries (...)."""
+    entries = np.stack([entry for row in rows for entry in row], -1)
+    return entries.reshape(*entries.shape[:-1], 3, 3)

@@ -2,113 +2,73 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from enum import Enum
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.observation import Array, Observation
+from agents.base.observation import Observation
 from agents.base.procedure import Procedure, ProcedureAgent
 from agents.calibrated.identification import Identification, identify
-from agents.calibrated.model import CalibratedModel
-from agents.calibrated.model_based import move_by_model
-from agents.calibrated.observations import Looks
-from agents.calibrated.parameters import model_of
-from agents.jacobian import TestMotions
-from agents.servo.trial import Findings, Motions, Trial
+from agents.calibrated.measurements import Measurements
+from agents.calibrated.recorded_trial import RecordedTrial
+from agents.calibrated.robot_model import RobotModel
+from agents.calibrated.validity import Validity, ValidityCheck
 from calfree_gym.world import nominal
 
 
 @dataclass
 class Calibration:
-    """What is known of the robot, and from which observations.
+    """What is known of the robot, and from what.
 
     Attributes:
-        observations: Those of earlier trials, and of this one.
+        measurements: Those of earlier trials, and of this one.
         known: What was identified from them; None before there were enough.
     """
 
-    observations: Looks
+    measurements: Measurements
     known: Identification | None
-
-
-class Validity(Enum):
-    """Whether what was identified still holds."""
-
-    VALID = "the latest observations agree with it"
-    DOUBTED = "they do not, once: the robot acts by the latest fit, and keeps the earlier one for comparison"
-    NOISE_UNKNOWN = "they do not, again; but nobody knows yet how noisy they are"
-    INVALID = "they do not, again: all that was known is dropped"
-
-
-class ValidityCheck:
-    """Judges by each motion whether what was identified still holds."""
-
-    INCONSISTENT = 50.0
-    """Observations are inconsistent with the model where the least cost rises by more, see
-    `Identification.innovation`; about 4 an observation is usual. Tuned on wild worlds 3000 and up."""
-    TRIES, MISSED = 6, 8.0
-    """So are they where the object is missed by so many times the noise after so many motions: tuned."""
-    DOUBTS = 2
-    """So many in a row end its validity: one may be a mistaken point."""
-
-    def __init__(self) -> None:
-        self._doubts = self._tries = 0
-        self._noise_known = False
-
-    def begin(self) -> None:
-        """Something new was identified."""
-        self._tries = 0
-
-    def judge(self, innovation: float, distance_px: float, noise_px: float) -> Validity:
-        """What the latest observation says of the model.
-
-        Args:
-            innovation: See `Identification.innovation`.
-            distance_px: Image distance between gripper and object.
-            noise_px: Standard deviation of an image coordinate.
-        """
-        missed = self._tries >= self.TRIES and distance_px > self.MISSED * noise_px
-        self._doubts = self._doubts + 1 if missed or innovation > self.INCONSISTENT else 0
-        if self._doubts < self.DOUBTS:
-            self._tries += 1
-            return Validity.DOUBTED if self._doubts else Validity.VALID
-        if not self._noise_known:
-            self._doubts, self._noise_known = self._doubts - 1, True
-            return Validity.NOISE_UNKNOWN
-        self._doubts = 0
-        return Validity.INVALID
 
 
 class SelfCalibrating(ProcedureAgent):
     """Identifies cameras, arm and motors from its own motions, and acts by the model.
 
-    It knows of what kind cameras, arm and motors are, and how they were meant to be; not where the cameras
-    are now, how they are turned and zoomed, how far the arm is off, or what words do to it.
+    The paper's section 1: robots of this kind are as robust as those without models "if they do not limit
+    themselves to an initial self-calibration, but continue to determine the actual values of the relevant
+    parameters during their normal operation".
 
-    Identification needs no phase of its own: a trial that begins with nothing known begins with test motions,
-    and goes on as soon as there is a model. Every further look, in failure and success, refits it. `learn`
-    keeps looks and model for later trials; `predict` refits for the trial only.
+    Identification needs no phase of its own. A trial that begins with nothing known begins with test motions,
+    and goes on as soon as there is a model; every further observation, in failure and success, refits it.
+    `learn` keeps measurements and model for later trials; `predict` refits for the trial only.
+
+    It is told nothing in its observations, but is built on much prior knowledge:
+
+    * of the arm, the kinematics as built: which joint moves what, link lengths to within 20 %, joint zeros to
+      within 0.3 rad, joint limits, and that the wrist holds the hand vertical;
+    * of the motors, the simulator's own curve from register to joint angle, and bounds of its coefficients:
+      only signs, gains and curvatures are unknown;
+    * of the cameras, what they are fixed to, a lens of one coefficient, and where they were meant to be and
+      to look, to within 15 cm and 0.6 rad of tilt; their roll is free;
+    * of all these, how widely the simulator's wild worlds differ, as a prior (`PARAMETERS`).
+
+    So its model is never wrong in kind, only in numbers. How it would do where that is not so, was not tried.
 
     Args:
         camera_mount: What the cameras are fixed to: "waist" or "stand".
     """
 
-    OBSERVATIONS = 3
-    """So many at one place tell how noisy they are: `NoiseEstimate.ENOUGH` differences."""
     MEMORY = 80
-    """Observations kept from earlier trials at most; of more, the later half is. Their number bounds the time
-    that a fit takes."""
+    """Measurements kept from earlier trials at most; of more, the later half is. Their number bounds the time
+    that a fit takes. Tuned on wild worlds 3000 and up."""
 
     def __init__(self, env: gym.Env[Any, Any], camera_mount: str = "waist", seed: int = 0) -> None:
         super().__init__(env, seed)
         self.camera_mount = camera_mount
-        self.calibration = Calibration(Looks.none(), None)
-        self._built = CalibratedModel.of(nominal(), camera_mount)
+        self.calibration = Calibration(Measurements.none(), None)
+        self._built = RobotModel.of(nominal(), camera_mount)
 
     @property
     def kind(self) -> str:
@@ -117,106 +77,74 @@ class SelfCalibrating(ProcedureAgent):
 
     def new_findings(self) -> Calibration:
         """See `ProcedureAgent`."""
-        return Calibration(self.calibration.observations, self.calibration.known)
+        return Calibration(self.calibration.measurements, self.calibration.known)
 
     def procedure(self, first: Observation, findings: Calibration) -> Procedure:
-        """See `ProcedureAgent`. The findings begin with what earlier trials have taught."""
-        trial = _RecordedTrial(first)
+        """Explores if it must; then identifies and goes to the object by the model, again and again.
+
+        Args:
+            first: What is observed at home.
+            findings: What earlier trials have taught, and what this one adds.
+        """
+        trial = RecordedTrial(first)
         yield from trial.begin()
-        earlier, known = findings.observations, findings.known
+        earlier, known = findings.measurements, findings.known
         validity = ValidityCheck()
         while True:
             if known is None:
                 yield from trial.explore()
-                known = identify(earlier.and_trial(trial.recorded), self._built, trial.noise_px)
+                known = identify(earlier.with_trial(trial.recorded), self._built, trial.noise_px)
                 validity.begin()
-            observations = earlier.and_trial(trial.recorded)
-            latest = identify(observations, self._built, trial.noise_px, known)
+            measurements = earlier.with_trial(trial.recorded)
+            latest = identify(measurements, self._built, trial.noise_px, known)
             innovation = known.innovation(latest, trial.noise_px)
             match validity.judge(innovation, trial.now.distance_px, trial.noise_px):
                 case Validity.NOISE_UNKNOWN:
-                    yield from trial.observe_again(self.OBSERVATIONS)
+                    yield from trial.measure_noise()
                     continue
                 case Validity.INVALID:
-                    earlier, known = Looks.none(), None
-                    trial.recorded = trial.recorded[-validity.DOUBTS :]
+                    earlier, known = Measurements.none(), None
+                    trial.recorded = trial.recorded[-validity.CONTRADICTIONS :]
                     continue
                 case Validity.VALID:
                     known = latest
-            findings.observations, findings.known = observations, latest
-            yield from trial.go(model_of(self._built, latest.signs, latest.parameters), latest.objects[-1])
+            findings.measurements, findings.known = measurements, latest
+            yield from trial.go(latest.model(self._built), latest.objects[-1])
 
     def learn_trial(self, findings: Calibration, last: Observation, ended: bool) -> None:
-        """See `ProcedureAgent`. Observations teach the model, however the trial ends."""
-        if len(findings.observations.trial) > self.MEMORY:
-            kept = findings.observations.latest(self.MEMORY // 2)
+        """See `ProcedureAgent`. Measurements teach the model, however the trial ends."""
+        if len(findings.measurements.trial) > self.MEMORY:
+            kept = findings.measurements.latest(self.MEMORY // 2)
             findings = Calibration(kept, identify(kept, self._built, known=findings.known))
         self.calibration = findings
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
         known = self.calibration.known
-        return {} if known is None else {**vars(self.calibration.observations), **vars(known)}
+        return {} if known is None else {**vars(self.calibration.measurements), **vars(known)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`."""
-        self.calibration = Calibration(Looks.none(), None)
+        """See `ProcedureAgent`. Files of version 0.1 are read with a warning."""
+        self.calibration = Calibration(Measurements.none(), None)
         if arrays:
-            looks = Looks(**{field.name: arrays[field.name] for field in fields(Looks)})
-            known = Identification(**{field.name: arrays[field.name] for field in fields(Identification)})
-            self.calibration = Calibration(looks, known)
+            if "off_px" in arrays:
+                warnings.warn("arrays of version 0.1 were read: save them anew", stacklevel=3)
+                arrays = _of_version_0_1(arrays)
+            measurements = Measurements.of_arrays(arrays)
+            self.calibration = Calibration(measurements, Identification.of_arrays(arrays, measurements))
 
 
-class _RecordedTrial(Trial):
-    """A trial whose estimated observations are recorded.
+def _of_version_0_1(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Arrays of version 0.1, with eight coordinates and flags a measurement, in today's shapes and names.
 
-    Attributes:
-        recorded: The estimates after each motion, the home view first.
+    Args:
+        arrays: Among them points, seen and off_px (n, 8): xy of gripper left, right, object left, right.
     """
-
-    FIRST_WORD = 0.04
-    TEST_PX = 30.0
-    """Tuned on wild worlds 3000 and up: larger than a servo's, so that curvature shows."""
-    TOGETHER = np.array([[1.0, 1.0, -1.0], [-1.0, 1.0, 1.0]])
-    """Test motions of all motors at once, in units of their test words."""
-
-    def __init__(self, first: Observation) -> None:
-        findings = Findings(TestMotions(len(first.registers)))
-        super().__init__(first, findings, self.FIRST_WORD, self.TEST_PX)
-        self.recorded: list[Observation] = []
-
-    @property
-    def noise_px(self) -> float:
-        """Standard deviation of an image coordinate."""
-        return self.filter.noise.px
-
-    def begin(self) -> Motions:
-        """See `Trial`."""
-        yield from super().begin()
-        self.recorded.append(self.now)
-
-    def move(self, words: Array) -> Motions:
-        """See `Trial`."""
-        made = yield from super().move(words)
-        self.recorded.append(self.now)
-        return made
-
-    def observe_again(self, times: int) -> Motions:
-        """Observes so many times without a motion, and records none of these observations."""
-        for _ in range(times):
-            yield from super().move(np.zeros_like(self.now.registers))
-
-    def explore(self) -> Motions:
-        """Test motions of each motor alone, and a few of all together."""
-        self.forget()
-        for motor in self.unmeasured():
-            yield from self.test(motor)
-        for signs in self.TOGETHER:
-            yield from self.move_in_view(signs * self.test_words)
-
-    def go(self, model: CalibratedModel, object_: Array) -> Motions:
-        """Goes to the object by `model`, see `move_by_model`."""
-        words = model.registers(object_) - self.now.registers
-        observations = yield from move_by_model(model, object_, self.filter, self.now, words)
-        self.now = observations[-1]
-        self.recorded += observations
+    of_points = {"points": "points", "off_px": "residuals_px"}
+    present = {name: array for name, array in arrays.items() if name not in of_points}
+    for old, name in of_points.items():
+        if old in arrays and arrays[old].ndim == 2:
+            present[name] = arrays[old].reshape(len(arrays[old]), -1, 2)
+    if "seen" in arrays and arrays["seen"].ndim == 2:
+        present["seen"] = arrays["seen"][:, ::2]
+    return present

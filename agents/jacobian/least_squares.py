@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.base.observation import Array, Flags
+from agents.base.robust import cauchy_weights
 from agents.jacobian.estimator import UNKNOWN_VARIANCE, Estimator
 from calfree_gym.image import IMAGE_UNIT
 
@@ -67,7 +68,7 @@ class LocalLeastSquares(Estimator):
         for _ in range(3):
             self.jacobian = self._fit(weights)
             residual = self._moves - self._sent @ self.jacobian.T
-            weights = near / (1 + (residual / (self.ROBUST_PX * IMAGE_UNIT)) ** 2)
+            weights = near * cauchy_weights(residual / (self.ROBUST_PX * IMAGE_UNIT))
         return self._as_seen(words, moved, seen)
 
     def _fit(self, weights: Array) -> Array:
@@ -75,5 +76,5 @@ class LocalLeastSquares(Estimator):
         count, motors = self._sent.shape
         squares = (self._sent[:, :, None] * self._sent[:, None]).reshape(count, -1)
         normal = (weights.T @ squares).reshape(-1, motors, motors) + self.PRIOR * np.eye(motors)
-        pulled = (weights * self._moves).T @ self._sent + self.PRIOR * self._prior
-        return np.asarray(np.linalg.solve(normal, pulled[:, :, None])[:, :, 0])
+        jt_w = (weights * self._moves).T @ self._sent + self.PRIOR * self._prior
+        return np.asarray(np.linalg.solve(normal, jt_w[:, :, None])[:, :, 0])

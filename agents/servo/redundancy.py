@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from agents.base.observation import Array
+from agents.base.robust import cauchy_weights
 from calfree_gym.image import IMAGE_UNIT
 
 Equations = tuple[Array, Array]
@@ -51,12 +52,12 @@ def weighted(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equatio
     spare = null @ (distance @ null) + 1e-12
     usual = IMAGE_UNIT * max(ROBUST_PX, ROBUST_NOISES * noise_px)
     squares, direction = spare * spare, spare * ((spare @ distance) / usual)
-    slack = np.ones(len(distance))
+    weights = np.ones(len(distance))
     for _ in range(3):
-        residual = slack * direction / (slack @ squares)
-        slack = 1 + residual * residual
-    weights = 1 / np.sqrt(slack)
-    return jacobian * weights[:, None], distance * weights
+        slack = 1 / weights
+        weights = cauchy_weights(slack * direction / (slack @ squares))
+    roots = np.sqrt(weights)
+    return jacobian * roots[:, None], distance * roots
 
 
 REDUNDANCIES: dict[str, Callable[[Array, Array, float], Equations]] = {

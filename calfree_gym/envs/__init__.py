@@ -1,4 +1,4 @@
-"""The black box as Gymnasium environments, single and batched, over one simulation."""
+"""The single and the batched Gymnasium environment, over one simulation."""
 
 from calfree_gym.envs.single import StereoArmEnv
 from calfree_gym.envs.vector import StereoArmVectorEnv

@@ -21,12 +21,12 @@ OBSERVATIONS = ("points",)
 RENDER_MODES = ("rgb_array",)
 
 
-class Tell(NamedTuple):
-    """Something that a controller may ask to be told beyond its image points.
+class Privileged(NamedTuple):
+    """A true quantity that a controller may get beside its image points, where it asks with `tell`.
 
     Attributes:
         size: How many numbers.
-        bound: On their magnitude.
+        bound: Of their magnitude.
         of: Gives them for all rows (N, size).
     """
 
@@ -35,25 +35,25 @@ class Tell(NamedTuple):
     of: Callable[[StereoArms], NDArray[np.float64]]
 
 
-TELLS = {
-    "joint_angles": Tell(5, 2 * np.pi, lambda arms: arms.simulation.joints()),
-    "joint_zeros": Tell(
+PRIVILEGED = {
+    "joint_angles": Privileged(5, 2 * np.pi, lambda arms: arms.simulation.joints()),
+    "joint_zeros": Privileged(
         4, np.pi, lambda arms: np.stack([arms.world(r).joint_zeros for r in range(arms.rows)])
     ),
-    "gripper_position": Tell(3, 5.0, lambda arms: arms.simulation.positions()[0]),
+    "gripper_position": Privileged(3, 5.0, lambda arms: arms.simulation.positions()[0]),
 }
 """True joint angles J1-J5 (rad), joint zeros J1-J4 (rad), and the gripper point in the room (m)."""
 
 
 def observation_space(tell: Sequence[str]) -> spaces.Dict[Any]:
-    """The observations of one arm, with what is told beside."""
+    """The observations of one arm, with the privileged quantities that `tell` names."""
     sizes = {"achieved_goal": 4, "desired_goal": 4, "observation": 4 + len(MOTORS)}
     boxes: dict[str, spaces.Space[Any]] = {
         key: spaces.Box(-1.0, 1.0, (size,), np.float32) for key, size in sizes.items()
     }
     for name in tell:
-        told = TELLS[name]
-        boxes[name] = spaces.Box(-told.bound, told.bound, (told.size,), np.float32)
+        quantity = PRIVILEGED[name]
+        boxes[name] = spaces.Box(-quantity.bound, quantity.bound, (quantity.size,), np.float32)
     return spaces.Dict(boxes)
 
 
@@ -74,7 +74,7 @@ def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
         raise ValueError(f"the action is {action!r}; it must be numbers of shape {shape}") from None
     if words.shape != shape:
         raise ValueError(f"the action has shape {words.shape}; it must be {shape}, one word a motor")
-    if np.abs(words).max() <= 1:
+    if np.maximum.reduce(np.abs(words), axis=None) <= 1:
         return words
     if not np.isfinite(words).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(words))[0])
@@ -93,6 +93,7 @@ class StereoArmGoal:
         observation: str,
         terminate_on_success: bool,
         tell: Sequence[str],
+        truth: bool,
         render_mode: Any,
         **arms: Any,
     ) -> None:
@@ -101,21 +102,22 @@ class StereoArmGoal:
         if isinstance(tell, str):
             raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({tell!r},)")
         for name in tell:
-            check_choice("tell", name, tuple(TELLS))
+            check_choice("tell", name, tuple(PRIVILEGED))
         if render_mode is not None:
             check_choice("render_mode", render_mode, RENDER_MODES)
         self.arms = StereoArms(rows, threads=threads, **arms)
         self.render_mode = render_mode
         self._ends = terminate_on_success
         self._tell = tuple(tell)
+        self._gives_truth = truth
         self.tolerance_px = float(arms["tolerance_px"])
         self._reward = REWARDS[reward]
         self._renderer: Any = None
 
     def _outcome(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_]]:
-        """The last look: batched observations, image distances (N, 2), and rendezvous (N,).
+        """The last observation: batched observations, image distances (N, 2), and rendezvous (N,).
 
-        With latency the controller's image points are old ones; distances and rendezvous are not.
+        With latency the image points are delayed; distances and rendezvous are of the present ones.
         """
         points, visible = self.arms.delivered
         goals = points.astype(np.float32).reshape(-1, 8)
@@ -126,7 +128,7 @@ class StereoArmGoal:
         state[:, 4:] = self.arms.registers
         observation = {"achieved_goal": goals[:, :4], "desired_goal": goals[:, 4:], "observation": state}
         for name in self._tell:
-            observation[name] = TELLS[name].of(self.arms).astype(np.float32)
+            observation[name] = PRIVILEGED[name].of(self.arms).astype(np.float32)
         return observation, distances, reach.rendezvous(distances, self.arms.tolerance)
 
     def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
@@ -141,7 +143,7 @@ class StereoArmGoal:
         return ended if self._ends else np.zeros_like(ended)
 
     def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """False: no goal cuts a trial short; the number of motions does (see `max_episode_steps`)."""
+        """False: only the number of motions truncates a trial (see `max_episode_steps`)."""
         return np.zeros(np.shape(achieved_goal)[:-1], bool)
 
     def _truth(self) -> dict[str, Any]:
@@ -174,7 +176,7 @@ class StereoArmGoal:
 
 
 def placed_objects(options: dict[str, Any] | None, rows: int) -> NDArray[np.float64] | None:
-    """The object of reset's options (rows, 3) in m, where one is given."""
+    """The object of reset's options (rows, 3) in m, or None without one."""
     if not options:
         return None
     if not isinstance(options, dict):

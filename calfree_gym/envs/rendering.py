@@ -1,4 +1,4 @@
-"""Pictures: what a camera sees, through its lens, and the scene with both camera images beside it."""
+"""Pictures: a camera image through its lens, and the scene with both camera images beside it."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _MARKS_GROUP = 1
 
 
 def _gl_context(size: int) -> Any:
-    """A GL context, made only once an image is asked for.
+    """Makes a GL context, when the first image is rendered.
 
     Raises:
-        gymnasium.error.DependencyNotInstalled: No GL is there; says which package to install.
+        gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
     """
     windowed = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     backend = os.environ.get("MUJOCO_GL", "").lower() or ("glfw" if windowed else "egl")

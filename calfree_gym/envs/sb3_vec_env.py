@@ -29,7 +29,8 @@ class StereoArmVecEnv(VecEnv):
     def __init__(self, env_id: str, n_envs: int, **arguments: Any) -> None:
         if env_id not in calfree_gym.ENV_IDS:
             raise ValueError(f"unknown env_id {env_id!r}; allowed: {', '.join(calfree_gym.ENV_IDS)}")
-        made = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **arguments)
+        settings = {"truth": False, **arguments}
+        made = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
         self.vector_env: Any = made.unwrapped
         self.render_mode = self.vector_env.render_mode
         self._actions: NDArray[Any] = np.zeros((n_envs, 3))
@@ -71,7 +72,7 @@ class StereoArmVecEnv(VecEnv):
         return [getattr(self.vector_env, attr_name)] * len(self._rows(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refused: rows share one environment."""
+        """Not possible: all rows share one environment."""
         raise NotImplementedError(f"{attr_name} cannot be set: all rows are one batched environment")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
@@ -82,7 +83,7 @@ class StereoArmVecEnv(VecEnv):
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None
     ) -> list[bool]:
-        """False: rows have no wrappers."""
+        """False for each row: rows have no wrappers."""
         return [False] * len(self._rows(indices))
 
     def _rows(self, indices: Any) -> Sequence[int]:

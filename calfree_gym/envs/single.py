@@ -1,4 +1,4 @@
-"""The black box as a Gymnasium environment."""
+"""The single environment: one arm as a Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from calfree_gym.envs.goal import (
     observation_space,
     placed_objects,
 )
-from calfree_gym.envs.stereo_arms import Perturbed, WorldChoice
+from calfree_gym.envs.stereo_arms import Applied, WorldChoice
 from calfree_gym.robot.motors import MOTORS
 from calfree_gym.world import World
 
 
 class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
-    """A stereo arm that reaches, knowing nothing.
+    """A robot arm with two cameras and no calibration, whose task is to reach an object.
 
     ## Description
-    A robot arm of five joints, seen by two cameras, is to bring its gripper to an object. The controller
-    sends one control word to each of three motors and gets image points back; it knows neither cameras nor
-    arm nor motors. All of that is the hidden `World`. After V. Graefe, "Calibration-Free Robots" (1999).
+    A robot arm with five joints is seen by two cameras. It must bring its gripper to an object. The
+    controller sends one control word to each of three motors and gets image points back. Cameras, arm and
+    motors are unknown to it: they are the hidden `World`. After V. Graefe, "Calibration-Free Robots" (1999).
 
     ## Action space
     `Box(-1, 1, (3,), float32)`: one control word each for the motors of waist, shoulder and elbow.
 
     | num | word | effect |
     |---|---|---|
-    | 0 | waist | unknown in sign and size, smooth, 0 moves nothing; adds up in a register that ends at +-1 |
-    | 1 | shoulder | likewise |
-    | 2 | elbow | likewise |
+    | 0 | waist | unknown sign and size, smooth, 0 moves nothing; adds up in a register that ends at +-1 |
+    | 1 | shoulder | the same |
+    | 2 | elbow | the same |
 
     One step is one motion, executed until the arm has settled. Words outside the box are clipped to it.
 
@@ -51,46 +51,48 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     | desired_goal | (4,) | the object's sensor vector |
     | observation | (7,) | 1 where seen now: gripper left, right, object left, right; then 3 registers |
 
-    A point is seen where it is before a camera and inside its image; that the arm may hide it is left out.
-    A point that is not seen keeps its last seen value (the centre, where it never was seen).
+    A point is seen if it is in front of a camera and inside its image; the arm never hides it.
+    A point that is not seen keeps its last seen value, or is the centre if it was never seen.
 
     ## Rewards
     `CalFree/Reach-v0`: 0 on the motion that reaches the rendezvous, -1 on every other.
     `CalFree/ReachDense-v0`: minus the mean of both image distances. Both follow from the observed points.
 
     ## Starting state
-    The arm at home, registers zero; the object somewhere in the work space, seen by both cameras.
-    `reset(seed=k)` draws the world (where `world` names a distribution), objects and noise from k;
-    `reset()` places the next object in the same world; `reset(options={"object": (x, y, z)})` puts it there
-    (in m), seen or not.
+    The arm is at home, with registers zero. The object is in the work space, and both cameras see it.
+    `reset(seed=k)` draws the world (if `world` names a distribution), objects and noise from k.
+    `reset()` places the next object in the same world. `reset(options={"object": (x, y, z)})` places it at
+    this point (in m), seen or not.
 
     ## Episode end
     Terminated at the rendezvous: both observed image distances within `tolerance_px`, unless
     `terminate_on_success=False`. Truncated after `max_episode_steps` (60) motions.
 
     ## Information
-    `is_success`: the observed rendezvous. `robot_seconds`: time that a real arm would take for the motion.
-    `perturbed`: perturbations that struck before it, with all that they drew (a drift where it begins).
-    `truth`: for scoring only, never for a controller: `error_px` (larger noise-free image distance),
-    `distance_mm`, `points`, `gripper`, `object`, `joints`.
+    `is_success`: the observed rendezvous. `robot_seconds`: the time that a real arm would need.
+    `perturbed`: perturbations applied before the motion, with all that they drew (a drift: once, at its
+    first step).
+    `truth`, unless `truth=False`: for scoring only, never for a controller: `error_px` (larger noise-free
+    image distance), `distance_mm`, `points`, `gripper`, `object`, `joints`.
 
     ## Arguments
 
     Args:
         world: A `World`, or the distribution to draw from: "nominal", "coarse", "wild".
         camera_mount: "waist" (cameras on the arm's first link, turning with it: the object then moves in the
-            images when the waist turns, so hindsight relabelling is not valid) or "stand" (in the room).
+            images when the waist turns, and hindsight relabelling is not valid) or "stand" (in the room).
         observation: "points".
         tolerance_px: Image distance of the rendezvous, in pixels of 512.
-        dynamics: "physics", or "kinematic": the arm is put where physics would settle.
-        perturbations: A schedule, `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`, as told in
+        dynamics: "physics", or "kinematic": the arm is placed where physics would settle.
+        perturbations: A schedule, `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`, see
             `calfree_gym.perturbations.parse_schedule`; the types and their settings are the classes of
             `calfree_gym.perturbations`.
-        redraw: "never", or "trial": every trial in a new world, where `world` is a distribution.
+        redraw: "never", or "trial": every trial in a new world, if `world` is a distribution.
         terminate_on_success: Whether the rendezvous ends the trial.
         keep_in_view: Whether worlds, perturbations and objects that the cameras do not see are drawn again.
-        tell: What is told beside the image points, as further observation keys: "joint_angles" (5,) and
-            "joint_zeros" (4,) in rad, "gripper_position" (3,) in m.
+        tell: Privileged quantities, as further observation keys: "joint_angles" (5,) and "joint_zeros" (4,)
+            in rad, "gripper_position" (3,) in m.
+        truth: Whether `info` holds `truth`. A step is faster without it.
         reward: "sparse" or "dense".
         render_mode: None or "rgb_array".
 
@@ -116,6 +118,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         terminate_on_success: bool = True,
         keep_in_view: bool = True,
         tell: Sequence[str] = (),
+        truth: bool = True,
         reward: str = "sparse",
         render_mode: str | None = None,
     ) -> None:
@@ -126,6 +129,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             observation,
             terminate_on_success,
             tell,
+            truth,
             render_mode,
             world=world,
             camera_mount=camera_mount,
@@ -156,43 +160,44 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             seed = int(self.np_random.integers(2**31))
         if seed is not None:
             self.arms.seed(0, seed)
-        struck = self.arms.begin_trial(slice(None), placed_objects(options, 1))
-        self.arms.look()
+        applied = self.arms.begin_trial(slice(None), placed_objects(options, 1))
+        self.arms.observe()
         observation, _, success = self._outcome()
-        return {key: value[0] for key, value in observation.items()}, self._info(success, 0.0, struck)
+        return {key: value[0] for key, value in observation.items()}, self._info(success, 0.0, applied)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Executes one motion, see the class."""
-        seconds, struck = self.arms.move(slice(None), control_words(action, (len(MOTORS),)))
-        self.arms.look()
+        seconds, applied = self.arms.move(slice(None), control_words(action, (len(MOTORS),)))
+        self.arms.observe()
         observation, distances, success = self._outcome()
         return (
             {key: value[0] for key, value in observation.items()},
             float(self._reward(distances, success)[0]),
             self._ends and bool(success[0]),
             False,
-            self._info(success, float(seconds[0]), struck),
+            self._info(success, float(seconds[0]), applied),
         )
 
     def render(self) -> NDArray[np.uint8] | None:
         """The scene (720, 1080, 3), and at its side both camera images with the image points.
 
-        A ring is thin where its point is not seen now: there it was seen last.
+        A thin ring shows where a point was last seen, if it is not seen now.
 
         Raises:
-            gymnasium.error.DependencyNotInstalled: No GL is there; says which package to install.
+            gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
         """
         return self._frame(0)
 
-    def _info(self, success: Any, seconds: float, struck: list[Perturbed]) -> dict[str, Any]:
-        truth = {k: v[0] if v.ndim > 1 else float(v[0]) for k, v in self._truth().items()}
-        return {
+    def _info(self, success: Any, seconds: float, applied: list[Applied]) -> dict[str, Any]:
+        info = {
             "is_success": bool(success[0]),
             "robot_seconds": seconds,
-            "perturbed": [perturbation for _, perturbation in struck],
-            "truth": truth,
+            "perturbed": [perturbation for _, perturbation in applied],
         }
+        if self._gives_truth:
+            info["truth"] = {k: v[0] if v.ndim > 1 else float(v[0]) for k, v in self._truth().items()}
+        return info
 
     def close(self) -> None:
-        """Frees the renderer, if an image was ever asked for."""
+        """Frees the renderer."""
         self._free_renderer()

@@ -1,4 +1,4 @@
-"""N stereo arms, each in its own world and at its own trial: what both environments are made of."""
+"""N stereo arms, each in its own world and at its own trial. Both environments step them."""
 
 from __future__ import annotations
 
@@ -9,30 +9,28 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym import streams
 from calfree_gym.errors import check_choice
 from calfree_gym.geometry import Array, Rows
-from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, inside, lengths_px
+from calfree_gym.perturbations.application import PerturbationScheduler
 from calfree_gym.perturbations.base import Perturbation
-from calfree_gym.perturbations.scheduler import Strikes
 from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.motors import MOTORS
 from calfree_gym.robot.simulation import DYNAMICS, Simulation
-from calfree_gym.vision.cameras import MOUNTS, image_points
-from calfree_gym.vision.measurement import Sensing
+from calfree_gym.streams import CounterStreams, Key, key
+from calfree_gym.vision.cameras import MOUNTS
+from calfree_gym.vision.measurement import MeasurementModel
 from calfree_gym.workspace import ATTEMPTS, Workspaces, first_in_view, in_view
 from calfree_gym.world import World, WorldDistribution
 
-HALF = IMAGE_SIZE / 2
-"""Pixels in one image unit."""
 JOINT_SPEED = 0.7
 """Assumed speed (rad/s) of the joint that travels furthest, for robot time."""
-SETTLING_AND_LOOK = 4.0
-"""Assumed seconds in which the arm settles and the vision system delivers still image points: with it a
-reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
+SETTLING_AND_OBSERVATION = 4.0
+"""Assumed seconds in which the arm settles and the vision system delivers still image points. With this
+value a reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
 CANDIDATE_BLOCK = 16
 APART_SIGMAS = 6
-"""An object starts further from the gripper than the tolerance, by this many times the noise."""
+"""The distance of a new object from the gripper exceeds the tolerance by this many times the noise."""
 
 REDRAWS = ("never", "trial")
 WorldChoice = str | World | WorldDistribution
@@ -44,10 +42,10 @@ class StereoArms:
     Attributes:
         registers: Executed sums of control words since home (N, 3).
         points: Image points (N, 4, 2) as last seen: gripper left, right, object left, right.
-        visible: Which of the four points (N, 4) the last look saw.
-        delivered: Image points (N, 4, 2) and flags (N, 4) as the controller gets them: late, where
-            there is latency.
-        true_points: Where noise-free cameras would see them now (N, 4, 2); not clipped to the image.
+        visible: Which of the four points (N, 4) the last observation saw.
+        delivered: Image points (N, 4, 2) and flags (N, 4) as the controller gets them: delayed where there
+            is latency.
+        true_points: Where noise-free cameras see them now (N, 4, 2), not clipped to the image.
         motions: Motions since reset with a seed (N,).
         trials: Trials begun since reset with a seed (N,).
 
@@ -57,7 +55,7 @@ class StereoArms:
         camera_mount: "waist" or "stand".
         dynamics: "physics" or "kinematic".
         tolerance_px: Image distance of the rendezvous; no object starts nearer.
-        perturbations: A schedule, see `schedule.parse_schedule`.
+        perturbations: A schedule, see `perturbations.parse_schedule`.
         redraw: "never", or "trial": every trial in a new world, where `world` is a distribution.
         keep_in_view: Whether worlds and objects that the cameras do not see are drawn again.
         threads: Threads of the simulation; they change no number.
@@ -86,10 +84,10 @@ class StereoArms:
             raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
         self.rows = rows
         self.mount = camera_mount
-        self.tolerance = np.float32(tolerance_px / HALF)
+        self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
         self.simulation = Simulation(rows, camera_mount, dynamics, threads)
         self._workspaces = Workspaces(rows, camera_mount)
-        self._strikes = Strikes(rows, perturbations, camera_mount, keep_in_view)
+        self._scheduler = PerturbationScheduler(rows, perturbations, camera_mount, keep_in_view)
         self._choices = _choices(world, rows)
         self._redraws = redraw == "trial"
         self._keep_in_view = keep_in_view
@@ -106,16 +104,12 @@ class StereoArms:
         self.true_points = np.zeros((rows, 4, 2))
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
-        self._motion_of_trial = np.zeros(rows, np.int64)
+        self._motions_before = np.zeros(rows, np.int64)
         self._seeds: list[int | None] = [None] * rows
-        self._object_keys = np.zeros((rows, 2), np.uint64)
-        self._counter_streams = streams.CounterStreams()
-        self._sensing = Sensing(rows)
+        self._object_keys: list[Key] = [(0, 0)] * rows
+        self._object_streams = CounterStreams()
+        self._measurement = MeasurementModel(rows)
         self._apart = np.zeros((rows, 1))
-        self._principal = np.zeros((rows, 4, 2))
-        self._focal = np.ones((rows, 4, 1))
-        self._focal_units = np.ones((rows, 4, 1))
-        self._k1 = np.zeros((rows, 4))
         self._all = np.arange(rows)
         self._begun = False
 
@@ -137,10 +131,10 @@ class StereoArms:
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`: its world, where that is to be drawn, objects and noise."""
         self._seeds[row] = seed
-        self._sensing.seed(row, seed)
-        self._object_keys[row] = streams.key(seed, "objects")
-        self.motions[row] = self.trials[row] = 0
-        self._strikes.seed(row, seed)
+        self._measurement.seed(row, seed)
+        self._object_keys[row] = key(seed, "objects")
+        self.motions[row] = self.trials[row] = self._motions_before[row] = 0
+        self._scheduler.seed(row, seed)
         choice = self._choices[row]
         self._enter(row, choice if isinstance(choice, World) else self._draw_world(choice, seed, 0))
 
@@ -165,77 +159,69 @@ class StereoArms:
         self._choices[row] = world
         self._enter(row, world)
 
-    def begin_trial(self, rows: Rows, objects: Array | None = None) -> list[Perturbed]:
+    def begin_trial(self, rows: Rows, objects: Array | None = None) -> list[Applied]:
         """Sends the arms of `rows` home and places the next objects, or the given ones (n, 3).
 
         Returns:
-            The perturbations that struck before; `look` shows what is seen now.
+            The perturbations that were applied before; `observe` updates what is seen now.
         """
         self._begun = True
         indices = self._all[rows]
         if self._redraws:
             self._redraw(indices)
-        struck = self._strike("trial", self.trials, rows)
+        applied = self._apply_due("trial", self.trials, rows)
         self.registers[rows] = 0.0
         if objects is None:
             objects = self._draw_objects(indices)
         self.simulation.place(rows, self.registers[rows], objects)
         self.trials[rows] += 1
-        self._motion_of_trial[rows] = 0
+        self._motions_before[rows] = self.motions[rows]
         self.points[rows] = 0.0
-        return struck
+        return applied
 
-    def move(self, rows: Rows, words: Array) -> tuple[Array, list[Perturbed]]:
+    def move(self, rows: Rows, words: Array) -> tuple[Array, list[Applied]]:
         """Executes one motion of control words (n, 3) in `rows`.
 
         Returns:
-            Robot time of the motions (n,) in seconds, and the perturbations that struck before them.
+            Robot time of the motions (n,) in seconds, and the perturbations that were applied before them.
 
         Raises:
             gymnasium.error.ResetNeeded: No trial has begun.
         """
         if not self._begun:
             raise gym.error.ResetNeeded("no trial has begun: call reset() before step()")
-        struck = self._strike("motion", self.motions, rows)
+        applied = self._apply_due("motion", self.motions, rows)
         motors = self.simulation.motors
         registers = self.registers[rows] + words
         registers = np.minimum(np.maximum(registers, motors.lowest[rows]), motors.highest[rows])
         self.registers[rows] = registers
         travel = self.simulation.move(rows, registers)
         self.motions[rows] += 1
-        self._motion_of_trial[rows] += 1
-        return travel / JOINT_SPEED + SETTLING_AND_LOOK, struck
+        return travel / JOINT_SPEED + SETTLING_AND_OBSERVATION, applied
 
-    def look(self) -> None:
+    def observe(self) -> None:
         """Updates what the cameras see, after every row has moved or begun a trial."""
-        self.simulation.look()
+        self.simulation.refresh()
         pixels, depth = self.simulation.pinhole_pixels()
-        flat = (pixels - HALF) / self._focal
-        true, shown = image_points(flat, self._focal_units, self._principal, self._k1)
-        far = np.abs(true)
-        visible = shown & (depth > 0) & (np.maximum(far[:, :, 0], far[:, :, 1]) <= 1)
+        true, shown = self._workspaces.cameras.through_lens(pixels)
+        visible = shown & (depth > 0) & inside(true)
         self.true_points = true
-        measured, self.visible = self._sensing.measure(true, visible, self.trials, self._motion_of_trial)
+        motions = self.motions - self._motions_before
+        measured, self.visible = self._measurement.measure(true, visible, self.trials, motions)
         self.points = np.where(self.visible[:, :, None], measured, self.points)
-        self.delivered = self._sensing.deliver(self.points, self.visible, self._motion_of_trial)
+        self.delivered = self._measurement.deliver(self.points, self.visible, motions)
 
     def error_px(self) -> Array:
         """Noise-free image distances (N,) in pixels, of the camera that sees the larger one."""
-        d = self.true_points[:, :2] - self.true_points[:, 2:]
-        squares = d * d
-        squared = squares[:, :, 0] + squares[:, :, 1]
-        return HALF * np.sqrt(np.maximum(squared[:, 0], squared[:, 1]))
+        left, right = lengths_px(self.true_points[:, :2] - self.true_points[:, 2:]).T
+        return np.asarray(np.maximum(left, right))
 
     def _enter(self, row: int, world: World) -> None:
         self._worlds[row] = world
         self.simulation.set_world(row, world)
         self._workspaces.set_world(row, world)
-        self._principal[row] = np.tile(world.principal_point, (2, 1)) / HALF
-        self._focal[row, :, 0] = np.tile(world.focal_length, 2)
-        self._focal_units[row] = self._focal[row] / HALF
-        self._k1[row] = np.tile(world.lens_k1, 2)
-        self._sensing.set_world(row, world)
-        self._apart[row] = self.tolerance + APART_SIGMAS * world.point_noise / HALF
+        self._measurement.set_world(row, world)
+        self._apart[row] = self.tolerance + APART_SIGMAS * world.point_noise * IMAGE_UNIT
 
     def _redraw(self, rows: NDArray[np.intp]) -> None:
         """Puts rows whose first trial is over into the next trial's world."""
@@ -251,16 +237,17 @@ class StereoArms:
                 "the gripper at home and half of the work space, which the motors must reach"
             )
 
-    def _strike(self, clock: str, counts: NDArray[np.int64], rows: Rows) -> list[Perturbed]:
-        """Applies the events that are due in `rows`; a struck arm's stops may have moved."""
-        struck: list[Perturbed] = []
-        for number, event in self._strikes.events[clock]:
-            for row in self._all[rows][event.strikes(counts[rows])]:
+    def _apply_due(self, clock: str, counts: NDArray[np.int64], rows: Rows) -> list[Applied]:
+        """Applies the events that are due in `rows`; the stops of these arms may move."""
+        applied: list[Applied] = []
+        for place, event in self._scheduler.events[clock]:
+            for row in self._all[rows][event.is_due(counts[rows])].tolist():
                 count = int(counts[row])
-                world, told = self._strikes.strike(number, event, row, count, self.world(row))
+                world, perturbation = self._scheduler.apply(place, event, row, count, self.world(row))
                 self._enter(row, world)
-                struck += [] if told is None else [(int(row), told)]
-        return struck
+                if perturbation is not None:
+                    applied.append((row, perturbation))
+        return applied
 
     def _draw_objects(self, rows: NDArray[np.intp]) -> Array:
         """The next trial's objects (n, 3): the first candidates that are seen and not yet reached."""
@@ -269,8 +256,8 @@ class StereoArms:
         for block in range(ATTEMPTS):
             draws = np.empty((len(open_), CANDIDATE_BLOCK, 3))
             for i, row in enumerate(rows[open_]):
-                keyed = self._counter_streams.at(self._object_keys[row], self.trials[row], block)
-                keyed.random(out=draws[i])
+                self._object_streams.go_to(self._object_keys[row], int(self.trials[row]), block)
+                self._object_streams.generator.random(out=draws[i])
             at = self._workspaces.candidates(draws, rows[open_])
             good = at.seen & at.reached & (at.apart > self._apart[rows[open_]])
             if not self._keep_in_view:
@@ -286,8 +273,8 @@ class StereoArms:
         )
 
 
-Perturbed = tuple[int, Perturbation | Undo]
-"""A row, and the perturbation that struck it, with all that it drew."""
+Applied = tuple[int, Perturbation | Undo]
+"""A row, and the perturbation that was applied to it, with all that it drew."""
 
 
 def _choices(world: Any, rows: int) -> list[World | WorldDistribution]:

@@ -1,4 +1,4 @@
-"""Many black boxes stepped together, as a Gymnasium vector environment."""
+"""The batched environment: many arms stepped together, as a Gymnasium vector environment."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from calfree_gym.envs.goal import (
     observation_space,
     placed_objects,
 )
-from calfree_gym.envs.stereo_arms import Perturbed, WorldChoice
+from calfree_gym.envs.stereo_arms import Applied, WorldChoice
 from calfree_gym.errors import check_choice
 from calfree_gym.robot.motors import MOTORS
 from calfree_gym.world import World
@@ -29,14 +29,14 @@ from calfree_gym.world import World
 class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
     """Many stereo arms stepped together by MuJoCo's threads; row i is `StereoArmEnv` reset with seed + i.
 
-    Perturbations and all else strike each row by its own count of motions and trials.
+    Each row counts its own motions and trials, and perturbations are applied by these counts.
 
     Args:
         num_envs: Rows.
         max_episode_steps: Motions after which a trial is truncated.
         autoreset_mode: Of `gymnasium.vector.AutoresetMode`. NEXT_STEP: a row whose trial is over begins the
-            next one at the next step, whatever its action. SAME_STEP: at once; its last observation is in
-            `infos["final_obs"]`. DISABLED: by `reset(options={"reset_mask": ...})`.
+            next one at the next step, which ignores its action. SAME_STEP: at once; its last observation is
+            in `infos["final_obs"]`. DISABLED: by `reset(options={"reset_mask": ...})`.
         threads: Threads of the simulation (0: all cores); they change no number.
         world: As for `StereoArmEnv`, or a list of one a row.
         **arguments: As for `StereoArmEnv`.
@@ -65,15 +65,11 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         terminate_on_success: bool = True,
         keep_in_view: bool = True,
         tell: Sequence[str] = (),
+        truth: bool = True,
         reward: str = "sparse",
         render_mode: str | None = None,
     ) -> None:
-        if num_envs < 1:
-            raise ValueError(f"num_envs is {num_envs}; it must be 1 or more")
-        if max_episode_steps < 1:
-            raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
-        modes = tuple(mode.value for mode in AutoresetMode)
-        check_choice("autoreset_mode", getattr(autoreset_mode, "value", autoreset_mode), modes)
+        _check_arguments(num_envs, max_episode_steps, autoreset_mode)
         self._build(
             num_envs,
             threads,
@@ -81,6 +77,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             observation,
             terminate_on_success,
             tell,
+            truth,
             render_mode,
             world=world,
             camera_mount=camera_mount,
@@ -131,45 +128,45 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             if (row_seed := seeds[row]) is not None:
                 self.arms.seed(row, row_seed)
         objects = placed_objects(given, self.num_envs)
-        struck = self._begin(rows, None if objects is None else objects[rows])
-        self.arms.look()
+        applied = self._begin(rows, None if objects is None else objects[rows])
+        self.arms.observe()
         observation, _, success = self._outcome()
-        return observation, self._infos(success, np.zeros(self.num_envs), struck)
+        return observation, self._infos(success, np.zeros(self.num_envs), applied)
 
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
         """Executes one motion in every row whose trial is not over.
 
         Raises:
-            gymnasium.error.ResetNeeded: A trial is over, and nobody began the next (autoreset disabled).
+            gymnasium.error.ResetNeeded: A trial is over and the next was not begun (autoreset disabled).
         """
         words = control_words(actions, (self.num_envs, len(MOTORS)))
         over, beginning = self._over.copy(), np.flatnonzero(self._over)
         seconds = np.zeros(self.num_envs)
         if not len(beginning):
-            seconds, struck = self.arms.move(slice(None), words)
+            seconds, applied = self.arms.move(slice(None), words)
         elif self._autoreset is AutoresetMode.NEXT_STEP:
-            struck = self._begin(beginning)
+            applied = self._begin(beginning)
             moving = np.flatnonzero(~over)
             if len(moving):
                 seconds[moving], more = self.arms.move(moving, words[moving])
-                struck += more
+                applied += more
         else:
             raise gym.error.ResetNeeded(
                 f"the trials of rows {beginning.tolist()} are over: reset them, with a reset_mask in options"
             )
         self._steps += ~over
-        self.arms.look()
+        self.arms.observe()
         observation, distances, success = self._outcome()
         rewards = np.where(over, 0.0, self._reward(distances, success))
         terminated = success & ~over if self._ends else np.zeros(self.num_envs, bool)
         truncated = self._steps >= self._max_episode_steps
         self._over = terminated | truncated
-        infos = self._infos(success, seconds, struck)
+        infos = self._infos(success, seconds, applied)
         if self._autoreset is AutoresetMode.SAME_STEP and self._over.any():
             observation, infos = self._begin_at_once(observation, infos)
         return observation, rewards, terminated, truncated, infos
 
-    def _begin(self, rows: NDArray[np.intp], objects: NDArray[np.float64] | None = None) -> list[Perturbed]:
+    def _begin(self, rows: NDArray[np.intp], objects: NDArray[np.float64] | None = None) -> list[Applied]:
         self._steps[rows] = 0
         self._over[rows] = False
         return self.arms.begin_trial(rows, objects)
@@ -179,10 +176,10 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins the next trials of the rows that are over; their last observations go into infos."""
         over = self._over.copy()
-        struck = self._begin(np.flatnonzero(over))
-        self.arms.look()
+        applied = self._begin(np.flatnonzero(over))
+        self.arms.observe()
         observation, _, success = self._outcome()
-        infos = self._infos(success, np.where(over, 0.0, final_infos["robot_seconds"]), struck)
+        infos = self._infos(success, np.where(over, 0.0, final_infos["robot_seconds"]), applied)
         return observation, infos | {
             "final_obs": final,
             "_final_obs": over,
@@ -217,22 +214,27 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             raise ValueError("options['reset_mask'] is False everywhere; at least one row must begin")
         return np.flatnonzero(mask)
 
-    def _infos(self, success: Any, seconds: Any, struck: list[Perturbed]) -> dict[str, Any]:
+    def _infos(self, success: Any, seconds: Any, applied: list[Applied]) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)
-        truth = self._truth()
-        truth |= {"_" + key: every for key in truth}
         perturbed, was_perturbed = np.empty(self.num_envs, object), np.zeros(self.num_envs, bool)
-        for row, perturbation in struck:
+        for row, perturbation in applied:
             was_perturbed[row] = True
             perturbed[row] = [*(perturbed[row] or ()), perturbation]
-        infos = {
-            "is_success": success,
-            "robot_seconds": seconds,
-            "perturbed": perturbed,
-            "truth": truth,
-        }
+        infos = {"is_success": success, "robot_seconds": seconds, "perturbed": perturbed}
+        if self._gives_truth:
+            truth = self._truth()
+            infos["truth"] = truth | {"_" + key: every for key in truth}
         return infos | {"_" + key: every for key in infos} | {"_perturbed": was_perturbed}
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Frees the renderer, if an image was ever asked for."""
+        """Frees the renderer."""
         self._free_renderer()
+
+
+def _check_arguments(num_envs: int, max_episode_steps: int, autoreset_mode: AutoresetMode | str) -> None:
+    if num_envs < 1:
+        raise ValueError(f"num_envs is {num_envs}; it must be 1 or more")
+    if max_episode_steps < 1:
+        raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
+    modes = tuple(mode.value for mode in AutoresetMode)
+    check_choice("autoreset_mode", getattr(autoreset_mode, "value", autoreset_mode), modes)

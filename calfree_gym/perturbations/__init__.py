@@ -1,22 +1,49 @@
-"""Perturbations: functions from a world to a world, and schedules of when they apply."""
+"""Perturbations: functions from a world to a world, and schedules of when they are applied.
 
+To add a perturbation:
+
+1. Write a frozen dataclass, derived from `base.Perturbation`, in the module of what it changes: `camera`,
+   `arm` or `image_points`. Its docstring says what it changes and what it draws for omitted settings; it
+   becomes part of the documentation.
+2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`, `base.amount`,
+   `base.factor` or `base.setting`.
+3. Define `change(world)`, which returns a new world; every setting is given there. For one entry of an
+   array `base.with_entry` is enough.
+4. Define `inverse()`, which returns the perturbation that undoes it. A perturbation that sets a value
+   has none; define `drift(world, back)` instead, which goes one step from the present value.
+5. List the class in `types.TYPES` and here. The tests and the documentation then include it.
+
+For example, in `arm`:
+
+    @dataclass(frozen=True)
+    class MotorCurvature(Perturbation):
+        "Adds `by` (drawn: -0.1 to 0.1) to a motor's curvature."
+
+        type: ClassVar[str] = "motor_curvature"
+        motor: str = one_of(MOTORS)
+        by: float = amount(uniform(-0.1, 0.1))
+
+        def change(self, world: World) -> World:
+            motor = MOTORS.index(self.motor)
+            return with_entry(world, "motor_curvature", motor, world.motor_curvature[motor] + self.by)
+
+        def inverse(self) -> Perturbation:
+            return replace(self, by=-self.by)
+"""
+
+from calfree_gym.perturbations.arm import JointZero, LinkLength, MotorGain, MotorSign
 from calfree_gym.perturbations.base import Perturbation
-from calfree_gym.perturbations.schedule import parse_schedule
-from calfree_gym.perturbations.types import (
-    TYPES,
+from calfree_gym.perturbations.camera import (
     CameraAim,
     CameraReplace,
     CameraRoll,
     CameraShift,
     CameraZoom,
-    JointZero,
     Lens,
-    LinkLength,
-    MotorGain,
-    MotorSign,
-    _Sensing,
-    parse_perturbation,
 )
+from calfree_gym.perturbations.image_points import Latency, PointDropout, PointNoise, PointOutliers
+from calfree_gym.perturbations.schedule import parse_schedule
+from calfree_gym.perturbations.types import TYPES, parse_perturbation
 
 __all__ = [
     "TYPES",
@@ -26,12 +53,15 @@ __all__ = [
     "CameraShift",
     "CameraZoom",
     "JointZero",
+    "Latency",
     "Lens",
     "LinkLength",
     "MotorGain",
     "MotorSign",
     "Perturbation",
-    "_Sensing",
+    "PointDropout",
+    "PointNoise",
+    "PointOutliers",
     "parse_perturbation",
     "parse_schedule",
 ]

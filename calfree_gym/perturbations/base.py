@@ -11,8 +11,8 @@ import numpy as np
 
 from calfree_gym.world import World, log_uniform
 
-SLOWNESS = 100
-"""A drift that is not told how far a step goes takes so many to go as far as it would go at once."""
+DRIFT_STEPS = 100
+"""A drift whose step is not given takes so many steps to go as far as the perturbation goes at once."""
 
 Draw = Callable[[np.random.Generator], Any]
 
@@ -22,11 +22,11 @@ class Setting:
     """What a setting of a perturbation may be.
 
     Attributes:
-        draw: Draws one that is not given.
-        names: Those allowed, where it is a name.
+        draw: Draws its value where it is omitted.
+        names: The allowed values, where it is a name.
         least, most: Bounds, where it is a number.
         whole: Whether the number must be a whole one.
-        slow: Turns one that was drawn into one for a step of a drift.
+        slow: Turns a drawn value into the value for one step of a drift.
     """
 
     draw: Draw
@@ -56,22 +56,22 @@ def setting(draw: Draw, **allowed: Any) -> Any:
 
 
 def one_of(names: tuple[str, ...]) -> Any:
-    """A name; where it is not given, any of them."""
+    """A name; where it is omitted, any of them is drawn."""
     return setting(lambda rng: names[int(rng.integers(len(names)))], names=names)
 
 
 def amount(draw: Draw, **bounds: float) -> Any:
     """A number that says how far; a step of a drift goes a hundredth of what `draw` draws."""
-    return setting(draw, slow=lambda far: far / SLOWNESS, **bounds)
+    return setting(draw, slow=lambda far: far / DRIFT_STEPS, **bounds)
 
 
 def factor(low: float, high: float) -> Any:
-    """A positive factor; where it is not given, log-uniform within these bounds."""
+    """A positive factor; where it is omitted, it is drawn log-uniformly within these bounds."""
     return setting(
         lambda rng: float(log_uniform(rng, low, high)),
         least=1e-3,
         most=1e3,
-        slow=lambda factor: factor ** (1 / SLOWNESS),
+        slow=lambda factor: factor ** (1 / DRIFT_STEPS),
     )
 
 
@@ -81,7 +81,7 @@ def uniform(low: float, high: float) -> Draw:
 
 
 class Perturbation:
-    """A frozen value that turns a world into another; what it is not given, it draws.
+    """A frozen value that turns a world into another. Omitted settings are drawn at random.
 
     Attributes:
         type: Its name in YAML.
@@ -91,7 +91,7 @@ class Perturbation:
 
     @classmethod
     def settings(cls) -> dict[str, Setting]:
-        """What it may be given."""
+        """Its settings, by name."""
         return {f.name: f.metadata["setting"] for f in fields(cls)}  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
@@ -101,15 +101,15 @@ class Perturbation:
                 raise ValueError(f"{self.type}.{name} is {value!r}; {wrong}")
 
     def apply(self, world: World, rng: np.random.Generator) -> World:
-        """Returns the perturbed world; `rng` draws what was not given."""
+        """Returns the perturbed world; omitted settings are drawn from `rng`."""
         return self.drawn(rng).change(world)
 
     def drawn(self, rng: np.random.Generator, slowly: bool = False) -> Self:
-        """The same with every setting given, those that were not drawn from `rng`.
+        """The same perturbation with every setting given; omitted ones are drawn from `rng`.
 
         Args:
             rng: Where the draws come from.
-            slowly: Whether it is to be a step of a drift.
+            slowly: Whether the drawn settings are for one step of a drift.
         """
         draws = {name: allowed.draw(rng) for name, allowed in self.settings().items()}
         if slowly:
@@ -142,3 +142,10 @@ class Perturbation:
 
     def _given(self) -> dict[str, Any]:
         return {k: v for k, v in asdict(self).items() if v is not None}  # type: ignore[call-overload]
+
+
+def with_entry(world: World, name: str, index: int, value: Any) -> World:
+    """The world with one entry, along the first axis, of the field `name` replaced."""
+    array = getattr(world, name).copy()
+    array[index] = value
+    return replace(world, **{name: array})

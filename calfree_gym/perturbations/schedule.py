@@ -1,4 +1,4 @@
-"""Schedules: when perturbations strike, as they stand in YAML."""
+"""Schedules: when perturbations are applied, as written in YAML."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Event:
 
     Attributes:
         clock: "motion": counted over the environment's life, in mid-trial too; or "trial".
-        at: How many motions or trials have gone before it strikes.
-        perturbation: What it does, or which event it undoes.
-        every: Whether it strikes again each time as many more have gone.
-        drift: Whether what it does is a step of a drift.
+        at: How many motions or trials are over when it is applied.
+        perturbation: What is applied, or which event is undone.
+        every: Whether it is applied again each time that as many more are over.
+        drift: Whether each application is one step of a drift.
     """
 
     clock: str
@@ -36,8 +36,8 @@ class Event:
     every: bool = False
     drift: bool = False
 
-    def strikes(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether it strikes when so many motions or trials have gone (n,)."""
+    def is_due(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether it is applied when so many motions or trials are over (n,)."""
         if self.every:
             return (counts > 0) & (counts % self.at == 0)
         return counts == self.at
@@ -49,22 +49,22 @@ Schedule = tuple[Event, ...]
 def parse_schedule(entries: Iterable[Mapping[str, Any]] | None, where: str = "perturbations") -> Schedule:
     """Reads a list such as `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`.
 
-    `do` names a type of `perturbations.TYPES` and any of its settings. Beside it stands one of
+    `do` names a type of `perturbations.TYPES` and any of its settings. One of these keys says when:
 
-    - `at: {motion: n}` or `at: {trial: n}`: it strikes once, when n motions or trials have gone since the
-      environment was seeded, before the next;
-    - `every: {motion: n}` or `every: {trial: n}`: it strikes each time that n more have gone, and draws anew
-      what it is not given;
-    - `drift: {per: motion}` or `drift: {per: trial}`: before each but the first, the world goes one step
-      further on a way that is drawn once, and turns back where the cameras would no longer see the work
-      space (with `keep_in_view`) or a quantity is at the end of its range. What the settings give is one
-      step; amounts that they do not give are a hundredth of what the perturbation draws.
+    - `at: {motion: n}` or `at: {trial: n}`: applied once, after n motions or trials since the environment
+      was seeded, before the next one starts;
+    - `every: {motion: n}` or `every: {trial: n}`: applied each time that n more are over. Omitted settings
+      are drawn again each time;
+    - `drift: {per: motion}` or `drift: {per: trial}`: a slow change, one step before each motion or trial but
+      the first. Its direction is drawn once. It turns back where the cameras would no longer see the work
+      space (with `keep_in_view`) or where a quantity is at the end of its range. A given setting is the size
+      of one step; an omitted one is a hundredth of what the perturbation draws.
 
-    `at: {every: ...}` and `at: {drift: ...}` are read likewise.
+    `at: {every: ...}` and `at: {drift: ...}` mean the same.
 
-    Beside `at`, `undo: k` may stand in place of `do`: what the entry at place k (from 0) has changed is again
-    as it was before; what else has happened since stays. So the old camera comes back, where entry k replaced
-    it. Entry k is one that strikes once, earlier and on the same clock.
+    `undo: k` may replace `do` beside `at`: what the entry at place k (from 0) changed becomes again what it
+    was before, for example the old camera comes back. All other changes stay. Entry k must be one that is
+    applied once, earlier and on the same clock.
 
     Args:
         entries: The list; None is an empty one.
@@ -120,7 +120,7 @@ def _undoing(entry: Mapping[str, Any], where: str, earlier: list[Event]) -> Even
     place = entry["undo"]
     if isinstance(place, bool) or place not in allowed:
         raise ValueError(
-            f"{where}.undo is {place!r}; it must be the place of an entry before it that strikes once, "
+            f"{where}.undo is {place!r}; it must be the place of an entry before it that is applied once, "
             f"at an earlier {clock}: {', '.join(map(str, allowed)) or 'there is none'}"
         )
     return Event(clock, count, Undo(int(place)))

@@ -1,4 +1,4 @@
-"""Undoing what an event of a schedule has done: the old camera is put back."""
+"""Undoing what an event of a schedule has changed: for example, the old camera comes back."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from calfree_gym.world import World
 
 @dataclass(frozen=True)
 class Undo:
-    """Makes what an earlier event changed what it was before that event.
+    """Restores what an earlier event changed.
 
-    It is told where perturbations are, and is none: no function of the present world alone gives the old
-    camera back.
+    It is listed among the applied perturbations but is not one: a perturbation sees the present world alone,
+    and that world does not know the old camera.
 
     Attributes:
         event: The earlier one's place in the schedule, from 0.
@@ -30,9 +30,9 @@ class Undo:
 
 
 def undone(world: World, before: World, after: World) -> World:
-    """The world with all that differs between two others as it was `before`; what else has happened stays.
+    """The world with all that differs between `before` and `after` restored; other changes stay.
 
-    It is told apart camera by camera, joint by joint and motor by motor, along the first axis of each field.
+    The comparison is per camera, joint and motor: along the first axis of each field.
     """
     restored = {}
     for field in fields(World):

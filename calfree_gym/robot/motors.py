@@ -16,11 +16,12 @@ from calfree_gym.world import World
 
 MOTORS = ("waist", "shoulder", "elbow")
 HOME = np.radians([0.0, 40.0, -80.0])
-"""Joint angles (rad) of J1-J3 at registers zero, as the arm's own controller believes them."""
+"""Joint angles (rad) of J1-J3 at registers zero, as the arm's own controller assumes them."""
 SPAN = np.array([2.6, 2.0, 2.0])
 """Radians from home to register 1, at gain 1."""
 JOINT_LIMITS = np.radians([[-150, 150], [-30, 100], [-120, 0], [-110, 110]])
 """Mechanical stops of J1-J4 (4, 2), as in assets/arm.xml."""
+_WRIST_LOWEST, _WRIST_HIGHEST = JOINT_LIMITS[3].tolist()
 STOP_MARGIN = 0.01
 """A motor stops this far (rad) before the joint's mechanical stop."""
 
@@ -73,7 +74,7 @@ class MotorMap:
     def wrist(self, shoulder: Array, elbow: Array, rows: Rows) -> Array:
         """Angles of J4 in rad that the arm takes for vertical, at J2 and J3 of the given rows."""
         wrist = self._wrist_rest[rows] - shoulder - elbow
-        return np.minimum(np.maximum(wrist, JOINT_LIMITS[3, 0]), JOINT_LIMITS[3, 1])
+        return np.minimum(np.maximum(wrist, _WRIST_LOWEST), _WRIST_HIGHEST)
 
     def reaches(self, joints: Array, register: float, rows: Rows) -> Flags:
         """Which angles (n, k, 3) of J1-J3 registers of at most this magnitude reach (n, k)."""

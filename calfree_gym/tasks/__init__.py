@@ -1,1 +1,1 @@
-"""What is asked of the arm."""
+"""Tasks: distances, rewards and success."""

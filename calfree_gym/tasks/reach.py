@@ -5,19 +5,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.image import lengths
+
 Floats = NDArray[Any]
 
 
 def image_distances(achieved: Floats, desired: Floats) -> Floats:
     """Distances (..., 2) in image units, per camera, between sensor vectors (..., 4)."""
     d = achieved - desired
-    squares = d * d
-    return np.sqrt(squares[..., 0::2] + squares[..., 1::2])
+    return lengths(d.reshape(*d.shape[:-1], 2, 2))
 
 
 def rendezvous(distances: Floats, tolerance: float | np.float32) -> Floats:
     """Whether (...) both cameras see gripper and object within `tolerance`, in image units."""
-    return (distances[..., 0] <= tolerance) & (distances[..., 1] <= tolerance)
+    return np.maximum(distances[..., 0], distances[..., 1]) <= tolerance
 
 
 def sparse_reward(distances: Floats, success: Floats) -> Floats:

@@ -1,1 +1,1 @@
-"""The stereo pair, and what a measurement of its image points adds."""
+"""The stereo cameras, and the measurement of image points."""

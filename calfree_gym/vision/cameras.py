@@ -1,9 +1,11 @@
-"""The stereo pair: pinhole projection, lens, image units, and what is in view."""
+"""The stereo pair: pinhole projection and lens, of one camera and of the pairs of N worlds."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calfree_gym.geometry import Array, Flags
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.geometry import Array, Flags, rotation_matrix
+from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT
+from calfree_gym.world import World
 
 MOUNTS = ("waist", "stand")
 """Where the cameras are fixed: on the arm's first link, turning with it, or in the room."""
@@ -46,7 +48,7 @@ def image_points(flat: Array, focal: Array, principal: Array, k1: Array) -> tupl
 
     Args:
         flat: Pinhole points in focal lengths (..., 2).
-        focal: Focal length in image units (..., 1).
+        focal: Focal length in image units (..., 1) or, once per coordinate, (..., 2).
         principal: Principal point in image units (..., 2).
         k1: Radial distortion (...).
     """
@@ -55,6 +57,58 @@ def image_points(flat: Array, focal: Array, principal: Array, k1: Array) -> tupl
     return flat * (1 + bend)[..., None] * focal + principal, bend > -1 / 3
 
 
-def inside(points: Array, margin_px: float) -> Flags:
-    """Which image points (..., 2) lie at least `margin_px` inside the image."""
-    return np.all(np.abs(points) <= 1 - margin_px * IMAGE_UNIT, axis=-1)
+class StereoCameras:
+    """The stereo pairs of N worlds, one row each.
+
+    Args:
+        rows: N.
+    """
+
+    def __init__(self, rows: int) -> None:
+        self._position = np.zeros((rows, 2, 3))
+        self._rotation = np.zeros((rows, 2, 3, 3))
+        # In the shape of the gripper's and the object's image points: equal shapes multiply fastest.
+        self._centre_px = np.full((rows, 4, 2), PIXELS_PER_UNIT)
+        self._focal_px = np.ones((rows, 4, 2))
+        self._focal = np.ones((rows, 4, 2))
+        self._principal = np.zeros((rows, 4, 2))
+        self._k1 = np.zeros((rows, 4))
+
+    def set_world(self, row: int, world: World) -> None:
+        """Gives `row` the cameras of `world`."""
+        self._position[row] = world.camera_position
+        self._rotation[row] = [rotation_matrix(q) for q in world.camera_orientation]
+        self._focal_px[row] = np.tile(world.focal_length, 2)[:, None]
+        self._focal[row] = self._focal_px[row] * IMAGE_UNIT
+        self._principal[row] = np.tile(world.principal_point * IMAGE_UNIT, (2, 1))
+        self._k1[row] = np.tile(world.lens_k1, 2)
+
+    def project(self, points: Array, rows: NDArray[np.intp]) -> tuple[Array, Flags]:
+        """Image points (k, 2, 2), unclipped, of points (k, 3) in the cameras of their rows (k,).
+
+        Args:
+            points: In m, in the frame of the cameras' mount.
+            rows: The row of each point.
+
+        Returns:
+            The image points left and right; and which of them (k, 2) the cameras show, if the image were
+            large enough.
+        """
+        flat, depth = pinhole(points[:, None], self._position[rows], self._rotation[rows])
+        images, shown = image_points(
+            flat, self._focal[rows, :2], self._principal[rows, :2], self._k1[rows, :2]
+        )
+        return images, shown & (depth > 0)
+
+    def through_lens(self, pixels: Array) -> tuple[Array, Flags]:
+        """Image points (N, 4, 2), unclipped, of points in the images of cameras without lens or offset.
+
+        Args:
+            pixels: Pinhole points (N, 4, 2) in pixels from the image's upper left corner: gripper left and
+                right, object left and right.
+
+        Returns:
+            The image points, and which of them (N, 4) the lenses show.
+        """
+        flat = (pixels - self._centre_px) / self._focal_px
+        return image_points(flat, self._focal, self._principal, self._k1)

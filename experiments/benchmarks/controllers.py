@@ -12,7 +12,7 @@ import pandas as pd
 
 import agents
 import calfree_gym
-from calfree_gym.envs.goal import TELLS
+from calfree_gym.envs.goal import PRIVILEGED
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.reporting.tables import Table
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
@@ -187,7 +187,7 @@ class _Timed:
     def __init__(self, name: str, mount: str, **settings: Any) -> None:
         self.name = name
         self.named = {"agent": name, "settings": " ".join(settings.values())}
-        spaces = gym.make(REACH, camera_mount=mount, tell=tuple(TELLS))
+        spaces = gym.make(REACH, camera_mount=mount, tell=tuple(PRIVILEGED))
         self.agent: Any = agents.make(name, spaces, **settings)
         self.seconds: list[float] = []
 

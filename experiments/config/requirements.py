@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 import agents
-from calfree_gym.envs.goal import TELLS
+from calfree_gym.envs.goal import PRIVILEGED
 from experiments.config.suite import AgentConfig, EnvironmentConfig
 
 
@@ -25,7 +25,7 @@ def requirements(agent: AgentConfig, env: EnvironmentConfig) -> Requirements:
     Raises:
         ValueError: A setting is not allowed.
     """
-    everything = env.make(tell=tuple(TELLS))
+    everything = env.make(tell=tuple(PRIVILEGED))
     made = agents.make(agent.name, everything, seed=0, **agent.settings)
     everything.close()
     mount = {"camera_mount": env.camera_mount} if hasattr(made, "camera_mount") else {}

@@ -10,8 +10,7 @@ import agents
 import calfree_gym
 from calfree_gym.errors import near_misses
 from calfree_gym.image import IMAGE_SIZE
-from calfree_gym.perturbations.schedule import parse_schedule
-from calfree_gym.perturbations.types import TYPES, parse_perturbation
+from calfree_gym.perturbations import TYPES, parse_perturbation, parse_schedule
 from calfree_gym.world import DISTRIBUTIONS
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]

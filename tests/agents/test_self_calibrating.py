@@ -16,7 +16,7 @@ from agents.calibrated.identification import identify
 from agents.calibrated.model import CalibratedModel
 from agents.calibrated.observations import Looks
 from agents.calibrated.parameters import model_of
-from calfree_gym.perturbations.types import CameraRoll
+from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
 
 MOUNTS = calfree_gym.MOUNTS

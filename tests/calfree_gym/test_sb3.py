@@ -20,22 +20,22 @@ def test_rows_are_single_environments_that_begin_again_at_once():
     expected = [single.reset(seed=7 + i)[0] for i, single in enumerate(singles)]
     ends = 0
     for words in np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3, 3)).astype(np.float32):
-        for i, look in enumerate(expected):
-            for key, value in look.items():
+        for i, observation in enumerate(expected):
+            for key, value in observation.items():
                 np.testing.assert_array_equal(observations[key][i], value)
         observations, rewards, dones, infos = env.step(words)
         for i, single in enumerate(singles):
-            look, reward, terminated, truncated, info = single.step(words[i])
+            observation, reward, terminated, truncated, info = single.step(words[i])
             assert rewards[i] == reward
             assert dones[i] == (terminated or truncated)
             assert infos[i]["is_success"] == info["is_success"] or not dones[i]
             if dones[i]:
                 ends += 1
                 assert infos[i]["TimeLimit.truncated"] == (truncated and not terminated)
-                for key, value in look.items():
+                for key, value in observation.items():
                     np.testing.assert_array_equal(infos[i]["terminal_observation"][key], value)
-                look, _ = single.reset()
-            expected[i] = look
+                observation, _ = single.reset()
+            expected[i] = observation
     assert ends >= 6
 
 

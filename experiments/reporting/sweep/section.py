@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from calfree_gym.perturbations.types import TYPES
+from calfree_gym.perturbations import TYPES
 from experiments.config.suite import SweepConfig
 from experiments.reporting.finished_suite import SUCCESS, FinishedSuite
 from experiments.reporting.pages import Section, SummaryRow, summary_row

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import agents
-from calfree_gym.envs.goal import TELLS
+from calfree_gym.envs.goal import PRIVILEGED
 
 NAMES = agents.names()
 QUICK = {"sac": {"net_arch": [16], "learning_starts": 20, "buffer_size": 500}}
@@ -18,7 +18,7 @@ QUICK = {"sac": {"net_arch": [16], "learning_starts": 20, "buffer_size": 500}}
 
 def environment(name, kind="ReachDense", make=gym.make, **options):
     """An environment that tells whatever any classical agent may ask for."""
-    tell = () if name == "sac" else tuple(TELLS)
+    tell = () if name == "sac" else tuple(PRIVILEGED)
     return make(f"CalFree/{kind}-v0", dynamics="kinematic", tell=tell, **options)
 
 
@@ -213,7 +213,7 @@ def test_an_agent_stays_in_the_world_that_it_was_given(name, tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 def test_an_agent_needs_nothing_privileged_but_what_it_declares(name):
     privileged = make(name)[0].privileged
-    assert set(privileged) <= set(TELLS)
+    assert set(privileged) <= set(PRIVILEGED)
     env = gym.make("CalFree/Reach-v0", dynamics="kinematic", tell=privileged)
     words_of(agents.make(name, env, **QUICK.get(name, {})), env)
     if privileged:

@@ -7,7 +7,7 @@ import pytest
 import agents
 from agents.jacobian import ESTIMATORS
 from agents.servo.redundancy import REDUNDANCIES
-from calfree_gym.envs.goal import TELLS
+from calfree_gym.envs.goal import PRIVILEGED
 from experiments.evaluation import evaluate
 
 SERVOS = [
@@ -136,7 +136,7 @@ def test_an_agent_needs_nothing_of_info_or_reward(make_env, name):
 
     words = []
     for wrapper in (lambda env: env, Blind):
-        env = make_env(tell=() if name == "sac" else tuple(TELLS))
+        env = make_env(tell=() if name == "sac" else tuple(PRIVILEGED))
         env.reset(seed=3)
         tiny = {"net_arch": [16], "learning_starts": 20, "buffer_size": 500} if name == "sac" else {}
         agent = agents.make(name, wrapper(env), **tiny).learn(150)

@@ -1,13 +1,16 @@
 """Perturbations against what they mean for the images."""
 
+import textwrap
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import calfree_gym.perturbations.arm
 from calfree_gym import nominal
-from calfree_gym.perturbations.types import (
+from calfree_gym.perturbations import (
     TYPES,
     CameraAim,
     CameraRoll,
@@ -166,3 +169,17 @@ def test_damaged_perturbations(entry, message):
     with pytest.raises(ValueError, match=message) as caught:
         parse_perturbation(entry, "scenarios.0.perturbations.1.do")
     assert "scenarios.0.perturbations.1.do" in str(caught.value)
+
+
+def test_the_recipe_of_the_package_makes_a_perturbation():
+    recipe = calfree_gym.perturbations.__doc__
+    example = textwrap.dedent(recipe[recipe.index("    @dataclass") :])
+    assert len(example.splitlines()) < 30
+    names = {**vars(calfree_gym.perturbations.arm)}
+    exec(example, names)
+    kind = names["MotorCurvature"]
+    drawn = kind().drawn(RNG(0))
+    there = drawn.change(nominal())
+    assert there.motor_curvature[names["MOTORS"].index(drawn.motor)] == drawn.by
+    assert_same(drawn.inverse().change(there), nominal())
+    assert kind(**{k: v for k, v in drawn.to_dict().items() if k != "type"}) == drawn

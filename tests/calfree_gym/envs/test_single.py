@@ -13,6 +13,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 import calfree_gym
 import calfree_gym.envs.single
 from calfree_gym import nominal
+from calfree_gym.envs.goal import StereoArmGoal
 
 MOUNTS = calfree_gym.MOUNTS
 
@@ -62,15 +63,15 @@ def test_only_is_success_tells_where_success_does_not_terminate():
 
 
 def test_same_seed_same_numbers_and_other_seed_other_world():
-    def life(seed):
+    def lifetime(seed):
         env = gym.make("CalFree/Reach-v0").unwrapped
-        looks = [env.reset(seed=seed)[0]]
+        observations = [env.reset(seed=seed)[0]]
         for word in np.random.default_rng(0).uniform(-0.2, 0.2, (5, 3)):
-            looks.append(env.step(word)[0])
-        looks.append(env.reset()[0])
-        return np.array([np.concatenate(list(look.values())) for look in looks]), env.world
+            observations.append(env.step(word)[0])
+        observations.append(env.reset()[0])
+        return np.array([np.concatenate(list(o.values())) for o in observations]), env.world
 
-    (a, world_a), (b, world_b), (c, world_c) = life(3), life(3), life(4)
+    (a, world_a), (b, world_b), (c, world_c) = lifetime(3), lifetime(3), lifetime(4)
     np.testing.assert_array_equal(a, b)
     assert world_a == world_b
     assert not np.array_equal(a, c)
@@ -91,7 +92,7 @@ def test_objects_do_not_depend_on_how_many_motions_came_before():
     np.testing.assert_array_equal(objects(0), objects(7))
 
 
-def test_noise_has_the_worlds_standard_deviation_and_is_new_at_every_look():
+def test_noise_has_the_worlds_standard_deviation_and_is_new_at_every_observation():
     env = gym.make("CalFree/Reach-v0", world="nominal", terminate_on_success=False).unwrapped
     env.reset(seed=0)
     errors = []
@@ -289,3 +290,43 @@ def test_set_world_holds_over_seeds_and_a_given_world_too():
     given_env = gym.make("CalFree/Reach-v0", world=world).unwrapped
     np.testing.assert_array_equal(given_env.reset(seed=7)[1]["truth"]["object"], first)
     assert not np.array_equal(env.reset(seed=8)[1]["truth"]["object"], first)
+
+
+def test_robot_seconds_are_travel_at_limited_joint_speed_and_four_seconds_to_settle_and_observe():
+    env = gym.make("CalFree/Reach-v0", world="wild", terminate_on_success=False).unwrapped
+    _, info = env.reset(seed=0)
+    assert info["robot_seconds"] == 0.0
+    *_, info = env.step(np.zeros(3))
+    assert info["robot_seconds"] == 4.0
+    motors, registers = env.arms.simulation.motors, env.arms.registers.copy()
+    for word in ([0.1, 0.0, 0.0], [0.0, -0.2, 0.05], [-0.3, 0.1, 0.1]):
+        before = motors.joints(registers, slice(None))
+        *_, info = env.step(np.array(word))
+        registers = env.arms.registers.copy()
+        travel = np.abs(motors.joints(registers, slice(None)) - before).max()
+        assert travel > 0.02
+        assert info["robot_seconds"] == pytest.approx(4.0 + travel / 0.7)
+
+
+@pytest.mark.parametrize("batched", [False, True], ids=["single", "batched"])
+def test_without_truth_infos_lack_it_and_nothing_else_changes(monkeypatch, batched):
+    def steps(truth):
+        if batched:
+            env = gym.make_vec("CalFree/Reach-v0", num_envs=3, truth=truth, max_episode_steps=4)
+        else:
+            env = gym.make("CalFree/Reach-v0", truth=truth, disable_env_checker=True)
+        found = [env.reset(seed=3)]
+        for word in np.random.default_rng(0).uniform(-0.2, 0.2, (6, 3)):
+            found.append(env.step(np.tile(word, (3, 1)) if batched else word))
+        return found
+
+    full = steps(True)
+    monkeypatch.setattr(StereoArmGoal, "_truth", None)  # not even computed
+    for one, other in zip(full, steps(False), strict=True):
+        assert one[-1].keys() - other[-1].keys() == ({"truth", "_truth"} if batched else {"truth"})
+        for key, value in one[0].items():
+            np.testing.assert_array_equal(value, other[0][key])
+        for value, same in zip(one[1:-1], other[1:-1], strict=True):
+            np.testing.assert_array_equal(value, same)
+        for key, value in other[-1].items():
+            np.testing.assert_array_equal(value, one[-1][key])

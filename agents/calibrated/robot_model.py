@@ -1,6 +1,9 @@
-"""What a calibrated robot believes of itself in numbers: cameras, arm and motors (paper, section 2.2).
+"""What a calibrated robot knows of itself in numbers: cameras, arm and motors (paper, section 2.2).
 
-Directions and signs are those of `calfree_gym.world`: a camera looks along its -z axis, y up.
+It is the model that the paper does without, and as true as a model can be: its kinematics, the curve of its
+motors, its lens and its joint limits are those of the simulator itself, imported from it. Only numbers can
+be wrong, never the kind of model. Directions and signs are those of `calfree_gym.world`: a camera looks along
+its -z axis, y up.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from agents.base.observation import Array
+from agents.base.observation import POINTS, Array
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.kinematics import gripper_position
@@ -22,12 +25,16 @@ from calfree_gym.vision.cameras import MOUNTS, image_points, pinhole
 from calfree_gym.world import World
 
 _GRID = np.linspace(-1.0, 1.0, 2001)
+"""Registers between which a motor's curve is inverted by straight lines: so fine that these err by less than
+2e-6 rad (derived: spacing² / 8 by the largest second derivative, 6 · 0.43 · 2 · 2.6)."""
 _TO_OPENCV = np.diag([1.0, -1.0, -1.0])
+"""From camera axes with y up, looking along -z, to OpenCV's: y down, looking along z."""
 _UNDISTORTING = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-12)
+"""When OpenCV ends the inversion of the lens (a guard: far below a pixel)."""
 
 
 @dataclass(frozen=True)
-class CalibratedModel:
+class RobotModel:
     """Cameras, arm and motors of one robot, or of several at once along leading axes (...).
 
     Attributes:
@@ -39,7 +46,7 @@ class CalibratedModel:
         joint_zeros: Of J1-J4 in rad (..., 4).
         motor_gain: Relative to the built robot's, with its sign (..., 3).
         motor_curvature: Of the map from register to angle (..., 3).
-        turning: Whether the cameras turn with the waist.
+        cameras_on_waist: Whether the cameras turn with the waist.
     """
 
     camera_position: Array
@@ -50,11 +57,15 @@ class CalibratedModel:
     joint_zeros: Array
     motor_gain: Array
     motor_curvature: Array
-    turning: bool
+    cameras_on_waist: bool
 
     @classmethod
-    def of(cls, world: World, camera_mount: str) -> CalibratedModel:
-        """A model that is true in `world`, with the cameras fixed to "waist" or "stand".
+    def of(cls, world: World, camera_mount: str) -> RobotModel:
+        """A model that is true in `world`.
+
+        Args:
+            world: All that a calibration would find out. `calfree_gym.world.nominal()` is the robot as built.
+            camera_mount: What the cameras are fixed to: "waist" or "stand".
 
         Raises:
             ValueError: `camera_mount` is neither.
@@ -70,11 +81,14 @@ class CalibratedModel:
             joint_zeros=world.joint_zeros,
             motor_gain=world.motor_sign * world.motor_gain,
             motor_curvature=world.motor_curvature,
-            turning=camera_mount == "waist",
+            cameras_on_waist=camera_mount == "waist",
         )
 
     def joints(self, registers: Array) -> Array:
-        """Angles (..., n, 4) of J1-J4 in rad at `registers` (n, 3); J4 is held vertical, as believed."""
+        """Angles (..., n, 4) of J1-J4 in rad at `registers` (n, 3); J4 holds the hand vertical.
+
+        It does so by the joint angles that the arm measures, so that errors of the joint zeros tilt the hand.
+        """
         bent = registers + self.motor_curvature[..., None, :] * registers * (registers * registers - 1)
         first = self._rest + self._scale * bent
         wrist = self._vertical[..., None] - first[..., 1] - first[..., 2]
@@ -88,7 +102,7 @@ class CalibratedModel:
     def image(self, points: Array, joints: Array) -> Array:
         """Sensor vectors (..., n, 4) of `points` (..., n, 3) in the room, seen with the arm at `joints`."""
         flat, _ = pinhole(
-            self.mounted(points, joints)[..., None, :],
+            self.in_mount_frame(points, joints)[..., None, :],
             self.camera_position[..., None, :, :],
             self.camera_axes[..., None, :, :, :],
         )
@@ -98,18 +112,28 @@ class CalibratedModel:
         return seen.reshape(*seen.shape[:-2], 4)
 
     def points(self, registers: Array, objects: Array) -> Array:
-        """Gripper and object points (..., n, 8) seen at `registers` (n, 3), with objects at (..., n, 3)."""
+        """Image points (..., n, 4, 2) at `registers` (n, 3), with objects at (..., n, 3) in m."""
         joints = self.joints(registers)
         both = np.concatenate([self.gripper(joints), objects], -2)
         seen = self.image(both, np.concatenate([joints, joints], -2))
-        return np.concatenate([seen[..., : len(registers), :], seen[..., len(registers) :, :]], -1)
+        gripper, object_ = seen[..., : len(registers), :], seen[..., len(registers) :, :]
+        points = np.concatenate([gripper, object_], -1)
+        return points.reshape(*points.shape[:-1], POINTS, 2)
 
-    def mounted(self, points: Array, joints: Array) -> Array:
-        """Points (..., n, 3) in the room, in the frame of the cameras' mount."""
-        return self._turned(points, -joints[..., 0]) if self.turning else points
+    def in_mount_frame(self, points: Array, joints: Array) -> Array:
+        """Points (..., n, 3) in the room, in the frame of the cameras' mount, with the arm at `joints`."""
+        return self._turned(points, -joints[..., 0]) if self.cameras_on_waist else points
 
     def triangulate(self, sensors: Array, joints: Array) -> Array:
-        """Points (n, 3) in the room that one robot, its arm at `joints` (n, 4), sees at `sensors` (n, 4)."""
+        """Where one robot sees points: stereo evaluation (paper, section 2.2).
+
+        Args:
+            sensors: Sensor vectors (n, 4) of marked points.
+            joints: Angles (n, 4) of the arm when each was seen.
+
+        Returns:
+            Points (n, 3) in the room, in m.
+        """
         left, right = (
             cv2.undistortPoints(sensors[:, None, 2 * i : 2 * i + 2], *lens, criteria=_UNDISTORTING)[:, 0].T
             for i, lens in enumerate(self._lenses)
@@ -117,13 +141,14 @@ class CalibratedModel:
         first, second = self._projections
         found = cv2.triangulatePoints(first, second, left, right)
         points = (found[:3] / found[3]).T
-        return self._turned(points, joints[:, 0]) if self.turning else points
+        return self._turned(points, joints[:, 0]) if self.cameras_on_waist else points
 
     def registers(self, point: Array) -> Array:
-        """Registers (3,) that bring the gripper of one robot to `point` (3,), or as near as they can.
+        """Registers (3,) that bring the gripper of one robot to `point` (3,) in m, or as near as they can.
 
-        Inverse kinematics in closed form, with the elbow up and the hand as vertical as the wrist can hold
-        it: at its limit, forearm and hand are one link. The plane of the arm is that of complex numbers.
+        Inverse kinematics in closed form (paper, section 2.2), with the elbow up and the hand as vertical as
+        the wrist can hold it: at its limit, forearm and hand are one link. Complex numbers are the plane of
+        the arm: real parts ahead, imaginary parts up.
         """
         base, shoulder, upper_arm, forearm, hand = self.link_lengths
         target = complex(np.hypot(point[0], point[1]) - shoulder, point[2] - base)
@@ -156,7 +181,7 @@ class CalibratedModel:
 
     @cached_property
     def _vertical(self) -> Array:
-        """Sum of the angles of J2-J4 (...) with the hand held vertical, as believed."""
+        """Sum of the angles of J2-J4 (...) with the hand held vertical, as measured by the arm."""
         return -np.pi / 2 + self.joint_zeros[..., 1:].sum(-1)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Schedules against when they strike, and drifts against where they go."""
+"""Schedules against when they are applied, and drifts against where they go."""
 
 import gymnasium as gym
 import numpy as np
@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calfree_gym.perturbations import TYPES
 from calfree_gym.perturbations.schedule import parse_schedule
-from calfree_gym.perturbations.types import TYPES
 from calfree_gym.workspace import in_view
 
 RNG = np.random.default_rng
@@ -52,8 +52,8 @@ def test_damaged_entries(entry, message):
         parse_schedule([entry])
 
 
-def strikes(schedule, trials=4, motions=3):
-    """(trial, motion of the trial) before which something struck; motion 0 is the reset."""
+def applied(schedule, trials=4, motions=3):
+    """(trial, motion of the trial) before which something was applied; motion 0 is the reset."""
     env = made(schedule)
     found, seed = [], 0
     for trial in range(trials):
@@ -66,14 +66,14 @@ def strikes(schedule, trials=4, motions=3):
     return found
 
 
-def test_schedules_strike_when_they_say():
+def test_schedules_are_applied_when_they_say():
     roll = {"type": "camera_roll"}
-    assert strikes([{"at": {"motion": 4}, "do": roll}]) == [(1, 2)]
-    assert strikes([{"at": {"motion": 0}, "do": roll}]) == [(0, 1)]
-    assert strikes([{"at": {"trial": 2}, "do": roll}]) == [(2, 0)]
-    assert strikes([{"every": {"trial": 1}, "do": roll}]) == [(1, 0), (2, 0), (3, 0)]
-    assert strikes([{"every": {"motion": 5}, "do": roll}]) == [(1, 3), (3, 2)]
-    assert strikes([{"drift": {"per": "trial"}, "do": roll}]) == [(1, 0)]  # told when it begins
+    assert applied([{"at": {"motion": 4}, "do": roll}]) == [(1, 2)]
+    assert applied([{"at": {"motion": 0}, "do": roll}]) == [(0, 1)]
+    assert applied([{"at": {"trial": 2}, "do": roll}]) == [(2, 0)]
+    assert applied([{"every": {"trial": 1}, "do": roll}]) == [(1, 0), (2, 0), (3, 0)]
+    assert applied([{"every": {"motion": 5}, "do": roll}]) == [(1, 3), (3, 2)]
+    assert applied([{"drift": {"per": "trial"}, "do": roll}]) == [(1, 0)]  # listed once, at its first step
 
 
 REPLACED = {"at": {"trial": 1}, "do": {"type": "camera_replace", "camera": "left"}}
@@ -101,12 +101,12 @@ def test_damaged_undoing(earlier, change, message):
 def test_undoing_brings_the_old_camera_back_and_leaves_the_rest():
     zoomed = {"at": {"trial": 2}, "do": {"type": "camera_zoom", "camera": "right", "factor": 1.1}}
     env = made([REPLACED, BACK, zoomed])
-    worlds, told = [], []
+    worlds, listed = [], []
     for trial in range(4):
         _, info = env.reset(seed=5 if trial == 0 else None)
         worlds.append(env.world)
-        told.append([perturbation.to_dict() for perturbation in info["perturbed"]])
-    assert told[3] == [{"type": "undo", "event": 0}]
+        listed.append([perturbation.to_dict() for perturbation in info["perturbed"]])
+    assert listed[3] == [{"type": "undo", "event": 0}]
     for name in ("camera_position", "camera_orientation", "lens_k1", "focal_length"):
         at = [getattr(world, name) for world in worlds]
         assert (at[1][0] != at[0][0]).any()
@@ -159,7 +159,7 @@ def test_any_schedule_runs_and_stays_in_bounds(schedule, seed, keep_in_view):
             observation, *_ = env.step(rng.uniform(-1, 1, 3))
 
 
-def test_what_strikes_does_not_depend_on_what_the_agent_did():
+def test_what_is_applied_does_not_depend_on_what_the_agent_did():
     def worlds(words):
         schedule = [{"at": {"every": {"motion": 3}}, "do": {"type": "camera_replace"}}]
         env = made(schedule)
@@ -183,7 +183,7 @@ def test_a_perturbation_that_is_never_in_view_is_an_error_that_names_it():
         env.step(np.zeros(3))
 
 
-def test_infos_tell_all_that_a_perturbation_drew():
+def test_infos_list_all_that_a_perturbation_drew():
     schedule = [{"at": {"motion": 1}, "do": {"type": "camera_roll"}}]
     env = made(schedule)
     env.reset(seed=0)

@@ -1,4 +1,4 @@
-"""Outliers, dropout and latency against what they are said to be; what is told; what is drawn again."""
+"""Outliers, dropout and latency against their definitions; privileged quantities; redrawn worlds."""
 
 from dataclasses import replace
 
@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from calfree_gym import MOUNTS, WorldDistribution, nominal
+from calfree_gym.vision.measurement import MeasurementModel
 from calfree_gym.workspace import in_view
 
 
-def life(world, motions=300, **arguments):
+def lifetime(world, motions=300, **arguments):
     """Observed points (motions, 4, 2), flags and true points of a resting arm, in pixels."""
     env = gym.make(
         "CalFree/Reach-v0", world=world, terminate_on_success=False, dynamics="kinematic", **arguments
@@ -19,34 +20,35 @@ def life(world, motions=300, **arguments):
     env.reset(seed=1)
     points, flags, true = [], [], []
     for _ in range(motions):
-        look, *_, info = env.step(np.zeros(3))
-        points.append(np.concatenate([look["achieved_goal"], look["desired_goal"]]).reshape(4, 2) * 256)
-        flags.append(look["observation"][:4] > 0)
+        observation, *_, info = env.step(np.zeros(3))
+        found = np.concatenate([observation["achieved_goal"], observation["desired_goal"]])
+        points.append(found.reshape(4, 2) * 256)
+        flags.append(observation["observation"][:4] > 0)
         true.append(info["truth"]["points"].reshape(4, 2) * 256)
     return np.array(points), np.array(flags), np.array(true)
 
 
 def test_outliers_are_a_share_of_the_points_anywhere_in_the_image():
-    points, flags, true = life(replace(nominal(), point_outliers=0.3), 1000)
-    astray = np.abs(points - true).max(-1) > 4
+    points, flags, true = lifetime(replace(nominal(), point_outliers=0.3), 1000)
+    outlying = np.abs(points - true).max(-1) > 4
     assert flags.all()
-    assert astray.mean() == pytest.approx(0.3, abs=0.03)
-    strays = points[astray]
-    assert np.abs(strays.mean(0)).max() < 20
-    assert strays.std(0) == pytest.approx([256 / np.sqrt(3)] * 2, rel=0.05)
+    assert outlying.mean() == pytest.approx(0.3, abs=0.03)
+    outliers = points[outlying]
+    assert np.abs(outliers.mean(0)).max() < 20
+    assert outliers.std(0) == pytest.approx([256 / np.sqrt(3)] * 2, rel=0.05)
 
 
-def test_dropouts_are_a_share_of_the_points_not_seen_in_one_look():
-    points, flags, _ = life(replace(nominal(), point_dropout=0.3), 1000)
+def test_dropouts_are_a_share_of_the_points_not_seen_in_one_observation():
+    points, flags, _ = lifetime(replace(nominal(), point_dropout=0.3), 1000)
     assert flags.mean() == pytest.approx(0.7, abs=0.03)
     lost = ~flags[1:]
     np.testing.assert_array_equal(points[1:][lost], points[:-1][lost])
 
 
-def test_sensing_moves_no_other_draw():
-    plain, _, _ = life(nominal(), 50)
+def test_outliers_and_dropout_change_no_other_draw():
+    plain, _, _ = lifetime(nominal(), 50)
     for changed in ({"point_outliers": 0.3}, {"point_dropout": 0.3}):
-        points, flags, true = life(replace(nominal(), **changed), 50)
+        points, flags, true = lifetime(replace(nominal(), **changed), 50)
         good = flags & (np.abs(points - true).max(-1) < 4)
         assert 50 < good.sum() < 200
         np.testing.assert_array_equal(points[good], plain[good])
@@ -54,9 +56,9 @@ def test_sensing_moves_no_other_draw():
 
 @pytest.mark.parametrize("late", [1, 3])
 def test_latency_delays_points_and_flags_and_nothing_else(late):
-    """The delayed environment's looks are the prompt one's, so many motions later."""
+    """The delayed environment's observations are the prompt one's, so many motions later."""
     words = np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3))
-    looks = {}
+    series_of = {}
     for latency in (0, late):
         env = gym.make("CalFree/Reach-v0", world=replace(nominal(), latency=latency), tolerance_px=200.0)
         env = env.unwrapped
@@ -65,13 +67,13 @@ def test_latency_delays_points_and_flags_and_nothing_else(late):
         for word in words:
             observation, reward, terminated, _, info = env.step(word)
             series.append((observation, reward, terminated, info))
-        looks[latency] = series
-    for now, (observation, reward, terminated, info) in enumerate(looks[late]):
-        prompt = looks[0][max(now - late, 0)][0]
+        series_of[latency] = series
+    for now, (observation, reward, terminated, info) in enumerate(series_of[late]):
+        prompt = series_of[0][max(now - late, 0)][0]
         np.testing.assert_array_equal(observation["achieved_goal"], prompt["achieved_goal"])
         np.testing.assert_array_equal(observation["desired_goal"], prompt["desired_goal"])
         np.testing.assert_array_equal(observation["observation"][:4], prompt["observation"][:4])
-        same_time = looks[0][now]
+        same_time = series_of[0][now]
         np.testing.assert_array_equal(observation["observation"][4:], same_time[0]["observation"][4:])
         assert (reward, terminated) == same_time[1:3]
         if info:
@@ -92,7 +94,7 @@ def test_latency_that_begins_in_mid_trial_shows_nothing_older_than_itself():
             assert not np.array_equal(seen[8], seen[4])
 
 
-def test_what_is_told_is_true_and_what_is_not_asked_for_is_not_told():
+def test_privileged_quantities_are_true_and_only_there_on_request():
     names = ("joint_angles", "joint_zeros", "gripper_position")
     env = gym.make("CalFree/Reach-v0", tell=names).unwrapped
     env.reset(seed=2)
@@ -145,3 +147,24 @@ def test_worlds_out_of_view_are_kept_where_that_is_asked_for(mount):
     env = gym.make("CalFree/Reach-v0", camera_mount=mount, keep_in_view=False).unwrapped
     env.reset(seed=out[0])
     assert env.world == WorldDistribution("wild").sample(out[0])
+
+
+def test_outliers_and_dropout_are_independent_of_each_other():
+    """All pairs of a point's outlier in one motion and a point's dropout in another, over many seeds."""
+    rows, motions = 1500, 16
+    model = MeasurementModel(rows)
+    world = replace(nominal(), point_noise=0.0, point_outliers=0.5, point_dropout=0.5)
+    for row in range(rows):
+        model.set_world(row, world)
+        model.seed(row, row)
+    true, visible = np.zeros((rows, 4, 2)), np.ones((rows, 4), bool)
+    outliers, dropped = [], []
+    for motion in range(motions):
+        at = np.full(rows, motion)
+        measured, seen = model.measure(true, visible, np.ones(rows, np.int64), at)
+        outliers.append((measured != 0).any(-1))
+        dropped.append(~seen)
+    sides = [np.concatenate(flags, 1) - 0.5 for flags in (outliers, dropped)]
+    correlations = 4 * sides[0].T @ sides[1] / rows
+    assert correlations.shape == (4 * motions, 4 * motions)
+    assert np.abs(correlations).max() < 6 / np.sqrt(rows)

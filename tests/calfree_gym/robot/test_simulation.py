@@ -6,7 +6,7 @@ import pytest
 from calfree_gym import MOUNTS, WorldDistribution
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.robot.kinematics import gripper_position
-from calfree_gym.robot.simulation import DYNAMICS, Simulation
+from calfree_gym.robot.simulation import DYNAMICS, Simulation, build_model
 from calfree_gym.vision.cameras import image_points, pinhole
 
 ROWS = 32
@@ -32,7 +32,7 @@ def test_a_motion_ends_settled_to_a_tenth_of_a_pixel(pair):
         registers = rng.uniform(physics.motors.lowest, physics.motors.highest)
         for simulation in (physics, kinematic):
             simulation.move(EVERY, registers)
-            simulation.look()
+            simulation.refresh()
         (a, _), (b, depth) = physics.pinhole_pixels(), kinematic.pinhole_pixels()
         near = (depth > 0.1) & (np.abs(b - 256) < 256).all(-1)
         assert near.sum() > ROWS
@@ -44,7 +44,7 @@ def test_image_points_follow_from_closed_form_kinematics_and_projection(pair):
     rng = np.random.default_rng(1)
     for _ in range(10):
         kinematic.move(EVERY, rng.uniform(kinematic.motors.lowest, kinematic.motors.highest))
-        kinematic.look()
+        kinematic.refresh()
         pixels, depth = kinematic.pinhole_pixels()
         gripper, _ = kinematic.positions()
         for row, world in enumerate(worlds):
@@ -61,3 +61,11 @@ def test_image_points_follow_from_closed_form_kinematics_and_projection(pair):
             np.testing.assert_allclose(
                 (images * 256 + 256)[before], pixels[row, :2][before], rtol=1e-6, atol=1e-3
             )
+
+
+def test_a_motion_leaves_the_models_flags_as_they_were(pair):
+    """Sensors are off during a motion; contacts stay off and sensors come back after it."""
+    physics, _, _, mount = pair
+    physics.move(EVERY, np.full((ROWS, 3), 0.1))
+    model, _ = physics.snapshot(0)
+    assert model.opt.disableflags == build_model(mount).opt.disableflags

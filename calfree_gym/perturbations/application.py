@@ -1,4 +1,4 @@
-"""What a schedule of perturbations does to the worlds of N rows."""
+"""Applies a schedule of perturbations to the worlds of N rows."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ from calfree_gym.workspace import first_in_view, in_view
 from calfree_gym.world import World
 
 
-class Strikes:
-    """Turns worlds into others when events are due.
+class PerturbationScheduler:
+    """Changes the worlds of N rows when events of a schedule are due.
 
     What an event draws depends on the row's seed, the event's place in the schedule and the count of motions
-    or trials at which it strikes, and on nothing else.
+    or trials at which it is applied, and on nothing else.
+
+    Attributes:
+        events: For each clock, its events with their places in the schedule.
 
     Args:
         rows: N.
@@ -41,36 +44,43 @@ class Strikes:
         self._drifts[row] = {}
         self._undoable[row] = {}
 
-    def strike(
-        self, number: int, event: Event, row: int, count: int, world: World
+    def apply(
+        self, place: int, event: Event, row: int, count: int, world: World
     ) -> tuple[World, Perturbation | Undo | None]:
-        """Lets an event strike the world of a row.
+        """Applies an event to the world of a row.
+
+        Args:
+            place: The event's place in the schedule.
+            event: The event.
+            row: The row.
+            count: Motions or trials of the row so far.
+            world: The world of the row.
 
         Returns:
-            The world after it; and the perturbation with all that it drew, None where it is a further step
-            of a drift that was told before.
+            The world after it; and the perturbation with all that it drew, or None for every step of a
+            drift after its first.
 
         Raises:
-            ValueError: What it draws is never in view, or what it brings back is not.
+            ValueError: No draw of it is in view, or the world that it restores is not.
         """
         perturbation = event.perturbation
         if isinstance(perturbation, Undo):
             return self._undo(perturbation, row, world), perturbation
         if event.drift:
-            return self._drift(number, perturbation, row, world)
-        after, drawn = self._strike(number, perturbation, row, count, world)
-        if number in self._to_undo:
-            self._undoable[row][number] = world, after
+            return self._drift(place, perturbation, row, world)
+        after, drawn = self._draw(place, perturbation, row, count, world)
+        if place in self._to_undo:
+            self._undoable[row][place] = world, after
         return after, drawn
 
-    def _strike(
-        self, number: int, perturbation: Perturbation, row: int, count: int, world: World
+    def _draw(
+        self, place: int, perturbation: Perturbation, row: int, count: int, world: World
     ) -> tuple[World, Perturbation]:
         drawn = perturbation
 
         def perturbed(attempt: int) -> World:
             nonlocal drawn
-            drawn = perturbation.drawn(stream(self._seeds[row], "perturbation", number, count, attempt))
+            drawn = perturbation.drawn(stream(self._seeds[row], "perturbation", place, count, attempt))
             return drawn.change(world)
 
         if not self._keep_in_view:
@@ -85,21 +95,21 @@ class Strikes:
         return there
 
     def _drift(
-        self, number: int, perturbation: Perturbation, row: int, world: World
+        self, place: int, perturbation: Perturbation, row: int, world: World
     ) -> tuple[World, Perturbation | None]:
-        """One step on, or back where there is no further."""
+        """One step on, or one back where the next step is impossible."""
         drifts = self._drifts[row]
-        begins = number not in drifts
+        begins = place not in drifts
         if begins:
-            drifts[number] = perturbation.drawn(stream(self._seeds[row], "drift", number), slowly=True), False
-        step, back = drifts[number]
+            drifts[place] = perturbation.drawn(stream(self._seeds[row], "drift", place), slowly=True), False
+        step, back = drifts[place]
         for way in (back, not back):
             try:
                 there = step.drift(world, way)
             except ValueError:  # a quantity is at the end of its range
                 continue
             if not self._keep_in_view or in_view(there, self._mount):
-                drifts[number] = step, way
+                drifts[place] = step, way
                 world = there
                 break
         return world, step if begins else None

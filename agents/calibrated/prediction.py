@@ -1,0 +1,152 @@
+"""Image points that a robot is to measure, and their derivatives by all that may differ in it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from agents.base.observation import POINTS, Array
+from agents.calibrated.measurements import Measurements
+from agents.calibrated.parameters import ARM, COUNT, arm_of, model_of, named
+from agents.calibrated.robot_model import RobotModel
+from agents.calibrated.rotations import rotation_axes
+from calfree_gym.image import CAMERAS
+from calfree_gym.vision.cameras import image_points, pinhole
+
+_STEP = 1e-6
+"""Of forward differences, in rad or shares: their error is then below 1e-6 (derived: half of it, by second
+derivatives of about 1 m) and that of rounding negligible (2e-16 / 1e-6)."""
+
+
+class Prediction:
+    """Image points that robots are to measure where measurements were made.
+
+    Several robots at once, s of them, each with its own parameters and its own places of the objects.
+
+    Attributes:
+        points: Image points (s, n, 4, 2).
+
+    Args:
+        measurements: Where, n of them.
+        built: The robot as built.
+        signs: Of each robot's motors (s, 3).
+        x: Each robot's parameters, then each trial's object in m: (s, COUNT + 3 trials).
+    """
+
+    def __init__(self, measurements: Measurements, built: RobotModel, signs: Array, x: Array) -> None:
+        self._registers, self._trial = measurements.registers, measurements.trial
+        self._built, self._signs = built, signs
+        self._parameters = x[:, :COUNT]
+        self._objects = x[:, COUNT:].reshape(len(x), -1, 3)
+        self._model = model_of(built, signs, self._parameters)
+        self._joints = self._model.joints(self._registers)
+        self._places = self._in_mount_frame(self._model, self._joints, self._objects)
+        self._cameras = StereoPair(self._model, self._places.reshape(len(x), -1, 3))
+        self.points = self._by_point(self._cameras.points).reshape(len(x), -1, POINTS, 2)
+
+    def derivatives(self) -> Array:
+        """Derivatives (s, n, 4, 2, COUNT + 3 trials) of the image points by x."""
+        starts, count, trials = len(self._objects), len(self._trial), self._objects.shape[1]
+        by_x = np.zeros((starts, count, 2, len(CAMERAS), 2, COUNT + 3 * trials))
+        by_name = named(by_x[..., :COUNT])
+        for name, by_camera in self._by_cameras().items():
+            by_point = self._by_point(by_camera)
+            for camera in range(len(CAMERAS)):
+                by_name[name][..., camera, :, camera, :] = by_point[..., camera, :, :]
+        by_place = self._by_point(self._cameras.by_place).reshape(starts, count, 2, 4, 3)
+        by_arm = by_place @ self._places_by_arm()
+        by_x[..., ARM] = by_arm.reshape(*by_x.shape[:-1], -1)
+        by_object = by_place[:, :, 1] @ self._place_by_object()
+        by_objects = by_x[..., COUNT:].reshape(*by_x.shape[:-1], trials, 3)
+        own = by_object.reshape(starts, count, len(CAMERAS), 2, 3).swapaxes(0, 1)
+        by_objects[:, np.arange(count), 1, :, :, self._trial] = own
+        return by_x.reshape(starts, count, POINTS, 2, -1)
+
+    def _by_point(self, values: Array) -> Array:
+        """(s, cameras, 2 n, 2, ...) as (s, n, gripper and object, cameras, 2, ...)."""
+        starts, cameras, _, *shape = values.shape
+        return values.reshape(starts, cameras, -1, 2, *shape).swapaxes(1, 2).swapaxes(2, 3)
+
+    def _by_cameras(self) -> dict[str, Array]:
+        """Derivatives (s, cameras, 2 n, 2, ...) by the parameters of the points' camera, by name."""
+        axes = rotation_axes(named(self._parameters)["camera_turn"])
+        by_turn = self._cameras.by_turn
+        return {
+            "camera_position": -self._cameras.by_place,
+            "camera_turn": (by_turn.reshape(*axes.shape[:2], -1, 3) @ axes).reshape(by_turn.shape),
+            "focal_length": self._cameras.points[..., None],
+            "lens_k1": self._cameras.by_k1[..., None],
+        }
+
+    def _places_by_arm(self) -> Array:
+        """Derivatives (s, n, 2, 3, arm parameters) of the places of gripper and object, by differences."""
+        further = self._parameters[:, None] + _STEP * np.eye(COUNT)[ARM]
+        model = arm_of(self._built, self._signs[:, None], further)
+        moved = self._in_mount_frame(model, model.joints(self._registers), self._objects[:, None])
+        return np.moveaxis(moved - self._places[:, None], 1, -1) / _STEP
+
+    def _place_by_object(self) -> Array:
+        """Derivatives (s, n, 3, 3) of the objects' places in the mount's frame by those in the room."""
+        units = np.broadcast_to(np.eye(3), (*self._joints.shape[:-1], 3, 3))
+        return self._model.in_mount_frame(units, self._joints[..., None, :]).swapaxes(-1, -2)
+
+    def _in_mount_frame(self, model: RobotModel, joints: Array, objects: Array) -> Array:
+        """Places (..., n, 2, 3) of gripper and object in the frame of the cameras' mount."""
+        both = np.broadcast_arrays(model.gripper(joints), objects[..., self._trial, :])
+        return model.in_mount_frame(np.stack(both, -2), joints[..., None, :])
+
+
+class StereoPair:
+    """Image points in both cameras, and what they do when points or cameras move a little.
+
+    The derivatives are the interaction matrices of visual servoing (Hutchinson, Hager & Corke 1996).
+
+    Attributes:
+        points: Image points (..., cameras, n, 2).
+
+    Args:
+        model: One model, or several along leading axes (...).
+        places: Points in m, in the frame of the cameras' mount (..., n, 3).
+    """
+
+    def __init__(self, model: RobotModel, places: Array) -> None:
+        self._axes = model.camera_axes
+        self._focal = model.focal_length[..., None, None]
+        self._k1 = model.lens_k1[..., None]
+        position, axes = model.camera_position[..., None, :], model.camera_axes[..., None, :, :]
+        self._flat, self._depth = pinhole(places[..., None, :, :], position, axes)
+        self.points, _ = image_points(self._flat, self._focal, np.zeros(2), self._k1)
+
+    @cached_property
+    def by_place(self) -> Array:
+        """Derivatives (..., cameras, n, 2, 3) by the place of the point, in m."""
+        in_camera = self._by_direction / self._depth[..., None, None]
+        rows = in_camera.reshape(*self._axes.shape[:-2], -1, 3)
+        return (rows @ self._axes.swapaxes(-1, -2)).reshape(in_camera.shape)
+
+    @property
+    def by_turn(self) -> Array:
+        """Derivatives (..., cameras, n, 2, 3) by small turns of the camera about its own axes, in rad."""
+        x, y = self._flat[..., 0], self._flat[..., 1]
+        direction = np.stack([x, -y, -np.ones_like(x)], -1)
+        return np.cross(self._by_direction, direction[..., None, :])
+
+    @property
+    def by_k1(self) -> Array:
+        """Derivatives (..., cameras, n, 2) by the lens's radial distortion."""
+        return self._focal * self._flat * self._squared_radius[..., None]
+
+    @cached_property
+    def _by_direction(self) -> Array:
+        """Derivatives (..., cameras, n, 2, 3) by points at depth 1 in camera axes (x right, y up)."""
+        flat, k1 = self._flat, self._k1
+        straight = self._focal[..., None] * (1 + k1 * self._squared_radius)[..., None, None] * np.eye(2)
+        radial = self._focal[..., None] * 2 * k1[..., None, None] * flat[..., :, None] * flat[..., None, :]
+        by_flat = straight + radial
+        outwards = self._focal * (1 + 3 * k1 * self._squared_radius)[..., None] * flat
+        return np.stack([by_flat[..., 0], -by_flat[..., 1], outwards], -1)
+
+    @cached_property
+    def _squared_radius(self) -> Array:
+        return self._flat[..., 0] * self._flat[..., 0] + self._flat[..., 1] * self._flat[..., 1]
