@@ -3,7 +3,7 @@ BIN := .venv/bin
 STAMP := .venv/up-to-date
 JOBS ?= 2
 
-.PHONY: venv lint test test-all compare docs results-tables
+.PHONY: venv lint test test-all mutants compare docs results-tables
 
 venv: $(STAMP)
 
@@ -23,6 +23,9 @@ test: lint
 
 test-all: lint
 	$(BIN)/pytest -n $(JOBS)
+
+mutants: venv
+	$(BIN)/python -m tests.mutants --jobs $(JOBS)
 
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

@@ -1,6 +1,7 @@
-"""The house: arrows run one way, imports stay light, the wheel ships the black box alone."""
+"""The house: arrows run one way, packages stay small, imports stay light."""
 
 import ast
+import graphlib
 import subprocess
 import sys
 from pathlib import Path
@@ -8,26 +9,154 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-MAY_IMPORT = {
-    "calfree_gym": {"calfree_gym"},
-    "agents": {"agents", "calfree_gym"},
-    "experiments": {"experiments", "agents", "calfree_gym"},
+LAYERS = {
+    "calfree_gym": [
+        "errors",
+        "image",
+        "geometry",
+        "streams",
+        "world",
+        "vision",
+        "robot",
+        "workspace",
+        "perturbations",
+        "tasks",
+        "calfree_gym",
+        "envs",
+        "sb3",
+    ],
+    "agents": [
+        "base",
+        "random_agent",
+        "neural",
+        "jacobian",
+        "perception",
+        "servo",
+        "calibrated",
+        "knowledge",
+        "adaptation",
+        "learning_servo",
+        "registry",
+        "agents",
+    ],
+    "experiments": [
+        "errors",
+        "config",
+        "evaluation",
+        "experiments",
+        "running",
+        "reporting",
+        "benchmarks",
+        "__main__",
+    ],
 }
+"""Subpackages and modules of each package, from the ground up; its own name stands for its `__init__`. Each
+may import those before it, and none after it."""
+PACKAGES_BELOW = {"calfree_gym": [], "agents": ["calfree_gym"], "experiments": ["calfree_gym", "agents"]}
+PUBLIC = {"calfree_gym.errors", "calfree_gym.image"}
+"""What agents may know of the black box: how long a pixel is, and how errors read."""
+PUBLIC_FOR_CALIBRATED = {
+    "calfree_gym.world",
+    "calfree_gym.geometry",
+    "calfree_gym.robot.kinematics",
+    "calfree_gym.robot.motors",
+    "calfree_gym.vision.cameras",
+}
+"""What the calibrated robots may know besides: how the robot was built."""
+MOST_MODULES = 12
+MOST_LINES = 350
 
 
-@pytest.mark.parametrize("package", MAY_IMPORT)
-def test_arrows_run_one_way(package):
-    for path in (ROOT / package).rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                assert node.level == 0, f"{path}: relative import"
-                names = [str(node.module)]
-            else:
-                continue
-            ours = {name.split(".")[0] for name in names} & MAY_IMPORT.keys()
-            assert ours <= MAY_IMPORT[package], f"{path} imports {ours}"
+def modules(package):
+    """Its modules by name, packages by theirs, with the file of each."""
+    return {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in (ROOT / package).rglob("*.py")
+    }
+
+
+MODULES = {name: path for package in LAYERS for name, path in modules(package).items()}
+
+
+def imported(path):
+    """Names of all that a file imports, at whatever place, type checking aside."""
+    names = set()
+
+    def visit(node):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            children = node.orelse
+        else:
+            children = ast.iter_child_nodes(node)
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            module = str(node.module)
+            inner = [f"{module}.{alias.name}" for alias in node.names]
+            names.update(name if name in MODULES else module for name in inner)
+        for child in children:
+            visit(child)
+
+    visit(ast.parse(path.read_text(encoding="utf-8")))
+    return names
+
+
+def top(module):
+    """The subpackage or module of its package that a module belongs to."""
+    return module.split(".")[1] if "." in module else module
+
+
+@pytest.mark.parametrize("package", LAYERS)
+def test_packages_import_none_above_them(package):
+    for name, path in modules(package).items():
+        ours = {each.split(".")[0] for each in imported(path)} & LAYERS.keys()
+        assert ours <= {package, *PACKAGES_BELOW[package]}, f"{name} imports {ours}"
+
+
+@pytest.mark.parametrize("package", LAYERS)
+def test_subpackages_import_none_above_them(package):
+    order = {name: place for place, name in enumerate(LAYERS[package])}
+    assert order.keys() == {top(name) for name in modules(package)}, "LAYERS names what there is"
+    for name, path in modules(package).items():
+        for each in imported(path) & modules(package).keys():
+            assert order[top(each)] <= order[top(name)], f"{name} imports {each}, which is above it"
+
+
+@pytest.mark.parametrize("package", LAYERS)
+def test_modules_import_each_other_in_no_circle(package):
+    own = modules(package)
+    graphlib.TopologicalSorter({name: imported(path) & own.keys() for name, path in own.items()}).prepare()
+
+
+def test_agents_import_the_listed_public_modules_of_the_black_box_and_the_lists_are_as_short_as_can_be():
+    used, used_by_calibrated = set(), set()
+    for name, path in modules("agents").items():
+        found = {each for each in imported(path) if each.split(".")[0] == "calfree_gym"}
+        calibrated = top(name) == "calibrated"
+        allowed = PUBLIC | PUBLIC_FOR_CALIBRATED if calibrated else PUBLIC
+        assert found <= allowed, f"{name} imports {sorted(found - allowed)}"
+        used |= found
+        used_by_calibrated |= found if calibrated else set()
+    assert used == PUBLIC | PUBLIC_FOR_CALIBRATED
+    assert used_by_calibrated >= PUBLIC_FOR_CALIBRATED
+
+
+def test_no_package_has_more_parts_than_one_can_survey():
+    for init in MODULES.values():
+        if init.name == "__init__.py":
+            parts = {
+                path.name
+                for path in init.parent.iterdir()
+                if (path.suffix == ".py" and path != init) or (path / "__init__.py").exists()
+            }
+            assert len(parts) <= MOST_MODULES, f"{init.parent.name} has {sorted(parts)}"
+
+
+@pytest.mark.parametrize("folder", [*LAYERS, "tests", "examples", "docs"])
+def test_no_file_is_longer_than_can_be_read_at_once(folder):
+    for path in (ROOT / folder).rglob("*.py"):
+        lines = len(path.read_text(encoding="utf-8").splitlines())
+        assert lines < MOST_LINES, f"{path.relative_to(ROOT)} has {lines} lines"
 
 
 @pytest.mark.parametrize(

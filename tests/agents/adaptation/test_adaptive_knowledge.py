@@ -1,21 +1,20 @@
 """Keep, map, discard or recall: what is done about knowledge, in worlds that change while an agent lives."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 import agents
 from agents.adaptation.adaptive_knowledge import Drift, Jump
-from tests.agents.lengths import Lengths
 
 
-def lived(perturbations, mount="waist", motions=260, seed=3, **settings_):
-    """An agent, and how long its trials were; what is scheduled at trial t strikes before its trial t."""
-    log = Lengths(
-        gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", perturbations=perturbations)
-    )
-    log.seed = seed
-    return agents.make("memory", log, **settings_).learn(motions), log.lengths
+@pytest.fixture
+def lived(live, make_env):
+    """An agent with memory, and how long its trials were; what is scheduled at trial t comes before it."""
+
+    def make(perturbations, mount="waist", motions=260, seed=3, **settings):
+        return live("memory", make_env(mount, perturbations=perturbations), seed, motions=motions, **settings)
+
+    return make
 
 
 AIM = [{"at": {"trial": 50}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}]
@@ -23,16 +22,15 @@ ROLL = [{"at": {"trial": 50}, "do": {"type": "camera_roll", "camera": "right", "
 REPLACE = {"at": {"trial": 50}, "do": {"type": "camera_replace", "camera": "left"}}
 
 
-@pytest.mark.parametrize("mount", ["waist", "stand"])
 @pytest.mark.parametrize(("perturbations", "kind"), [(AIM, "re-aimed"), (ROLL, "rolled")])
-def test_a_turned_camera_is_recognised_and_all_that_was_known_stays_of_use(mount, perturbations, kind):
+def test_a_turned_camera_is_recognised_and_all_that_was_known_stays_of_use(lived, mount, perturbations, kind):
     agent, lengths = lived(perturbations, mount)
     (event,) = agent.adaptation.events
     assert (event.trial, event.kind, event.action) == (50, kind, "map")
     assert np.mean(lengths[53:73]) < 1.3
 
 
-def test_who_never_acts_goes_on_missing_and_who_discards_starts_anew():
+def test_who_never_acts_goes_on_missing_and_who_discards_starts_anew(lived):
     never, lengths = lived(AIM, on_change="keep")
     assert not never.adaptation.events
     assert np.mean(lengths[53:63]) > 2
@@ -41,7 +39,7 @@ def test_who_never_acts_goes_on_missing_and_who_discards_starts_anew():
     assert np.mean(lengths[51:54]) > np.mean(lived(AIM)[1][51:54])
 
 
-def test_the_old_camera_is_met_with_what_was_known_of_it():
+def test_the_old_camera_is_met_with_what_was_known_of_it(lived):
     """The very first trial after its return is like the ones before it was away."""
     agent, lengths = lived([REPLACE, {"at": {"trial": 80}, "undo": 0}])
     assert [event.kind for event in agent.adaptation.events][-1] == "back"
@@ -49,7 +47,7 @@ def test_the_old_camera_is_met_with_what_was_known_of_it():
     assert np.mean(lengths[80:90]) < 1.3
 
 
-def test_a_reversed_motor_is_told_from_a_changed_camera():
+def test_a_reversed_motor_is_told_from_a_changed_camera(lived):
     agent, lengths = lived(
         [{"at": {"trial": 50}, "do": {"type": "motor_sign", "motor": "elbow"}}], motions=300
     )
@@ -57,12 +55,12 @@ def test_a_reversed_motor_is_told_from_a_changed_camera():
     assert np.mean(lengths[54:74]) < 1.4
 
 
-def test_quiet_worlds_give_hardly_an_alarm():
+def test_quiet_worlds_give_hardly_an_alarm(lived):
     """At most three in 3,000 trials are asked: here at most one in some 300."""
     assert sum(len(lived(None, motions=200, seed=seed)[0].adaptation.events) for seed in (1, 2, 3)) <= 1
 
 
-def test_an_agent_saved_while_it_explains_a_change_goes_on_alike(tmp_path):
+def test_an_agent_saved_while_it_explains_a_change_goes_on_alike(lived, make_env, tmp_path):
     """The same words, motion for motion, as the one that was not interrupted."""
     first, _ = lived([REPLACE], motions=110)
     assert isinstance(first.adaptation.change, Jump)
@@ -70,7 +68,7 @@ def test_an_agent_saved_while_it_explains_a_change_goes_on_alike(tmp_path):
     second = agents.make("memory", first.env).load(tmp_path / "agent.npz")
     traces = []
     for agent in (first, second):
-        env = gym.make("CalFree/Reach-v0", dynamics="kinematic", world=first.env.unwrapped.world)
+        env = make_env(world=first.env.unwrapped.world)
         env.reset(seed=5)
         agent.env = env
         agent.learn(60)
@@ -89,7 +87,7 @@ EARLIER_NAMES = {
 
 
 @pytest.mark.parametrize("phase", [Jump, Drift])
-def test_what_an_earlier_version_saved_is_read_under_its_names_with_a_warning(phase):
+def test_what_an_earlier_version_saved_is_read_under_its_names_with_a_warning(lived, phase):
     slow = {"drift": {"per": "trial"}, "do": {"type": "camera_aim", "camera": "left", "degrees": 0.04}}
     agent, _ = lived([REPLACE if phase is Jump else slow], motions=110)
     assert isinstance(agent.adaptation.change, phase)
@@ -104,9 +102,8 @@ def test_what_an_earlier_version_saved_is_read_under_its_names_with_a_warning(ph
         np.testing.assert_array_equal(again.arrays()[name], array, err_msg=name)
 
 
-def test_a_change_announced_before_anything_is_known_changes_nothing():
-    log = Lengths(gym.make("CalFree/Reach-v0", dynamics="kinematic"))
-    agent = agents.make("memory", log)
+def test_a_change_announced_before_anything_is_known_changes_nothing(make_env):
+    agent = agents.make("memory", make_env())
     agent.adaptation.announce_change(np.array([True, False]))
     agent.learn(20)
     assert not agent.adaptation.events
@@ -115,8 +112,8 @@ def test_a_change_announced_before_anything_is_known_changes_nothing():
     assert len(agent.adaptation.events) == 1
 
 
-def test_it_needs_looks_at_the_gripper_to_see_change():
-    env = gym.make("CalFree/Reach-v0", dynamics="kinematic")
+def test_it_needs_observations_of_the_gripper_to_see_change(make_env):
+    env = make_env()
     with pytest.raises(ValueError, match="needs every_look"):
         agents.make("memory", env, every_look=False)
     with pytest.raises(ValueError, match="on_change is 'forget'; allowed: recognise, map, discard, keep"):

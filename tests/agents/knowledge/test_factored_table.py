@@ -1,15 +1,11 @@
 """Tables of one and two coordinates, combined (paper, section 4.3)."""
 
-import gymnasium as gym
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import agents
 from agents.knowledge.factored_table import PAIRS, FactoredTable
 from tests.agents.changes import seen_as
-from tests.agents.lengths import Lengths
 
 POINT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(np.array)
 
@@ -90,11 +86,9 @@ def test_mapping_to_the_same_place_changes_nothing():
     np.testing.assert_allclose(table.records, before, atol=1e-12)
 
 
-@pytest.mark.parametrize("mount", ["waist", "stand"])
-def test_skill_improves_by_doing(mount):
-    env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", world="wild")
+def test_skill_improves_by_doing(live, make_env, mount):
+    env = make_env(mount, world="wild")
     env.reset(seed=7)
-    log = Lengths(env)
-    agents.make("factored_table", log).learn(300)
-    assert np.mean(log.lengths[-51:-1]) <= 1.7
-    assert np.mean(log.lengths[:3]) >= 3
+    _, lengths = live("factored_table", env, motions=300)
+    assert np.mean(lengths[-51:-1]) <= 1.7
+    assert np.mean(lengths[:3]) >= 3

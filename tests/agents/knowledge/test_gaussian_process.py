@@ -1,6 +1,5 @@
 """The Gaussian process against its definition, and against the geometry of the arm."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -9,7 +8,6 @@ from agents.base.observation import Observation
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.analytic import distance_jacobian
-from tests.agents.lengths import Lengths
 
 
 def view(registers):
@@ -114,10 +112,9 @@ def test_a_saved_one_recalls_bit_for_bit_alike_and_goes_on_alike():
             knowledge.learn(view(registers), registers)
 
 
-@pytest.mark.parametrize("mount", ["waist", "stand"])
-def test_it_implies_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_where_not(mount):
+def test_it_implies_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_where_not(make_env, mount):
     """At rendezvous, after some trials of its own; by MuJoCo's derivatives."""
-    env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic")
+    env = make_env(mount)
     env.reset(seed=7)
     agent = agents.make("memory", env)
     agent.learn(150)
@@ -135,14 +132,12 @@ def test_it_implies_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_wher
     assert (off < 0.15).all()
 
 
-@pytest.mark.parametrize("mount", ["waist", "stand"])
-def test_a_few_dozen_reaches_make_nearly_every_further_one_a_single_motion(mount):
-    env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic")
+def test_a_few_dozen_reaches_make_nearly_every_further_one_a_single_motion(live, make_env, mount):
+    env = make_env(mount)
     env.reset(seed=11)
-    log = Lengths(env)
-    agents.make("memory", log).learn(220)
-    assert np.mean(log.lengths[60:-1]) < 1.2
-    assert np.mean(log.lengths[60:-1]) < np.mean(log.lengths[:3]) / 2
+    _, lengths = live("memory", env, motions=220)
+    assert np.mean(lengths[60:-1]) < 1.2
+    assert np.mean(lengths[60:-1]) < np.mean(lengths[:3]) / 2
 
 
 def test_a_bound_too_small_is_refused():

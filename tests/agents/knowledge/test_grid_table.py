@@ -1,6 +1,5 @@
 """The paper's table against what section 4.2 says of it."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -58,8 +57,7 @@ def test_recall_is_multilinear_between_the_corners():
         np.testing.assert_allclose(table.recall(sensors).registers, [expected], atol=1e-12)
 
 
-@pytest.mark.parametrize("mount", ["waist", "stand"])
-def test_skill_improves_by_doing(mount):
+def test_skill_improves_by_doing(make_env, mount):
     """Motions a trial in one small world of objects: later trials need half of the first ones'."""
 
     class Small(Lengths):
@@ -67,17 +65,15 @@ def test_skill_improves_by_doing(mount):
             x, y = np.random.default_rng(len(self.lengths) + 1).uniform(-0.03, 0.03, 2)
             return super().reset(options={"object": (0.42 + x, y, 0.10)})
 
-    env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", world="nominal")
+    env = make_env(mount, world="nominal")
     env.reset(seed=0)
     log = Small(env)
     agents.make("grid_table", log).learn(500)
     assert np.mean(log.lengths[-31:-1]) <= 0.5 * np.mean(log.lengths[:5])
 
 
-def test_a_trial_cut_off_teaches_nothing():
-    env = gym.make(
-        "CalFree/Reach-v0", dynamics="kinematic", max_episode_steps=2, world="nominal", tolerance_px=1e-6
-    )
+def test_a_trial_cut_off_teaches_nothing(make_env):
+    env = make_env(max_episode_steps=2, world="nominal", tolerance_px=1e-6)
     env.reset(seed=0)
     agent = agents.make("grid_table", env)
     agent.learn(40)

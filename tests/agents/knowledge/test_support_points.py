@@ -2,17 +2,14 @@
 
 import time
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import agents
 from agents.knowledge.local_fit import LocalFit
 from agents.knowledge.support_points import SupportPoints
 from tests.agents.knowledge.test_knowledge import JACOBIAN, missed_px, seen
-from tests.agents.lengths import Lengths
 
 
 def taught(pairs, reach=0.3, world=seen, **settings):
@@ -103,11 +100,9 @@ def test_recall_takes_well_below_a_millisecond_among_ten_thousand_points():
     assert np.quantile(took, 0.2) < 1e-3
 
 
-@pytest.mark.parametrize("mount", ["waist", "stand"])
-def test_skill_improves_by_doing(mount):
-    env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", world="wild")
+def test_skill_improves_by_doing(live, make_env, mount):
+    env = make_env(mount, world="wild")
     env.reset(seed=7)
-    log = Lengths(env)
-    agents.make("support_points", log).learn(300)
-    assert np.mean(log.lengths[-51:-1]) <= 1.8
-    assert np.mean(log.lengths[:3]) >= 3
+    _, lengths = live("support_points", env, motions=300)
+    assert np.mean(lengths[-51:-1]) <= 1.8
+    assert np.mean(lengths[:3]) >= 3

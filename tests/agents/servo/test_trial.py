@@ -3,28 +3,12 @@
 import numpy as np
 import pytest
 
-from agents.base.observation import Observation
 from agents.jacobian import Kalman, TestMotions
 from agents.servo.trial import Findings, Trial, half_way_back
-from calfree_gym.image import IMAGE_UNIT, lengths_px
+from calfree_gym.image import lengths_px
+from tests.agents.linear_arm import LinearArm
 
 TEST_PX = 16.0
-
-
-class LinearArm:
-    """Points (4, 2) that registers move linearly; motors stop at bounds of their own."""
-
-    def __init__(self, px_by_word, lowest=-1.0, highest=1.0):
-        directions = np.array([[1, 0], [0, 1], [-0.6, 0.8], [0, 0]])
-        self.jacobian = (directions[:, :, None] * np.asarray(px_by_word) * IMAGE_UNIT).reshape(8, 3)
-        self.lowest, self.highest = lowest, highest
-        self.registers = np.zeros(3)
-
-    def observed(self, words=0.0):
-        self.registers = np.clip(self.registers + words, self.lowest, self.highest)
-        points = np.array([[0.1, 0.1], [-0.2, 0.0], [0.3, -0.3], [0.0, 0.2]])
-        points = points + (self.jacobian @ self.registers).reshape(4, 2)
-        return Observation(points, np.ones(4, bool), self.registers.copy())
 
 
 def trial_of(arm, estimator):

@@ -1,0 +1,77 @@
+"""Noise, gates and visibility, each alone."""
+
+import numpy as np
+import pytest
+
+from agents.base.observation import Observation
+from agents.perception.gating import Gating
+from agents.perception.noise import NoiseEstimate
+from agents.perception.visibility import Visibility
+from calfree_gym.image import IMAGE_UNIT
+
+PREDICTED = np.zeros((4, 2))
+RADII = np.full(4, 30.0)
+
+
+def seen(px):
+    """All points in place but the first, so many pixels (2,) away."""
+    points = PREDICTED.copy()
+    points[0] += np.array(px) * IMAGE_UNIT
+    return Observation(points, np.ones(4, bool), np.zeros(3))
+
+
+@pytest.mark.parametrize("noise_px", [1.0, 8.0, 20.0])
+def test_noise_is_that_of_one_observation_not_of_a_difference(noise_px):
+    rng, found = np.random.default_rng(0), []
+    for _ in range(20):
+        noise = NoiseEstimate()
+        for _ in range(30):
+            first, second = rng.normal(scale=noise_px * IMAGE_UNIT, size=(2, 4, 2))
+            noise.add(second - first)
+        found.append(noise.px)
+    assert np.mean(found) == pytest.approx(noise_px, rel=0.06)
+
+
+def test_noise_is_that_of_a_good_marker_until_enough_is_known():
+    noise = NoiseEstimate()
+    assert noise.px == 0.7
+    noise.add(np.full((4, 2), 30 * IMAGE_UNIT))
+    assert noise.px == 0.7
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_gates_widen_by_four_standard_deviations_of_the_noise(count):
+    for noise_px, found in ((0.0, False), (4.0, False), (6.0, True)):
+        observations = [seen([50.0, 0.0]), seen([-300.0, 0.0])][:count]
+        assert Gating().estimate(observations, PREDICTED, RADII, noise_px).found[0] == found
+
+
+def test_points_outside_their_gates_are_trusted_where_two_observations_agree_and_only_there():
+    apart = Gating().estimate([seen([90.0, 0.0]), seen([-90.0, 40.0])], PREDICTED, RADII, 0.7)
+    np.testing.assert_array_equal(apart.points, PREDICTED)
+    assert apart.found.tolist() == [False, True, True, True]
+    observations = [seen([90.0, 0.0]), seen([-90.0, 40.0]), seen([92.0, 0.0])]
+    agreeing = Gating().estimate(observations, PREDICTED, RADII, 0.7)
+    np.testing.assert_allclose(agreeing.points[0], [91 * IMAGE_UNIT, 0])
+    assert agreeing.inconsistent.tolist() == [True, False, False, False]
+
+
+def test_gates_get_narrower_where_mistaken_points_have_been_met():
+    gating = Gating()
+    before = gating.radii(np.full(4, 20.0), np.ones(4, bool))
+    gating.estimate([seen([200.0, 0.0]), seen([0.0, 0.0])], PREDICTED, RADII, 0.7)
+    after = gating.radii(np.full(4, 20.0), np.ones(4, bool))
+    np.testing.assert_allclose(before - after, Gating.GATE_PX - Gating.WARY_GATE_PX)
+
+
+@pytest.mark.parametrize(("gaps", "patience"), [(False, 1), (True, 4)])
+def test_a_point_is_lost_that_was_not_seen_for_longer_than_gaps_last(gaps, patience):
+    visibility = Visibility()
+    visibility.gaps = gaps
+    for _ in range(patience):
+        visibility.add(np.array([True, False, True, True]))
+        assert not visibility.lost.any()
+    visibility.add(np.array([True, False, True, True]))
+    assert visibility.lost.tolist() == [False, True, False, False]
+    visibility.add(np.ones(4, bool))
+    assert not visibility.lost.any()
