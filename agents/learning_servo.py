@@ -38,15 +38,16 @@ class LearningServo(ServoAgent):
         knowledge: The knowledge base.
         servo: Corrects where it misses.
         seed: See `Agent`.
-        jump_px: It moves at once only where it expects to end up no further off than this.
+        jump_px: It moves at once only where it expects to end up no further off than this; tuned on
+            wild worlds 3000 and up.
         every_look: Whether every observation of the gripper teaches, not only the rendezvous.
         on_change: What it does with its knowledge where the world has changed: one of
             `agents.adaptation.adaptive_knowledge.ON_CHANGE`.
     """
 
     LATE_PX = 6.0
-    """Where gripper and object are seen further apart at the end of a trial, that observation came late: the
-    usual tolerance of 4 px and three times its noise, rounded."""
+    """Where gripper and object are seen further apart at the end of a trial, that observation came late.
+    Derived: the usual tolerance of 4 px and three times a noise of 0.5 px, rounded."""
 
     def __init__(
         self,

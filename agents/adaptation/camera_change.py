@@ -27,7 +27,7 @@ SHEAR_STD = 0.03
 PARALLAX_STD = 0.1
 """Prior deviation of the parallax. Tuned (wild worlds 3000-)."""
 WIDE_STD = 1.0
-"""Prior deviation of similarity and shift: half an image, that is unknown."""
+"""Prior deviation of similarity and shift: half an image, that is unknown. Choice."""
 ITERATIONS = 12
 """Gauss-Newton steps; more change nothing. Choice."""
 SIMILARITY_ITERATIONS = 8

@@ -68,7 +68,8 @@ class ChangeDetector:
     """
 
     INCONSISTENT_PX = 4.0
-    """An observation that is off by less is never inconsistent: the tolerance of a rendezvous, in pixels."""
+    """An observation that is off by less is never inconsistent: the tolerance of a rendezvous, in pixels.
+    Choice."""
     INCONSISTENT_FACTOR = 2.5
     """An inconsistent observation is off by so many times the usual score. Tuned (wild worlds 3000-)."""
     USUAL_QUANTILE = 0.9

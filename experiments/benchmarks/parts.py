@@ -8,7 +8,8 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.benchmarks import baselines, changes, controllers, knowledge, sensitivity, speed
+from experiments.benchmarks import baselines, changes, controllers, knowledge, speed
+from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.reporting.tables import Table
 from experiments.running.versions import commit, versions
 

@@ -10,9 +10,10 @@ from agents.jacobian.kalman import Kalman
 from agents.perception.noise import NoiseEstimate
 from agents.servo.steps import Steps
 from experiments.__main__ import main
-from experiments.benchmarks import constants as named
-from experiments.benchmarks import sensitivity
-from experiments.benchmarks.sensitivity import COLUMNS, VERDICTS, Sizes, judged, verdict
+from experiments.benchmarks.sensitivity import constants as named
+from experiments.benchmarks.sensitivity import study as sensitivity
+from experiments.benchmarks.sensitivity.study import COLUMNS, VERDICTS, judged, verdict
+from experiments.benchmarks.sensitivity.trials import CONDITIONS, Sizes
 from experiments.reporting.statistics import Estimate
 
 FOUND = {agent: named.constants(agent) for agent in named.MODULES}
@@ -198,7 +199,7 @@ def measured():
 
 def test_each_constant_is_measured_under_each_condition(measured):
     rows = {agent: len(own) for agent, own in measured.groupby("agent")}
-    assert rows == {"unified_servo": 2 * 4, "memory": 2}
+    assert rows == {"unified_servo": 2 * 4, "memory": 2 * 2}
     assert set(measured.columns) == set(COLUMNS)
     assert set(measured["verdict"]) <= set(VERDICTS)
     assert not measured.isna().any(axis=None)
@@ -223,7 +224,7 @@ def test_an_error_in_a_variation_is_told(monkeypatch):
             raise ValueError("no")
         return np.ones((1, 2))
 
-    monkeypatch.setitem(sensitivity.CONDITIONS["unified_servo"], "first trials", (fails, lambda sizes: {}))
+    monkeypatch.setitem(CONDITIONS["unified_servo"], "first trials", (fails, lambda sizes: {}))
     found = sensitivity.sensitivity(2, TINY, ("first_word",), jobs=1)
     assert set(found["verdict"]) == {"raises an error"}
     assert set(found["condition"]) == {"first trials"}

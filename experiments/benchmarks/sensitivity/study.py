@@ -12,82 +12,26 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cache
 from itertools import product
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-import agents
 import calfree_gym
-from calfree_gym.world import World
-from experiments.benchmarks.constants import MODULES, Constant, constants, varied
-from experiments.evaluation import TrialRecord, evaluate
+from experiments.benchmarks.sensitivity.constants import MODULES, constants
+from experiments.benchmarks.sensitivity.trials import CONDITIONS, Sizes, Task, Variation, carry_out
 from experiments.reporting.statistics import Estimate, mean_estimate, relative_change
 from experiments.reporting.tables import Table
-from experiments.running.lifetime import LifetimeRecorder, learn_trials
 
 Array = NDArray[np.float64]
 
-REACH, _ = calfree_gym.ENV_IDS
 FIRST_WORLD = 5000
 """Nobody tuned on worlds from here on, and no other benchmark uses them."""
 FACTORS = (0.5, 2.0)
-CAP = 60
-"""Motions of a trial that failed."""
-NEAR_PX = 8
-"""In trouble a trial succeeds where the true error comes within this: noise of 3 px hides a smaller one."""
 MOTIONS, SUCCESS = 0.05, 0.01
 """Changes of motions (a share) and of success (one point) that are too small to matter."""
-MISTAKEN = [
-    {"at": {"trial": 0}, "do": {"type": "point_outliers", "share": 0.2}},
-    {"at": {"trial": 0}, "do": {"type": "point_noise", "px": 3.0}},
-]
-LATE = [
-    {"at": {"trial": 0}, "do": {"type": "latency", "motions": 1}},
-    {"at": {"trial": 0}, "do": {"type": "point_dropout", "share": 0.2}},
-]
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """How many trials are made by each variation in each world, on each mount.
-
-    Attributes:
-        first: First trials, each by a fresh agent.
-        later: Trials after a first one, by an agent that learns.
-        trouble: First trials with mistaken and noisy points, and as many with late and missing ones.
-        lifetime: Trials of a lifetime, in which a camera is re-aimed half way and replaced at three quarters.
-    """
-
-    first: int = 10
-    later: int = 10
-    trouble: int = 10
-    lifetime: int = 60
-
-
-@dataclass(frozen=True)
-class Variation:
-    """A constant with another value; the base where there is none."""
-
-    constant: Constant | None = None
-    value: float = 0.0
-
-
-@dataclass(frozen=True)
-class Task:
-    """All variations of an agent under one condition in one world."""
-
-    agent: str
-    condition: str
-    seed: int
-    mount: str
-    sizes: Sizes
-    variations: tuple[Variation, ...]
 
 
 def tables(worlds: int = 20, sizes: Sizes | None = None, only: Collection[str] = ()) -> Iterator[Table]:
@@ -187,7 +131,7 @@ def effects(
     _tell(f"{runs:,} runs in {len(tasks)} parts; planned: {_planned(tasks, jobs):.1f} minutes")
     results: dict[Task, Array] = {}
     with _mapped(jobs) as each:
-        for i, (task, result) in enumerate(each(_done, tasks), 1):
+        for i, (task, result) in enumerate(each(carry_out, tasks), 1):
             results[task] = result
             if i % 20 == 0 or i == len(tasks):
                 _tell(f"{i} of {len(tasks)} parts after {(time.perf_counter() - start) / 60:.1f} minutes")
@@ -247,108 +191,6 @@ def verdict(motions: Estimate, success: Estimate) -> str:
     return "not shown"
 
 
-def _first(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any]) -> Array:
-    """First trials, each by an agent that knows nothing."""
-    agent = agents.make(task.agent, env, **settings)
-    return _scored(evaluate(agent, env, task.sizes.first, task.seed))
-
-
-def _later(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any]) -> Array:
-    return _scored(_lifetime(task, env, settings, 1 + task.sizes.later)[1:])
-
-
-def _whole(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any]) -> Array:
-    return _scored(_lifetime(task, env, settings, task.sizes.lifetime))
-
-
-def _trouble(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any]) -> Array:
-    """First trials until the true error is small: in noise an observed one is small by luck."""
-    agent = agents.make(task.agent, env, **settings)
-    records = evaluate(agent, EndsNear(env), task.sizes.trouble, task.seed)
-    return np.array([(each.motions, each.motions_to[NEAR_PX] is not None) for each in records], float)
-
-
-class EndsNear(gym.Wrapper[Any, Any, Any, Any]):
-    """Ends a trial where gripper and object truly are within `NEAR_PX`."""
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Makes one motion."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        near = bool(info["truth"]["error_px"] <= NEAR_PX)
-        return observation, reward, terminated or near, truncated, info
-
-
-def _lifetime(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any], trials: int) -> list[TrialRecord]:
-    recorder = LifetimeRecorder(env, task.seed)
-    return learn_trials(agents.make(task.agent, recorder, **settings), recorder, trials)
-
-
-def _scored(records: list[TrialRecord]) -> Array:
-    """Motions and success of each trial (trials, 2)."""
-    return np.array([(each.motions if each.success else CAP, each.success) for each in records], float)
-
-
-def _clear(sizes: Sizes) -> dict[str, Any]:
-    return {}
-
-
-def _mistaken(sizes: Sizes) -> dict[str, Any]:
-    return {"perturbations": MISTAKEN, "terminate_on_success": False}
-
-
-def _late(sizes: Sizes) -> dict[str, Any]:
-    return {"perturbations": LATE, "terminate_on_success": False}
-
-
-def _struck(sizes: Sizes) -> dict[str, Any]:
-    camera = {"camera": "left"}
-    aim = {"at": {"trial": sizes.lifetime // 2}, "do": {"type": "camera_aim", "degrees": 10, **camera}}
-    replace = {"at": {"trial": 3 * sizes.lifetime // 4}, "do": {"type": "camera_replace", **camera}}
-    return {"perturbations": [aim, replace]}
-
-
-CONDITIONS: dict[str, dict[str, tuple[Callable[..., Array], Callable[[Sizes], dict[str, Any]]]]] = {
-    "unified_servo": {
-        "first trials": (_first, _clear),
-        "later trials": (_later, _clear),
-        "mistaken points": (_trouble, _mistaken),
-        "late points": (_trouble, _late),
-    },
-    "memory": {"lifetime": (_whole, _struck)},
-}
-"""What each agent is measured in: how, and in which environments."""
-
-
-@cache
-def _world(seed: int, mount: str) -> World:
-    env: Any = gym.make(REACH, camera_mount=mount, dynamics="kinematic")
-    env.reset(seed=seed)
-    return env.unwrapped.world
-
-
-def _done(task: Task) -> tuple[Task, Array]:
-    """A task, and its motions and success (variations, trials, 2); NaN where an error was raised."""
-    measure, options = CONDITIONS[task.agent][task.condition]
-    env = gym.make(
-        REACH,
-        world=_world(task.seed, task.mount),
-        camera_mount=task.mount,
-        dynamics="kinematic",
-        max_episode_steps=CAP,
-        **options(task.sizes),
-    )
-    found: list[Array] = []
-    for variation in task.variations:
-        try:
-            with varied(variation.constant, variation.value) as settings:
-                found.append(measure(task, env, settings))
-        except (ArithmeticError, ValueError, LookupError):
-            if variation.constant is None:
-                raise
-            found.append(np.full_like(found[0], np.nan))
-    return task, np.array(found)
-
-
 def _planned(tasks: list[Task], jobs: int) -> float:
     """Minutes that the tasks will take, by the first trials of the base in one world."""
     minutes = 0.0
@@ -357,7 +199,7 @@ def _planned(tasks: list[Task], jobs: int) -> float:
             own = [task for task in tasks if (task.agent, task.condition) == (agent, condition)]
             if own:
                 start = time.perf_counter()
-                _done(Task(agent, condition, own[0].seed, own[0].mount, own[0].sizes, (Variation(),)))
+                carry_out(Task(agent, condition, own[0].seed, own[0].mount, own[0].sizes, (Variation(),)))
                 runs = sum(len(task.variations) for task in own)
                 minutes += (time.perf_counter() - start) * runs / jobs / 60
     return minutes

@@ -1,0 +1,1 @@
+"""Which constants of the agents matter, by halving and doubling each."""
