@@ -39,10 +39,10 @@ def least_squares(
     weighs points by 1 / (1 + (length / outlying)²).
 
     Args:
-        residuals: Of the data; any unit, in which the prior is then worth its distance by `prior_std`.
+        residuals: Of the data, in any unit.
         start: Where to begin (starts, p).
         prior_mean: Where each parameter is without data (p,).
-        prior_std: Its standard deviation without data (p,), by that of the residuals.
+        prior_std: Its standard deviation without data, divided by that of a residual (p,).
         bound: How far from the prior mean it can be (p,).
         steps: How many steps to make at most.
         outlying: Length of a point's residual beyond which it counts as an outlier rather than as noise.
@@ -64,25 +64,25 @@ def least_squares(
         better = further_cost < cost
         ended = np.where(better, cost - further_cost < _TOLERANCE * cost, damping > _MOST_DAMPING)
         damping = np.where(better, np.maximum(_LESS * damping, _LEAST_DAMPING), _MORE * damping)
-        x[better], off[better], weights[better] = (
-            further[better],
-            further_off[better],
-            further_weights[better],
-        )
+        for kept, new in ((x, further), (off, further_off), (weights, further_weights)):
+            kept[better] = new[better]
         cost = np.minimum(cost, further_cost)
         if ended.all():
             break
-        if better.any():
-            jacobian = (
-                derivatives() if better.all() else np.where(better[:, None, None], derivatives(), jacobian)
-            )
+        if better.all():
+            jacobian = derivatives()
+        elif better.any():
+            jacobian[better] = derivatives()[better]
     return x, off, cost
 
 
 def _step(
     from_mean: Array, prior_std: Array, off: Array, jacobian: Array, weights: Array, damping: Array
 ) -> Array:
-    """Marquardt's step (starts, p) against the gradient: x - step is where to go."""
+    """Marquardt's step (starts, p) along the gradient: x - step is where to go.
+
+    JᵀWJ is a matrix by its own transpose, start by start: BLAS takes half the time for that.
+    """
     roots = np.sqrt(weights)
     root_w_j = roots[..., None] * jacobian
     jt_w_off = np.array([j.T @ r for j, r in zip(root_w_j, roots * off, strict=True)])
