@@ -13,6 +13,7 @@ from agents.adaptation.adaptive_knowledge import AdaptiveKnowledge
 from agents.base.checks import check_flag, check_number, checked_array
 from agents.base.observation import POINTS, Array, Observation
 from agents.base.procedure import Procedure
+from agents.base.storage import with_present_names
 from agents.jacobian import distance_jacobian
 from agents.knowledge.interface import Knowledge
 from agents.perception import ObservationFilter, Observing
@@ -159,10 +160,11 @@ class LearningServo(ServoAgent):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        return super().arrays() | self.adaptation.arrays() | {"carriers": self.camera_motors}
+        return super().arrays() | self.adaptation.arrays() | {"camera_motors": self.camera_motors}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
         super().restore(arrays)
+        arrays = with_present_names(arrays, {"carriers": "camera_motors"})
         self.adaptation.restore(arrays)
-        self.camera_motors = checked_array(arrays, "carriers", (self.motors,)) > 0
+        self.camera_motors = checked_array(arrays, "camera_motors", (self.motors,)) > 0

@@ -7,7 +7,6 @@ was; while more is seen, the explanation of the change is fitted again, and what
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, replace
 from typing import Any
@@ -23,7 +22,7 @@ from agents.adaptation.knowledge_with_views import KnowledgeWithViews
 from agents.adaptation.pairs import Pairs
 from agents.base.checks import checked_array
 from agents.base.observation import Array
-from agents.base.storage import prefixed, under
+from agents.base.storage import prefixed, under, with_present_names
 from agents.knowledge.interface import Knowledge
 
 ON_CHANGE = ("recognise", "map", "discard", "keep")
@@ -267,7 +266,7 @@ class AdaptiveKnowledge:
         if self.on_change == "keep":
             self.knowledge.restore(arrays)
             return
-        arrays = _with_present_names(arrays)
+        arrays = with_present_names(arrays, _EARLIER_NAMES)
         self._known.restore(arrays)
         self.archive.restore(arrays)
         self.detector.restore(arrays)
@@ -280,17 +279,3 @@ class AdaptiveKnowledge:
         if before:
             self.change = Drift(before, cameras) if drifting else Jump(before, cameras, after_change)
         self.events = [Event(int(trial), kind, action) for trial, kind, action in arrays["events"]]
-
-
-def _with_present_names(arrays: Arrays) -> Arrays:
-    """Arrays under the names that they have now; warns of those that had another."""
-    earlier = {name.split("/")[0] for name in arrays} & _EARLIER_NAMES.keys()
-    if not earlier:
-        return arrays
-    names = ", ".join(f"{name} (now {_EARLIER_NAMES[name]})" for name in sorted(earlier))
-    warnings.warn(f"read under the names of an earlier version: {names}", stacklevel=2)
-    renamed = {}
-    for name, array in arrays.items():
-        first, *rest = name.split("/")
-        renamed["/".join([_EARLIER_NAMES.get(first, first), *rest])] = array
-    return renamed

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.adaptation.robust import coordinate_variance, huber_weights
+from agents.adaptation.robust import HUBER, coordinate_variance
 from agents.base.observation import Array
+from agents.base.robust import huber_weights
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 
@@ -77,7 +78,7 @@ def _line(recalled: Array, now: Array, known: Array) -> tuple[float, float]:
     prior_mean = np.array([1.0 if known @ (recalled * now) >= 0 else -1.0, 0.0])
     line = prior_mean
     for _ in range(ITERATIONS):
-        weights = known * huber_weights((now - columns @ line) / REGISTER_STD) / REGISTER_STD**2
+        weights = known * huber_weights((now - columns @ line) / REGISTER_STD, HUBER) / REGISTER_STD**2
         jt_w = columns.T * weights
         normal = jt_w @ columns + np.eye(2) / PRIOR_STD**2
         line = np.linalg.solve(normal, jt_w @ now + prior_mean / PRIOR_STD**2)

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.adaptation.robust import coordinate_variance, huber_weights
+from agents.adaptation.robust import HUBER, coordinate_variance
 from agents.base.observation import Array
+from agents.base.robust import huber_weights
 from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 
@@ -183,7 +184,7 @@ def fit_camera(before: GaussianProcess, camera: int, sensors: Array, registers: 
     for _ in range(ITERATIONS):
         fitted = CameraMap(parameters)
         errors, jacobian = seen - fitted(own, depth), fitted.derivative(own, depth)
-        weights = huber_weights(np.hypot(*errors.T) / np.sqrt(variances)) / variances
+        weights = huber_weights(np.hypot(*errors.T) / np.sqrt(variances), HUBER) / variances
         prior_mean, prior_std = _prior(fitted)
         jt_w = jacobian.T * weights.repeat(2)
         covariance = np.linalg.inv(jt_w @ jacobian + np.diag(prior_std**-2))
@@ -253,5 +254,5 @@ def _similarity(own: Array, seen: Array, variances: Array) -> Array:
         parameters[SIMILARITY] = a, b
         parameters[SHIFT] = there - [a * centre[0] - b * centre[1], b * centre[0] + a * centre[1]]
         errors = np.hypot(*(seen - CameraMap(parameters)(own, np.zeros_like(own))).T)
-        weights = huber_weights(errors / np.sqrt(variances)) / variances
+        weights = huber_weights(errors / np.sqrt(variances), HUBER) / variances
     return parameters

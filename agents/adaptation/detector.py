@@ -48,9 +48,9 @@ class Finding:
 
 
 class ChangeDetector:
-    """Looks for jumps and for drift.
+    """Watches for jumps and for drift.
 
-    A jump is believed where home is seen elsewhere, and so is most of the rest of that trial, or home was
+    A jump is accepted where home is seen elsewhere, and so is most of the rest of that trial, or home was
     seen there in an earlier trial already; or where observations away from home are inconsistent with what
     is known, many of them in one trial or some again within a few trials. A single odd observation is a
     mistake of the measurement.

@@ -14,8 +14,3 @@ MEAN_SQUARE_MEDIAN = float(np.log(2))
 def coordinate_variance(residuals: Array) -> float:
     """Variance of one coordinate of residual points (n, 2), by their median."""
     return float(np.median(np.square(residuals).mean(1)) / MEAN_SQUARE_MEDIAN)
-
-
-def huber_weights(deviations: Array) -> Array:
-    """Huber's weights (n,) of residuals (n,) in standard deviations: 1 up to `HUBER`, then falling."""
-    return np.asarray(1 / np.maximum(1.0, np.abs(deviations) / HUBER))

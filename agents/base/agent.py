@@ -28,7 +28,7 @@ class Agent(ABC):
     """A controller of the black box.
 
     Attributes:
-        privileged: What it must be told beyond its observations, by the names of `tell=`; empty for most.
+        privileged: What it requires beyond the standard observations, by the names of `tell=`; mostly empty.
         num_timesteps: Motions that it has made in `learn`, over its whole life.
     """
 
@@ -38,7 +38,7 @@ class Agent(ABC):
         spaces: Mapping[str, Any] = getattr(env.observation_space, "spaces", {})
         if missing := [name for name in self.privileged if name not in spaces]:
             raise ValueError(
-                f"it must be told {', '.join(missing)}: make its environment with tell={self.privileged}"
+                f"it requires {', '.join(missing)}: make its environment with tell={self.privileged}"
             )
         self.env = env
         self.seed = seed

@@ -64,3 +64,24 @@ def under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[
     """Those that `prefixed` put under a prefix, by their own names; empty where there are none."""
     start = f"{prefix}/"
     return {name.removeprefix(start): array for name, array in arrays.items() if name.startswith(start)}
+
+
+def with_present_names(
+    arrays: Mapping[str, NDArray[Any]], earlier: Mapping[str, str]
+) -> Mapping[str, NDArray[Any]]:
+    """Arrays under the names that they have now; warns of those that had another.
+
+    Args:
+        arrays: As they were saved; of prefix/name only the prefix may have changed.
+        earlier: From names in files of earlier versions to those of today.
+    """
+    found = {name.split("/")[0] for name in arrays} & earlier.keys()
+    if not found:
+        return arrays
+    names = ", ".join(f"{name} (now {earlier[name]})" for name in sorted(found))
+    warnings.warn(f"read under the names of an earlier version: {names}", stacklevel=3)
+    renamed = {}
+    for name, array in arrays.items():
+        first, *rest = name.split("/")
+        renamed["/".join([earlier.get(first, first), *rest])] = array
+    return renamed

@@ -22,7 +22,7 @@ class ModelBased(ProcedureAgent):
     The traditional control of the paper's section 2.2: stereo evaluation delivers the location of the object,
     inverse kinematics the joint angles that bring the gripper there.
 
-    It is told nothing in its observations. All that it knows, it was built on: the simulator's nominal world
+    It gets no privileged observations. All that it knows, it was built on: the simulator's nominal world
     in every number, that is, cameras, lens, link lengths, joint zeros and limits, the motors' gains, signs
     and curve; and what the cameras are fixed to. In other worlds it is as wrong as these differ from that.
 

@@ -44,7 +44,7 @@ class SelfCalibrating(ProcedureAgent):
     and goes on as soon as there is a model; every further observation, in failure and success, refits it.
     `learn` keeps measurements and model for later trials; `predict` refits for the trial only.
 
-    It is told nothing in its observations, but is built on much prior knowledge:
+    It gets no privileged observations, but is built on much prior knowledge:
 
     * of the arm, the kinematics as built: which joint moves what, link lengths to within 20 %, joint zeros to
       within 0.3 rad, joint limits, and that the wrist holds the hand vertical;

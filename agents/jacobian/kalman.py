@@ -15,11 +15,11 @@ class Kalman(Estimator):
     The state of an image point are the rows (p, J) of its two coordinates, which share one covariance
     (1 + m, 1 + m): a motion moves p by J c, and then p is seen, or is not. The random walk of a column grows
     with its length and with how far the arm went; that of p is a share of its displacement, for the curve
-    that a straight line leaves out. Where points are noisy, the filter averages over looks at different
+    that a straight line leaves out. Where points are noisy, the filter averages observations at different
     places; where one is missing, it goes on by prediction. Where noise turns out larger than it was thought
     to be, so does the variance of all that was concluded.
 
-    The default: where looks are clear all estimators that last need about as few motions (`python -m
+    The default: where observations are clear all estimators that last need about as few motions (`python -m
     experiments benchmark controllers`); where image points are noisy only this one goes on reaching
     (`configs/estimators.yaml`: 99 % of wild worlds at 8 px, the next best 76 %).
     """

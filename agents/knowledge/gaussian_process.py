@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 from agents.base.checks import check_number, checked_array
 from agents.base.observation import Array
 from agents.knowledge.interface import Change, Recall
-from calfree_gym.image import IMAGE_UNIT
-
-CAMERAS = 2
+from calfree_gym.image import CAMERAS, IMAGE_UNIT
 
 
 class GaussianProcess:
@@ -68,11 +66,11 @@ class GaussianProcess:
     def __init__(self, motors: int, points: int = 200) -> None:
         self.points = check_number("points", points, least=10, whole=True)
         self.registers = np.empty((0, motors))
-        self.sensors = np.empty((0, 2 * CAMERAS))
-        self.variances = np.empty((0, CAMERAS))
-        self._whitening = np.empty((CAMERAS, 0, 0))
+        self.sensors = np.empty((0, 2 * len(CAMERAS)))
+        self.variances = np.empty((0, len(CAMERAS)))
+        self._whitening = np.empty((len(CAMERAS), 0, 0))
         self._solved = True
-        self._weights = np.empty((0, 2 * CAMERAS))
+        self._weights = np.empty((0, 2 * len(CAMERAS)))
 
     def __repr__(self) -> str:
         return f"GaussianProcess(points={self.points})"
@@ -96,7 +94,7 @@ class GaussianProcess:
             if size < self.SAME_PLACE:
                 break
         (view,), (variances,) = self.views(registers[None])
-        squares = np.square(sensors - view).reshape(CAMERAS, 2).sum(1)
+        squares = np.square(sensors - view).reshape(len(CAMERAS), 2).sum(1)
         variances = variances + np.maximum(0, squares - self.CONTRADICTION_SIGMAS**2 * self.noise)
         return Recall(registers, float(np.sqrt(variances.max())) / IMAGE_UNIT)
 
@@ -114,7 +112,7 @@ class GaussianProcess:
 
     def learn(self, sensors: Array, registers: Array) -> None:
         """See `Knowledge`. What is seen at the same registers again is averaged."""
-        noise = np.full(CAMERAS, self.noise)
+        noise = np.full(len(CAMERAS), self.noise)
         apart = np.abs(self.registers - registers).max(1, initial=0.0)
         if len(apart) and apart.min() < self.SAME_PLACE:
             same = int(apart.argmin())
@@ -146,8 +144,8 @@ class GaussianProcess:
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""
         registers = checked_array(arrays, "registers", (None, self.registers.shape[1]))
-        sensors = checked_array(arrays, "sensors", (len(registers), 2 * CAMERAS))
-        variances = checked_array(arrays, "variances", (len(registers), CAMERAS))
+        sensors = checked_array(arrays, "sensors", (len(registers), 2 * len(CAMERAS)))
+        variances = checked_array(arrays, "variances", (len(registers), len(CAMERAS)))
         self.registers, self.sensors, self.variances = registers, sensors, variances
         self._solved = False
 
@@ -201,8 +199,8 @@ class GaussianProcess:
             cameras = self.variances.T[:1] if alike else self.variances.T
             factors = np.linalg.cholesky([kernel + np.diag(own) for own in cameras])
             whitening = [_lower_inverse(factor) for factor in factors]
-            self._whitening = np.broadcast_to(whitening, (CAMERAS, *kernel.shape))
-            seen = self.sensors.reshape(-1, CAMERAS, 2).swapaxes(0, 1)
+            self._whitening = np.broadcast_to(whitening, (len(CAMERAS), *kernel.shape))
+            seen = self.sensors.reshape(-1, len(CAMERAS), 2).swapaxes(0, 1)
             self._weights = np.concatenate([*(self._whitening.swapaxes(1, 2) @ (self._whitening @ seen))], 1)
             self._solved = True
 

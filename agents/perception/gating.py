@@ -15,9 +15,9 @@ class Estimate(NamedTuple):
     """Points as they are estimated.
 
     Attributes:
-        points: (4, 2); where nothing can be believed, as predicted.
-        found: Which of them (4,) were seen and believed.
-        inconsistent: Which of them (4,) were believed although they are not where they were predicted.
+        points: (4, 2); where nothing can be trusted, as predicted.
+        found: Which of them (4,) were seen and trusted.
+        inconsistent: Which of them (4,) were trusted although they are not where they were predicted.
     """
 
     points: Array

@@ -3,7 +3,7 @@
 One mechanism for all servos. An observation that comes out as predicted is taken at once. Where a point is
 not seen, or is not where it is predicted, or where nothing moved at all, the robot observes again (zero
 words: a motion, and counted) until observations agree. From observations at one place it also learns how
-noisy, how gappy and how late they are; nobody tells it.
+noisy, how gappy and how late they are; no setting says so.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class ObservationFilter:
     Attributes:
         noise: How noisy image points are.
         latency: How late they come.
-        gating: Which of them can be believed.
+        gating: Which of them can be trusted.
         visibility: Which of them are out of view.
-        inconsistent: Which points (4,) were last believed although they were not where they were predicted.
+        inconsistent: Which points (4,) were last trusted although they were not where they were predicted.
     """
 
     MOST_OBSERVATIONS = 8
@@ -105,7 +105,7 @@ class ObservationFilter:
         return bool(near and self.latency.in_time(far, off, noise_px))
 
     def _worth_another(self, observations: list[Observation], found: Flags, known: Flags) -> bool:
-        """Whether one more observation at this place may show what is not yet believed."""
+        """Whether one more observation at this place may show what is not trusted yet."""
         seen = np.array([each.visible for each in observations]).any(0)
         waiting = ~self.lost & ~(known & self.visibility.gaps)
         return bool((~found & (seen | waiting)).any())

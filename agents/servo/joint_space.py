@@ -20,8 +20,8 @@ class JointSpaceServo(ProcedureAgent):
 
     From the reference: two uncalibrated cameras, test motions that measure how the image distance d follows
     the joint angles q, and steps of a fixed gain. It needs the calibrated joints that the paper does without
-    (section 2.3): it is told the joint angles after every motion. A reconstruction is how it commands joints
-    that take nothing but control words: what a word turns a joint by is read off the told angles at every
+    (section 2.3): the joint angles are a privileged observation. A reconstruction is how it commands joints
+    that take nothing but control words: what a word turns a joint by is read off these angles at every
     test motion. That test motions come before every step and are sized by what they do in the images is the
     paper's.
 

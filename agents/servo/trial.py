@@ -24,7 +24,7 @@ class Findings:
 
     Attributes:
         estimator: What is known of the Jacobian.
-        trusted: The observations that were believed, none of their points merely predicted.
+        trusted: The observations that passed the filter, none of their points merely predicted.
     """
 
     estimator: Estimator
@@ -173,7 +173,7 @@ class Trial:
         """Measures one motor's column of the Jacobian by a test motion, towards the object as last known.
 
         Where the motor meets its stop or a point gets lost it tries the other way; where too little moves in
-        the images to be told from noise it tries a larger word, back and forth.
+        the images to stand out from noise it tries a larger word, back and forth.
         """
         slope = self.jacobian[:, motor] @ self.now.distance
         if slope:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.errors import check_choice
 from calfree_gym.geometry import Array, Rows
-from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, inside, lengths_px
+from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, PIXELS_PER_UNIT, inside, lengths
 from calfree_gym.perturbations.application import PerturbationScheduler
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
@@ -213,8 +213,8 @@ class StereoArms:
 
     def error_px(self) -> Array:
         """Noise-free image distances (N,) in pixels, of the camera that sees the larger one."""
-        left, right = lengths_px(self.true_points[:, :2] - self.true_points[:, 2:]).T
-        return np.asarray(np.maximum(left, right))
+        left, right = lengths(self.true_points[:, :2] - self.true_points[:, 2:]).T
+        return np.asarray(PIXELS_PER_UNIT * np.maximum(left, right))
 
     def _enter(self, row: int, world: World) -> None:
         self._worlds[row] = world

@@ -23,6 +23,7 @@ RIG_GROUP = 2
 _SENSOR_SIZE = 0.01
 _HAND_TO_GRIPPER_POINT = 0.18
 _NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+_NO_CONSTRAINTS = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 
@@ -76,8 +77,10 @@ class Simulation:
 
     def __init__(self, rows: int, mount: str, dynamics: str, threads: int) -> None:
         self._model = build_model(mount)
-        self._batch = Batch(self._model, rows, nthread=threads)
         self._kinematic = dynamics == "kinematic"
+        if self._kinematic:
+            self._model.opt.disableflags |= _NO_CONSTRAINTS  # motors stop before joints do
+        self._batch = Batch(self._model, rows, nthread=threads)
         self._current = False
         self.motors = MotorMap(rows)
         self._camera_position = self._batch.expand("cam_pos")
@@ -125,7 +128,8 @@ class Simulation:
         joints = self.motors.joints(registers, rows)
         travel = np.maximum.reduce(np.abs(joints - self._ctrl[rows]), axis=-1)
         if self._kinematic:
-            self._rest_at(rows, joints)
+            self._qpos[rows] = self._ctrl[rows] = joints
+            self._current = False
         else:
             self._ctrl[rows] = joints
             self._disabled.fill(self._flags | _NO_SENSORS)  # only `refresh` needs them

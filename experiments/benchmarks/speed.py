@@ -74,6 +74,7 @@ def speed(peers: Sequence[str] = (), rounds: int = ROUNDS) -> Speed:
     with ExitStack() as stack:
         others = [stack.enter_context(Peer(spec)) for spec in peers]
         ratios = [_single(rounds, truth=False, wanted=0.88), _single(rounds, truth=True, wanted=None)]
+        ratios += [_single(rounds, truth=False, wanted=None, sensors=False)]
         ratios += [_batched(rounds), _kinematic(rounds)]
         ratios += [_ppo("kinematic", 0.70, rounds), _ppo("physics", None, rounds)]
         for peer in others:
@@ -83,17 +84,24 @@ def speed(peers: Sequence[str] = (), rounds: int = ROUNDS) -> Speed:
     return Speed(tuple(ratios), machine)
 
 
-def _single(rounds: int, truth: bool, wanted: float | None) -> Ratio:
-    """One environment against `mj_step` over the same substeps, one thread."""
+def _single(rounds: int, truth: bool, wanted: float | None, sensors: bool = True) -> Ratio:
+    """One environment against `mj_step` over the same substeps, one thread.
+
+    `mj_step` computes sensors in every substep, our environment once a motion; without `sensors`, the bare
+    loop computes none.
+    """
     steps = 50
     model = build_model("waist")
+    if not sensors:
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     data = mujoco.MjData(model)
 
     def bare() -> None:
         for _ in range(steps * SUBSTEPS):
             mujoco.mj_step(model, data)
 
-    name = f"one environment{'' if truth else ', truth=False'} / bare mj_step"
+    ours, other = "" if truth else ", truth=False", "" if sensors else " without sensors"
+    name = f"one environment{ours} / bare mj_step{other}"
     with _pinned(1):
         return _ratio(name, wanted, _stepping(1, steps, truth=truth), bare, steps, rounds)
 

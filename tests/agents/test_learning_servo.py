@@ -61,7 +61,7 @@ def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(make_env, tmp
     with np.load(tmp_path / "whole.npz") as file:
         arrays = {name: file[name] for name in file.files}
     fresh = agents.make("memory", env)
-    for name in ("registers", "carriers", "home", "usual_scores", "clock", "suspects/trials"):
+    for name in ("registers", "camera_motors", "home", "usual_scores", "clock", "suspects/trials"):
         damaged = {key: array for key, array in arrays.items() if key != name}
         np.savez(tmp_path / "damaged.npz", **damaged)
         with pytest.raises(ValueError, match=r"damaged\.npz is damaged"):

@@ -79,7 +79,6 @@ LEFT_OUT: dict[str, str] = {
     "seed": "no constant",
     "estimator.SIGN_CHANGE": "exact: from j to -j",
     "NoiseEstimate.QUANTILE_OF_NORMAL": "exact, follows from QUANTILE",
-    "gaussian_process.CAMERAS": "exact: there are two",
     "HomeView.NORMAL_MEDIAN": "exact",
     "robust.MEAN_SQUARE_MEDIAN": "exact",
     "camera_change.PARAMETERS": "exact: there are twelve",

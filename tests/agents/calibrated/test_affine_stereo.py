@@ -101,7 +101,7 @@ def test_the_nominal_robot_reaches(mount):
 
 
 def test_it_must_be_told_the_position():
-    with pytest.raises(ValueError, match=r"told gripper_position.*tell=\('gripper_position',\)"):
+    with pytest.raises(ValueError, match=r"requires gripper_position.*tell=\('gripper_position',\)"):
         agents.make("affine_stereo", gym.make("CalFree/Reach-v0"))
 
 

@@ -144,7 +144,7 @@ def test_it_reaches_in_many_wild_worlds(environment, mount):
 
 
 def test_it_must_be_told_the_joint_angles(make_env):
-    with pytest.raises(ValueError, match=r"told joint_angles.*tell=\('joint_angles',\)"):
+    with pytest.raises(ValueError, match=r"requires joint_angles.*tell=\('joint_angles',\)"):
         agents.make("joint_space_servo", make_env())
 
 
