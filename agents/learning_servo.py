@@ -47,8 +47,9 @@ class LearningServo(ServoAgent):
     """
 
     LATE_PX = 6.0
-    """Where gripper and object are seen further apart at the end of a trial, that observation came late.
-    Derived: the usual tolerance of 4 px and three times a noise of 0.5 px, rounded."""
+    """A last observation with a larger image distance is taken for a late one: its registers are stored
+    without correction. Derived for `tolerance_px=4`: 4 + 3 · 0.5, rounded up. With a larger tolerance many
+    true successes stay uncorrected."""
 
     def __init__(
         self,
@@ -119,7 +120,7 @@ class LearningServo(ServoAgent):
         registers.append(self._rendezvous(last))
         sensors.append(trusted[0].object)
         teaches.append(ended and bool(trusted[0].visible[2:].all()))
-        self.adaptation.learn(np.array(registers)[teaches], np.array(sensors)[teaches])
+        self.adaptation.learn(np.array(sensors)[teaches], np.array(registers)[teaches])
 
     def _learn_camera_motors(self, jacobian: Array) -> None:
         """Tells by J (8, m), once all motors are in it, which of them move the object's image more."""

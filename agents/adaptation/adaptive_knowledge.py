@@ -105,10 +105,10 @@ class AdaptiveKnowledge:
     """
 
     EXPLAINED_TRIALS = 30
-    """So many trials after a change its explanation is final. Tuned (wild worlds 3000-)."""
+    """This many trials after a change its explanation is final. Tuned (wild worlds 3000-)."""
     REFIT_TRIALS = 5
-    """So many trials the explanation is fitted again after each, later after each so many: a choice between
-    time and accuracy."""
+    """In each of the first 5 trials after a change the explanation is fitted again, later in every fifth. A
+    choice between time and accuracy."""
     DRIFT_TRIALS = 12
     """Trials by which a drift is followed. Tuned (wild worlds 3000-)."""
 
@@ -133,7 +133,7 @@ class AdaptiveKnowledge:
         return self._known.knowledge
 
     def knowledge_for(self, gripper: Array) -> Knowledge | None:
-        """The knowledge for a world in which the gripper at home is seen there (4,), in image units.
+        """The knowledge to use if the gripper at home is seen at `gripper` (4,), in image units.
 
         None where the world has changed and the archive knows none like it.
         """
@@ -143,13 +143,10 @@ class AdaptiveKnowledge:
         return archived.knowledge if archived else None
 
     def announce_change(self, cameras: Cameras) -> None:
-        """Takes it from somebody who knows: before the next trial these cameras (2,) have been changed.
-
-        Both, where it is the arm.
-        """
+        """The user says that these cameras (2,) have changed before the next trial; both mean the arm."""
         self._announced = np.asarray(cameras, bool)
 
-    def learn(self, registers: Array, sensors: Array) -> None:
+    def learn(self, sensors: Array, registers: Array) -> None:
         """Takes in a trial: what was seen (n, 4), in image units, and at which registers (n, m); home first.
 
         A trial in which home was not seen teaches nothing, unless all is kept whatever changes.
@@ -260,8 +257,8 @@ class AdaptiveKnowledge:
         """Takes over what `arrays` returned, of earlier versions too, which it warns of.
 
         Raises:
-            KeyError: An array is missing.
-            ValueError: An array is missing or of another shape.
+            KeyError: An array of the archive or of a change is missing.
+            ValueError: Another array is missing, or one has another shape.
         """
         if self.on_change == "keep":
             self.knowledge.restore(arrays)

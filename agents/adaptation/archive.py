@@ -23,7 +23,7 @@ class Archive:
     """
 
     KEPT = 8
-    """So many worlds are kept. Choice: it bounds memory; a Gaussian process holds at most
+    """This many worlds are kept. Choice: it bounds memory; a Gaussian process holds at most
     230 pairs in each."""
 
     def __init__(self) -> None:

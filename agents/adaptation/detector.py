@@ -71,19 +71,19 @@ class ChangeDetector:
     """An observation that is off by less is never inconsistent: the tolerance of a rendezvous, in pixels.
     Choice."""
     INCONSISTENT_FACTOR = 2.5
-    """An inconsistent observation is off by so many times the usual score. Tuned (wild worlds 3000-)."""
+    """An inconsistent observation is off by this many times the usual score. Tuned (wild worlds 3000-)."""
     USUAL_QUANTILE = 0.9
     """The usual score is this quantile of `usual_scores`. Tuned (wild worlds 3000-)."""
     USUAL_TRIALS = 20
-    """The usual score is known after so many trials; until then nothing away from home is inconsistent. Tuned
-    (wild worlds 3000-)."""
+    """The usual score is known after this many trials; until then nothing away from home is inconsistent.
+    Tuned (wild worlds 3000-)."""
     CONFIRM_TRIALS = 4
-    """Suspects are confirmed where another inconsistent trial follows within so many. Tuned (wild worlds
+    """Suspects are confirmed where another inconsistent trial follows within this many. Tuned (wild worlds
     3000-)."""
     MISTAKEN_PX = 30.0
     """What was further off, and was not confirmed, is not learned. Tuned (wild worlds 3000-)."""
     ENOUGH_IN_ONE_TRIAL = 4
-    """So many observations in one trial need no other trial, where most of them are inconsistent. Choice:
+    """This many observations in one trial need no other trial, where most of them are inconsistent. Choice:
     with fewer, two mistaken points are a majority."""
 
     def __init__(self, motors: int) -> None:
@@ -162,7 +162,7 @@ class ChangeDetector:
         return np.asarray(inconsistent)
 
     def _enough(self, inconsistent: NDArray[np.bool_]) -> bool:
-        """Whether so many pairs (n, 2) of one trial are inconsistent that it needs no other."""
+        """Whether the pairs (n, 2) of one trial that are inconsistent need no other trial."""
         mostly = bool(inconsistent.any(1).mean() > 0.5)
         return len(inconsistent) >= self.ENOUGH_IN_ONE_TRIAL and mostly
 

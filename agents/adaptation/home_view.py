@@ -23,18 +23,18 @@ class HomeView:
     """
 
     SIGMAS = 5.0
-    """A displacement of so many standard deviations is a change. Derived: noise in two coordinates is longer
-    in exp(-5²/2), 4 of a million cases; the margin is there because the noise itself is estimated."""
+    """A displacement of this many standard deviations is a change. Derived: noise in two coordinates is
+    longer in exp(-5²/2), 4 of a million cases; the margin is there because the noise itself is estimated."""
     KEPT = 40
     """Trials that are kept. Choice: the noise is then known to about 10 %."""
     DRIFT_LATEST = 8
-    """A drift is looked for in the means of at most so many of the latest trials. Tuned (wild worlds
+    """A drift is looked for in the means of at most this many of the latest trials. Tuned (wild worlds
     3000-)."""
     JUMP_REFERENCE = 4
-    """A jump is looked for against the mean of so many trials: few, so that a slow drift is no jump. Tuned
+    """A jump is looked for against the mean of this many trials: few, so that a slow drift is no jump. Tuned
     (wild worlds 3000-)."""
     PRIOR_STEPS = 12
-    """The assumed noise counts as much as so many steps of a coordinate, that is three trials. Choice."""
+    """The assumed noise counts as much as this many steps of a coordinate, that is three trials. Choice."""
     NORMAL_MEDIAN = 0.6745
     """Median of a standard normal deviate's absolute value. Derived."""
 
@@ -62,7 +62,7 @@ class HomeView:
         return np.asarray(self.sensors[-self.JUMP_REFERENCE :].mean(0))
 
     def before(self, trials: int) -> Array:
-        """Where the gripper was seen (4,) before the latest so many trials: a mean."""
+        """Where the gripper was seen (4,) before that number of latest trials: a mean."""
         return np.asarray(self.sensors[:-trials].mean(0))
 
     def jumped(self, gripper: Array) -> Cameras:

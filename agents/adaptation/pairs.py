@@ -28,7 +28,7 @@ class Pairs:
 
     @classmethod
     def none(cls, motors: int) -> Self:
-        """No pairs, of so many registers."""
+        """No pairs, for that number of registers."""
         return cls(np.empty((0, motors)), np.empty((0, 4)), np.empty(0, np.int64))
 
     @classmethod
@@ -59,5 +59,5 @@ class Pairs:
         return Pairs(self.registers[1:], self.sensors[1:], self.trials[1:])
 
     def latest(self, trials: int) -> Pairs:
-        """Those of the latest so many trials."""
+        """Those of that number of latest trials."""
         return self.only(self.trials > self.trials.max(initial=0) - trials)

@@ -38,13 +38,13 @@ _SCREENING_STEPS, _FITTING_STEPS = 8, 60
 """Of least squares with each set of signs, then with the best of them; a fit from what is known takes two or
 three of the latter. Tuned on wild worlds 3000 and up."""
 _GO_ON_WITH = 2
-"""So many sets of signs go on after screening: tuned likewise."""
+"""This many sets of signs go on after screening: tuned likewise."""
 _LARGEST_ZOOM = 0.4
 """Of the start, as a logarithm: what the wild worlds' cameras have, a factor of 0.67 to 1.5."""
 _FAR_PX = 40.0
 """Residuals beyond this count as outliers as long as nothing is known: tuned likewise."""
 _OUTLYING = 8.0
-"""Then those beyond so many times the noise do: tuned likewise, with and without mistaken points."""
+"""Then those beyond this many times the noise do: tuned likewise, with and without mistaken points."""
 _LEAST_NOISE_PX = 1.0
 """Against the prior, image points count as if they were at least so noisy: model errors add to their noise.
 Tuned likewise."""

@@ -34,8 +34,8 @@ def least_squares(
     """Minimises half of ρ(residuals) + ‖(x - prior_mean) / prior_std‖² where |x - prior_mean| <= `bound`.
 
     Levenberg-Marquardt (Marquardt 1963), each step clipped to the bounds; all starts go their own ways at the
-    same time. It ends where no start gains more than 1/1000 of its cost by a step, or after so many steps. ρ
-    is Cauchy's function of the length of every two residuals, an image point's; iteratively reweighted, it
+    same time. It ends where no start gains more than 1/1000 of its cost by a step, or after this many steps.
+    ρ is Cauchy's function of the length of every two residuals, an image point's; iteratively reweighted, it
     weighs points by 1 / (1 + (length / outlying)²).
 
     Args:

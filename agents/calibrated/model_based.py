@@ -22,8 +22,8 @@ class ModelBased(ProcedureAgent):
     The traditional control of the paper's section 2.2: stereo evaluation delivers the location of the object,
     inverse kinematics the joint angles that bring the gripper there.
 
-    It gets no privileged observations. All that it knows, it was built on: the simulator's nominal world
-    in every number, that is, cameras, lens, link lengths, joint zeros and limits, the motors' gains, signs
+    It gets no privileged observations. Its prior knowledge is the simulator's nominal world in every
+    number, that is, cameras, lens, link lengths, joint zeros and limits, the motors' gains, signs
     and curve; and what the cameras are fixed to. In other worlds it is as wrong as these differ from that.
 
     Args:
@@ -47,10 +47,9 @@ class ModelBased(ProcedureAgent):
     def procedure(self, first: Observation, findings: None) -> Procedure:
         """Goes to where the object is by the model; where it misses, moves by what still lies between.
 
-        The gripper is then triangulated with the object, so that what is wrong with both is wrong with
-        neither (position-based look-and-move with the endpoint closed loop, after Hutchinson, Hager & Corke
-        1996). The goal is estimated by a Kalman filter of one variance: it hardly matters unless observations
-        are noisy.
+        The gripper is triangulated too, and only its difference to the object is used, so that errors which
+        both share cancel (position-based look-and-move with the endpoint closed loop, after Hutchinson, Hager
+        & Corke 1996). A scalar Kalman filter smooths the goal: this matters only in noise.
         """
         filter_, model = ObservationFilter(), self.model
         now = yield from filter_.first(first)
@@ -65,10 +64,10 @@ class ModelBased(ProcedureAgent):
             now = (yield from move_by_model(model, object_, filter_, now, words))[-1]
 
     def _evaluate_stereo(self, now: Observation) -> tuple[Array, Array]:
-        """Where the object is (3,), and where the arm is to have its gripper by its kinematics (3,), in m.
+        """The object's position (3,), and the goal for the inverse kinematics (3,), in m.
 
-        At home these are the same. Later the latter is as far from where the kinematics have the gripper as
-        the object is seen from where the gripper is seen.
+        At home the goal is the object's position. Later it is the gripper's position by the kinematic model,
+        plus the vector from the triangulated gripper to the triangulated object.
         """
         joints = self.model.joints(now.registers[None])
         gripper, object_ = self.model.triangulate(np.stack([now.gripper, now.object]), joints)

@@ -27,8 +27,8 @@ class RecordedTrial(Trial):
     """Test motions of all motors at once, in units of their test words: these show what motors do
     to each other. Tuned likewise."""
     OBSERVATIONS = 3
-    """So many more at one place tell how noisy they are: `NoiseEstimate.ENOUGH` differences (derived: 3 times
-    8 coordinates)."""
+    """This many more at one place tell how noisy they are: `NoiseEstimate.ENOUGH` differences (derived: 3
+    times 8 coordinates)."""
 
     def __init__(self, first: Observation) -> None:
         findings = Findings(TestMotions(len(first.registers)))

@@ -26,10 +26,10 @@ class ValidityCheck:
     """Observations contradict the model where the least cost rises by more, see `Identification.innovation`;
     about 4 is usual. Tuned on wild worlds 3000 and up."""
     TRIES, MISSED = 6, 8.0
-    """So they do where the object is still missed, by so many times the noise, after so many motions: tuned
-    likewise."""
+    """So they do where the object is still missed, by this many times the noise, after this many motions:
+    tuned likewise."""
     CONTRADICTIONS = 2
-    """So many in a row end the validity: a single one may be a mistaken point (a guard)."""
+    """This many in a row end the validity: a single one may be a mistaken point (a guard)."""
 
     def __init__(self) -> None:
         self._contradictions = self._tries = 0

@@ -22,7 +22,7 @@ UNKNOWN_VARIANCE = 1e4
 """Variance of a column of which nothing is known, in (image units per word)². Derived: 100², far beyond any
 motor, whose word crosses a few images at most."""
 SIGN_CHANGE = 2.0
-"""A column that may have changed its sign is wrong by so many times its length. Derived: from j to -j."""
+"""A column that may have changed its sign is wrong by this many times its length. Derived: from j to -j."""
 
 
 def distance_jacobian(points_jacobian: Array) -> Array:

@@ -51,7 +51,7 @@ class LocalLeastSquares(Estimator):
     NEAR = 0.01
     """Added to that square: within a tenth (√0.01) of `WIDTH` motions weigh about alike. Tuned likewise."""
     NOISE_PX, NOISE_PARTS = 2.0, 10.0
-    """Variance of a slope by noise: of so many pixels by `WIDTH`, squared and divided by that. Tuned
+    """Variance of a slope by noise: of this many pixels by `WIDTH`, squared and divided by that. Tuned
     likewise."""
     LENGTH_PARTS = 2.0
     """Variance of a slope by what a line misses: the square of the word, divided by that. Tuned likewise."""

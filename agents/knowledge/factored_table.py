@@ -35,7 +35,7 @@ class FactoredTable:
     Args:
         motors: Number of registers m.
         cells: Cells along each sensor dimension.
-        points: So many pairs are kept.
+        points: This many pairs are kept.
         rate: Share of a recall's error that one success corrects, where the gain is constant.
         kalman: Whether the Kalman filter decides instead.
     """

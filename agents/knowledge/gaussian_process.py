@@ -33,7 +33,7 @@ class GaussianProcess:
 
     Args:
         motors: Number of registers m.
-        points: Support points are pruned to so many, each time that `SPARE` more have come. Choice: 300 are
+        points: Support points are pruned to this many, each time that `SPARE` more have come. Choice: 300 are
             no better, and a recall takes longer.
     """
 
@@ -45,10 +45,10 @@ class GaussianProcess:
     """Standard deviation of an image coordinate, in pixels: that of a good mark. Choice: wild worlds have
     0.5 px."""
     JACOBIAN_POINTS = 10
-    """So many support points imply a Jacobian. Derived: a quadratic of three registers has ten
+    """This many support points imply a Jacobian. Derived: a quadratic of three registers has ten
     coefficients."""
     SPARE = 30
-    """So many more support points are kept before they are pruned. Choice: pruning takes time."""
+    """This many more support points are kept before they are pruned. Choice: pruning takes time."""
     MOST_AVERAGED = 10
     """As many observations of one place count at most, as what is seen there may change. Choice."""
     SAME_PLACE = 1e-4
@@ -60,7 +60,7 @@ class GaussianProcess:
     REGISTER_STD = 1.0
     """Prior deviation of one such step, in registers. Derived: a register ends at 1."""
     CONTRADICTION_SIGMAS = 3.0
-    """What the four coordinates disagree by beyond so many standard deviations of noise is added to the
+    """What the four coordinates disagree by beyond this many standard deviations of noise is added to the
     deviation of a recall. Choice."""
 
     def __init__(self, motors: int, points: int = 200) -> None:

@@ -25,7 +25,8 @@ class GridTable:
     A cell met for the first time gets the registers that led to success at all of its corners without a
     record. A cell whose 16 corners all have records recalls by multilinear interpolation; each success
     then corrects the corners by their interpolation weights, so that nearer corners change more. How
-    Xie et al. weighted distance is not public; this is the least change that makes a recall right.
+    Xie et al. weighted distance is not public; this is the smallest change of the corners that removes the
+    share `rate` of the recall's error.
 
     Attributes:
         records: Registers (corners, m), in the order of `numpy.ndindex`; NaN where there is none.
@@ -46,9 +47,10 @@ class GridTable:
     """What one success adds to variances, px². Derived: a camera that pans by 0.2 px a trial has panned by
     10 px when a cell is met again after some 50 trials, and 10² = 50 · 2."""
     TRUSTED = 3
-    """A cell is trusted once so many successes have corrected each of its records. Choice; pictures only."""
+    """A cell is trusted once this many successes have corrected each of its records. Choice; pictures
+    only."""
     SWEEPS = 30
-    """So many times all records are corrected at once to fit those that were mapped. Choice: more change
+    """This many times all records are corrected at once to fit those that were mapped. Choice: more change
     little."""
 
     def __init__(self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = False) -> None:
@@ -72,7 +74,7 @@ class GridTable:
         return Recall(weights @ records, float(np.sqrt(weights**2 @ self.variances[corners])))
 
     def jacobian(self, registers: Array) -> None:
-        """See `Knowledge`. A table implies none: in the paper test motions measure it."""
+        """See `Knowledge`. None: as in the paper, test motions measure J."""
 
     def learn(self, sensors: Array, registers: Array) -> None:
         """A success: fills the empty corners of its cell, then corrects all 16, nearer ones more."""

@@ -31,7 +31,7 @@ class LocalFit:
     LEAST_REACH = 0.03
     """Points are taken to reach at least so far, in registers: as `SupportPoints.CLOSE`."""
     BEND = 0.5 * IMAGE_UNIT
-    """A line misses by so many pixels by square pixel of distance. Derived: by d²/2 in image units, as a
+    """A line misses by this many pixels by square pixel of distance. Derived: by d²/2 in image units, as a
     circle of radius 1 departs from its tangent."""
     ITERATIONS = 2
     """Steps of `inverse`; the fit is affine, so that only the noise changes from one to the next. Choice."""

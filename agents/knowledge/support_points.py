@@ -30,7 +30,7 @@ class SupportPoints:
     Args:
         motors: Number of registers m.
         points: The most support points that are kept; the most uncertain one is dropped.
-        neighbours: So many nearest points are fitted.
+        neighbours: This many nearest points are fitted.
         rate: Share of a miss that one success corrects, where the gain is constant.
         kalman: Whether a Kalman filter for each support point decides instead; then older ones weigh less.
     """
@@ -44,7 +44,7 @@ class SupportPoints:
     """A Jacobian is implied where no slope is less certain, in image units by register. Tuned (wild worlds
     3000-)."""
     INCONSISTENT = 9.0
-    """A square error so many times its variance, 3 standard deviations, is inconsistent with what is known:
+    """A square error this many times its variance, 3 standard deviations, is inconsistent with what is known:
     neighbours are corrected as well. Choice."""
     OBSERVATION_VARIANCE = 1.0
     """Of what is seen, px². Derived: 0.7 px in each coordinate, as of a good mark, and 2 · 0.7² = 1."""

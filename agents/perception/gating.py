@@ -34,19 +34,20 @@ class Gating:
     """
 
     GATE_PX, UNKNOWN_GATE_PX, WARY_GATE_PX = 30.0, 50.0, 15.0
-    """So near a point must be to where it is predicted: after a motion that J predicts, after another one,
-    and after the first kind where mistaken points have been met. Tuned on wild worlds 3000 and up, without
-    and with 20-40 % mistaken points."""
+    """Largest distance from its prediction at which a point is trusted: after a motion that J predicts, after
+    any other motion, and, once mistaken points were met, after a motion that J predicts. Tuned on wild worlds
+    3000 and up, without and with 20-40 % mistaken points."""
     GATE_SHARE = 0.6
-    """And within this share of the predicted displacement beside: tuned likewise."""
+    """The gate grows by this share of the predicted displacement: tuned likewise."""
     NOISES = 4.0
-    """And within so many standard deviations of the noise beside. Derived: one normal deviate in 16,000 is
-    larger."""
+    """The gate grows by this many standard deviations of the noise. Derived: noise in two coordinates is
+    longer once in exp(4² / 2), some 3,000 cases."""
     AGREE_PX = 6.0
     """Points of two observations agree within this, or within `NOISES` of their difference: tuned in a
-    toy, where two that agreed within 6 px were right in 99.6 % of the cases at 40 % mistaken points."""
+    small simulation that is not in this repository, where two that agreed within 6 px were right in 99.6 % of
+    the cases at 40 % mistaken points."""
     MISTAKEN = 2.0
-    """A point was mistaken that is off by so many times what agreement allows: tuned likewise."""
+    """A point was mistaken that is off by this many times what agreement allows: tuned likewise."""
 
     def __init__(self) -> None:
         self.mistakes = False

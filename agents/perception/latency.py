@@ -14,18 +14,20 @@ class LatencyEstimate:
     """By how many motions observations come late.
 
     Attributes:
-        motions: So many.
+        motions: The estimate.
         confirmed: Whether a motion has been seen to come in time.
     """
 
     STILL_PX, STILL_NOISES = 1.5, 2.0
-    """Points have not moved where they moved by less than this, and so many standard deviations of the noise
-    beside. Derived: at the 0.7 px of a good marker that is three standard deviations of a difference."""
+    """A point has not moved if it moved by less than the first plus the second times the standard deviation
+    of the noise. Derived: at the 0.7 px of a good marker that is three standard deviations of a
+    difference."""
     CLEARLY, LATER = 1.8, 1.5
-    """Two points that moved by so many times that limit came in time; that moved so far by observing again
-    came late. Tuned on wild worlds 3000 and up, with and without latency."""
+    """If two points moved by more than the first times that limit, the observation came in time. If two move
+    by more than the second times it without a motion, it came late. Tuned on wild worlds 3000 and up, with
+    and without latency."""
     FAR = 4.0
-    """A motion can only be missed where it was predicted to be so many times that limit: tuned likewise."""
+    """A motion can only be missed where it was predicted to be this many times that limit: tuned likewise."""
     LARGE_PX, LARGE_NOISES = 6.0, 8.0
     """A displacement is large enough to tell whether it came, beyond this: tuned likewise."""
     ARRIVED = 0.8
@@ -53,7 +55,7 @@ class LatencyEstimate:
     def wait(
         self, observation: Observation, before: Array, predicted_px: Array, noise_px: float
     ) -> Generator[Array, Observation, list[Observation]]:
-        """Observes again (zero words) until the motion can have arrived.
+        """Observes again (zero words) until the points can show the motion.
 
         Args:
             observation: The first one after the motion.

@@ -25,13 +25,13 @@ class NoiseEstimate:
     """Differences of a coordinate: three re-observations of all four points. Derived: the estimate is then
     within 15 % (1 / √(2 · 24))."""
     LATEST = 40
-    """So many re-observations are kept; more than a trial of 60 motions usually has (a guard)."""
+    """This many re-observations are kept; more than a trial of 60 motions usually has (a guard)."""
     QUANTILE, QUANTILE_OF_NORMAL = 0.15, 0.189
     """This share of normal deviates is smaller than that. Derived: Φ⁻¹(0.575) = 0.189, and a share so small
     that 40 % mistaken points hardly move it."""
     WITHIN, REFINEMENTS = 3.0, 3
-    """Differences within so many standard deviations refine the estimate, so often. Source: usual in sigma
-    clipping."""
+    """Differences within this many standard deviations refine the estimate, this often. Source: usual in
+    sigma clipping."""
     LEAST_PX, MOST_PX = 0.5, 40.0
     """Bounds (guards): no marker is known better than half a pixel, and beyond 40 px nothing is reached."""
     NOISY_PX = 3.0

@@ -35,8 +35,8 @@ class ObservationFilter:
     """
 
     MOST_OBSERVATIONS = 8
-    """So many observations at one place are made at most. Derived: at 40 % mistaken points two of eight agree
-    in 99 % of the cases (binomial), and with 30 % missing points one is seen in 99.99 %."""
+    """This many observations at one place are made at most. Derived: at 40 % mistaken points two of eight
+    agree in 99 % of the cases (binomial), and with 30 % missing points one is seen in 99.99 %."""
 
     def __init__(self) -> None:
         self.noise = NoiseEstimate()

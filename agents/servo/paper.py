@@ -16,10 +16,11 @@ from agents.servo.trial import Findings, Trial
 
 @dataclass(frozen=True)
 class PaperServo:
-    """Tests each motor, solves -d = J c° (equation 1), executes c°, and forgets J.
+    """Tests each motor, solves -d = J c° (equation 1), executes c°, and counts every column as unknown again.
 
-    So it is "completely insensitive to parameter changes between motion steps" (section 4.1). The paper gives
-    no numbers: the sizes of words and steps below are reconstructions, tuned on wild worlds 3000 and up.
+    So it is "completely insensitive to parameter changes between motion steps" (section 4.1): what a column
+    was only chooses the sign and the size of its next test word. The paper gives no numbers: the sizes of
+    words and steps below are reconstructions, tuned on wild worlds 3000 and up.
 
     Attributes:
         redundancy: What is done with four equations for three words: one of
@@ -49,7 +50,11 @@ class PaperServo:
         return TestMotions(motors, start)
 
     def __call__(self, first: Observation, findings: Findings) -> Procedure:
-        """Seeks the rendezvous from the first observation on, for as long as it is asked."""
+        """Seeks the rendezvous from the first observation on, until the trial ends.
+
+        Every control word goes to the robot by a `yield` (in `Trial._move`), which returns the observation
+        after the motion.
+        """
         trial = Trial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         yield from trial.begin()

@@ -1,9 +1,9 @@
 """Four equations for three words: solving -d = J c, and what the redundancy is used for (section 3.2).
 
-The paper says that an equation was left out [1998a], that the four were transformed into three [1998b], and
-that the redundancy was later used [Maryniak, Graefe 1999]; its formulas are not public, and these are
-reconstructions. Each takes J (4, m), d (4,) and the noise of an image coordinate, as far as known, and gives
-the equations that damped least squares then solves.
+The paper says that an equation was left out [Graefe, Maryniak 1998], that the four were transformed into
+three [Maryniak, Graefe 1998], and that the redundancy was later used [Maryniak, Graefe 1999]; its formulas
+are not public, and these are reconstructions. Each takes J (4, m), d (4,) and the noise of an image
+coordinate, as far as known, and gives the equations that damped least squares then solves.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from calfree_gym.image import IMAGE_UNIT
 
 Equations = tuple[Array, Array]
 ROBUST_PX, ROBUST_NOISES = 8.0, 3.0
-"""A contradiction is large beyond this, and beyond so many times the noise of an image coordinate: tuned on
+"""A contradiction is large beyond this, and beyond this many times the noise of an image coordinate: tuned on
 wild worlds 3000 and up."""
 REWEIGHTINGS = 3
 """So often equations are weighed, by Cauchy's weights. Source: a few passes of IRLS are usual (Holland &

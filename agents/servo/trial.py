@@ -51,7 +51,7 @@ class Trial:
     """
 
     TRIES = 6
-    """A test motion is repeated at most so often (a guard: words double at least every other time)."""
+    """A test motion is repeated at most this often (a guard: words double at least every other time)."""
     STOPPED = 1e-4
     """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
     EXECUTED = 0.5
@@ -66,10 +66,10 @@ class Trial:
     LEAST_PX = 0.1
     """No motion moved the images by less (a guard: it is divided by)."""
     NOISES = 8.0
-    """A test motion is to move the images by so many times the noise. Derived: then a column is known to a
+    """A test motion is to move the images by this many times the noise. Derived: then a column is known to a
     sixth (√2 / 8)."""
     CLEAR, HIDDEN = 4.0, 3.0
-    """A column is measured until it is so many times longer than its standard deviation; and anew below:
+    """A column is measured until it is this many times longer than its standard deviation; and anew below:
     tuned likewise."""
 
     def __init__(self, first: Observation, findings: Findings, first_word: float, test_px: float) -> None:
@@ -199,7 +199,7 @@ class Trial:
         return (int(motor) for motor in np.flatnonzero(~self._measured(self.HIDDEN)))
 
     def _measured(self, times: float) -> Flags:
-        """Which columns (m,) were learned, and are so many times longer than their standard deviation."""
+        """Which columns (m,) were learned, and are this many times longer than their standard deviation."""
         columns = self.estimator.jacobian
         lengths = np.hypot(columns[::2], columns[1::2]).max(0)
         clear = lengths > times * self.estimator.deviations(self._tested)

@@ -38,7 +38,7 @@ class UnifiedServo:
         step_word: No word of a step is larger.
         damping: Of the least squares, relative to the columns' length.
         border: Steps are predicted to keep every point within this part of the images.
-        patience: After so many steps without coming nearer, J is measured anew.
+        patience: After this many steps without coming nearer, J is measured anew.
     """
 
     estimator: str = "kalman"
@@ -57,7 +57,7 @@ class UnifiedServo:
     """Only a longer distance is worth new test motions. Derived: the usual tolerance of 4 px and three times
     the noise of a good marker, 4 + 3 · 0.7, rounded."""
     DOUBTFUL: ClassVar[float] = 4.0
-    """And only one of so many times the blur of points: tuned likewise."""
+    """And only one of this many times the blur of points: tuned likewise."""
     DOUBT: ClassVar[float] = 0.3
     """J is then taken to be wrong by that share of its columns: tuned likewise."""
 
@@ -72,7 +72,7 @@ class UnifiedServo:
         return ESTIMATORS[self.estimator](motors, start)
 
     def __call__(self, first: Observation, findings: Findings) -> Procedure:
-        """Seeks the rendezvous from the first observation on, for as long as it is asked."""
+        """Seeks the rendezvous from the first observation on, until the trial ends."""
         trial = Trial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         nearest, steps_since = np.inf, 0

@@ -51,8 +51,8 @@ def disparity(jacobian: Array, distance: Array, damping: float) -> Array:
 def disparity_weight(jacobian: Array) -> Array:
     """Weight (2, 2) of a disparity: the inverse of its covariance, for image points of unit noise.
 
-    A disparity δ has the length √(δᵀWδ): the image distance (norm over both cameras, in image units) that
-    motors 2 and 3 must leave between gripper and object.
+    A disparity δ has the length √(δᵀWδ): the image distance (norm over both cameras, in image units)
+    that no words of motors 2 and 3 can remove.
     """
     left, right = (jacobian[EQUATIONS[camera], 1:] for camera in ("left", "right"))
     left, right = left.T @ left, right.T @ right
@@ -81,8 +81,9 @@ def turn(jacobian: Array, distance: Array, damping: float) -> float:
 class WorkPlaneServo:
     """Turns the work plane to the object, moves the gripper within it, and repeats.
 
-    All motors' columns are forgotten after each round and measured anew by test motions; the waist's only
-    where the disparity asks for a turn. The numbers below were tuned on wild worlds 3000 and up.
+    Each round measures the columns of motors 2 and 3 anew by test motions, and the waist's only where a turn
+    is needed. After a turn, the motion in the plane uses the columns measured before it. The numbers below
+    were tuned on wild worlds 3000 and up.
 
     Attributes:
         camera: Whose solution moves the gripper within the work plane: "left", "right", or the mean of
@@ -93,7 +94,8 @@ class WorkPlaneServo:
         step_word: No word of a step is larger.
         damping: Of each solution, relative to the columns' length.
         border: Steps are predicted to keep every point within this part of the images.
-        in_plane_px: The object counts as in the work plane where the disparity is shorter than this.
+        in_plane_px: The object counts as in the work plane where the disparity, turned into an image distance
+            by `disparity_weight`, is shorter than this.
     """
 
     camera: str = "both"
@@ -115,7 +117,7 @@ class WorkPlaneServo:
         return TestMotions(motors, start)
 
     def __call__(self, first: Observation, findings: Findings) -> Procedure:
-        """Seeks the rendezvous from the first observation on, for as long as it is asked."""
+        """Seeks the rendezvous from the first observation on, until the trial ends."""
         trial = Trial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         yield from trial.begin()

@@ -52,11 +52,13 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     | observation | (7,) | 1 where seen now: gripper left, right, object left, right; then 3 registers |
 
     A point is seen if it is in front of a camera and inside its image; the arm never hides it.
-    A point that is not seen keeps its last seen value, or is the centre if it was never seen.
+    A point that is not seen keeps its last value of this trial; before it is first seen it is (0, 0), the
+    centre.
 
     ## Rewards
     `CalFree/Reach-v0`: 0 on the motion that reaches the rendezvous, -1 on every other.
-    `CalFree/ReachDense-v0`: minus the mean of both image distances. Both follow from the observed points.
+    `CalFree/ReachDense-v0`: minus the mean of both image distances, in image units. Both follow from the
+    observed points.
 
     ## Starting state
     The arm is at home, with registers zero. The object is in the work space, and both cameras see it.
@@ -181,7 +183,8 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     def render(self) -> NDArray[np.uint8] | None:
         """The scene (720, 1080, 3), and at its side both camera images with the image points.
 
-        A thin ring shows where a point was last seen, if it is not seen now.
+        Coloured rings are the points as observed; a thin one was seen there last, and is not seen now. The
+        white ring around the object's point is the tolerance. The arm hides no point: a ring can lie on it.
 
         Raises:
             gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.

@@ -12,7 +12,7 @@ import numpy as np
 from calfree_gym.world import World, log_uniform
 
 DRIFT_STEPS = 100
-"""A drift whose step is not given takes so many steps to go as far as the perturbation goes at once."""
+"""A drift whose step is not given takes this many steps to go as far as the perturbation goes at once."""
 
 Draw = Callable[[np.random.Generator], Any]
 

@@ -37,7 +37,7 @@ class Event:
     drift: bool = False
 
     def is_due(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether it is applied when so many motions or trials are over (n,)."""
+        """Whether it is applied when this many motions or trials are over (n,)."""
         if self.every:
             return (counts > 0) & (counts % self.at == 0)
         return counts == self.at

@@ -31,7 +31,7 @@ BEFORE, AWAY = 50, 30
 TRIALS = FIRST + APART * EVENTS
 CHANGES = np.arange(FIRST, TRIALS, APART)
 OTHERS = 10
-"""So many of the worlds for those who always discard and who never act."""
+"""This many of the worlds for those who always discard and who never act."""
 POLICIES = ("recognise", "discard", "keep")
 KINDS: dict[str, str] = {
     "re-aimed": "camera_aim",
@@ -88,7 +88,7 @@ def sudden_changes(each: Map) -> Table:
         frame,
         {**dict.fromkeys(motions, ".2f"), "success": ".2%"},
         "Kinematic dynamics. Before: the trials before changes, without those of another camera. Then the "
-        "trials after them; required: at most so many motions in the trials that are named.",
+        "trials after them; required: at most this many motions in the trials that are named.",
     )
 
 

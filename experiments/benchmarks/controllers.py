@@ -177,7 +177,7 @@ def robust(worlds: int = 500) -> Iterator[Table]:
         f"unified_servo, wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, physics, nothing announced",
         pd.DataFrame(rows),
         {"share": ".1%", "required share": ".1%", "within px": "g"},
-        "Share of the trials whose true error after the last motion is within so many pixels.",
+        "Share of the trials whose true error after the last motion is within this many pixels.",
     )
 
 

@@ -71,7 +71,7 @@ class Peer:
         self._said.close()
 
     def seconds(self, steps: int) -> float:
-        """Makes so many environment steps; returns the seconds that they took.
+        """Makes this many environment steps; returns the seconds that they took.
 
         Raises:
             ConfigError: The environment failed, or its process ended.

@@ -2,7 +2,7 @@
 
 It imports nothing of ours, nothing beside gymnasium and what registers the environment, and runs under Python
 3.8 and later. It answers in lines of JSON: first what the environment is; then, for every line "STEPS" on its
-input, the seconds that so many environment steps of random actions took. An answer may also be an error.
+input, the seconds that this many environment steps of random actions took. An answer may also be an error.
 """
 
 from __future__ import annotations

@@ -150,7 +150,7 @@ class SweepConfig(Model):
 
 
 class EvaluationConfig(Model):
-    """Held-out trials, every so many lifetime motions and right after a perturbation."""
+    """Held-out trials, every this many lifetime motions and right after a perturbation."""
 
     every: int = Field(gt=0)
     trials: int = Field(gt=0)

@@ -9,15 +9,15 @@ import gymnasium
 from experiments.evaluation import TrialMeter, TrialRecord
 
 MOST_MOTIONS = 1_000
-"""More motions than any trial has: `learn_trials` stops by trials, never by motions."""
+"""Motions that `learn_trials` allows for in a trial: it stops by trials, unless trials are longer."""
 
 
 class LifetimeRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Counts every motion in the environment, where no agent can miscount it.
 
     The world belongs to the run: the first reset is seeded with `seed`, and a seed that an agent
-    passes later is ignored. A reset of a trial in which nothing has moved repeats that trial's
-    first observation, so that trial t is the same trial for every agent, however often it resets.
+    passes later is ignored. A reset before a trial's first motion (zero words count) repeats its first
+    observation, so that trial t is the same trial for every agent, however often it resets.
 
     World and perturbations are those of the last motion: what a reset has changed belongs to the next
     one. So it makes no difference whether an agent resets at once after a trial or only when it goes on.
@@ -102,7 +102,7 @@ class LifetimeRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 def learn_trials(
     agent: Any, recorder: LifetimeRecorder, trials: int, after_motion: Callable[[], None] = lambda: None
 ) -> list[TrialRecord]:
-    """Lets an agent learn until so many trials have ended in its environment.
+    """Lets an agent learn until this many trials have ended in its environment.
 
     Args:
         agent: Made for `recorder`.

@@ -35,7 +35,7 @@ class Display(Protocol):
         """Shows a line that stays."""
 
     def start(self, run: str, amount: int, of: str) -> None:
-        """A run begins its work: so many motions, or trials."""
+        """A run begins its work: this many motions, or trials."""
 
     def line(self, run: str, line: str) -> None:
         """A run has printed a line."""

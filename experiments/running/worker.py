@@ -21,7 +21,7 @@ from experiments.running.tensorboard_curves import Curves
 from experiments.running.trial_log import TrialLog
 
 _PROGRESS_EVERY = 25
-"""A lifetime that is counted in trials prints its progress each time that so many have ended."""
+"""A lifetime that is counted in trials prints its progress each time that this many have ended."""
 
 
 class Checkpoints:

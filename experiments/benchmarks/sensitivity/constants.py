@@ -82,7 +82,7 @@ LEFT_OUT: dict[str, str] = {
     "HomeView.NORMAL_MEDIAN": "exact",
     "robust.MEAN_SQUARE_MEDIAN": "exact",
     "camera_change.PARAMETERS": "exact: there are twelve",
-    "Archive.KEPT": "bounds what is kept; no lifetime here has so many changes",
+    "Archive.KEPT": "bounds what is kept; no lifetime here has this many changes",
     "camera_change.TURNED": "only names a change, and moves nothing",
     "camera_change.ZOOMED": "only names a change, and moves nothing",
     "camera_change.MOVED_PX": "only names a change, and moves nothing",

@@ -61,7 +61,7 @@ def sensitivity(
         worlds: How many, at least 2; from `FIRST_WORLD` on.
         sizes: Trials; the default takes some 25 minutes on two cores.
         only: Labels of constants to vary; all where it is empty.
-        jobs: Processes, each with one thread; two where there are so many cores.
+        jobs: Processes, each with one thread; two where there are this many cores.
 
     Returns:
         The columns agent, constant, value, source, factor, tried, condition (that with the clearest change),

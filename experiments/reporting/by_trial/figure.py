@@ -59,7 +59,7 @@ def _draw(axes: Axes, blocks: Blocks, agent: str, index: int) -> None:
 
 
 def _place(edges: Array, trial: float) -> float:
-    """Where on the axis so many trials have gone."""
+    """Where on the axis this many trials have gone."""
     return float(np.interp(trial, edges, np.arange(len(edges))))
 
 
