@@ -18,7 +18,7 @@ from agents.jacobian import distance_jacobian
 from agents.knowledge.interface import Knowledge
 from agents.perception import ObservationFilter, Observing
 from agents.servo.redundancy import solve
-from agents.servo.servo_agent import Servo, ServoAgent, earlier_name
+from agents.servo.servo_agent import Servo, ServoAgent
 from agents.servo.trial import Findings
 
 
@@ -62,8 +62,7 @@ class LearningServo(ServoAgent):
         on_change: str = "keep",
     ) -> None:
         super().__init__(env, servo, seed)
-        if jump_px != np.inf:
-            check_number("jump_px", jump_px, least=0)
+        check_number("jump_px", jump_px, least=0, finite=False)
         check_flag("every_look", every_look)
         if on_change != "keep" and not every_look:
             raise ValueError(
@@ -148,16 +147,8 @@ class LearningServo(ServoAgent):
     @property
     def kind(self) -> str:
         """See `ProcedureAgent`."""
-        return self._kind(repr(self.servo))
-
-    @property
-    def earlier_kinds(self) -> tuple[str, ...]:
-        """See `ProcedureAgent`."""
-        return (self._kind(earlier_name(self.servo)),)
-
-    def _kind(self, servo: str) -> str:
         settings = f"jump_px={self.jump_px:g}, every_look={self.every_look}"
-        return f"{self.knowledge!r} over {servo}, {settings}, on_change={self.adaptation.on_change}"
+        return f"{self.knowledge!r} over {self.servo!r}, {settings}, on_change={self.adaptation.on_change}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""

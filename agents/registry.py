@@ -98,12 +98,12 @@ SERVOS: dict[str, type[PaperServo] | type[UnifiedServo] | type[WorkPlaneServo]] 
 }
 """The servos that knowledge can be laid over."""
 DEFAULTS: dict[str, dict[str, Any]] = {
-    "grid_table": {"every_look": False, "servo": "paper_servo", "jump_px": math.inf},
+    "grid_table": {"every_look": False, "estimator": "test_motions", "jump_px": math.inf},
     "gaussian_process": {"on_change": "recognise"},
     "memory": {"on_change": "recognise"},
 }
 """Settings of agents that bear a knowledge base's name. With the paper's table only success teaches, what is
-recalled is always tried, and the paper's servo corrects, unless an `estimator` is chosen."""
+recalled is always tried, and the paper's servo corrects: `unified_servo` by test motions."""
 
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,
@@ -155,9 +155,11 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
 
 
 def _defaults(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """An agent's own defaults; estimators are settings of `unified_servo`, the servo of all others."""
-    defaults = DEFAULTS.get(name, {})
-    return {key: defaults[key] for key in defaults if not (key == "servo" and "estimator" in given)}
+    """An agent's own defaults; only `unified_servo` has an estimator."""
+    defaults = dict(DEFAULTS.get(name, {}))
+    if given.get("servo", "unified_servo") != "unified_servo":
+        defaults.pop("estimator", None)
+    return defaults
 
 
 def _settings_of(name: str, given: Mapping[str, Any]) -> tuple[str, ...]:

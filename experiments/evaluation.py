@@ -111,6 +111,8 @@ def evaluate(agent: Predictor, env: gymnasium.Env[Any, Any], trials: int, seed: 
 
 def _make_trial(agent: Predictor, env: gymnasium.Env[Any, Any], trial: int, seed: int | None) -> TrialRecord:
     observation, info = env.reset(seed=seed)
+    if "truth" not in info:
+        raise ValueError("evaluate scores by info['truth']: make the environment with truth=True")
     meter = TrialMeter(env, trial, info)
     state, over = None, False
     while not over:

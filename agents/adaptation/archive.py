@@ -24,7 +24,7 @@ class Archive:
 
     KEPT = 8
     """This many worlds are kept. Choice: it bounds memory; a Gaussian process holds at most
-    230 pairs in each."""
+    `points` + `SPARE` pairs in each."""
 
     def __init__(self) -> None:
         self.worlds: list[Arrays] = []

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.base.checks import checked_array
 from agents.base.observation import Array
 
 
@@ -33,8 +34,15 @@ class Pairs:
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """From what `arrays` returned."""
-        return cls(arrays["registers"], arrays["sensors"], arrays["trials"])
+        """From what `arrays` returned.
+
+        Raises:
+            ValueError: An array is missing, or of another shape than the others.
+        """
+        registers = checked_array(arrays, "registers", (None, None))
+        sensors = checked_array(arrays, "sensors", (len(registers), 4))
+        trials = checked_array(arrays, "trials", (len(registers),))
+        return cls(registers, sensors, trials.astype(np.int64))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """As named arrays."""

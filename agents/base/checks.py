@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,9 @@ def check_number(
     above: float = -math.inf,
     most: float = math.inf,
     whole: bool = False,
+    finite: bool = True,
 ) -> Any:
-    """Returns a setting that is a finite number within its bounds.
+    """Returns a setting that is a number within its bounds.
 
     Args:
         name: Of the setting.
@@ -30,17 +32,19 @@ def check_number(
         above: It must be greater.
         most: It must not be more.
         whole: Whether it must be a whole number.
+        finite: Whether it must be finite.
 
     Raises:
         ValueError: It is none; says what is allowed.
     """
-    right_kind = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-    if right_kind and math.isfinite(value) and value > above and least <= value <= most:
+    right_kind = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
+    if right_kind and value > above and least <= value <= most and (math.isfinite(value) or not finite):
         return value
     bounds = [f"above {above:g}"] if above > -math.inf else []
     bounds += [f"{least:g} or more"] if least > -math.inf else []
     bounds += [f"at most {most:g}"] if most < math.inf else []
-    kind = "a whole number" if whole else "a number"
+    infinite = right_kind and not math.isfinite(value)
+    kind = "a whole number" if whole else "a finite number" if infinite and finite else "a number"
     raise ValueError(f"{name} is {value!r}; it must be {', '.join([kind, *bounds])}")
 
 
@@ -58,12 +62,12 @@ def check_flag(name: str, value: Any) -> None:
 
 
 def checked_array(
-    arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int | None, ...]
+    arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int | None, ...], allow_nan: bool = False
 ) -> NDArray[np.float64]:
     """A copy of the saved array `name`.
 
     Raises:
-        ValueError: There is none, or it is not of `shape` (None: any length).
+        ValueError: There is none, it is not of `shape` (None: any length), or a number in it is not finite.
     """
     saved = arrays.get(name)
     if saved is None:
@@ -74,4 +78,7 @@ def checked_array(
     if not fits:
         wanted = ", ".join("any" if length is None else str(length) for length in shape)
         raise ValueError(f"the saved {name} have shape {saved.shape}, here ({wanted}) is wanted")
-    return np.array(saved, float)
+    array = np.array(saved, float)
+    if not allow_nan and not np.isfinite(array).all():
+        raise ValueError(f"the saved {name} hold numbers that are not finite")
+    return array

@@ -72,10 +72,9 @@ class ProcedureAgent(Agent):
     def kind(self) -> str:
         """What it is, with all settings: it loads only what its like has saved."""
 
-    @property
-    def earlier_kinds(self) -> tuple[str, ...]:
-        """What earlier versions of this software called the same thing in saved files."""
-        return ()
+    def present_kind(self, saved: str) -> str:
+        """What is called now what a saved file of an earlier version calls `saved`."""
+        return saved
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All that it knows, as named arrays; nothing, unless it learns."""
@@ -159,7 +158,7 @@ class ProcedureAgent(Agent):
         Raises:
             ValueError: The file is damaged, no saved agent, or of another kind or other settings.
         """
-        arrays, motions = storage.load(path, self.kind, self.earlier_kinds)
+        arrays, motions = storage.load(path, self.kind, self.present_kind)
         before = self.arrays()
         try:
             self.restore(arrays)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +23,15 @@ def save(path: str | Path, kind: str, arrays: Mapping[str, NDArray[Any]], motion
 
 
 def load(
-    path: str | Path, kind: str, earlier_kinds: Sequence[str] = ()
+    path: str | Path, kind: str, present_kind: Callable[[str], str] = lambda saved: saved
 ) -> tuple[dict[str, NDArray[Any]], int]:
     """Reads the arrays and the number of motions that `save` wrote for an agent of the same `kind`.
 
     Args:
         path: The file.
         kind: What this agent is, with all settings.
-        earlier_kinds: What earlier versions of this software called the same; such a file loads with a
-            warning.
+        present_kind: From what a file of an earlier version calls itself to what that is called now; such a
+            file loads with a warning.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -45,7 +45,7 @@ def load(
         raise
     except Exception as error:  # what NumPy raises on a damaged file depends on where the damage is
         raise ValueError(f"{path} is damaged or no saved agent: {error!r}") from error
-    if header["calfree"] != _VERSION or header["kind"] not in (kind, *earlier_kinds):
+    if header["calfree"] != _VERSION or kind not in (header["kind"], present_kind(header["kind"])):
         raise ValueError(
             f"{path} holds {header['kind']} (version {header['calfree']}); "
             f"this agent is {kind} (version {_VERSION})"

@@ -29,7 +29,7 @@ class ValidityCheck:
     """So they do where the object is still missed, by this many times the noise, after this many motions:
     tuned likewise."""
     CONTRADICTIONS = 2
-    """This many in a row end the validity: a single one may be a mistaken point (a guard)."""
+    """This many in a row end the validity: a single one may be a mistaken point. Choice."""
 
     def __init__(self) -> None:
         self._contradictions = self._tries = 0

@@ -121,7 +121,7 @@ class GridTable:
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""
         corners, motors = self.records.shape
-        records = checked_array(arrays, "records", (corners, motors))
+        records = checked_array(arrays, "records", (corners, motors), allow_nan=True)
         variances = checked_array(arrays, "variances", (corners,))
         successes = checked_array(arrays, "successes", (corners,))
         self.records, self.variances, self.successes = records, variances, successes

@@ -47,7 +47,7 @@ class JointSpaceServo(ProcedureAgent):
     ) -> None:
         super().__init__(env, seed)
         self.gain = check_number("gain", gain, above=0, most=1)
-        self.step_rad = check_number("step_rad", step_rad, above=0)
+        self.step_rad = check_number("step_rad", step_rad, above=0, finite=False)
         self.damping = check_number("damping", damping, least=0)
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any, Protocol
 
@@ -14,6 +15,8 @@ from agents.base.observation import Array, Observation
 from agents.base.procedure import Procedure, ProcedureAgent
 from agents.jacobian import Estimator
 from agents.servo.trial import Findings
+
+_TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), patience=[^()]*\)")
 
 
 class Servo(Protocol):
@@ -58,10 +61,9 @@ class ServoAgent(ProcedureAgent):
         """See `ProcedureAgent`."""
         return repr(self.servo)
 
-    @property
-    def earlier_kinds(self) -> tuple[str, ...]:
-        """See `ProcedureAgent`."""
-        return (earlier_name(self.servo),)
+    def present_kind(self, saved: str) -> str:
+        """See `ProcedureAgent`. In version 0.1 the paper's servo was a unified one by test motions."""
+        return _TEST_MOTIONS.sub(r"PaperServo(\1)", saved)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """See `ProcedureAgent`."""
@@ -70,12 +72,3 @@ class ServoAgent(ProcedureAgent):
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
         self.jacobian = checked_array(arrays, "jacobian", (8, None)) if "jacobian" in arrays else None
-
-
-def earlier_name(servo: Servo) -> str:
-    """What version 0.1 called a servo in saved files: the paper's was a unified servo by test motions."""
-    name = repr(servo)
-    if not name.startswith("PaperServo("):
-        return name
-    settings = name.removeprefix("PaperServo(").removesuffix(")")
-    return f"UnifiedServo(estimator='test_motions', {settings}, patience=6)"

@@ -58,7 +58,7 @@ class Trial:
     """A test motion of which a smaller share was executed is made anew, the other way: tuned on wild worlds
     3000 and up."""
     SMALLER = 0.5
-    """A test word shrinks by this where a point got lost. Source: bisection."""
+    """A test word shrinks by this where a point got lost. Choice: halves."""
     SMALLEST_TEST, LARGEST_TEST = 0.01, 0.5
     """Sizes of test words: tuned likewise."""
     MOST_GROWTH = 4.0

@@ -109,6 +109,8 @@ class StereoArmGoal:
         self.render_mode = render_mode
         self._ends = terminate_on_success
         self._tell = tuple(tell)
+        if not isinstance(truth, bool):
+            raise ValueError(f"truth is {truth!r}; allowed: True, False")
         self._gives_truth = truth
         self.tolerance_px = float(arms["tolerance_px"])
         self._reward = REWARDS[reward]

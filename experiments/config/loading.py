@@ -71,8 +71,11 @@ def _place(error: yaml.YAMLError) -> str:
     mark: yaml.Mark | None = getattr(error, "problem_mark", None)
     if mark is None:
         return f": is not valid YAML: {error}"
-    parts = [error.context, error.problem] if isinstance(error, yaml.MarkedYAMLError) else [str(error)]
-    what = ", ".join(part for part in parts if part)
+    begun: yaml.Mark | None = getattr(error, "context_mark", None)
+    since = f" that begins in line {begun.line + 1}, column {begun.column + 1}" if begun else ""
+    context: str | None = getattr(error, "context", None)
+    problem: str = getattr(error, "problem", None) or str(error)
+    what = f"{context}{since}, {problem}" if context else problem
     return f", line {mark.line + 1}, column {mark.column + 1}: is not valid YAML: {what}"
 
 

@@ -7,6 +7,7 @@ import pytest
 import agents
 from agents.servo.paper import PaperServo
 from agents.servo.unified import UnifiedServo
+from agents.servo.work_plane import WorkPlaneServo
 
 NAMES = agents.names()
 
@@ -61,6 +62,20 @@ def test_which_servo_corrects_the_paper_s_table(make_env):
     assert agents.make("grid_table", env).servo == PaperServo()
     assert agents.make("grid_table", env, estimator="kalman").servo == UnifiedServo()
     assert agents.make("grid_table", env, estimator="test_motions").servo == PaperServo()
+    assert agents.make("grid_table", env, servo="unified_servo").servo == PaperServo()
+    assert agents.make("grid_table", env, patience=3).servo == PaperServo()
+    assert agents.make("grid_table", env, servo="work_plane_servo").servo == WorkPlaneServo()
+    with pytest.raises(ValueError, match=r"has no setting 'estimator'.*allowed: .*in_plane_px"):
+        agents.make("grid_table", env, servo="work_plane_servo", estimator="kalman")
+
+
+@pytest.mark.parametrize("number", [np.float32(0.5), np.float64(0.5), np.int64(1)])
+def test_numbers_of_numpy_are_numbers(make_env, number):
+    assert agents.make("random", make_env(), limit=number).limit == number
+    with pytest.raises(ValueError, match="limit is True; it must be a number"):
+        agents.make("random", make_env(), limit=True)
+    with pytest.raises(ValueError, match=r"damping is inf; it must be a finite number, 0 or more"):
+        agents.make("paper_servo", make_env(), damping=np.inf)
 
 
 def test_a_batched_environment_to_learn_in_is_refused():

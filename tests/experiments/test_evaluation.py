@@ -1,8 +1,10 @@
 import random
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+import agents
 from experiments.evaluation import evaluate
 from tests.experiments.fakes import CountdownEnv, Halver
 
@@ -60,3 +62,9 @@ def test_unknown_field_names_the_allowed_ones():
     (record,) = evaluate(Halver(), CountdownEnv(), trials=1, seed=0)
     with pytest.raises(KeyError, match="allowed: trial, motions"):
         record["speed"]
+
+
+def test_without_the_truth_there_is_no_score():
+    env = gym.make("CalFree/Reach-v0", truth=False)
+    with pytest.raises(ValueError, match="make the environment with truth=True"):
+        evaluate(agents.make("random", env), env, trials=1, seed=0)

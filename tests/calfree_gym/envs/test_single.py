@@ -330,3 +330,9 @@ def test_without_truth_infos_lack_it_and_nothing_else_changes(monkeypatch, batch
             np.testing.assert_array_equal(value, same)
         for key, value in other[-1].items():
             np.testing.assert_array_equal(value, one[-1][key])
+
+
+@pytest.mark.parametrize("truth", ["x", 1, None])
+def test_truth_is_true_or_false(truth):
+    with pytest.raises(ValueError, match=r"truth is .*; allowed: True, False"):
+        gym.make("CalFree/Reach-v0", truth=truth)

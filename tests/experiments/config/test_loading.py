@@ -102,7 +102,10 @@ def test_a_missing_key_is_named(suite_data, write_config):
     [
         ("seed: 1\nworlds: 2\nseed: 3\n", "suite.yaml, line 1, column 1: .*the key 'seed' stands twice"),
         ("- 1\n", "found list"),
-        ("a: [1\n", "suite.yaml, line 2, column 1: is not valid YAML: .*flow sequence"),
+        (
+            "a: [1\n",
+            r"line 2, column 1: is not valid YAML: .*flow sequence that begins in line 1, column 4",
+        ),
         ("a: 1\nb: 2\n  c: 3\n", "suite.yaml, line 3, column 4: is not valid YAML"),
         ("? [1]\n: 2\n", "not valid YAML"),
         ("a: \x07", "not valid YAML"),
