@@ -43,14 +43,13 @@ class Sizes:
         first: First trials, each by a fresh agent.
         later: Trials after a first one, by an agent that learns.
         trouble: First trials with mistaken and noisy points, and as many with late and missing ones.
-        lifetime: Trials of each of two lifetimes. In one a camera is re-aimed half way and replaced at three
-            quarters. In the other a camera drifts, some points are mistaken, and a motor changes half way.
+        lifetime: Trials of a lifetime, in which a camera is re-aimed half way and replaced at three quarters.
     """
 
     first: int = 8
     later: int = 8
     trouble: int = 8
-    lifetime: int = 48
+    lifetime: int = 40
 
 
 @dataclass(frozen=True)
@@ -133,19 +132,6 @@ def _changed_cameras(sizes: Sizes) -> dict[str, Any]:
     return {"perturbations": [aim, replace]}
 
 
-def _drift_and_mistakes(sizes: Sizes) -> dict[str, Any]:
-    pan = {"type": "camera_aim", "camera": "left", "degrees": 0.04}  # some 0.2 px a trial
-    mistaken = {"type": "point_outliers", "share": 0.03}
-    gain = {"type": "motor_gain", "motor": "elbow", "factor": 1.3}
-    return {
-        "perturbations": [
-            {"at": {"trial": 0}, "do": mistaken},
-            {"drift": {"per": "trial"}, "do": pan},
-            {"at": {"trial": sizes.lifetime // 2}, "do": gain},
-        ]
-    }
-
-
 CONDITIONS: dict[str, dict[str, tuple[Callable[..., Array], Callable[[Sizes], dict[str, Any]]]]] = {
     "unified_servo": {
         "first trials": (_first, _clear),
@@ -153,10 +139,7 @@ CONDITIONS: dict[str, dict[str, tuple[Callable[..., Array], Callable[[Sizes], di
         "mistaken points": (_trouble, _mistaken),
         "late points": (_trouble, _late),
     },
-    "memory": {
-        "changed cameras": (_whole, _changed_cameras),
-        "drift and mistakes": (_whole, _drift_and_mistakes),
-    },
+    "memory": {"changed cameras": (_whole, _changed_cameras)},
 }
 """What each agent is measured in: how, and in which environments."""
 
