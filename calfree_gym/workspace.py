@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import inside, lengths
+from calfree_gym.robot.inverse import registers_at
 from calfree_gym.robot.kinematics import gripper_position
 from calfree_gym.robot.motors import JOINT_LIMITS, MotorMap
 from calfree_gym.vision.cameras import StereoCameras
@@ -112,6 +113,15 @@ class Workspaces:
         seen[within] = judged
         apart[within] = lengths(images - self._gripper_images[rows[of]]).max(-1)
         return Candidates(points, within, self._motors.reaches(joints, MAX_REGISTER, rows), seen, apart)
+
+    def registers_at(self, row: int, point: Array) -> Array:
+        """Registers (3,) that bring the gripper of `row` nearest to `point` (3,) in m."""
+
+        def gripper_at(registers: Array) -> Array:
+            joints = self._motors.joints(registers, np.full(len(registers), row))
+            return gripper_position(joints[:, :4], self._lengths[row])
+
+        return registers_at(point, gripper_at, self._motors.lowest[row], self._motors.highest[row])
 
     def gripper_seen_at_home(self, row: int) -> bool:
         """Whether both cameras see the gripper at home."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.base.observation import RawObservation
+from agents.base.prior_knowledge import PriorKnowledge
 
 
 class Progress(Protocol):
@@ -29,10 +30,12 @@ class Agent(ABC):
 
     Attributes:
         privileged: What it requires beyond the standard observations, by the names of `tell=`; mostly empty.
+        prior_knowledge: What it is built on beyond its observations; every table prints it.
         num_timesteps: Motions that it has made in `learn`, over its whole life.
     """
 
     privileged: ClassVar[tuple[str, ...]] = ()
+    prior_knowledge: frozenset[PriorKnowledge] = frozenset()
 
     def __init__(self, env: gym.Env[Any, Any], seed: int = 0) -> None:
         spaces: Mapping[str, Any] = getattr(env.observation_space, "spaces", {})

@@ -41,8 +41,10 @@ PRIVILEGED = {
         4, np.pi, lambda arms: np.stack([arms.world(r).joint_zeros for r in range(arms.rows)])
     ),
     "gripper_position": Privileged(3, 5.0, lambda arms: arms.simulation.positions()[0]),
+    "object_registers": Privileged(len(MOTORS), 1.0, lambda arms: arms.object_registers()),
 }
-"""True joint angles J1-J5 (rad), joint zeros J1-J4 (rad), and the gripper point in the room (m)."""
+"""True joint angles J1-J5 (rad), joint zeros J1-J4 (rad), the gripper point in the room (m), and the
+registers that bring the gripper to the object."""
 
 
 def observation_space(tell: Sequence[str]) -> spaces.Dict[Any]:
@@ -117,14 +119,10 @@ class StereoArmGoal:
         self._renderer: Any = None
 
     def _outcome(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_]]:
-        """The last observation: batched observations, image distances (N, 2), and rendezvous (N,).
-
-        With latency the image points are delayed; distances and rendezvous are of the present ones.
-        """
+        """The last observation: batched observations, image distances (N, 2), and rendezvous (N,)."""
         points, visible = self.arms.delivered
         goals = points.astype(np.float32).reshape(-1, 8)
-        now = goals if points is self.arms.points else self.arms.points.astype(np.float32).reshape(-1, 8)
-        distances = reach.image_distances(now[:, :4], now[:, 4:])
+        distances = reach.image_distances(goals[:, :4], goals[:, 4:])
         state = np.empty((self.arms.rows, 4 + len(MOTORS)), np.float32)
         state[:, :4] = visible
         state[:, 4:] = self.arms.registers

@@ -58,7 +58,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     ## Rewards
     `CalFree/Reach-v0`: 0 on the motion that reaches the rendezvous, -1 on every other.
     `CalFree/ReachDense-v0`: minus the mean of both image distances, in image units. Both follow from the
-    observed points.
+    observed points, also where latency delivers them late.
 
     ## Starting state
     The arm is at home, with registers zero. The object is in the work space, and both cameras see it.
@@ -93,7 +93,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         terminate_on_success: Whether the rendezvous ends the trial.
         keep_in_view: Whether worlds, perturbations and objects that the cameras do not see are drawn again.
         tell: Privileged quantities, as further observation keys: "joint_angles" (5,) and "joint_zeros" (4,)
-            in rad, "gripper_position" (3,) in m.
+            in rad, "gripper_position" (3,) in m, "object_registers" (3,): those that reach the object.
         truth: Whether `info` holds `truth`. A step is faster without it.
         reward: "sparse" or "dense".
         render_mode: None or "rgb_array".
@@ -148,6 +148,11 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     def world(self) -> World:
         """The hidden world. For experiments, not for controllers."""
         return self.arms.world(0)
+
+    @property
+    def home_seconds(self) -> float:
+        """Robot time of the way home from here, as `info["robot_seconds"]` is of a motion."""
+        return float(self.arms.home_seconds()[0])
 
     def set_world(self, world: World) -> None:
         """Puts the robot into `world`; later seeds draw objects and noise only."""

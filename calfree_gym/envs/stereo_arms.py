@@ -25,7 +25,7 @@ from calfree_gym.world import World, WorldDistribution
 
 JOINT_SPEED = 0.7
 """Assumed speed (rad/s) of the joint that travels furthest, for robot time."""
-SETTLING_AND_OBSERVATION = 4.0
+LOOK_SECONDS = 4.0
 """Assumed seconds in which the arm settles and the vision system delivers still image points. With this
 value a reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
 CANDIDATE_BLOCK = 16
@@ -110,6 +110,8 @@ class StereoArms:
         self._object_streams = CounterStreams()
         self._measurement = MeasurementModel(rows)
         self._apart = np.zeros((rows, 1))
+        self._solved: list[tuple[World, bytes] | None] = [None] * rows
+        self._object_registers = np.zeros((rows, len(MOTORS)))
         self._all = np.arange(rows)
         self._begun = False
 
@@ -197,7 +199,7 @@ class StereoArms:
         self.registers[rows] = registers
         travel = self.simulation.move(rows, registers)
         self.motions[rows] += 1
-        return travel / JOINT_SPEED + SETTLING_AND_OBSERVATION, applied
+        return travel / JOINT_SPEED + LOOK_SECONDS, applied
 
     def observe(self) -> None:
         """Updates what the cameras see, after every row has moved or begun a trial."""
@@ -210,6 +212,20 @@ class StereoArms:
         measured, self.visible = self._measurement.measure(true, visible, self.trials, motions)
         self.points = np.where(self.visible[:, :, None], measured, self.points)
         self.delivered = self._measurement.deliver(self.points, self.visible, motions)
+
+    def home_seconds(self) -> Array:
+        """Robot time (N,) of the way home from here, in seconds."""
+        return self.simulation.travel_home() / JOINT_SPEED + LOOK_SECONDS
+
+    def object_registers(self) -> Array:
+        """Registers (N, 3) at which the gripper is at the object, or as near as the motors let it."""
+        objects = self.simulation.positions()[1]
+        for row in range(self.rows):
+            wanted = self.world(row), objects[row].tobytes()
+            if self._solved[row] != wanted:
+                self._solved[row] = wanted
+                self._object_registers[row] = self._workspaces.registers_at(row, objects[row])
+        return self._object_registers.copy()
 
     def error_px(self) -> Array:
         """Noise-free image distances (N,) in pixels, of the camera that sees the larger one."""

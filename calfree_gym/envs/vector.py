@@ -103,6 +103,11 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         """The hidden world of each row. For experiments, not for controllers."""
         return [self.arms.world(row) for row in range(self.num_envs)]
 
+    @property
+    def home_seconds(self) -> NDArray[np.float64]:
+        """Robot time (num_envs,) of the way home from here, as `infos["robot_seconds"]` is of a motion."""
+        return self.arms.home_seconds()
+
     def set_world(self, world: World, row: int | None = None) -> None:
         """Puts one row, or every row, into `world`; later seeds draw objects and noise only."""
         for r in range(self.num_envs) if row is None else [row]:

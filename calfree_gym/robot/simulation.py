@@ -138,6 +138,11 @@ class Simulation:
             self._current = False
         return travel
 
+    def travel_home(self) -> Array:
+        """The largest joint angle (N,) in rad between where the arms are and home."""
+        home = self.motors.joints(np.zeros((len(self._ctrl), len(self.motors.lowest[0]))), slice(None))
+        return np.asarray(np.abs(self._ctrl - home).max(-1))
+
     def refresh(self) -> None:
         """Brings image points and positions up to date with where everything is."""
         if not self._current:

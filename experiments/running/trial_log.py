@@ -28,7 +28,8 @@ SCHEMA = pa.schema(
         ("trial", pa.int64()),
         ("motions", pa.int64()),
         ("robot_seconds", pa.float64()),
-        ("success", pa.bool_()),
+        ("success", pa.bool_()),  # true error within the tolerance
+        ("rendezvous", pa.bool_()),  # as observed
         ("error_px", pa.float64()),
         ("distance_mm", pa.float64()),
         *((f"motions_to_{threshold}", pa.int64()) for threshold in THRESHOLDS_PX),
@@ -72,6 +73,7 @@ class TrialLog:
             "motions": record.motions,
             "robot_seconds": record.robot_seconds,
             "success": record.success,
+            "rendezvous": record.rendezvous,
             "error_px": record.error_px,
             "distance_mm": record.distance_mm,
             **{f"motions_to_{px}": motion for px, motion in record.motions_to.items()},

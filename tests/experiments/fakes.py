@@ -11,6 +11,7 @@ class CountdownEnv(gymnasium.Env[Any, Any]):
     """The error, drawn at reset, is multiplied by the word; over at 4 px or after 10 motions."""
 
     tolerance_px = 4.0
+    home_seconds = 2.5
 
     def __init__(self, perturb_motion: int | None = None, perturb_trial: int | None = None):
         self.action_space = gymnasium.spaces.Box(0, 1, (1,), np.float32)

@@ -1,11 +1,12 @@
 import random
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import agents
-from experiments.evaluation import evaluate
+from experiments.evaluation import LOOK_SECONDS, evaluate, robot_seconds_at
 from tests.experiments.fakes import CountdownEnv, Halver
 
 
@@ -16,7 +17,8 @@ def test_records_tell_what_happened():
     for trial, (record, start) in enumerate(zip(records, starts, strict=True)):
         motions = int(np.ceil(np.log2(start / 4)))
         assert (record.trial, record.motions, record.success) == (trial, motions, True)
-        assert record.robot_seconds == pytest.approx(1.5 * motions)
+        assert record.robot_seconds == pytest.approx(1.5 * motions + 2.5)
+        assert record.rendezvous
         assert record.error_px == pytest.approx(start / 2**motions)
         assert record.distance_mm == pytest.approx(2 * record.error_px)
         assert record.motions_to[4] == motions
@@ -29,16 +31,51 @@ def test_a_failed_trial_ends_at_the_cap():
     (record,) = evaluate(Halver(word=1.0), CountdownEnv(), trials=1, seed=0)
     assert record.motions == 10
     assert not record.success
+    assert not record.rendezvous
     assert record.motions_to == {2: None, 4: None, 8: None, 16: None}
 
 
-def test_success_allows_three_sigma_of_the_noise():
-    env = CountdownEnv()
-    env.reset(seed=3)
-    word = (5.4 / env.error) ** 0.1  # 5.4 px after 10 motions: within 4 + 3 × 0.5
-    assert evaluate(Halver(word), env, trials=1, seed=3)[0].success
-    env.world.point_noise = 0.4
-    assert not evaluate(Halver(word), env, trials=1, seed=3)[0].success
+@pytest.mark.parametrize("noise_px", [0.5, 20.0])
+def test_success_is_the_truth_within_the_tolerance_and_a_rendezvous_what_is_observed(noise_px):
+    """With 20 px of noise most observed rendezvous are none, and the threshold does not grow with it."""
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", tolerance_px=16.0, tell=("object_registers",))
+    env.reset(seed=0)
+    env.unwrapped.set_world(replace(env.unwrapped.world, point_noise=noise_px))
+    env = gym.make(
+        "CalFree/Reach-v0",
+        dynamics="kinematic",
+        tolerance_px=16.0,
+        world=env.unwrapped.world,
+        tell=("object_registers",),
+    )
+    records = evaluate(Shaky(), env, trials=60, seed=0)
+    assert all(record.success == (record.error_px <= 16.0) for record in records)
+    assert all(record.rendezvous == (record.motions < 60) for record in records)
+    true = np.mean([record.success for record in records if record.rendezvous])
+    assert true >= 0.95 if noise_px < 1 else true < 0.9
+
+
+def test_robot_seconds_at_another_look_time_count_the_way_home():
+    env = gym.make("CalFree/Reach-v0", world="nominal", dynamics="kinematic")
+    (record,) = evaluate(agents.make("paper_servo", env), env, trials=1, seed=0)
+    looks = record.motions + 1
+    moving = record.robot_seconds - looks * LOOK_SECONDS
+    assert moving > 0
+    np.testing.assert_allclose(
+        robot_seconds_at(np.array([0.2, 4.0]), record.robot_seconds, record.motions),
+        [moving + 0.2 * looks, record.robot_seconds],
+    )
+
+
+class Shaky:
+    """Goes to the object, and off by some pixels."""
+
+    def __init__(self):
+        self._rng = np.random.default_rng(0)
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        target = observation["object_registers"] + self._rng.normal(0, 0.02, 3)
+        return target - observation["observation"][4:], None
 
 
 def test_state_is_threaded_through_each_trial():

@@ -306,6 +306,10 @@ def test_robot_seconds_are_travel_at_limited_joint_speed_and_four_seconds_to_set
         travel = np.abs(motors.joints(registers, slice(None)) - before).max()
         assert travel > 0.02
         assert info["robot_seconds"] == pytest.approx(4.0 + travel / 0.7)
+    home = env.home_seconds
+    *_, info = env.step(-env.arms.registers[0])
+    assert info["robot_seconds"] == pytest.approx(home)
+    assert env.home_seconds == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize("batched", [False, True], ids=["single", "batched"])

@@ -1,0 +1,46 @@
+"""Inverse kinematics: the registers at which a gripper point is somewhere, for any arm."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from calfree_gym.geometry import Array
+
+_GRID = 7
+"""Registers that the search starts from, along each motor."""
+_ITERATIONS = 30
+_STEP = 1e-5
+_DAMPING = 1e-9
+
+
+def registers_at(point: Array, gripper_at: Callable[[Array], Array], lowest: Array, highest: Array) -> Array:
+    """Registers (motors,) that bring the gripper nearest to `point` (3,) in m.
+
+    The nearest of a grid of registers, then damped Gauss-Newton steps (Levenberg 1944) within the stops.
+
+    Args:
+        point: In m (3,).
+        gripper_at: From registers (k, motors) to gripper points (k, 3) in m.
+        lowest: Registers at which the motors stop (motors,).
+        highest: The same at the other end.
+    """
+    motors = len(lowest)
+    axes = np.linspace(lowest, highest, _GRID).T
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, motors)
+    registers = grid[np.square(gripper_at(grid) - point).sum(-1).argmin()]
+    moved = _STEP * np.vstack([np.zeros(motors), np.eye(motors)])
+    damping, error = _DAMPING, np.inf
+    best = registers
+    for _ in range(_ITERATIONS):
+        points = gripper_at(registers + moved)
+        found = float(np.square(points[0] - point).sum())
+        if found < error:
+            best, error, damping = registers, found, max(damping / 10, _DAMPING)
+            jacobian = (points[1:] - points[0]).T / _STEP
+            residual = points[0] - point
+        else:
+            damping *= 100
+        normal = jacobian.T @ jacobian
+        step = np.linalg.solve(normal + damping * np.eye(motors), jacobian.T @ residual)
+        registers = np.clip(best - step, lowest, highest)
+    return best
