@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import partial
 from inspect import signature
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -77,10 +78,29 @@ def _own_settings(knowledge: Callable[..., Knowledge]) -> tuple[str, ...]:
     return tuple(name for name in signature(knowledge).parameters if name != "motors")
 
 
-def _sac(env: Environment, seed: int = 0, **settings: Any) -> Agent:
-    from agents.neural.sb3 import SacAgent
+def _sb3(env: Environment, seed: int = 0, **settings: Any) -> Agent:
+    from agents.neural.sb3.agent import Sb3Agent
 
-    return SacAgent(env, seed, **settings)
+    return Sb3Agent(env, seed, **settings)
+
+
+def _sb3_settings(given: Mapping[str, Any]) -> tuple[str, ...]:
+    """The adapter's own settings, and those of the algorithm that is given."""
+    from agents.neural.sb3.agent import Sb3Agent
+    from agents.neural.sb3.algorithms import algorithm_of, settings_of
+
+    own = _named_settings(Sb3Agent)
+    algorithm = given.get("algorithm", signature(Sb3Agent).parameters["algorithm"].default)
+    return tuple(dict.fromkeys((*own, *settings_of(algorithm_of(algorithm)))))
+
+
+def tuned_settings(name: str) -> dict[str, Any]:
+    """The settings in configs/agents/NAME.yaml: the one place of an agent's tuned defaults."""
+    import yaml
+
+    file = Path(__file__).parents[1] / "configs" / "agents" / f"{name}.yaml"
+    settings: dict[str, Any] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return settings
 
 
 KNOWLEDGE: dict[str, Callable[..., Knowledge]] = {
@@ -105,6 +125,9 @@ DEFAULTS: dict[str, dict[str, Any]] = {
 """Settings of agents that bear a knowledge base's name. With the paper's table only success teaches, what is
 recalled is always tried, and the paper's servo corrects: `unified_servo` by test motions."""
 
+SB3 = ("sac", "sac_her", "td3", "tqc", "crossq", "ppo", "recurrent_ppo")
+"""Learners of stable-baselines3 and sb3_contrib; each is its file in configs/agents."""
+
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,
     **{name: partial(_servo_agent, servo=name) for name in SERVOS},
@@ -114,7 +137,8 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "affine_stereo": AffineStereo,
     "model_based": ModelBased,
     "self_calibrating": SelfCalibrating,
-    "sac": _sac,
+    "sb3": _sb3,
+    **dict.fromkeys(SB3, _sb3),
 }
 
 
@@ -128,7 +152,8 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
 
     Args:
         name: One of `names()`.
-        env: The environment that it learns in, and whose spaces it acts in.
+        env: The environment that it learns in, and whose spaces it acts in; for a learner of
+            stable-baselines3 also a batched one.
         **settings: Of the agent; `seed` for all.
 
     Raises:
@@ -138,7 +163,7 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
         hint = near_misses(name, _MAKERS)
         raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(_MAKERS)}")
     shape = getattr(env.action_space, "shape", None)
-    if shape is None or len(shape) != 1:
+    if shape is None or (len(shape) != 1 and _MAKERS[name] is not _sb3):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
     settings = _defaults(name, settings) | settings
     allowed = _settings_of(name, settings)
@@ -156,6 +181,8 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
 
 def _defaults(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """An agent's own defaults; only `unified_servo` has an estimator."""
+    if name in SB3:
+        return tuned_settings(name)
     defaults = dict(DEFAULTS.get(name, {}))
     if given.get("servo", "unified_servo") != "unified_servo":
         defaults.pop("estimator", None)
@@ -164,10 +191,11 @@ def _defaults(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _settings_of(name: str, given: Mapping[str, Any]) -> tuple[str, ...]:
     """The settings that an agent takes; a learning servo's depend on the knowledge and servo `given`."""
-    if name == "sac":
-        from agents.neural.sb3 import SETTINGS
-
-        return SETTINGS
+    if _MAKERS[name] is _sb3:
+        try:
+            return _sb3_settings(given)
+        except ValueError as error:
+            raise ValueError(f"agent {name!r}: {error}") from error
     named = _named_settings(_MAKERS[name])
     if name in SERVOS:
         return ("seed", *_fields(name))

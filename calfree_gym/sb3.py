@@ -4,23 +4,57 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from calfree_gym.wrappers import VectorScaledWords
+
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
 
 
-def make_sb3_env(env_id: str = "CalFree/ReachDense-v0", n_envs: int = 64, **arguments: Any) -> VecEnv:
+def make_sb3_env(
+    env_id: str = "CalFree/ReachDense-v0",
+    n_envs: int = 64,
+    word_limit: float = 1.0,
+    word_curvature: float = 1.0,
+    **arguments: Any,
+) -> VecEnv:
     """Makes `n_envs` arms, stepped together, as a monitored stable-baselines3 `VecEnv`.
 
-    Control words of the full range make 4 px hard to learn. Limit them to a quarter, as
-    `configs/agents/sac.yaml` does, or start with a larger `tolerance_px`.
+    Control words of the full range make 4 px hard to learn: limit them, or start with a larger
+    `tolerance_px`.
 
     Args:
         env_id: One of `calfree_gym.ENV_IDS`, with or without "calfree_gym:" before it.
         n_envs: How many.
+        word_limit: The largest word, see `calfree_gym.wrappers.ScaledWords`.
+        word_curvature: Above 1, small words get finer.
         **arguments: As for `gymnasium.make_vec`. Seed it as any `VecEnv`: row i gets seed + i.
 
     Raises:
         ImportError: stable-baselines3 is not installed.
+        ValueError: An argument is not allowed.
+    """
+    import calfree_gym
+
+    env_id = env_id.removeprefix("calfree_gym:")
+    if env_id not in calfree_gym.ENV_IDS:
+        raise ValueError(f"unknown env_id {env_id!r}; allowed: {', '.join(calfree_gym.ENV_IDS)}")
+    settings = {"truth": False, **arguments}
+    made = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
+    return as_sb3_env(VectorScaledWords(made, word_limit, word_curvature))
+
+
+def as_sb3_env(envs: VectorEnv[Any, Any, Any]) -> VecEnv:
+    """Presents a batched environment, with whatever wrappers, as a monitored stable-baselines3 `VecEnv`.
+
+    Args:
+        envs: Made by `gymnasium.make_vec(..., autoreset_mode=AutoresetMode.SAME_STEP)`.
+
+    Raises:
+        ImportError: stable-baselines3 is not installed.
+        ValueError: Its next trials do not begin at once.
     """
     try:
         from stable_baselines3.common.vec_env import VecMonitor
@@ -30,4 +64,4 @@ def make_sb3_env(env_id: str = "CalFree/ReachDense-v0", n_envs: int = 64, **argu
         ) from error
     from calfree_gym.envs.sb3_vec_env import StereoArmVecEnv
 
-    return VecMonitor(StereoArmVecEnv(env_id.removeprefix("calfree_gym:"), n_envs, **arguments))
+    return VecMonitor(StereoArmVecEnv(envs))

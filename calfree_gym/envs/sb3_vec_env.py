@@ -7,12 +7,10 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
-
-import calfree_gym
 
 
 class StereoArmVecEnv(VecEnv):
@@ -21,20 +19,21 @@ class StereoArmVecEnv(VecEnv):
     An info holds `is_success`, and at a trial's end `terminal_observation` and `TimeLimit.truncated`.
 
     Args:
-        env_id: One of `calfree_gym.ENV_IDS`.
-        n_envs: Rows.
-        **arguments: As for `gymnasium.make_vec`.
+        envs: A batched environment that begins next trials in the step that ends one (SAME_STEP).
+
+    Raises:
+        ValueError: It begins them otherwise.
     """
 
-    def __init__(self, env_id: str, n_envs: int, **arguments: Any) -> None:
-        if env_id not in calfree_gym.ENV_IDS:
-            raise ValueError(f"unknown env_id {env_id!r}; allowed: {', '.join(calfree_gym.ENV_IDS)}")
-        settings = {"truth": False, **arguments}
-        made = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
-        self.vector_env: Any = made.unwrapped
-        self.render_mode = self.vector_env.render_mode
-        self._actions: NDArray[Any] = np.zeros((n_envs, 3))
-        super().__init__(n_envs, made.single_observation_space, made.single_action_space)
+    def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
+        mode = envs.metadata.get("autoreset_mode")
+        if mode != AutoresetMode.SAME_STEP:
+            raise ValueError(f"the batched environment's autoreset_mode is {mode}; it must be SAME_STEP")
+        self.vector_env: Any = envs
+        self.render_mode = envs.render_mode
+        space = envs.single_action_space
+        self._actions: NDArray[Any] = np.zeros((envs.num_envs, *(space.shape or ())))
+        super().__init__(envs.num_envs, envs.single_observation_space, space)
 
     def reset(self) -> VecEnvObs:
         """Begins a trial in every row; `seed` counts here."""
@@ -69,7 +68,7 @@ class StereoArmVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """An attribute of the batched environment, once for each of the rows asked for."""
-        return [getattr(self.vector_env, attr_name)] * len(self._rows(indices))
+        return [getattr(self.vector_env.unwrapped, attr_name)] * len(self._rows(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Not possible: all rows share one environment."""
@@ -77,7 +76,7 @@ class StereoArmVecEnv(VecEnv):
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """Calls a method of the batched environment once; its result for each of the rows asked for."""
-        result = getattr(self.vector_env, method_name)(*args, **kwargs)
+        result = getattr(self.vector_env.unwrapped, method_name)(*args, **kwargs)
         return [result] * len(self._rows(indices))
 
     def env_is_wrapped(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from calfree_gym.perturbations import TYPES
 from calfree_gym.perturbations.schedule import parse_schedule
-from calfree_gym.workspace import in_view
+from calfree_gym.robot.workspace import in_view
 
 RNG = np.random.default_rng
 

@@ -1,0 +1,226 @@
+"""Any algorithm of stable-baselines3 or sb3_contrib behind the surface of every agent."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
+
+import gymnasium as gym
+import numpy as np
+import torch
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+from stable_baselines3 import HerReplayBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.save_util import recursive_getattr, recursive_setattr
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+
+from agents.base.agent import Agent, Callback
+from agents.base.checks import check_number
+from agents.base.observation import RawObservation
+from agents.neural.sb3.algorithms import algorithm_of, built_settings, policy_name
+from agents.neural.sb3.files import Saved, read, write
+from agents.neural.sb3.inputs import GOALS, FlatObservations, ImageDistance, flattened
+from calfree_gym.sb3 import as_sb3_env
+from calfree_gym.wrappers import ScaledWords, VectorScaledWords, scaled_words
+
+
+class Sb3Agent(Agent):
+    """A learner of stable-baselines3: the one adapter for all its algorithms.
+
+    Args:
+        env: The environment, whose reward is what is learned from; or a batched one with SAME_STEP autoreset,
+            whose rows stand in one world: their motions are summed.
+        seed: Of the networks and the exploration.
+        algorithm: A dotted name, such as "sb3_contrib.CrossQ".
+        word_limit: The largest word, see `calfree_gym.wrappers.ScaledWords`.
+        word_curvature: Above 1, small words get finer.
+        distance_scales: The networks' inputs also are tanh(s d) for each of these scales s, d the image
+            distance; without any, the bare observation.
+        net_arch: Hidden layers of each network.
+        rows: How many arms it should learn from at once. Where it learns from a single environment and by
+            rollouts, these are so many times longer.
+        **settings: Of the algorithm. From plain values: `replay_buffer_class` by name, `action_noise` as a
+            standard deviation, `policy_kwargs: {activation_fn: SiLU}`.
+
+    Attributes:
+        rows: As given.
+
+    Raises:
+        ValueError: A setting is not allowed.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any],
+        seed: int = 0,
+        algorithm: str = "stable_baselines3.SAC",
+        word_limit: float = 0.25,
+        word_curvature: float = 1.0,
+        distance_scales: Sequence[float] = (1.0,),
+        net_arch: Sequence[int] = (128, 128),
+        rows: int = 1,
+        **settings: Any,
+    ) -> None:
+        super().__init__(env, seed)  # type: ignore[arg-type]
+        learner = algorithm_of(algorithm)
+        self.rows = check_number("rows", rows, least=1, whole=True)
+        self._words = {"limit": word_limit, "curvature": word_curvature}
+        rows_of_env = self._as_vec_env(env)
+        spaces: Mapping[str, Any] = rows_of_env.observation_space.spaces  # type: ignore[attr-defined]
+        (motors,) = rows_of_env.action_space.shape or ()
+        built = built_settings(settings, motors)
+        self._by_key = built.get("replay_buffer_class") is HerReplayBuffer
+        if self._by_key:
+            _warn_of_moving_goals(env)
+        if issubclass(learner, OnPolicyAlgorithm) and "n_steps" in built and rows_of_env.num_envs == 1:
+            built["n_steps"] *= self.rows
+        built["policy_kwargs"] |= {"net_arch": list(net_arch)}
+        built["policy_kwargs"] |= {
+            "features_extractor_class": ImageDistance,
+            "features_extractor_kwargs": {
+                "goals": spaces[GOALS[0]].shape[0],
+                "scales": [check_number("distance_scales", scale, above=0) for scale in distance_scales],
+            },
+        }
+        self._about = {
+            "algorithm": algorithm,
+            "observation": {key: list(spaces[key].shape) for key in sorted(spaces)},
+            "words": {"motors": motors, "limit": word_limit, "curvature": word_curvature},
+            "networks": {
+                "net_arch": list(net_arch),
+                "distance_scales": list(distance_scales),
+                **settings.get("policy_kwargs", {}),
+            },
+        }
+        torch.set_num_threads(1)
+        try:
+            self._model: Any = learner(
+                policy=policy_name(learner, not self._by_key),
+                env=rows_of_env if self._by_key else FlatObservations(rows_of_env),
+                seed=seed,
+                device="cpu",
+                **built,
+            )
+        except AssertionError as error:
+            raise ValueError(f"{algorithm}: {error}") from error
+        self._model.get_env()._reset_seeds()  # a seed of the learner's would draw another world
+        self._model.set_logger(Logger(folder=None, output_formats=[]))  # else it logs to a folder of its own
+        self._warm_up = getattr(self._model, "learning_starts", 0)
+
+    def _as_vec_env(self, env: Any) -> VecEnv:
+        if isinstance(env, VectorEnv):
+            return as_sb3_env(VectorScaledWords(env, **self._words))
+        scaled = ScaledWords(env, **self._words)
+        return DummyVecEnv([lambda: scaled])
+
+    def predict(
+        self,
+        observation: RawObservation,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """See `Agent`. The state is that of recurrent networks, else None."""
+        inputs = dict(observation) if self._by_key else flattened(observation)
+        actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
+        return scaled_words(actions, **self._words), state
+
+    def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
+        """See `Agent`. Motions after the last whole rollout, or `train_freq`, teach nothing.
+
+        Raises:
+            ValueError: Fewer motions than the environment has rows.
+        """
+        rows = self._model.n_envs
+        if total_timesteps < rows:
+            raise ValueError(f"learn got {total_timesteps} motions; its {rows} rows make {rows} at once")
+        self._model._last_obs = None  # each call starts with a new trial
+        if self._by_key:
+            with warnings.catch_warnings(action="ignore"):
+                self._model.replay_buffer.truncate_last_trajectory()
+        self._model.learn(
+            total_timesteps,
+            callback=_Translated(self, self.num_timesteps + total_timesteps, callback),
+            reset_num_timesteps=self.num_timesteps == 0,
+        )
+        return self
+
+    def save(self, path: str | Path) -> None:
+        """See `Agent`. The replay buffer is left out: learning goes on as from new, with trained networks."""
+        _, variables = self._model._get_torch_save_params()
+        write(
+            path,
+            Saved(
+                self._about,
+                self.num_timesteps,
+                getattr(self._model, "_n_updates", 0),
+                self._model.get_parameters(),
+                {name: recursive_getattr(self._model, name).detach() for name in variables},
+            ),
+        )
+
+    def load(self, path: str | Path, trusted: bool = False) -> Self:
+        """See `Agent`. Nothing is unpickled unless the file is trusted.
+
+        Args:
+            path: A file of `save`; or one that stable-baselines3 has saved, of which networks, optimisers and
+                counts are taken. It does not tell how words were scaled.
+            trusted: Whether tensors may be unpickled, which executes what the file says.
+
+        Raises:
+            FileNotFoundError: There is no such file.
+            ValueError: The file is damaged, or of another algorithm, observation format, scale of words or
+                size of networks; says which.
+        """
+        saved = read(path, trusted)
+        for what, ours in self._about.items():
+            if saved.about is not None and saved.about.get(what) != ours:
+                raise ValueError(
+                    f"{path} holds a learner with {what} {saved.about.get(what)}; this one has {ours}"
+                )
+        before = copy.deepcopy(self._model.get_parameters())
+        try:
+            self._model.set_parameters(saved.parameters, exact_match=True)
+            for name in self._model._get_torch_save_params()[1]:
+                recursive_setattr(self._model, f"{name}.data", saved.variables[name].data)
+        except (ValueError, KeyError, RuntimeError, AttributeError, TypeError) as error:
+            self._model.set_parameters(before)
+            raise ValueError(
+                f"{path} holds {', '.join(sorted(saved.parameters))} that do not fit this learner, "
+                f"{self._about}: {error}"
+            ) from error
+        self.num_timesteps = self._model.num_timesteps = saved.motions
+        self._model._n_updates = saved.updates
+        if hasattr(self._model, "learning_starts"):
+            self._model.learning_starts = saved.motions + self._warm_up
+        return self
+
+
+class _Translated(BaseCallback):
+    """Keeps the agent's count of motions, calls its callback after each, and ends where they are all made."""
+
+    def __init__(self, agent: Agent, end: int, callback: Callback | None) -> None:
+        super().__init__()
+        self._agent, self._end, self._callback = agent, end, callback
+
+    def _on_step(self) -> bool:
+        self._agent.num_timesteps = self.num_timesteps
+        goes_on = self._callback is None or self._callback(self._agent)
+        return goes_on and self.num_timesteps + self.model.n_envs <= self._end
+
+
+def _warn_of_moving_goals(env: Any) -> None:
+    """Warns where hindsight is wrong: on the waist mount the object's image points move with the arm."""
+    spec = getattr(env, "spec", None)
+    if spec is not None and spec.kwargs.get("camera_mount", "waist") == "waist":
+        warnings.warn(
+            "hindsight relabelling is not valid on the waist mount: the object moves in the images when the "
+            "waist turns. Make the environment with camera_mount='stand'",
+            stacklevel=4,
+        )

@@ -1,0 +1,82 @@
+"""Algorithms of stable-baselines3 and sb3_contrib by dotted name, and settings from plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from inspect import isclass, signature
+from typing import Any
+
+import numpy as np
+import sb3_contrib
+import stable_baselines3
+import torch
+from stable_baselines3 import HerReplayBuffer
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.noise import NormalActionNoise
+
+from agents.base.checks import check_number, check_one_of
+
+Algorithm = type[BaseAlgorithm]
+
+_OURS = ("self", "policy", "env", "device", "verbose", "tensorboard_log", "_init_setup_model")
+"""What the adapter gives an algorithm by itself."""
+_BUFFERS = {"ReplayBuffer": ReplayBuffer, "HerReplayBuffer": HerReplayBuffer}
+ALGORITHMS: dict[str, Algorithm] = {
+    f"{module.__name__}.{name}": found
+    for module in (stable_baselines3, sb3_contrib)
+    for name in module.__all__
+    if isclass(found := getattr(module, name)) and issubclass(found, BaseAlgorithm)
+}
+"""By dotted name, such as "sb3_contrib.CrossQ"."""
+
+
+def algorithm_of(name: str) -> Algorithm:
+    """The algorithm of a dotted name.
+
+    Raises:
+        ValueError: There is none, with near misses and all that are allowed.
+    """
+    check_one_of("algorithm", name, ALGORITHMS)
+    return ALGORITHMS[name]
+
+
+def settings_of(algorithm: Algorithm) -> tuple[str, ...]:
+    """The settings that an algorithm takes."""
+    return tuple(name for name in signature(algorithm.__init__).parameters if name not in _OURS)
+
+
+def built_settings(settings: Mapping[str, Any], motors: int) -> dict[str, Any]:
+    """Settings with objects where stable-baselines3 wants them, from the plain values of a YAML file.
+
+    `replay_buffer_class` is a name, `action_noise` a standard deviation of normal noise, and
+    `activation_fn` in `policy_kwargs` a module of `torch.nn`.
+
+    Raises:
+        ValueError: One of them is not allowed.
+    """
+    built = dict(settings)
+    if isinstance(name := built.get("replay_buffer_class"), str):
+        check_one_of("replay_buffer_class", name, _BUFFERS)
+        built["replay_buffer_class"] = _BUFFERS[name]
+    if "action_noise" in built and built["action_noise"] is not None:
+        sigma = check_number("action_noise", built["action_noise"], least=0)
+        built["action_noise"] = NormalActionNoise(np.zeros(motors), np.full(motors, sigma))
+    policy = dict(built.get("policy_kwargs") or {})
+    if isinstance(name := policy.get("activation_fn"), str):
+        check_one_of("activation_fn", name, torch.nn.modules.activation.__all__)
+        policy["activation_fn"] = getattr(torch.nn, name)
+    return built | {"policy_kwargs": policy}
+
+
+def policy_name(algorithm: Algorithm, flat: bool) -> str:
+    """The name of an algorithm's policy for flat observations, or for those by key.
+
+    Raises:
+        ValueError: It has none.
+    """
+    wanted = ("MlpPolicy", "MlpLstmPolicy") if flat else ("MultiInputPolicy", "MultiInputLstmPolicy")
+    for name in wanted:
+        if name in algorithm.policy_aliases:
+            return name
+    raise ValueError(f"{algorithm.__name__} has no policy for observations by key, which hindsight needs")
