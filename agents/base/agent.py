@@ -31,11 +31,13 @@ class Agent(ABC):
     Attributes:
         privileged: What it requires beyond the standard observations, by the names of `tell=`; mostly empty.
         prior_knowledge: What it is built on beyond its observations; every table prints it.
+        rows: How many arms, all in one world, it learns from at once where it can.
         num_timesteps: Motions that it has made in `learn`, over its whole life.
     """
 
     privileged: ClassVar[tuple[str, ...]] = ()
     prior_knowledge: frozenset[PriorKnowledge] = frozenset()
+    rows: int = 1
 
     def __init__(self, env: gym.Env[Any, Any], seed: int = 0) -> None:
         spaces: Mapping[str, Any] = getattr(env.observation_space, "spaces", {})

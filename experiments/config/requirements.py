@@ -13,20 +13,24 @@ class Requirements(NamedTuple):
     Attributes:
         privileged: Observations beside the image points, as the environment's argument `tell` names them.
         settings: Its own, and what its cameras are fixed to, where it uses that and no setting gives it.
+        rows: How many arms, of one world, it learns from at once.
     """
 
     privileged: tuple[str, ...]
     settings: dict[str, Any]
+    rows: int
 
 
 def requirements(agent: AgentConfig, env: EnvironmentConfig) -> Requirements:
     """Makes the agent once, in an environment with all privileged observations, to see what it requires.
 
     Raises:
-        ValueError: A setting is not allowed.
+        ValueError: A setting is not allowed, or it learns from rows where every trial has a world of its own.
     """
     everything = env.make(tell=tuple(PRIVILEGED))
     made = agents.make(agent.name, everything, seed=0, **agent.settings)
     everything.close()
     mount = {"camera_mount": env.camera_mount} if hasattr(made, "camera_mount") else {}
-    return Requirements(made.privileged, {**mount, **agent.settings})
+    if made.rows > 1 and env.redraw != "never":
+        raise ValueError(f"it learns from {made.rows} rows in one world; redraw is {env.redraw!r}")
+    return Requirements(made.privileged, {**mount, **agent.settings}, made.rows)

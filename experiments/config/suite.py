@@ -63,6 +63,17 @@ class EnvironmentConfig(Model):
         arguments = {**self.model_dump(exclude={"id"}), "tell": tell}
         return gymnasium.make(self.id, perturbations=list(perturbations) or None, **arguments)
 
+    def make_rows(
+        self, rows: int, world: calfree_gym.World, tell: tuple[str, ...] = ()
+    ) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
+        """Builds a batched environment in one world, whose next trials begin when they are told to.
+
+        Raises:
+            ValueError: Every trial is to be in a new world.
+        """
+        arguments = {**self.model_dump(exclude={"id"}), "world": world, "tell": tell}
+        return gymnasium.make_vec(self.id, num_envs=rows, autoreset_mode="Disabled", **arguments)
+
 
 class ScenarioConfig(Model):
     """Every agent's lifetime: where, for how many motions or trials, and how the world is perturbed."""

@@ -24,7 +24,7 @@ def run_sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
         What the run says about itself: the agent's privileged observations.
     """
     config = run.sweep
-    privileged, settings = requirements(run.agent, config.env)
+    privileged, settings, _ = requirements(run.agent, config.env)
     trials, of = run.work
     with TrialLog(folder) as log:
         for i, value in enumerate(config.over, start=1):

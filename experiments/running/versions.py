@@ -13,6 +13,7 @@ PACKAGES = (
     "mujoco",
     "numpy",
     "opencv-python-headless",
+    "sb3-contrib",
     "stable-baselines3",
     "torch",
 )
@@ -20,15 +21,18 @@ PACKAGES = (
 WHAT_MAKES_A_RESULT = (
     "calfree_gym",
     "agents",
+    "configs/agents",
     "experiments/config/requirements.py",
     "experiments/config/suite.py",
     "experiments/evaluation.py",
     "experiments/running/lifetime.py",
     "experiments/running/plan.py",
+    "experiments/running/rows.py",
     "experiments/running/sweep_trials.py",
     "experiments/running/trial_log.py",
     "experiments/running/worker.py",
 )
+_KINDS = ("*.py", "*.xml", "*.yaml")
 
 
 def versions() -> dict[str, str]:
@@ -58,7 +62,7 @@ def _code() -> str:
     digest = hashlib.sha256()
     for root in WHAT_MAKES_A_RESULT:
         path = REPOSITORY / root
-        files = [path] if path.is_file() else [*path.rglob("*.py"), *path.rglob("*.xml")]
+        files = [path] if path.is_file() else [file for kind in _KINDS for file in path.rglob(kind)]
         for file in sorted(files):
             digest.update(str(file.relative_to(REPOSITORY)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()[:12]

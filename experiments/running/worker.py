@@ -4,6 +4,7 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,12 @@ from experiments.evaluation import TrialRecord, evaluate
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import LifetimeRun, SweepRun
 from experiments.running.results_folder import DONE, SPEC, write_json
+from experiments.running.rows import RowsRecorder
 from experiments.running.sweep_trials import run_sweep
 from experiments.running.tensorboard_curves import Curves
 from experiments.running.trial_log import TrialLog
 
+Recorder = LifetimeRecorder | RowsRecorder
 _PROGRESS_EVERY = 25
 """A lifetime that is counted in trials prints its progress each time that this many have ended."""
 
@@ -34,7 +37,7 @@ class Checkpoints:
     def __init__(
         self,
         spec: LifetimeRun,
-        recorder: LifetimeRecorder,
+        recorder: Recorder,
         log: TrialLog,
         curves: Curves,
         privileged: tuple[str, ...],
@@ -80,7 +83,7 @@ class Checkpoints:
         print_progress(self._spec, self._recorder, f": {reached} of {trials} held-out trials reached")
 
 
-def print_progress(spec: LifetimeRun, recorder: LifetimeRecorder, more: str = "") -> None:
+def print_progress(spec: LifetimeRun, recorder: Recorder, more: str = "") -> None:
     """Prints how far a lifetime is, as `progress.done_by` reads it."""
     length, of = spec.work
     print(f"{of} {getattr(recorder, of)}/{length}{more}", flush=True)
@@ -95,15 +98,16 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
     with TrialLog(folder) as log, closing(Curves(folder)) as curves:
 
         def log_trial(record: TrialRecord) -> None:
+            if scenario.trials is not None and record.trial >= scenario.trials:
+                return  # rows end trials together
             log.write("train", recorder.motions, recorder.since_perturbation, record)
             curves.write("train", recorder.motions, [record])
             if scenario.trials is not None and recorder.trials % _PROGRESS_EVERY == 0:
                 print_progress(spec, recorder)
 
         scenario = spec.scenario
-        privileged, settings = requirements(spec.agent, scenario.env)
-        env = scenario.env.make(scenario.perturbations, privileged)
-        recorder = LifetimeRecorder(env, spec.world_seed, log_trial)
+        privileged, settings, rows = requirements(spec.agent, scenario.env)
+        recorder = _recorder(spec, privileged, rows, log_trial)
         agent = agents.make(spec.agent.name, recorder, seed=spec.agent_seed, **settings)
         checkpoints = Checkpoints(spec, recorder, log, curves, privileged) if spec.evaluation else None
         if checkpoints:
@@ -112,15 +116,29 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
         def after_motion(progress: Any) -> bool:
             if checkpoints:
                 checkpoints.evaluate_if_due(agent)
-            return recorder.trials != scenario.trials
+            return scenario.trials is None or recorder.trials < scenario.trials
 
-        agent.learn(scenario.most_motions, callback=after_motion)
         length, of = spec.work
-        if getattr(recorder, of) != length:
+        unfinished = 0 if of == "motions" else (rows - 1) * scenario.env.max_episode_steps
+        agent.learn(scenario.most_motions + unfinished, callback=after_motion)
+        if abs(getattr(recorder, of) - length) >= rows:  # rows move together
             raise RuntimeError(f"{spec.agent.name} made {getattr(recorder, of)} {of}; it was given {length}")
         if checkpoints:
             checkpoints.finish(agent)
     return {"privileged": list(privileged), "perturbations": recorder.perturbations}
+
+
+def _recorder(
+    spec: LifetimeRun, privileged: tuple[str, ...], rows: int, on_trial: Callable[[TrialRecord], None]
+) -> Recorder:
+    """The environment of the agent's lifetime, of one arm or of rows."""
+    scenario = spec.scenario
+    if rows > 1:
+        return RowsRecorder(
+            scenario.env, rows, privileged, scenario.perturbations, spec.world_seed, on_trial
+        )
+    env = scenario.env.make(scenario.perturbations, privileged)
+    return LifetimeRecorder(env, spec.world_seed, on_trial)
 
 
 def main(folder: Path) -> None:

@@ -1,0 +1,161 @@
+"""A lifetime made by many arms at once in one world: their motions are summed, and they are perturbed together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorWrapper
+from numpy.typing import NDArray
+
+from calfree_gym.perturbations.application import PerturbationScheduler
+from experiments.config.suite import EnvironmentConfig
+from experiments.evaluation import TrialMeter, TrialRecord
+
+_CLOCKS = ("trial", "motion")
+
+
+class RowsRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
+    """`LifetimeRecorder` for an agent that learns from rows: a batched environment with SAME_STEP autoreset.
+
+    The world is the one that any agent meets under this seed, and perturbations are drawn as in its single
+    environment. An event is applied to all rows before the first motion after which their summed motions, or
+    their ended trials, have reached it. Row 0 meets the objects that a single environment would.
+
+    Attributes:
+        motions: Lifetime motions of all rows.
+        records: Of the trials that have ended, numbered in this order.
+        world: The world in which the last motion was made (at first: the world to begin in).
+        perturbations: As of `LifetimeRecorder`.
+
+    Args:
+        config: The environment.
+        rows: How many arms.
+        privileged: What the environment must tell.
+        schedule: Of perturbations.
+        seed: Seeds world, objects and noise.
+        on_trial: Called with the record of each finished trial.
+    """
+
+    def __init__(
+        self,
+        config: EnvironmentConfig,
+        rows: int,
+        privileged: tuple[str, ...],
+        schedule: tuple[dict[str, Any], ...],
+        seed: int,
+        on_trial: Callable[[TrialRecord], None] = lambda record: None,
+    ):
+        self.world = _world(config, seed)
+        super().__init__(config.make_rows(rows, self.world, privileged))
+        self.metadata = {**self.env.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
+        self._scheduler = PerturbationScheduler(1, list(schedule), config.camera_mount, config.keep_in_view)
+        self._scheduler.seed(0, seed)
+        self._applied = dict.fromkeys(_CLOCKS, -1)
+        self._on_trial = on_trial
+        self._moved = False
+        self.motions = 0
+        self.records: list[TrialRecord] = []
+        self.perturbations: list[tuple[int, int, dict[str, Any]]] = []
+        self._apply_due("trial")
+        self._first = self.env.reset(seed=seed)
+        self._meters = [self._meter(row, self._first[1]) for row in range(rows)]
+
+    @property
+    def trials(self) -> int:
+        """How many trials have ended."""
+        return len(self.records)
+
+    @property
+    def since_perturbation(self) -> int | None:
+        """Motions since the last perturbation; None before any."""
+        return self.motions - self.perturbations[-1][0] if self.perturbations else None
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begins a trial in every row, unless none has moved yet. A trial cut off has no record.
+
+        Raises:
+            ValueError: Options are given.
+        """
+        if options:
+            raise ValueError(f"reset got options {options!r}; a run's trials are fixed, it takes none")
+        if self._moved:
+            self._moved = False
+            self._first = self.env.reset()
+            self._meters = [self._meter(row, self._first[1]) for row in range(self.num_envs)]
+        return self._first
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Makes one motion in every row, counts them, and begins the next trials of rows that are over."""
+        for clock in _CLOCKS:
+            self._apply_due(clock)
+        self._moved = True
+        observation, rewards, terminated, truncated, infos = self.env.step(actions)
+        self.motions += self.num_envs
+        over = terminated | truncated
+        for row, meter in enumerate(self._meters):
+            meter.add(_of_row(infos, row))
+            if over[row]:
+                self.records.append(replace(meter.record(), trial=self.trials))
+                self._on_trial(self.records[-1])
+        if over.any():
+            final = {"final_obs": observation, "_final_obs": over, "final_info": infos, "_final_info": over}
+            observation, infos = self.env.reset(options={"reset_mask": over})
+            for row in np.flatnonzero(over):
+                self._meters[row] = self._meter(int(row), infos)
+            infos |= final
+        return observation, rewards, terminated, truncated, infos
+
+    def _meter(self, row: int, infos: dict[str, Any]) -> TrialMeter:
+        return TrialMeter(_Row(self.env.unwrapped, row), 0, _of_row(infos, row))  # type: ignore[arg-type]
+
+    def _apply_due(self, clock: str) -> None:
+        """Applies what has become due since the last call, in every row, by the counts at which it was due."""
+        count = {"motion": self.motions, "trial": self.trials}[clock]
+        since, self._applied[clock] = self._applied[clock] + 1, count
+        before = self.world
+        if events := self._scheduler.events[clock]:
+            for due in range(since, count + 1):
+                for place, event in events:
+                    if event.is_due(np.array([due]))[0]:
+                        self.world, drawn = self._scheduler.apply(place, event, 0, due, self.world)
+                        if drawn is not None:
+                            self.perturbations.append((self.motions, self.trials, drawn.to_dict()))
+        if self.world is not before:
+            rows: Any = self.env.unwrapped
+            rows.set_world(self.world)
+
+
+class _Row:
+    """One row of a batched environment, as `TrialMeter` asks an environment."""
+
+    def __init__(self, envs: Any, row: int):
+        self._envs, self._row = envs, row
+        self.unwrapped = self
+        self.tolerance_px = envs.tolerance_px
+
+    @property
+    def home_seconds(self) -> float:
+        return float(self._envs.home_seconds[self._row])
+
+
+def _of_row(infos: dict[str, Any], row: int) -> dict[str, Any]:
+    """What `TrialMeter` reads of one row's info."""
+    truth: dict[str, NDArray[Any]] = infos["truth"]
+    return {
+        "truth": {name: float(truth[name][row]) for name in ("error_px", "distance_mm")},
+        "is_success": infos["is_success"][row],
+        "robot_seconds": infos["robot_seconds"][row],
+    }
+
+
+def _world(config: EnvironmentConfig, seed: int) -> Any:
+    """The world that the single environment draws from this seed."""
+    single: gymnasium.Env[Any, Any] = config.make()
+    single.reset(seed=seed)
+    drawn: Any = single.unwrapped
+    single.close()
+    return drawn.world
