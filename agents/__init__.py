@@ -1,6 +1,6 @@
 """Controllers of the black box, made by name: `agents.make("grid_table", env, cells=8)`."""
 
 from agents.base.agent import Agent
-from agents.registry import KNOWLEDGE, SERVOS, make, names
+from agents.registry import KNOWLEDGE, NEURAL, SERVOS, make, names
 
-__all__ = ["KNOWLEDGE", "SERVOS", "Agent", "make", "names"]
+__all__ = ["KNOWLEDGE", "NEURAL", "SERVOS", "Agent", "make", "names"]

@@ -127,6 +127,8 @@ recalled is always tried, and the paper's servo corrects: `unified_servo` by tes
 
 SB3 = ("sac", "sac_her", "td3", "tqc", "crossq", "ppo", "recurrent_ppo")
 """Learners of stable-baselines3 and sb3_contrib; each is its file in configs/agents."""
+NEURAL = ("sb3", *SB3)
+"""Agents that load torch."""
 
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,

@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import VectorActionWrapper
 from numpy.typing import NDArray
 
@@ -18,11 +19,11 @@ def scaled_words(actions: NDArray[Any], limit: float, curvature: float = 1.0) ->
 def _check(limit: float, curvature: float) -> None:
     if not 0 < limit <= 1 or not 0 < curvature < np.inf:
         raise ValueError(
-            f"limit is {limit} and curvature is {curvature}; allowed: 0 < limit <= 1 and a finite curvature > 0"
+            f"limit is {limit} and curvature is {curvature}; allowed: 0 < limit <= 1, finite curvature > 0"
         )
 
 
-class ScaledWords(gym.ActionWrapper[Any, Any, Any]):
+class ScaledWords(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
     """Bounds control words: an action a in [-1, 1] becomes the word limit * sign(a) * |a|**curvature.
 
     A word of 1 moves a motor through half of its range. Learners that explore the whole range of their
@@ -40,7 +41,8 @@ class ScaledWords(gym.ActionWrapper[Any, Any, Any]):
 
     def __init__(self, env: gym.Env[Any, Any], limit: float = 0.25, curvature: float = 1.0) -> None:
         _check(limit, curvature)
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, limit=limit, curvature=curvature)
+        gym.ActionWrapper.__init__(self, env)
         self.limit, self.curvature = limit, curvature
 
     def action(self, action: NDArray[Any]) -> NDArray[np.float32]:

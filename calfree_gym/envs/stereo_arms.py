@@ -17,10 +17,10 @@ from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.motors import MOTORS
 from calfree_gym.robot.simulation import DYNAMICS, Simulation
+from calfree_gym.robot.workspace import ATTEMPTS, Workspaces, first_in_view, in_view
 from calfree_gym.streams import CounterStreams, Key, key
 from calfree_gym.vision.cameras import MOUNTS
 from calfree_gym.vision.measurement import MeasurementModel
-from calfree_gym.robot.workspace import ATTEMPTS, Workspaces, first_in_view, in_view
 from calfree_gym.world import World, WorldDistribution
 
 JOINT_SPEED = 0.7

@@ -7,8 +7,8 @@ from typing import Any
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.schedule import CLOCKS, Event, parse_schedule
 from calfree_gym.perturbations.undo import Undo, undone
-from calfree_gym.streams import stream
 from calfree_gym.robot.workspace import first_in_view, in_view
+from calfree_gym.streams import stream
 from calfree_gym.world import World
 
 

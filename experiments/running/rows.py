@@ -1,4 +1,4 @@
-"""A lifetime made by many arms at once in one world: their motions are summed, and they are perturbed together."""
+"""A lifetime made by many arms in one world: their motions are summed, and they are perturbed together."""
 
 from __future__ import annotations
 
@@ -104,8 +104,8 @@ class RowsRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         if over.any():
             final = {"final_obs": observation, "_final_obs": over, "final_info": infos, "_final_info": over}
             observation, infos = self.env.reset(options={"reset_mask": over})
-            for row in np.flatnonzero(over):
-                self._meters[row] = self._meter(int(row), infos)
+            for begun in np.flatnonzero(over).tolist():
+                self._meters[begun] = self._meter(begun, infos)
             infos |= final
         return observation, rewards, terminated, truncated, infos
 
@@ -113,7 +113,7 @@ class RowsRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         return TrialMeter(_Row(self.env.unwrapped, row), 0, _of_row(infos, row))  # type: ignore[arg-type]
 
     def _apply_due(self, clock: str) -> None:
-        """Applies what has become due since the last call, in every row, by the counts at which it was due."""
+        """Applies to all rows what has become due since the last call, by the counts at which it was due."""
         count = {"motion": self.motions, "trial": self.trials}[clock]
         since, self._applied[clock] = self._applied[clock] + 1, count
         before = self.world

@@ -107,7 +107,7 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
 
         scenario = spec.scenario
         privileged, settings, rows = requirements(spec.agent, scenario.env)
-        recorder = _recorder(spec, privileged, rows, log_trial)
+        recorder: Any = _recorder(spec, privileged, rows, log_trial)
         agent = agents.make(spec.agent.name, recorder, seed=spec.agent_seed, **settings)
         checkpoints = Checkpoints(spec, recorder, log, curves, privileged) if spec.evaluation else None
         if checkpoints:
@@ -134,9 +134,7 @@ def _recorder(
     """The environment of the agent's lifetime, of one arm or of rows."""
     scenario = spec.scenario
     if rows > 1:
-        return RowsRecorder(
-            scenario.env, rows, privileged, scenario.perturbations, spec.world_seed, on_trial
-        )
+        return RowsRecorder(scenario.env, rows, privileged, scenario.perturbations, spec.world_seed, on_trial)
     env = scenario.env.make(scenario.perturbations, privileged)
     return LifetimeRecorder(env, spec.world_seed, on_trial)
 

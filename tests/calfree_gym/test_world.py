@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from calfree_gym import DISTRIBUTIONS, MOUNTS, World, WorldDistribution, nominal
 from calfree_gym.robot.motors import MotorMap, curve_inverse
-from calfree_gym.vision.cameras import image_points, undistort
 from calfree_gym.robot.workspace import Workspaces, first_in_view, in_view
+from calfree_gym.vision.cameras import image_points, undistort
 from calfree_gym.world import CAMERA_POSITION, FOCAL_LENGTH, LENGTHS
 
 

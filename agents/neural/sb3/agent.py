@@ -18,11 +18,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr, recursive_setattr
+from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from agents.base.agent import Agent, Callback
 from agents.base.checks import check_number
 from agents.base.observation import RawObservation
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.neural.sb3.algorithms import algorithm_of, built_settings, policy_name
 from agents.neural.sb3.files import Saved, read, write
 from agents.neural.sb3.inputs import GOALS, FlatObservations, ImageDistance, flattened
@@ -54,6 +56,8 @@ class Sb3Agent(Agent):
     Raises:
         ValueError: A setting is not allowed.
     """
+
+    prior_knowledge = frozenset({PriorKnowledge.REWARD, PriorKnowledge.WORD_LIMIT})
 
     def __init__(
         self,
@@ -99,17 +103,17 @@ class Sb3Agent(Agent):
             },
         }
         torch.set_num_threads(1)
+        set_random_seed(seed)  # given to the learner, it would draw another world too
         try:
             self._model: Any = learner(
                 policy=policy_name(learner, not self._by_key),
                 env=rows_of_env if self._by_key else FlatObservations(rows_of_env),
-                seed=seed,
                 device="cpu",
                 **built,
             )
         except AssertionError as error:
             raise ValueError(f"{algorithm}: {error}") from error
-        self._model.get_env()._reset_seeds()  # a seed of the learner's would draw another world
+        self._model.action_space.seed(seed)
         self._model.set_logger(Logger(folder=None, output_formats=[]))  # else it logs to a folder of its own
         self._warm_up = getattr(self._model, "learning_starts", 0)
 
@@ -193,7 +197,7 @@ class Sb3Agent(Agent):
             self._model.set_parameters(before)
             raise ValueError(
                 f"{path} holds {', '.join(sorted(saved.parameters))} that do not fit this learner, "
-                f"{self._about}: {error}"
+                f"{self._about}: {str(error)[:300]}"
             ) from error
         self.num_timesteps = self._model.num_timesteps = saved.motions
         self._model._n_updates = saved.updates
@@ -222,5 +226,5 @@ def _warn_of_moving_goals(env: Any) -> None:
         warnings.warn(
             "hindsight relabelling is not valid on the waist mount: the object moves in the images when the "
             "waist turns. Make the environment with camera_mount='stand'",
-            stacklevel=4,
+            stacklevel=5,
         )

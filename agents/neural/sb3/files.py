@@ -69,12 +69,19 @@ def read(path: str | Path, trusted: bool = False) -> Saved:
         if name.endswith((".pt", ".pth"))
     }
     if _PARAMETERS in found:
-        return Saved(header["about"], header["motions"], header["updates"], **found[_PARAMETERS])
-    variables = found.pop(_VARIABLES, None) or {}
-    parameters = {name.removesuffix(".pth"): tensors for name, tensors in found.items()}
-    counts = (header.get(name, 0) for name in ("num_timesteps", "_n_updates"))
-    motions, updates = (count if isinstance(count, int) else 0 for count in counts)
-    return Saved(None, motions, updates, parameters, variables)
+        about = header["about"]
+        motions, updates = header["motions"], header["updates"]
+        parameters, variables = (found[_PARAMETERS].get(name) for name in ("parameters", "variables"))
+    else:
+        about = None
+        motions, updates = header.get("num_timesteps", 0), header.get("_n_updates", 0)
+        variables = found.pop(_VARIABLES, None) or {}
+        parameters = {name.removesuffix(".pth"): tensors for name, tensors in found.items()}
+    saved = Saved(about, motions, updates, parameters, variables)
+    for name, kind in (("motions", int), ("updates", int), ("parameters", dict), ("variables", dict)):
+        if not isinstance(getattr(saved, name), kind):
+            raise ValueError(f"{path} is damaged: its {name} are no {kind.__name__}")
+    return saved
 
 
 def _header(path: str | Path, entries: Mapping[str, bytes]) -> dict[str, Any]:
@@ -89,14 +96,18 @@ def _header(path: str | Path, entries: Mapping[str, bytes]) -> dict[str, Any]:
         header = json.loads(entries[_HEADER if ours else _FOREIGN_HEADER])
         if ours and header["calfree"] != _VERSION:
             raise ValueError(f"its version is {header['calfree']}, this code reads {_VERSION}")
+        if ours and not {"about", "motions", "updates"} <= header.keys():
+            raise ValueError(f"{_HEADER} holds {', '.join(header)}")
         return {**header}
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"{path} is damaged: {error!r}") from error
 
 
 def _tensors(path: str | Path, name: str, content: bytes, trusted: bool) -> Any:
     try:
-        return torch.load(io.BytesIO(content), map_location="cpu", weights_only=not trusted)
+        return {**torch.load(io.BytesIO(content), map_location="cpu", weights_only=not trusted)}
     except Exception as error:  # what torch raises on a damaged file depends on where the damage is
-        hint = "" if trusted else ", or would have to be unpickled: load(path, trusted=True) does, at your risk"
+        hint = (
+            "" if trusted else ", or would have to be unpickled: load(path, trusted=True) does, at your risk"
+        )
         raise ValueError(f"{name} in {path} is damaged{hint}: {str(error).splitlines()[0]}") from error

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calfree_gym import MOUNTS, WorldDistribution, nominal
-from calfree_gym.vision.measurement import MeasurementModel
 from calfree_gym.robot.workspace import in_view
+from calfree_gym.vision.measurement import MeasurementModel
 
 
 def lifetime(world, motions=300, **arguments):

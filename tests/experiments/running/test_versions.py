@@ -13,6 +13,11 @@ ONLY_STORES = {
 """What the worker needs besides, which moves no number of a result."""
 
 
+def sources(folder):
+    """Code, arms and tuned settings."""
+    return [file for kind in ("*.py", "*.xml", "*.yaml") for file in folder.rglob(kind)]
+
+
 def imported_from(path, seen):
     """Files of `experiments` that a file imports, and what those import."""
     if path not in seen:
@@ -39,13 +44,13 @@ def test_an_edit_of_any_hashed_file_makes_results_foreign(tmp_path, monkeypatch)
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes((REPOSITORY / root).read_bytes())
         else:
-            for file in [*(REPOSITORY / root).rglob("*.py"), *(REPOSITORY / root).rglob("*.xml")]:
+            for file in sources(REPOSITORY / root):
                 copy = tmp_path / file.relative_to(REPOSITORY)
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 copy.write_bytes(file.read_bytes())
     monkeypatch.setattr(versions, "REPOSITORY", tmp_path)
     before = versions.versions()["code"]
-    files = [*tmp_path.rglob("*.py"), *tmp_path.rglob("*.xml")]
+    files = sources(tmp_path)
     assert len(files) > 80
     for file in files:
         source = file.read_bytes()

@@ -9,12 +9,13 @@ from experiments.config.suite import Suite
 from experiments.running import worker
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import runs_of
+from tests.agents.neural.quick import QUICK
 
 AGENTS = [
     {"name": "random"},
     {"name": "unified_servo"},
     {"name": "grid_table"},
-    {"name": "sac", "settings": {"net_arch": [16], "learning_starts": 10, "buffer_size": 300}},
+    {"name": "sac", "settings": {**QUICK["sac"], "learning_starts": 10}},
 ]
 AIM = {"type": "camera_aim", "camera": "left"}  # by how much is drawn
 

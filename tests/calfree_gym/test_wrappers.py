@@ -1,0 +1,57 @@
+"""Bounded words, in one environment and in many."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from calfree_gym.sb3 import as_sb3_env, make_sb3_env
+from calfree_gym.wrappers import ScaledWords, VectorScaledWords
+
+KINEMATIC = {"dynamics": "kinematic", "world": "nominal"}
+SCALED = {"limit": 0.25, "curvature": 2.0}
+
+
+def test_an_action_becomes_a_small_word():
+    env = ScaledWords(gym.make("CalFree/Reach-v0", **KINEMATIC), **SCALED)
+    env.reset(seed=0)
+    observation, *_ = env.step(np.array([1, -0.5, 0], np.float32))
+    np.testing.assert_allclose(observation["observation"][4:], [0.25, -0.0625, 0], atol=1e-6)
+    assert env.action_space == gym.spaces.Box(-1, 1, (3,), np.float32)
+
+
+def test_the_batched_and_the_sb3_environment_scale_alike():
+    actions = np.random.default_rng(0).uniform(-1, 1, (4, 2, 3)).astype(np.float32)
+    single = [ScaledWords(gym.make("CalFree/Reach-v0", **KINEMATIC), **SCALED) for _ in range(2)]
+    batch = VectorScaledWords(gym.make_vec("CalFree/Reach-v0", num_envs=2, **KINEMATIC), **SCALED)
+    sb3 = make_sb3_env("CalFree/Reach-v0", 2, word_limit=0.25, word_curvature=2.0, **KINEMATIC)
+    sb3.seed(3)
+    for i, env in enumerate(single):
+        env.reset(seed=3 + i)
+    batch.reset(seed=3)
+    sb3.reset()
+    for rows in actions:
+        batched, *_ = batch.step(rows)
+        of_sb3, *_ = sb3.step(rows)
+        for i, env in enumerate(single):
+            observation, *_ = env.step(rows[i])
+            for key, value in observation.items():
+                np.testing.assert_array_equal(batched[key][i], value)
+                np.testing.assert_array_equal(of_sb3[key][i], value)
+
+
+def test_a_wrapped_environment_is_made_again_from_its_spec():
+    env = gym.make(ScaledWords(gym.make("CalFree/Reach-v0", **KINEMATIC), **SCALED).spec)
+    assert (env.limit, env.curvature) == (0.25, 2.0)
+
+
+@pytest.mark.parametrize("wrong", [{"limit": 0}, {"limit": 1.5}, {"curvature": 0}, {"curvature": np.inf}])
+def test_bounds_that_bound_nothing_are_errors(wrong):
+    with pytest.raises(ValueError, match=str(next(iter(wrong.values())))):
+        ScaledWords(gym.make("CalFree/Reach-v0"), **wrong)
+    with pytest.raises(ValueError, match="allowed: 0 < limit <= 1"):
+        VectorScaledWords(gym.make_vec("CalFree/Reach-v0", num_envs=1), **wrong)
+
+
+def test_only_rows_that_begin_again_at_once_suit_stable_baselines3():
+    with pytest.raises(ValueError, match=r"autoreset_mode is .*NEXT_STEP.* must be SAME_STEP"):
+        as_sb3_env(gym.make_vec("CalFree/Reach-v0", num_envs=1))
