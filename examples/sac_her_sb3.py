@@ -10,10 +10,11 @@ from typing import Any
 
 import gymnasium as gym
 import torch
-from gymnasium.wrappers import TransformAction
 from stable_baselines3 import SAC, HerReplayBuffer
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
+
+from calfree_gym.wrappers import ScaledWords
 
 LONGEST_WORD = 0.25
 
@@ -21,7 +22,7 @@ LONGEST_WORD = 0.25
 def make_env(**arguments: Any) -> gym.Env[Any, Any]:
     """One arm on the stand mount, of small words."""
     env = gym.make("calfree_gym:CalFree/Reach-v0", camera_mount="stand", **arguments)
-    return Monitor(TransformAction(env, lambda action: LONGEST_WORD * action, env.action_space))
+    return Monitor(ScaledWords(env, limit=LONGEST_WORD))
 
 
 def success_rate(model: SAC, trials: int = 50, **arguments: Any) -> float:

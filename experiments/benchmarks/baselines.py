@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -12,13 +10,11 @@ import pandas as pd
 
 import agents
 import calfree_gym
-from experiments.config.loading import read_yaml
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.reporting.tables import Table
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 
 REACH, DENSE = calfree_gym.ENV_IDS
-SAC_SETTINGS = Path(__file__).parents[2] / "configs" / "agents" / "sac.yaml"
 
 
 def servo(worlds: int = 200) -> Iterator[Table]:
@@ -96,12 +92,11 @@ def table(worlds: int = 10, trials: int = 400, before: int = 250) -> Iterator[Ta
 
 def sac(motions: int = 25_000, seeds: int = 2, trials: int = 200) -> Iterator[Table]:
     """Sac in the nominal world on the waist mount, with the settings of configs/agents/sac.yaml."""
-    settings: dict[str, Any] = read_yaml(SAC_SETTINGS)
     rows = []
     for seed in range(seeds):
         env = gym.make(DENSE, world="nominal", dynamics="kinematic")
         env.reset(seed=seed)
-        agent = agents.make("sac", env, seed=seed, **settings).learn(motions)
+        agent = agents.make("sac", env, seed=seed).learn(motions)
         held_out = gym.make(REACH, world="nominal")
         records = evaluate(agent, held_out, trials=trials, seed=10_000 + seed)
         rows.append(

@@ -26,7 +26,10 @@ PRIOR_KNOWLEDGE: dict[str, str] = {
         f"{_IMAGES}; what kind of robot it is: its joints, the form of the motor curve, the bounds of all "
         "parameters, what the cameras are fixed to"
     ),
-    "sac": "a word limit and a discount that were tuned in other worlds",
+    **dict.fromkeys(
+        ("sb3", "sac", "sac_her", "td3", "tqc", "crossq", "ppo", "recurrent_ppo"),
+        "a reward; a word limit and a discount that were tuned in other worlds",
+    ),
 }
 """A sentence for each agent's name; a test demands one for every agent."""
 

@@ -1,4 +1,4 @@
-"""The adapter of stable-baselines3: algorithms by name, networks' inputs, rows, files that execute nothing."""
+"""The adapter of stable-baselines3: algorithms by name, networks' inputs, rows, files that run nothing."""
 
 import io
 import os
