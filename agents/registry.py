@@ -103,6 +103,12 @@ def tuned_settings(name: str) -> dict[str, Any]:
     return settings
 
 
+def _self_taught(env: Environment, seed: int = 0, *, learner: str, **settings: Any) -> Agent:
+    from agents.neural.self_supervised import AGENTS
+
+    return AGENTS[learner](env, seed, **settings)
+
+
 KNOWLEDGE: dict[str, Callable[..., Knowledge]] = {
     "grid_table": GridTable,
     "factored_table": FactoredTable,
@@ -124,10 +130,11 @@ DEFAULTS: dict[str, dict[str, Any]] = {
 }
 """Settings of agents that bear a knowledge base's name. With the paper's table only success teaches, what is
 recalled is always tried, and the paper's servo corrects: `unified_servo` by test motions."""
-
 SB3 = ("sac", "sac_her", "td3", "tqc", "crossq", "ppo", "recurrent_ppo")
 """Learners of stable-baselines3 and sb3_contrib; each is its file in configs/agents."""
-NEURAL = ("sb3", *SB3)
+SELF_TAUGHT = ("self_supervised", "cooperstock_milios")
+"""Networks that teach themselves from their own motions."""
+NEURAL = ("sb3", *SB3, *SELF_TAUGHT)
 """Agents that load torch."""
 
 _MAKERS: dict[str, Callable[..., Agent]] = {
@@ -141,6 +148,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "self_calibrating": SelfCalibrating,
     "sb3": _sb3,
     **dict.fromkeys(SB3, _sb3),
+    **{name: partial(_self_taught, learner=name) for name in SELF_TAUGHT},
 }
 
 
@@ -198,6 +206,10 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> tuple[str, ...]:
             return _sb3_settings(given)
         except ValueError as error:
             raise ValueError(f"agent {name!r}: {error}") from error
+    if name in SELF_TAUGHT:
+        from agents.neural.self_supervised import AGENTS
+
+        return _named_settings(AGENTS[name])
     named = _named_settings(_MAKERS[name])
     if name in SERVOS:
         return ("seed", *_fields(name))

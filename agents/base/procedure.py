@@ -67,6 +67,19 @@ class ProcedureAgent(Agent):
             ended: Whether the environment ended it. A trial that was cut off teaches no end.
         """
 
+    def explore(self, words: Array, now: Observation) -> Array:
+        """Words (m,) that `learn` makes in place of the procedure's; the same, unless it explores."""
+        return words
+
+    def learn_motion(self, findings: Any, before: Observation, after: Observation) -> None:
+        """Learns from a motion of its own at once; nothing by default.
+
+        Args:
+            findings: Of the trial, as `new_findings` made them; the same object for all motions of a trial.
+            before: What was observed before the motion.
+            after: What was observed after it.
+        """
+
     @property
     @abstractmethod
     def kind(self) -> str:
@@ -132,9 +145,11 @@ class ProcedureAgent(Agent):
         trial = self._new_trial(now)
         words = trial.begin(now)
         while True:
+            words = self.explore(words, now)
             raw, _, terminated, truncated, _ = self.env.step(words.astype(np.float32))
-            now = Observation.of(raw)
+            before, now = now, Observation.of(raw)
             self.num_timesteps += 1
+            self.learn_motion(trial.findings, before, now)
             over = bool(terminated or truncated)
             if over:
                 trial.go_on(now)

@@ -26,6 +26,8 @@ PRIOR_KNOWLEDGE: dict[str, str] = {
         f"{_IMAGES}; what kind of robot it is: its joints, the form of the motor curve, the bounds of all "
         "parameters, what the cameras are fixed to"
     ),
+    "self_supervised": "which point is which, where registers end",
+    "cooperstock_milios": "which point is which, where registers end",
     **dict.fromkeys(
         ("sb3", "sac", "sac_her", "td3", "tqc", "crossq", "ppo", "recurrent_ppo"),
         "a reward; a word limit and a discount that were tuned in other worlds",
