@@ -1,5 +1,6 @@
 """How every figure looks: style, palette, bands, legends, files. Drawn without a display."""
 
+import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -55,9 +56,14 @@ def draw_band(
     label: str,
     line: dict[str, Any],
     alpha: float = 0.18,
+    alone: Iterable[Any] = (),
 ) -> None:
-    """Draws a line with its interval as a band."""
-    axes.fill_between(x, low, high, color=line["color"], alpha=alpha, linewidth=0)
+    """Draws a line with its interval as a band, or with the lines of single worlds, where these are given."""
+    alone = list(alone)
+    for each in alone:
+        axes.plot(x, each, color=line["color"], linewidth=0.5, alpha=0.45)
+    if not alone:
+        axes.fill_between(x, low, high, color=line["color"], alpha=alpha, linewidth=0)
     axes.plot(x, middle, label=label, **line)
 
 
@@ -70,6 +76,13 @@ def legend_below(figure: Figure, panels: Iterable[Axes], columns: int | None = N
     }
     across = max(1, len(handles) if columns is None else min(columns, len(handles)))
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=across)
+
+
+def footnote(figure: Figure, text: str) -> None:
+    """Small text at the bottom, paragraphs kept, in lines as long as the figure is wide."""
+    letters = int(26 * figure.get_figwidth())
+    lines = [line for paragraph in text.splitlines() for line in textwrap.wrap(paragraph, letters)]
+    figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=6.5, color=DARK_GREY)
 
 
 def save(figure: Figure, folder: Path, name: str) -> str:
