@@ -67,22 +67,31 @@ def draw_band(
     axes.plot(x, middle, label=label, **line)
 
 
-def legend_below(figure: Figure, panels: Iterable[Axes], columns: int | None = None) -> None:
-    """One legend below all panels, each label once, in at most `columns`."""
+def legend_below(figure: Figure, panels: Iterable[Axes], said: str, columns: int | None = None) -> None:
+    """One legend below all panels, each label once, in at most `columns`; small text stands above it.
+
+    Args:
+        figure: Has the panels.
+        panels: What is drawn in them is named.
+        said: Its lines are broken where the figure ends.
+        columns: Of the legend.
+    """
     handles = {
         label: handle
         for panel in panels
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
     }
     across = max(1, len(handles) if columns is None else min(columns, len(handles)))
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=across)
-
-
-def footnote(figure: Figure, text: str) -> None:
-    """Small text at the bottom, paragraphs kept, in lines as long as the figure is wide."""
-    letters = int(26 * figure.get_figwidth())
-    lines = [line for paragraph in text.splitlines() for line in textwrap.wrap(paragraph, letters)]
-    figure.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=6.5, color=DARK_GREY)
+    letters = int(25 * figure.get_figwidth())
+    lines = [line for paragraph in said.splitlines() for line in textwrap.wrap(paragraph, letters)]
+    figure.legend(
+        handles.values(),
+        handles.keys(),
+        loc="outside lower center",
+        ncols=across,
+        title="\n".join(lines),
+        title_fontproperties={"size": 6.5},
+    )
 
 
 def save(figure: Figure, folder: Path, name: str) -> str:

@@ -83,7 +83,7 @@ def blocks(costs: pd.DataFrame, agent: str, measure: str, worlds: int, edges: Ar
     """
     shares = measure in (SUCCESS, RENDEZVOUS)
     most = float(cap) if measure == MOTIONS else float(costs[measure].max())
-    worst, bounds = (0.0, SHARE) if shares else (most, (0.0, most))
+    worst, bounds = (0.0, SHARE) if shares else (most, (1.0 if measure == MOTIONS else 0.0, most))
     mine = costs[costs["agent"] == agent]
     block = np.searchsorted(edges, mine["trial"], side="right") - 1
     found = mine.pivot_table(index="world", columns=block, values=measure, aggfunc="mean")

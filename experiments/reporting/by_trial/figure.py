@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.reporting.by_trial.estimates import LOOKS, Blocks, seconds_at
 from experiments.reporting.finished_suite import ENOUGH_WORLDS, MOTIONS, Perturbation
-from experiments.reporting.style import DARK_GREY, STYLE, draw_band, footnote, legend_below, line_of
+from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
 from experiments.statistics import Array
 
 _ROOM_FOR_WORDS = 5  # labels side by side above the panels
@@ -57,8 +57,7 @@ def trial_curves(
         _name_blocks(panels[1], edges)
         _name_events(panels[0], edges, perturbations)
         figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-        legend_below(figure, [panels[0]], columns=4)
-        footnote(figure, said)
+        legend_below(figure, [panels[0]], said, columns=4)
     return figure
 
 

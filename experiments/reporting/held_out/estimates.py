@@ -75,7 +75,7 @@ class Moment:
 
     def motions(self) -> dict[str, Estimate]:
         """Of motions per reach: the mean, the interquartile mean and the worst tenth of the worlds."""
-        values, bounds = self.worlds[MOTIONS].to_numpy(), (0.0, float(self.cap))
+        values, bounds = self.worlds[MOTIONS].to_numpy(), (1.0, float(self.cap))
         estimands = {MOTIONS: mean, "iqm": interquartile_mean, "worst_decile": worst_decile}
         return {
             f"{MOTIONS}_{name}" if name != MOTIONS else name: over_worlds(
@@ -89,7 +89,7 @@ class Moment:
         values = self.worlds["among_reached"].dropna().to_numpy()
         if not len(values):
             return None
-        return over_worlds(values, mean, (0.0, float(self.cap)), np.random.default_rng(0))
+        return over_worlds(values, mean, (1.0, float(self.cap)), np.random.default_rng(0))
 
 
 def held_out_curve(
@@ -126,7 +126,7 @@ def _curve(
 ) -> Curve:
     """Runs brought onto one axis: where a run has no value of its own, its last one holds."""
     cap = float(scenario.env.max_episode_steps)
-    worst, bounds = (cap, (0.0, cap)) if measure == MOTIONS else (0.0, SHARE)
+    worst, bounds = (cap, (1.0, cap)) if measure == MOTIONS else (0.0, SHARE)
     of_phase = mine[mine["phase"] == phase]
     if of_phase.empty:
         motions = np.array([0.0, scenario.most_motions] if mine.empty else [])

@@ -15,7 +15,7 @@ from experiments.reporting.finished_suite import (
     Perturbation,
 )
 from experiments.reporting.held_out.estimates import Curve
-from experiments.reporting.style import DARK_GREY, STYLE, draw_band, footnote, legend_below, line_of
+from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
 
 _ROOM_FOR_WORDS = 2  # labels side by side above a panel
 
@@ -60,8 +60,7 @@ def learning_curves(
             axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,.0f}"))
             _mark(axes, perturbations)
         figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-        legend_below(figure, [left], columns=6)
-        footnote(figure, said)
+        legend_below(figure, [left], said, columns=6)
     return figure
 
 

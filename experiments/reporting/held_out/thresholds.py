@@ -21,14 +21,14 @@ _HOW_TO_READ = (
     "observed rendezvous: from the beginning of the lifetime, and from the first perturbation. A "
     "world whose lifetime, or the time until its next perturbation, ends before that is "
     "right-censored. Median: by Kaplan and Meier, ∞ where more than half of the worlds do not come to "
-    "it. Restricted mean: a world counts at most as the longest time that was looked at. Last "
+    "it. Restricted mean: a world counts at most as the longest time that was looked at, of any agent. Last "
     f"checkpoints: each world's median over its last {LAST}, then the median over worlds: an agent "
     "that jumps from one checkpoint to the next is not judged by a single one. 95 % intervals over "
     "worlds."
 ).replace("%", " %", 1)
 
 
-Times = tuple[Array, NDArray[np.bool_]]
+Times = tuple[Array, NDArray[np.bool_], float]
 
 
 def times_to_good(rows: pd.DataFrame, agent: str, worlds: int) -> dict[str, Times]:
@@ -40,7 +40,8 @@ def times_to_good(rows: pd.DataFrame, agent: str, worlds: int) -> dict[str, Time
         worlds: How many runs there should be; those without any row were never good.
 
     Returns:
-        By the stretch of the lifetime, each of shape (worlds,); a stretch that no run came to is left out.
+        By the stretch of the lifetime: both of shape (worlds,), and the latest time that was looked at;
+        a stretch that no run came to is left out.
     """
     mine = rows[(rows["agent"] == agent) & (rows["phase"] == "eval")]
     since = mine["motions_since_perturbation"].astype("Float64").to_numpy(dtype=float, na_value=np.nan)
@@ -62,24 +63,32 @@ def _first_good(rows: pd.DataFrame, clock: str, failed: int) -> Times:
     last = shares.groupby("world")[clock].max()
     times = good.reindex(last.index).fillna(last).to_numpy(dtype=float)
     reached = last.index.isin(good.index)
-    return np.append(times, [last.max()] * failed), np.append(reached, [False] * failed)
+    latest = float(last.max())
+    return np.append(times, [latest] * failed), np.append(reached, [False] * failed), latest
 
 
 def threshold_section(finished: FinishedSuite, scenario: ScenarioConfig, rows: pd.DataFrame) -> Section:
     """Motions to the threshold, and medians over the last checkpoints."""
     worlds = finished.suite.worlds
     lines, summary = [], []
-    for agent in (agent.label for agent in finished.suite.agents):
+    labels = [agent.label for agent in finished.suite.agents]
+    found_times = {label: times_to_good(rows, label, worlds) for label in labels}
+    horizons = {
+        name: max(of[name][2] for of in found_times.values() if name in of)
+        for name in _STRETCHES
+        if any(name in of for of in found_times.values())
+    }
+    for agent in labels:
         found: dict[str, Estimate] = {}
         cells = []
-        times = times_to_good(rows, agent, worlds)
+        times = found_times[agent]
         for name in _STRETCHES:
             if name not in times:
                 cells += ["–", "–", "–"]
                 continue
-            at, good = times[name]
+            at, good, _ = times[name]
             middle = median_time(at, good, np.random.default_rng(0))
-            mean = restricted_mean_time(at, good, float(at.max()), np.random.default_rng(0))
+            mean = restricted_mean_time(at, good, horizons[name], np.random.default_rng(0))
             found |= {f"median {name}": middle, f"restricted mean {name}": mean}
             cells += [f"{int(good.sum())} of {len(good)}", _motions(middle), _motions(mean)]
         for measure, form in ((SUCCESS, percent), (RENDEZVOUS, percent), (MOTIONS, number)):

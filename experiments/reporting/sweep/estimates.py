@@ -77,4 +77,4 @@ def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int, cap: int) 
 
 
 def _of_motions(motions: Array, estimand: Estimand, cap: int) -> Estimate:
-    return over_worlds(motions, estimand, (0.0, float(cap)), np.random.default_rng(0))
+    return over_worlds(motions, estimand, (1.0, float(cap)), np.random.default_rng(0))

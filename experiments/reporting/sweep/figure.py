@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator, PercentFormatter
 
 from experiments.config.suite import SweepConfig
-from experiments.reporting.style import GREY, STYLE, draw_band, footnote, legend_below, line_of
+from experiments.reporting.style import GREY, STYLE, draw_band, legend_below, line_of
 from experiments.reporting.sweep.estimates import Point
 from experiments.statistics import Estimate
 
@@ -46,8 +46,7 @@ def sweep_figure(
             if column == 0:
                 success.set_ylabel("success rate (%)")
                 motions.set_ylabel("motions of trials with a rendezvous")
-        legend_below(figure, grid.flat, columns=5 if across > 1 else 3)
-        footnote(figure, said)
+        legend_below(figure, grid.flat, said, columns=5 if across > 1 else 3)
     return figure
 
 

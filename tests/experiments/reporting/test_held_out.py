@@ -165,10 +165,11 @@ def test_motions_to_the_threshold_are_right_censored(scenario):
         (1, "eval", 300, 5, True, 40),  # after a second perturbation
     )
     found = times_to_good(rows, "servo", 3)
-    times, reached = found["from the beginning"]
+    times, reached, latest = found["from the beginning"]
+    assert latest == 200
     assert list(times) == [100, 100, 200]  # good, last looked at, failed
     assert list(reached) == [True, False, False]
-    times, reached = found["after the first perturbation"]
+    times, reached, latest = found["after the first perturbation"]
     assert list(times) == [80, 1, 80]
     assert list(reached) == [True, True, False]
     assert times_to_good(rows, "sac", 3) == {}
