@@ -23,6 +23,7 @@ BENCHMARKS = (
     "changes",
     "sac",
     "sensitivity",
+    "coverage",
 )
 """As in `benchmarks.parts`, which is not loaded for other commands."""
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.benchmarks import baselines, changes, controllers, knowledge, speed
+from experiments.benchmarks import baselines, changes, controllers, coverage, knowledge, speed
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.reporting.tables import Table
 from experiments.running.versions import commit, versions
@@ -23,6 +23,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "changes": changes.changes,
     "sac": baselines.sac,
     "sensitivity": sensitivity.tables,
+    "coverage": coverage.coverage,
 }
 """All but `speed`, which alone has peers."""
 

@@ -8,7 +8,8 @@ from typing import Any
 import pandas as pd
 
 from calfree_gym.perturbations.undo import Undo
-from experiments.config.suite import ScenarioConfig, Suite
+from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
+from experiments.reporting.prior_knowledge import must_know
 from experiments.running import trial_log
 from experiments.running.plan import LifetimeRun, Run, runs_of
 from experiments.running.results_folder import (
@@ -23,8 +24,10 @@ from experiments.running.results_folder import (
 )
 
 RESULTS = "results.parquet"
-SUCCESS, MOTIONS, SECONDS = "success", "motions_per_reach", "robot_seconds"
-"""What is measured in a trial; a failed one counts as the cap in motions per reach."""
+SUCCESS, RENDEZVOUS, MOTIONS, SECONDS = "success", "rendezvous", "motions_per_reach", "robot_seconds"
+"""What is measured in a trial; one without an observed rendezvous counts as the cap in motions per reach."""
+ENOUGH_WORLDS = 20
+"""With fewer, each world is drawn, and no ranking is claimed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,11 @@ class FinishedSuite:
     def unfinished(self) -> list[Run]:
         """Runs that failed, or were never finished."""
         return [run for run in self.runs if run.id not in self.outcomes]
+
+    def privileged(self, agent: AgentConfig) -> list[str]:
+        """The privileged observations of an agent; none where no run of it has finished."""
+        mine = (run.id for run in self.runs if run.agent == agent and run.id in self.outcomes)
+        return next((list(self.outcomes[run]["privileged"]) for run in mine), [])
 
 
 def read_finished(out: Path) -> FinishedSuite:
@@ -91,13 +99,32 @@ def _outcome(folder: Path) -> dict[str, Any]:
     return outcome
 
 
-def with_cost(results: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
-    """The rows of one scenario, with motions per reach: a failed trial counts as the cap."""
+def with_cost(results: pd.DataFrame, scenario: ScenarioConfig | SweepConfig) -> pd.DataFrame:
+    """The rows of one scenario or sweep, with motions per reach.
+
+    A trial without a rendezvous counts as the cap. Older code noted no rendezvous, and allowed successes an
+    error that grew with the noise. Its trials are judged by what it did note: one that ended before the cap
+    had an observed rendezvous, and a final error within the tolerance is a success.
+    """
     rows = results[results["scenario"] == scenario.name].copy()
     cap = scenario.env.max_episode_steps
-    rows[MOTIONS] = rows["motions"].where(rows["success"], cap).astype(float)
+    older = rows["rendezvous"].isna()
+    rows[RENDEZVOUS] = rows["rendezvous"].where(~older, rows["motions"] < cap).astype(float)
+    if older.any():
+        rows[SUCCESS] = rows["success"].where(~older, rows["error_px"] <= scenario.env.tolerance_px)
     rows[SUCCESS] = rows["success"].astype(float)
+    rows[MOTIONS] = rows["motions"].where(rows[RENDEZVOUS] == 1, cap).astype(float)
     return rows
+
+
+def few_worlds(suite: Suite) -> str:
+    """What fewer worlds than are enough do not show."""
+    if suite.worlds >= ENOUGH_WORLDS:
+        return ""
+    return (
+        f" With {suite.worlds} worlds, fewer than {ENOUGH_WORLDS}, no ranking of agents is claimed: the thin "
+        "lines of the figures are single worlds."
+    )
 
 
 def about(suite: Suite, scenario: ScenarioConfig) -> str:
@@ -108,7 +135,24 @@ def about(suite: Suite, scenario: ScenarioConfig) -> str:
         f"{env.id}, {env.world} worlds, cameras on the {env.camera_mount}, tolerance "
         f"{env.tolerance_px:g} px, {env.dynamics} dynamics, at most {env.max_episode_steps} "
         f"motions a trial, {length:,} {of} a lifetime, {suite.worlds} worlds, the same "
-        f"for every agent. Lines: mean over worlds; bands: 95 % bootstrap over worlds."
+        f"for every agent." + few_worlds(suite)
+    )
+
+
+def where_it_stands(finished: FinishedSuite, scenario: ScenarioConfig | SweepConfig, trials: str) -> str:
+    """What a figure needs beside it: threshold, unit of resampling, number of worlds, what agents know."""
+    suite = finished.suite
+    drawn = (
+        "bands: 95 % intervals over worlds"
+        if suite.worlds >= ENOUGH_WORLDS
+        else "thin lines: single worlds; no ranking is claimed"
+    )
+    known = "; ".join(
+        f"{agent.label}: {must_know(agent.name, finished.privileged(agent))}" for agent in suite.agents
+    )
+    return (
+        f"Tolerance {scenario.env.tolerance_px:g} px of 512. {suite.worlds} worlds, {trials}; lines: "
+        f"all worlds; {drawn}.\nBuilt on, beyond observations: {known}."
     )
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
-from experiments.reporting.statistics import Estimate
 from experiments.reporting.tables import Table
+from experiments.statistics import Estimate
 
 SummaryRow = dict[str, Any]
 """A number of the report: scenario, table, agent, moment, measure, value, low, high and n."""

@@ -3,13 +3,16 @@
 import hashlib
 import json
 from pathlib import Path
+from statistics import median
+from typing import Any
 
 import pandas as pd
 import yaml
 
+from experiments.cpu_time import CPU
 from experiments.reporting.by_trial.section import trial_section
 from experiments.reporting.finished_suite import FinishedSuite, read_finished
-from experiments.reporting.held_out.section import scenario_section
+from experiments.reporting.held_out.section import scenario_sections
 from experiments.reporting.pages import Section, html_page, markdown_page
 from experiments.reporting.prior_knowledge import must_know
 from experiments.reporting.sweep.section import sweep_sections
@@ -36,7 +39,7 @@ def write_report(out: Path) -> Path:
     evaluation = finished.suite.evaluation
     for scenario in finished.suite.scenarios:
         if evaluation:
-            sections.append(scenario_section(finished, scenario, evaluation))
+            sections += scenario_sections(finished, scenario, evaluation)
         if scenario.trials:
             sections.append(trial_section(finished, scenario))
     sections += sweep_sections(finished)
@@ -81,11 +84,24 @@ def _agents(finished: FinishedSuite) -> Section:
                 must_know(agent.name, ()),
                 json.dumps(agent.settings) if agent.settings else "defaults",
                 f"{sum(outcome['wall_seconds'] for outcome in mine):,.0f}",
+                *(_milliseconds(mine, what) for what in ("decision", "learning")),
             ]
         )
     columns = ["agent", "kind", "privileged observations", "prior knowledge", "settings", "computing (s)"]
+    columns += ["decision (ms)", "learning (ms a motion)"]
     frame = pd.DataFrame(rows, columns=columns)
-    return Section(title="What each agent must know", table=Table("agents", "Agents", frame))
+    return Section(
+        title="What each agent must know",
+        table=Table("agents", "Agents", frame),
+        note="Computing: wall-clock time of all runs, with simulation and evaluation. Decision, learning: "
+        "CPU time a motion without the simulation, median over runs; learning includes the decision.",
+    )
+
+
+def _milliseconds(outcomes: list[dict[str, Any]], what: str) -> str:
+    """The median over runs; older runs say nothing of it."""
+    found = [outcome[CPU][what] for outcome in outcomes if what in outcome.get(CPU, {})]
+    return f"{1000 * median(found):.2g}" if found else "–"
 
 
 def _versions(finished: FinishedSuite) -> Section:

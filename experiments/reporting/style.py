@@ -1,5 +1,6 @@
 """How every figure looks: style, palette, bands, legends, files. Drawn without a display."""
 
+import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -55,21 +56,42 @@ def draw_band(
     label: str,
     line: dict[str, Any],
     alpha: float = 0.18,
+    alone: Iterable[Any] = (),
 ) -> None:
-    """Draws a line with its interval as a band."""
-    axes.fill_between(x, low, high, color=line["color"], alpha=alpha, linewidth=0)
+    """Draws a line with its interval as a band, or with the lines of single worlds, where these are given."""
+    alone = list(alone)
+    for each in alone:
+        axes.plot(x, each, color=line["color"], linewidth=0.5, alpha=0.45)
+    if not alone:
+        axes.fill_between(x, low, high, color=line["color"], alpha=alpha, linewidth=0)
     axes.plot(x, middle, label=label, **line)
 
 
-def legend_below(figure: Figure, panels: Iterable[Axes], columns: int | None = None) -> None:
-    """One legend below all panels, each label once, in at most `columns`."""
+def legend_below(figure: Figure, panels: Iterable[Axes], said: str, columns: int | None = None) -> None:
+    """One legend below all panels, each label once, in at most `columns`; small text stands above it.
+
+    Args:
+        figure: Has the panels.
+        panels: What is drawn in them is named.
+        said: Its lines are broken where the figure ends.
+        columns: Of the legend.
+    """
     handles = {
         label: handle
         for panel in panels
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
     }
     across = max(1, len(handles) if columns is None else min(columns, len(handles)))
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=across)
+    letters = int(25 * figure.get_figwidth())
+    lines = [line for paragraph in said.splitlines() for line in textwrap.wrap(paragraph, letters)]
+    figure.legend(
+        handles.values(),
+        handles.keys(),
+        loc="outside lower center",
+        ncols=across,
+        title="\n".join(lines),
+        title_fontproperties={"size": 6.5},
+    )
 
 
 def save(figure: Figure, folder: Path, name: str) -> str:

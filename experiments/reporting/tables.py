@@ -10,7 +10,7 @@ import rich.table
 import rich.text
 from rich.console import Console
 
-from experiments.reporting.statistics import Estimate
+from experiments.statistics import Estimate
 
 
 @dataclass(frozen=True, slots=True)

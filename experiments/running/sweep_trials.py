@@ -6,6 +6,7 @@ from typing import Any
 
 import agents
 from experiments.config.requirements import requirements
+from experiments.cpu_time import CPU, CpuTimes, TimedPredictor
 from experiments.evaluation import evaluate
 from experiments.running.plan import SweepRun
 from experiments.running.trial_log import TrialLog
@@ -21,8 +22,9 @@ def run_sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
     observation shows gripper and object to both cameras, whatever the agent then does.
 
     Returns:
-        What the run says about itself: the agent's privileged observations.
+        What the run says about itself: the agent's privileged observations, and CPU seconds a motion.
     """
+    times = CpuTimes()
     config = run.sweep
     privileged, settings, _ = requirements(run.agent, config.env)
     trials, of = run.work
@@ -33,13 +35,13 @@ def run_sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
             reached = 0
             for world, seed in enumerate(run.world_seeds):
                 in_view = _in_view(env.reset(seed=seed)[0])
-                (record,) = evaluate(agent, env, trials=1, seed=seed)
+                (record,) = evaluate(TimedPredictor(agent, times), env, trials=1, seed=seed)
                 log.write("sweep", 0, 0, record, world=world, value=float(value), in_view=in_view)
                 reached += record.success
             env.close()
             made = i * len(run.world_seeds)
             print(f"{of} {made}/{trials}: {reached} reached at {config.vary} {value:g}", flush=True)
-    return {"privileged": list(privileged)}
+    return {"privileged": list(privileged), CPU: times.a_motion(learned=0)}
 
 
 def _in_view(observation: Mapping[str, Any]) -> bool:

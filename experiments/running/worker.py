@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 
 import agents
 from experiments.config.requirements import requirements
+from experiments.cpu_time import CPU, CpuTimes, TimedPredictor
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import LifetimeRun, SweepRun
@@ -41,6 +42,7 @@ class Checkpoints:
         log: TrialLog,
         curves: Curves,
         privileged: tuple[str, ...],
+        times: CpuTimes,
     ):
         assert spec.evaluation is not None
         self._evaluation = spec.evaluation
@@ -48,6 +50,7 @@ class Checkpoints:
         self._recorder = recorder
         self._log = log
         self._curves = curves
+        self._times = times
         self._env = spec.scenario.env.make(tell=privileged)
         self._next_scheduled = 0
         self._perturbations_seen = 0
@@ -74,7 +77,9 @@ class Checkpoints:
         held_out: Any = self._env.unwrapped
         held_out.set_world(self._recorder.world)
         trials = self._evaluation.trials
-        records = evaluate(agent, self._env, trials, self._spec.evaluation_seed)
+        with self._times.of("evaluation"):
+            timed = TimedPredictor(agent, self._times)
+            records = evaluate(timed, self._env, trials, self._spec.evaluation_seed)
         for record in records:
             self._log.write("eval", self._recorder.motions, self._recorder.since_perturbation, record)
         self._curves.write("eval", self._recorder.motions, records)
@@ -93,8 +98,10 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
     """Makes one agent's lifetime in its scenario, and logs every trial into `folder`.
 
     Returns:
-        What the run says about itself: the agent's privileged observations, and how its world was perturbed.
+        What the run says about itself: the agent's privileged observations, how its world was perturbed, and
+        CPU seconds a motion.
     """
+    times = CpuTimes()
     with TrialLog(folder) as log, closing(Curves(folder)) as curves:
 
         def log_trial(record: TrialRecord) -> None:
@@ -108,8 +115,9 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
         scenario = spec.scenario
         privileged, settings, rows = requirements(spec.agent, scenario.env)
         recorder: Any = _recorder(spec, privileged, rows, log_trial)
+        times.watch(recorder, "environment", "reset", "step")
         agent = agents.make(spec.agent.name, recorder, seed=spec.agent_seed, **settings)
-        checkpoints = Checkpoints(spec, recorder, log, curves, privileged) if spec.evaluation else None
+        checkpoints = Checkpoints(spec, recorder, log, curves, privileged, times) if spec.evaluation else None
         if checkpoints:
             checkpoints.evaluate_if_due(agent)
 
@@ -120,12 +128,17 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
 
         length, of = spec.work
         unfinished = 0 if of == "motions" else (rows - 1) * scenario.env.max_episode_steps
-        agent.learn(scenario.most_motions + unfinished, callback=after_motion)
+        with times.of("learning"):
+            agent.learn(scenario.most_motions + unfinished, callback=after_motion)
         if abs(getattr(recorder, of) - length) >= rows:  # rows move together
             raise RuntimeError(f"{spec.agent.name} made {getattr(recorder, of)} {of}; it was given {length}")
         if checkpoints:
             checkpoints.finish(agent)
-    return {"privileged": list(privileged), "perturbations": recorder.perturbations}
+    return {
+        "privileged": list(privileged),
+        "perturbations": recorder.perturbations,
+        CPU: times.a_motion(learned=recorder.motions),
+    }
 
 
 def _recorder(

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.stats
 
 from experiments.__main__ import main
 from experiments.config.loading import load
@@ -96,7 +97,9 @@ def test_all_agents_meet_the_same_worlds_objects_and_observations(sweep_data, ro
 
     def watched(agent, env, trials, seed):
         observation, info = env.reset(seed=seed)
-        met.setdefault(agent.kind.split("(")[0], []).append((observation, info["truth"], env.unwrapped.world))
+        met.setdefault(agent.agent.kind.split("(")[0], []).append(
+            (observation, info["truth"], env.unwrapped.world)
+        )
         return evaluate(agent, env, trials, seed)
 
     monkeypatch.setattr(sweep, "evaluate", watched)
@@ -148,9 +151,9 @@ def test_the_calibrated_robot_is_excellent_as_built_and_falls(sweep_data, rows_o
 
 def test_an_agent_gets_what_it_requires():
     env = EnvironmentConfig(**ENV, camera_mount="stand")
-    assert requirements(AgentConfig(name="joint_space_servo", label="a"), env) == (("joint_angles",), {})
+    assert requirements(AgentConfig(name="joint_space_servo", label="a"), env) == (("joint_angles",), {}, 1)
     for name in ("model_based", "self_calibrating"):
-        assert requirements(AgentConfig(name=name, label="a"), env) == ((), {"camera_mount": "stand"})
+        assert requirements(AgentConfig(name=name, label="a"), env) == ((), {"camera_mount": "stand"}, 1)
     wrong = AgentConfig(name="model_based", label="a", settings={"camera_mount": "waist"})
     assert requirements(wrong, env).settings == {"camera_mount": "waist"}
     with pytest.raises(ValueError, match="did you mean camera_mount"):
@@ -160,13 +163,12 @@ def test_an_agent_gets_what_it_requires():
 def table(*rows):
     """From (agent, value, world, in view, success, motions)."""
     names = ["agent", "value", "world", "in_view", "success", "motions"]
-    return pd.DataFrame(rows, columns=names).assign(scenario="roll")
+    data = pd.DataFrame(rows, columns=names).assign(scenario="roll")
+    return data.assign(rendezvous=data["success"], error_px=np.where(data["success"], 1.0, 30.0))
 
 
-def wilson_by_its_definition(successes, trials, z=1.959963984540054):
-    """The two proportions whose own deviation the observed one is z times away from."""
-    rate, spread = successes / trials, z**2 / trials
-    return sorted(np.roots([1 + spread, -2 * rate - spread, rate**2]).real)
+def exact(successes, trials):
+    return scipy.stats.binomtest(successes, trials).proportion_ci(0.95, method="exact")
 
 
 def test_points_are_of_the_trials_in_view():
@@ -184,17 +186,20 @@ def test_points_are_of_the_trials_in_view():
     reached, hidden, missed, once = points(data, swept, "servo", 5)
     assert (reached.trials, reached.worlds, reached.at_once) == (4, 5, 0.25)
     assert reached.success.value == 0.75
-    assert [reached.success.low, reached.success.high] == pytest.approx(wilson_by_its_definition(3, 4))
-    assert (reached.motions.value, reached.motions.low, reached.motions.high) == (4, 1, 9)
-    assert (hidden.trials, hidden.success, hidden.motions) == (0, None, None)
-    assert (missed.success.value, missed.motions) == (0, None)
-    assert (once.success.value, once.motions) == (1 / 11, None)
+    assert exact(3, 4).low <= reached.success.low < reached.success.high <= exact(3, 4).high
+    assert reached.success == reached.rendezvous
+    assert reached.motions.value == (1 + 9 + 4 + 60) / 4
+    assert reached.among_reached.value == 4
+    assert (hidden.trials, hidden.success, hidden.rendezvous, hidden.motions) == (0, None, None, None)
+    assert (missed.success.value, missed.motions.value, missed.among_reached) == (0, 60, None)
+    assert (once.success.value, once.among_reached) == (pytest.approx(1 / 11), None)
 
 
 def test_an_agent_whose_run_failed_has_reached_nothing():
     data = table(("servo", 0.0, 0, True, True, 1), ("servo", 0.0, 1, False, True, 9))
     (failed,) = points(data, SweepConfig(**ROLL, over=(0,)), "broken", 2)
-    assert (failed.trials, failed.success.value, failed.motions) == (1, 0, None)
+    assert (failed.trials, failed.success.value, failed.among_reached) == (1, 0, None)
+    assert failed.motions.value == 60
     (alone,) = points(data[:0], SweepConfig(**ROLL, over=(0,)), "broken", 2)
     assert (alone.trials, alone.success.value) == (2, 0)
 
@@ -207,7 +212,7 @@ def test_the_figure_shows_the_points():
         ("servo", 90.0, 1, False, True, 9),
     )
     swept = SweepConfig(**ROLL, over=(0, 90))
-    figure = sweep_figure([swept], {"roll": {"servo": points(data, swept, "servo", 2)}})
+    figure = sweep_figure([swept], {"roll": {"servo": points(data, swept, "servo", 2)}}, "2 worlds")
     success, motions = figure.axes
     drawn = {line.get_label(): list(line.get_ydata()) for line in success.get_lines()}
     assert drawn == {"servo": [1, 0], "servo, its first motion": [0.5, 0]}
@@ -237,8 +242,9 @@ def test_from_configuration_to_report(sweep_data, write_config, tmp_path, capsys
     assert "| built | model_based | none |" in page
     of_roll = page[page.index("## Sweep roll") : page.index("## Sweep aim")]
     built = results[(results["agent"] == "built") & (results["value"] == 0) & (results["scenario"] == "roll")]
-    assert f"| built | 100 % [34 %, 100 %]: {built['motions'].median():g}" in of_roll
-    assert "| trials in view | 2 of 2 | 2 of 2 |" in of_roll
+    assert "| built | success | 100 % [" in of_roll
+    assert f"|  | among reached | {built['motions'].median():g} | " in of_roll
+    assert "| trials in view |  | 2 of 2 | 2 of 2 |" in of_roll
     capsys.readouterr()
     (out / "runs" / runs_of(Suite.model_validate(sweep_data))[0].id / "DONE.json").unlink()
     assert main(["status", str(out)]) == 0

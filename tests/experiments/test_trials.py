@@ -10,9 +10,17 @@ from experiments.__main__ import main
 from experiments.config.loading import load
 from experiments.config.suite import ScenarioConfig
 from experiments.errors import ConfigError
-from experiments.reporting.by_trial.estimates import COARSE, FINE, blocks, edges_of, trial_costs
+from experiments.reporting.by_trial.estimates import (
+    COARSE,
+    FINE,
+    LOOKS,
+    blocks,
+    edges_of,
+    seconds_at,
+    trial_costs,
+)
 from experiments.reporting.by_trial.figure import span, trial_curves
-from experiments.reporting.finished_suite import MOTIONS, SECONDS, SUCCESS, Perturbation, with_cost
+from experiments.reporting.finished_suite import MOTIONS, SUCCESS, Perturbation, with_cost
 
 AIM = {"at": {"trial": 4}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}
 BACK = {"at": {"trial": 6}, "undo": 0}
@@ -67,9 +75,10 @@ def test_blocks_begin_anew_after_each_event():
 
 
 def table(of, *rows):
-    """From (world, trial, motions, success); every motion takes 3 s."""
+    """From (world, trial, motions, success); a motion takes 3 s without its look, and the way home none."""
     data = pd.DataFrame(rows, columns=["world", "trial", "motions", "success"])
-    data = data.assign(scenario=of.name, agent="servo", phase="train", robot_seconds=3.0 * data["motions"])
+    data = data.assign(scenario=of.name, agent="servo", phase="train", rendezvous=data["success"])
+    data = data.assign(robot_seconds=3.0 * data["motions"] + 4.0 * (data["motions"] + 1))
     return trial_costs(with_cost(data, of), of)
 
 
@@ -85,10 +94,12 @@ def test_blocks_are_means_of_trials_in_each_run():
     np.testing.assert_array_equal(motions.runs, [[9, 3, 1], [11, (20 + 3 * 2) / 4, 2]])
     found = motions.estimates()
     assert [each.value for each in found] == [10, 4.75, 1.5]
-    assert [(each.low, each.high) for each in found] == [(9, 11), (3, 6.5), (1, 2)]
+    assert all(each.low < each.value < each.high <= 20 for each in found)
 
-    seconds = blocks(costs, "servo", SECONDS, 2, edges, cap=20)  # the failed trial goes on to 20 motions
-    np.testing.assert_array_equal(seconds.runs, 3 * motions.runs)
+    for look in LOOKS:
+        seconds = blocks(costs, "servo", seconds_at(look), 2, edges, cap=20)
+        np.testing.assert_allclose(seconds.runs[0], 3 * motions.runs[0] + look * (motions.runs[0] + 1))
+    assert seconds.runs[1, 1] == (2 * (30 + 4 * 11) + 3 * (6 + 12)) / 4  # the failed one goes on to 20
     success = blocks(costs, "servo", SUCCESS, 2, edges, cap=20)
     np.testing.assert_array_equal(success.runs, [[1, 1, 1], [1, 0.75, 1]])
 
@@ -96,7 +107,7 @@ def test_blocks_are_means_of_trials_in_each_run():
 def test_runs_without_a_row_are_worst():
     of = scenario(2)
     costs, edges = table(of, (0, 0, 5, True), (0, 1, 4, True)), edges_of(of, FINE)
-    worst = {SUCCESS: 0, MOTIONS: 20, SECONDS: 15}
+    worst = {SUCCESS: 0, MOTIONS: 20, seconds_at(4.0): 3 * 5 + 4 * 6}
     for measure, value in worst.items():
         assert list(blocks(costs, "servo", measure, 2, edges, 20).runs[1]) == [value, value]
         np.testing.assert_array_equal(
@@ -113,12 +124,19 @@ def test_the_figure_draws_each_block_in_its_middle_and_events_between_trials():
         ("servo",),
         edges,
         [Perturbation(3, 3, "lens (k1 0.1)")],
+        "20 worlds",
     )
     above, below = figure.axes
-    curve, event = above.lines
+    alone, curve, event = above.lines
+    np.testing.assert_array_equal(alone.get_xydata(), curve.get_xydata())
     assert list(edges) == [0, 1, 3, 4, 6]
     np.testing.assert_array_equal(curve.get_xydata(), [[0.5, 6], [1.5, 4.5], [2.5, 3], [3.5, 1.5]])
-    np.testing.assert_array_equal(below.lines[0].get_ydata(), [18, 13.5, 9, 4.5])
+    np.testing.assert_allclose(below.lines[0].get_ydata(), [25, 19, 13, 7])  # of 1 s a look
+    (band,) = below.collections
+    assert {band.get_paths()[0].vertices[:, 1].min().round(3), band.get_paths()[0].vertices[:, 1].max()} == {
+        1.5 * 3 + 0.2 * 2.5,
+        6 * 3 + 4 * 7,
+    }
     assert list(event.get_xdata()) == [2, 2]
     assert [label.get_text() for label in below.get_xticklabels()] == ["1", "2–3", "4", "5–6"]
     assert "lens\n(k1 0.1)" in [text.get_text() for text in above.texts]
@@ -157,6 +175,6 @@ def test_lifetimes_in_trials_may_have_held_out_trials_too(in_trials, write_confi
     results = pd.read_parquet(out / "results.parquet")
     assert len(results[results["phase"] == "train"]) == 8
     assert len(results[results["phase"] == "eval"]) >= 6
-    assert (out / "report.html").read_text().count("<svg") == 3
+    assert (out / "report.html").read_text().count("<svg") == 4
     (log,) = out.glob("runs/*/log.txt")
     assert log.read_text().splitlines()[-1].startswith("trials 8/8: ")

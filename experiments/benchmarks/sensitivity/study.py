@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 import calfree_gym
 from experiments.benchmarks.sensitivity.constants import MODULES, constants
 from experiments.benchmarks.sensitivity.trials import CONDITIONS, Sizes, Task, Variation, carry_out
-from experiments.reporting.statistics import Estimate, mean_estimate, relative_change
 from experiments.reporting.tables import Table
+from experiments.statistics import Estimate, mean_estimate, relative_change
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,20 @@ import numpy as np
 import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
-from experiments.reporting.finished_suite import MOTIONS, SECONDS, SUCCESS
-from experiments.reporting.statistics import Array, Estimate, bootstrap_band
+from experiments.evaluation import robot_seconds_at
+from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SECONDS, SUCCESS
+from experiments.statistics import SHARE, Array, Estimate, bands, mean
 
 FINE = (1, 5, 10, 25, 50, 100, 150, 200, 300, 400, 500, 1_000, 2_000, 5_000)
 COARSE = (25, 50, 100, 150, 300, 400, 500, 1_000, 2_000, 5_000)
 """After how many trials a block ends, counted from the last event."""
+LOOKS = (0.2, 1.0, 4.0)
+"""Seconds a look: a camera of today and a fast arm; in between; what the paper's 50 s a grasp come to."""
+
+
+def seconds_at(look: float) -> str:
+    """The measure of robot seconds per reach where a look takes so many seconds."""
+    return f"{SECONDS}_at_{look:g}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,18 +31,18 @@ class Blocks:
     Attributes:
         edges: Trials that have gone at the first block's beginning and at every block's end (blocks + 1,).
         runs: The measure's mean over each block, in each run (runs, blocks).
+        bounds: The lowest and the highest value that a run can have.
     """
 
     edges: Array
     runs: Array
+    bounds: tuple[float, float]
 
     def estimates(self) -> list[Estimate]:
-        """Each block's mean over runs, with the 95 % bootstrap over whole runs."""
-        mean = self.runs.mean(axis=0)
-        low, high = bootstrap_band(
-            self.runs, lambda runs: np.asarray(runs.mean(axis=0)), np.random.default_rng(0)
-        )
-        return [Estimate(*map(float, edges)) for edges in zip(mean, low, high, strict=True)]
+        """Each block's mean over worlds, with its interval; NaN where no run has finished, of seconds."""
+        if np.isnan(self.runs).any():
+            return [Estimate(np.nan, np.nan, np.nan)] * self.runs.shape[1]
+        return bands(self.runs, mean, self.bounds, np.random.default_rng(0))
 
 
 def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:
@@ -50,11 +58,14 @@ def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:
 def trial_costs(rows: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
     """The agents' own trials, of the rows of `with_cost`, in robot seconds per reach too.
 
-    A failed trial counts as going on to the cap at its own pace.
+    There is a column for each look time. A trial without a rendezvous counts as going on to the cap at its
+    own pace.
     """
     mine = rows[rows["phase"] == "train"].copy()
     to_the_cap = scenario.env.max_episode_steps / mine["motions"]
-    mine[SECONDS] = mine[SECONDS] * to_the_cap.where(mine[SUCCESS] == 0, 1.0)
+    longer = to_the_cap.where(mine[RENDEZVOUS] == 0, 1.0)
+    for look in LOOKS:
+        mine[seconds_at(look)] = longer * robot_seconds_at(look, mine[SECONDS], mine["motions"])
     return mine
 
 
@@ -64,17 +75,18 @@ def blocks(costs: pd.DataFrame, agent: str, measure: str, worlds: int, edges: Ar
     Args:
         costs: What `trial_costs` returned.
         agent: The agent's label.
-        measure: SUCCESS, MOTIONS or SECONDS.
+        measure: SUCCESS, RENDEZVOUS, MOTIONS or one of `seconds_at`.
         worlds: How many runs there should be; those without any row failed, and are worst throughout: no
             success, `cap` motions, and the seconds of the slowest trial of any agent.
         edges: What `edges_of` returned.
         cap: Motions after which a trial has failed.
     """
-    slowest = costs[SECONDS].max() if len(costs) else np.nan
-    worst = {SUCCESS: 0.0, MOTIONS: float(cap), SECONDS: float(slowest)}[measure]
+    shares = measure in (SUCCESS, RENDEZVOUS)
+    most = float(cap) if measure == MOTIONS else float(costs[measure].max())
+    worst, bounds = (0.0, SHARE) if shares else (most, (1.0 if measure == MOTIONS else 0.0, most))
     mine = costs[costs["agent"] == agent]
     block = np.searchsorted(edges, mine["trial"], side="right") - 1
     found = mine.pivot_table(index="world", columns=block, values=measure, aggfunc="mean")
     finished = found.reindex(columns=range(len(edges) - 1)).to_numpy(dtype=float)
     failed = np.full((worlds - len(finished), len(edges) - 1), worst)
-    return Blocks(edges, np.vstack([finished, failed]))
+    return Blocks(edges, np.vstack([finished, failed]), bounds)

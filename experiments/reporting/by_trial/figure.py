@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from experiments.reporting.by_trial.estimates import Blocks
-from experiments.reporting.finished_suite import MOTIONS, SECONDS, Perturbation
-from experiments.reporting.statistics import Array
+from experiments.reporting.by_trial.estimates import LOOKS, Blocks, seconds_at
+from experiments.reporting.finished_suite import ENOUGH_WORLDS, MOTIONS, Perturbation
 from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
+from experiments.statistics import Array
 
 _ROOM_FOR_WORDS = 5  # labels side by side above the panels
 
@@ -23,8 +23,11 @@ def trial_curves(
     agents: tuple[str, ...],
     edges: Array,
     perturbations: Sequence[Perturbation],
+    said: str,
 ) -> Figure:
     """Motions per reach above robot seconds per reach; every block of trials has the same width.
+
+    Robot seconds are a band from the shortest to the longest look, with a line between them.
 
     Args:
         title: Stands above both panels.
@@ -32,13 +35,19 @@ def trial_curves(
         agents: The labels, in the order of their colours.
         edges: Where the blocks begin and end.
         perturbations: Marked where they fall, between trials.
+        said: Stands below the panels.
     """
     with plt.rc_context(STYLE):
         figure, panels = plt.subplots(2, 1, figsize=(10, 8), sharex=True, layout="constrained")
-        for axes, measure, what in zip(panels, (MOTIONS, SECONDS), ("motions", "robot seconds"), strict=True):
-            for index, agent in enumerate(agents):
-                _draw(axes, blocks_of(agent, measure), agent, index)
-            axes.set_ylabel(f"{what} per reach")
+        above, below = panels
+        for index, agent in enumerate(agents):
+            _draw(above, blocks_of(agent, MOTIONS), agent, index)
+            _draw_looks(below, [blocks_of(agent, seconds_at(look)) for look in LOOKS], agent, index)
+        above.set_ylabel("motions per reach")
+        below.set_ylabel(
+            f"robot seconds per reach\n{LOOKS[0]:g} to {LOOKS[2]:g} s a look, line: {LOOKS[1]:g} s"
+        )
+        for axes in panels:
             axes.set_yscale("log")
             axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.yaxis.set_major_formatter("{x:g}")
@@ -48,14 +57,21 @@ def trial_curves(
         _name_blocks(panels[1], edges)
         _name_events(panels[0], edges, perturbations)
         figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-        legend_below(figure, [panels[0]], columns=4)
+        legend_below(figure, [panels[0]], said, columns=4)
     return figure
 
 
 def _draw(axes: Axes, blocks: Blocks, agent: str, index: int) -> None:
     found = blocks.estimates()
     middle, low, high = zip(*((e.value, e.low, e.high) for e in found), strict=True)
-    draw_band(axes, np.arange(len(found)) + 0.5, middle, low, high, label=agent, line=line_of(index))
+    alone = blocks.runs if len(blocks.runs) < ENOUGH_WORLDS else ()
+    place = np.arange(len(found)) + 0.5
+    draw_band(axes, place, middle, low, high, label=agent, line=line_of(index), alone=alone)
+
+
+def _draw_looks(axes: Axes, looks: Sequence[Blocks], agent: str, index: int) -> None:
+    low, middle, high = (blocks.runs.mean(axis=0) for blocks in looks)
+    draw_band(axes, np.arange(len(middle)) + 0.5, middle, low, high, label=agent, line=line_of(index))
 
 
 def _place(edges: Array, trial: float) -> float:

@@ -13,12 +13,12 @@ from calfree_gym.errors import near_misses
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, EnvironmentConfig
 from experiments.errors import ConfigError
-from experiments.reporting.finished_suite import MOTIONS, SUCCESS
+from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS
 from experiments.reporting.prior_knowledge import must_know
 from experiments.reporting.report import SUMMARY
-from experiments.reporting.statistics import Estimate
 from experiments.reporting.tables import Table, number, percent
 from experiments.running.versions import REPOSITORY
+from experiments.statistics import Estimate
 
 KEPT = REPOSITORY / "experiments" / "results"
 AGENTS = "agents"
@@ -88,7 +88,20 @@ def _agents() -> Table:
 
 
 def _held_out(scenario: str, rows: pd.DataFrame) -> Table:
-    """Agent, what it must know, success and motions: before, right after, at the end."""
+    """Agent, what it must know, success and motions: before, right after, at the end.
+
+    Results of older code have no rendezvous, and no motions of trials with one.
+    """
+    shown = {
+        name: (title, form)
+        for name, title, form in (
+            (SUCCESS, "success", percent),
+            (RENDEZVOUS, "rendezvous", percent),
+            (MOTIONS, "motions per reach", number),
+            (f"{MOTIONS}_among_reached", "among reached", number),
+        )
+        if name in set(rows["measure"])
+    }
     lines: list[list[str]] = []
     before = ""
     for (agent, moment), found in rows.groupby(["agent", "moment"], sort=False):
@@ -96,9 +109,9 @@ def _held_out(scenario: str, rows: pd.DataFrame) -> Table:
         first = found.iloc[0]
         head = [f"`{agent}`", must_know(first["kind"], _words(first["privileged"]))]
         head = ["", ""] if agent == before else head
-        lines.append([*head, str(moment), percent(of[SUCCESS]), number(of[MOTIONS])])
+        lines.append([*head, str(moment), *(form(of[name]) for name, (_, form) in shown.items())])
         before = str(agent)
-    columns = ["agent", "what it must know", "when", "success", "motions per reach"]
+    columns = ["agent", "what it must know", "when", *(title for title, _ in shown.values())]
     return Table(scenario, f"Scenario {scenario}", pd.DataFrame(lines, columns=columns))
 
 
@@ -114,7 +127,45 @@ def _sweep(scenario: str, rows: pd.DataFrame) -> Table:
     return Table(scenario, f"Sweep {scenario}, success", cells)
 
 
-_MAKERS = {"held_out": _held_out, "by_trial": _by_trial, "sweep": _sweep}
+def _profile(scenario: str, rows: pd.DataFrame) -> Table:
+    """Share of trials that end within each threshold."""
+    title = f"Scenario {scenario}, trials that end within"
+    return Table(f"{scenario}-profile", title, _cells(rows, percent))
+
+
+def _beside(scenario: str, rows: pd.DataFrame) -> Table:
+    title = f"Scenario {scenario}, differences from the first agent in the same worlds"
+    return _by_measure(f"{scenario}-comparison", title, rows)
+
+
+def _threshold(scenario: str, rows: pd.DataFrame) -> Table:
+    title = f"Scenario {scenario}, motions to 95 % rendezvous, and medians of the last checkpoints"
+    return _by_measure(f"{scenario}-threshold", title, rows)
+
+
+def _by_measure(name: str, title: str, rows: pd.DataFrame) -> Table:
+    """Agents and moments by measures."""
+    cells = [
+        (percent if row.measure.startswith(_SHARES) else number)(Estimate(row.value, row.low, row.high))
+        for row in rows.itertuples()
+    ]
+    keys = ["agent", "moment"]
+    wide = rows.assign(cell=cells).pivot(index=keys, columns="measure", values="cell")
+    wide = wide.reindex(index=pd.MultiIndex.from_frame(rows[keys].drop_duplicates()))
+    wide = wide.reindex(columns=rows["measure"].unique()).fillna("–")
+    return Table(name, title, wide.rename_axis(columns=None).reset_index())
+
+
+_SHARES = (SUCCESS, RENDEZVOUS, "fewer")
+"""How the names of measures begin that are shares."""
+_MAKERS = {
+    "held_out": _held_out,
+    "by_trial": _by_trial,
+    "sweep": _sweep,
+    "profile": _profile,
+    "comparison": _beside,
+    "threshold": _threshold,
+}
 """By what `summary.csv` calls the table."""
 
 

@@ -4,20 +4,27 @@ Runs that failed, without any row, count as worst; runs that finished count as w
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
-from experiments.reporting.finished_suite import MOTIONS, SUCCESS
-from experiments.reporting.statistics import (
+from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS
+from experiments.statistics import (
+    SHARE,
     Array,
     Estimate,
-    bootstrap_band,
+    bands,
     interquartile_mean,
-    wilson_interval,
+    mean,
+    mean_share,
+    median,
+    over_worlds,
+    worst_decile,
 )
+
+LAST = 5
+"""Checkpoints at the end of a lifetime of which the median is taken: some agents jump between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,40 +34,62 @@ class Curve:
     Attributes:
         motions: Lifetime motions, shape (points,).
         runs: The measure in each run, shape (runs, points).
+        bounds: The lowest and the highest value that a run can have.
     """
 
     motions: Array
     runs: Array
+    bounds: tuple[float, float]
 
-    @property
-    def mean(self) -> Array:
-        """Mean over the runs, shape (points,)."""
-        return np.asarray(self.runs.mean(axis=0))
-
-    def band(self) -> tuple[Array, Array]:
-        """95 % bootstrap over whole runs, each edge of shape (points,)."""
-        return bootstrap_band(self.runs, lambda runs: np.asarray(runs.mean(axis=0)), np.random.default_rng(0))
+    def estimates(self) -> list[Estimate]:
+        """At each point the mean of a share over worlds, or the interquartile mean of motions."""
+        estimand = mean if self.bounds == SHARE else interquartile_mean
+        return bands(self.runs, estimand, self.bounds, np.random.default_rng(0)) if self.runs.size else []
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """An agent at one checkpoint of each of its runs, and over their held-out trials.
+    """An agent at one checkpoint of each of its runs.
 
     Attributes:
-        worlds: Finished runs that came to it.
+        finished: Runs that came to it.
         lifetime_motions: The fewest and the most, over these runs.
-        trials: Held-out trials of all runs; failed runs count as having made as many as the others.
-        success: Share of these trials; all those of failed runs count as failed.
-        motions_per_reach: Interquartile mean over runs; failed runs count as the cap.
+        worlds: One row a world: the means over its held-out trials of SUCCESS, RENDEZVOUS and MOTIONS, and of
+            `among_reached`, the motions of trials with a rendezvous (NaN without any). A failed run is worst
+            in all but that.
+        errors_px: True errors at the end of the trials (worlds, trials); infinite in failed runs.
         distance_mm: Median true distance at the end of a trial, of finished runs only.
+        cap: Motions after which a trial has failed.
     """
 
-    worlds: int
+    finished: int
     lifetime_motions: tuple[int, int]
-    trials: int
-    success: Estimate
-    motions_per_reach: Estimate
+    worlds: pd.DataFrame
+    errors_px: Array
     distance_mm: float
+    cap: int
+
+    def share(self, measure: str) -> Estimate:
+        """The mean over worlds of SUCCESS or RENDEZVOUS."""
+        return mean_share(self.worlds[measure].to_numpy(), np.random.default_rng(0))
+
+    def motions(self) -> dict[str, Estimate]:
+        """Of motions per reach: the mean, the interquartile mean and the worst tenth of the worlds."""
+        values, bounds = self.worlds[MOTIONS].to_numpy(), (1.0, float(self.cap))
+        estimands = {MOTIONS: mean, "iqm": interquartile_mean, "worst_decile": worst_decile}
+        return {
+            f"{MOTIONS}_{name}" if name != MOTIONS else name: over_worlds(
+                values, estimand, bounds, np.random.default_rng(0)
+            )
+            for name, estimand in estimands.items()
+        }
+
+    def among_reached(self) -> Estimate | None:
+        """The mean over worlds of motions of trials with a rendezvous; None where there is none."""
+        values = self.worlds["among_reached"].dropna().to_numpy()
+        if not len(values):
+            return None
+        return over_worlds(values, mean, (1.0, float(self.cap)), np.random.default_rng(0))
 
 
 def held_out_curve(
@@ -71,7 +100,7 @@ def held_out_curve(
     Args:
         rows: What `with_cost` returned.
         agent: The agent's label.
-        measure: SUCCESS or MOTIONS.
+        measure: SUCCESS, RENDEZVOUS or MOTIONS.
         worlds: How many runs there should be; those without any row failed, and are worst throughout.
         scenario: What the rows are about.
     """
@@ -96,15 +125,16 @@ def _curve(
     mine: pd.DataFrame, phase: str, axis: str, measure: str, worlds: int, scenario: ScenarioConfig
 ) -> Curve:
     """Runs brought onto one axis: where a run has no value of its own, its last one holds."""
-    worst = 0.0 if measure == SUCCESS else float(scenario.env.max_episode_steps)
+    cap = float(scenario.env.max_episode_steps)
+    worst, bounds = (cap, (1.0, cap)) if measure == MOTIONS else (0.0, SHARE)
     of_phase = mine[mine["phase"] == phase]
     if of_phase.empty:
         motions = np.array([0.0, scenario.most_motions] if mine.empty else [])
-        return Curve(motions, np.full((worlds, len(motions)), worst))
+        return Curve(motions, np.full((worlds, len(motions)), worst), bounds)
     table = of_phase.pivot_table(index="world", columns=axis, values=measure, aggfunc="mean")
     finished = table.ffill(axis=1).bfill(axis=1).to_numpy(dtype=float)
     failed = np.full((worlds - mine["world"].nunique(), len(table.columns)), worst)
-    return Curve(table.columns.to_numpy(dtype=float), np.vstack([finished, failed]))
+    return Curve(table.columns.to_numpy(dtype=float), np.vstack([finished, failed]), bounds)
 
 
 def moments(rows: pd.DataFrame, agent: str, worlds: int, cap: int) -> dict[str, Moment]:
@@ -128,23 +158,32 @@ def moments(rows: pd.DataFrame, agent: str, worlds: int, cap: int) -> dict[str, 
         "right after": first,
         "at the end": mine.groupby("world")["lifetime_motions"].max(),
     }
-    failed = worlds - mine["world"].nunique()
+    failed = sorted(set(range(worlds)) - set(mine["world"]))
     return {name: _moment(mine, at, failed, cap) for name, at in chosen.items() if len(at)}
 
 
-def _moment(mine: pd.DataFrame, at: Any, failed: int, cap: int) -> Moment:
+def _moment(mine: pd.DataFrame, at: "pd.Series[int]", failed: list[int], cap: int) -> Moment:
     """The moment at which run w has made `at[w]` lifetime motions."""
     rows = mine[mine["lifetime_motions"] == mine["world"].map(at)]
-    runs: Any = rows.groupby("world")
-    trials = len(rows) + failed * int(runs.size().max())
-    successes = int(rows["success"].sum())
-    per_run = np.append(runs[MOTIONS].mean().to_numpy(), np.full(failed, float(cap)))
-    low, high = bootstrap_band(per_run, interquartile_mean, np.random.default_rng(0))
+    reached = rows[rows[RENDEZVOUS] == 1]
+    own = rows.groupby("world")[[SUCCESS, RENDEZVOUS, MOTIONS]].mean()
+    own["among_reached"] = reached.groupby("world")["motions"].mean()
+    worst = {SUCCESS: 0.0, RENDEZVOUS: 0.0, MOTIONS: float(cap), "among_reached": np.nan}
+    errors = [each.to_numpy(dtype=float) for _, each in rows.groupby("world")["error_px"]]
+    trials = max(map(len, errors))
     return Moment(
-        worlds=len(at),
+        finished=len(at),
         lifetime_motions=(int(at.min()), int(at.max())),
-        trials=trials,
-        success=Estimate(successes / trials, *wilson_interval(successes, trials)),
-        motions_per_reach=Estimate(float(interquartile_mean(per_run)), float(low), float(high)),
+        worlds=pd.concat([own, pd.DataFrame(worst, index=failed)]).sort_index(),
+        errors_px=np.array(
+            [np.resize(each, trials) for each in errors] + [np.full(trials, np.inf)] * len(failed)
+        ),
         distance_mm=float(rows["distance_mm"].median()),
+        cap=cap,
     )
+
+
+def last_checkpoints(curve: Curve) -> Estimate:
+    """The median over worlds of each world's median over its last checkpoints."""
+    values = np.median(curve.runs[:, -LAST:], axis=1)
+    return over_worlds(values, median, curve.bounds, np.random.default_rng(0))

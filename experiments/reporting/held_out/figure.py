@@ -7,7 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
 
-from experiments.reporting.finished_suite import MOTIONS, SUCCESS, Perturbation
+from experiments.reporting.finished_suite import (
+    ENOUGH_WORLDS,
+    MOTIONS,
+    RENDEZVOUS,
+    SUCCESS,
+    Perturbation,
+)
 from experiments.reporting.held_out.estimates import Curve
 from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
 
@@ -20,41 +26,50 @@ def learning_curves(
     agents: tuple[str, ...],
     cap: int,
     perturbations: tuple[Perturbation, ...],
+    said: str,
 ) -> Figure:
-    """Success and motions per reach, side by side, against lifetime motions.
+    """Success, observed rendezvous and motions per reach, side by side, against lifetime motions.
 
     Args:
-        title: Stands above both panels.
+        title: Stands above the panels.
         curve_of: From an agent's label and a measure to its curve.
         agents: The labels, in the order of their colours.
         cap: Motions after which a trial has failed.
         perturbations: Each is marked by a line, or by a span where runs were perturbed at different motions.
+        said: Stands below the panels.
     """
     with plt.rc_context(STYLE):
-        figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.3), layout="constrained")
-        for index, agent in enumerate(agents):
-            _draw(left, curve_of(agent, SUCCESS), agent, index)
-            _draw(right, curve_of(agent, MOTIONS), agent, index)
-        left.set_title("Trials that reach the object")
-        left.set_ylabel("success rate (%)")
-        left.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
-        left.set_ylim(-0.03, 1.05)
+        figure, panels = plt.subplots(1, 3, figsize=(13, 4.7), layout="constrained")
+        for axes, measure in zip(panels, (SUCCESS, RENDEZVOUS, MOTIONS), strict=True):
+            for index, agent in enumerate(agents):
+                _draw(axes, curve_of(agent, measure), agent, index)
+        left, middle, right = panels
+        left.set_title("Success: true error within the tolerance")
+        middle.set_title("Observed rendezvous")
+        for axes in (left, middle):
+            axes.set_ylabel("trials (%)")
+            axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
+            axes.set_ylim(-0.03, 1.05)
         right.set_title(f"Motions per reach (a failure counts as {cap})")
-        right.set_ylabel("motions")
+        right.set_ylabel("motions, interquartile mean")
         right.set_ylim(0, cap * 1.05)
-        for axes in (left, right):
+        for axes in panels:
             axes.set_xlabel("lifetime motions")
             axes.set_xlim(left=0)
             axes.xaxis.set_major_locator(MaxNLocator(6))
             axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,.0f}"))
             _mark(axes, perturbations)
         figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-        legend_below(figure, [left])
+        legend_below(figure, [left], said, columns=6)
     return figure
 
 
 def _draw(axes: Axes, curve: Curve, agent: str, index: int) -> None:
-    draw_band(axes, curve.motions, curve.mean, *curve.band(), label=agent, line=line_of(index))
+    found = curve.estimates()
+    value, low, high = ([getattr(each, edge) for each in found] for edge in ("value", "low", "high"))
+    alone = curve.runs if len(curve.runs) < ENOUGH_WORLDS else ()
+    x = curve.motions[: len(found)]
+    draw_band(axes, x, value, low, high, label=agent, line=line_of(index), alone=alone)
 
 
 def _mark(axes: Axes, perturbations: tuple[Perturbation, ...]) -> None:

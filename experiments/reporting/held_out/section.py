@@ -5,14 +5,19 @@ import pandas as pd
 from experiments.config.suite import EvaluationConfig, ScenarioConfig
 from experiments.reporting.finished_suite import (
     MOTIONS,
+    RENDEZVOUS,
     SUCCESS,
     FinishedSuite,
     about,
     perturbations_met,
+    where_it_stands,
     with_cost,
 )
+from experiments.reporting.held_out.comparison import comparison_section
 from experiments.reporting.held_out.estimates import Moment, held_out_curve, moments, training_curve
 from experiments.reporting.held_out.figure import learning_curves
+from experiments.reporting.held_out.profile import profile_section
+from experiments.reporting.held_out.thresholds import threshold_section
 from experiments.reporting.pages import Section, SummaryRow, summary_row
 from experiments.reporting.style import save
 from experiments.reporting.tables import Table, number, percent
@@ -20,41 +25,64 @@ from experiments.reporting.tables import Table, number, percent
 _MOMENTS = ("before", "right after", "at the end")
 
 _HOW_TO_READ = (
-    "Before: the last held-out trials before a run's first perturbation. Right after: the first ones in "
-    "the perturbed world. Worlds: runs that finished and came to that moment; lifetime motions: the "
-    "fewest and the most among them. Success: all their trials, with the 95 % Wilson interval of trials "
-    "in these very worlds. Motions per reach: each world's mean, a failed trial counting as the cap; "
-    "interquartile mean over worlds, with a 95 % bootstrap over worlds. Distance: median true distance "
-    "at the end of a trial. A run that did not finish counts as no success and as the cap; it has no "
-    "distance."
+    "Before: the last held-out trials before a run's first perturbation. Right after: the first ones "
+    "in the perturbed world. Worlds: runs that finished and came to that moment; lifetime motions: "
+    "the fewest and the most among them. Success: the true error at the end is within the tolerance. "
+    "Rendezvous: the last observation was. Motions per reach: a trial without a rendezvous counts as "
+    "the cap; then the interquartile mean over worlds, the mean of the worst tenth of the worlds, and "
+    "the mean over trials with a rendezvous alone. All are means over worlds of each world's mean, "
+    "but where said, with 95 % intervals over worlds. Distance: median true distance at the end of a "
+    "trial. A run that did not finish counts as no success and as the cap; it has no distance."
 )
 
 
-def scenario_section(
+def scenario_sections(
     finished: FinishedSuite, scenario: ScenarioConfig, evaluation: EvaluationConfig
-) -> Section:
-    """The learning curves of one scenario, and the table of their moments."""
+) -> list[Section]:
+    """Learning curves and moments; agents compared; errors at the end; motions to a threshold."""
     rows = with_cost(finished.results, scenario)
     suite, cap = finished.suite, scenario.env.max_episode_steps
     labels = tuple(agent.label for agent in suite.agents)
+    found = {label: moments(rows, label, suite.worlds, cap) for label in labels}
+    sections = [_curves_and_moments(finished, scenario, evaluation, rows, found)]
+    if any("at the end" in of_agent for of_agent in found.values()):
+        trials = f"{evaluation.trials} held-out trials at the end of each lifetime"
+        sections.append(
+            profile_section(finished, scenario, found, where_it_stands(finished, scenario, trials))
+        )
+        sections.append(threshold_section(finished, scenario, rows))
+    if len(labels) > 1:
+        sections.append(comparison_section(finished, scenario, found))
+    return sections
+
+
+def _curves_and_moments(
+    finished: FinishedSuite,
+    scenario: ScenarioConfig,
+    evaluation: EvaluationConfig,
+    rows: pd.DataFrame,
+    found: dict[str, dict[str, Moment]],
+) -> Section:
+    suite, cap = finished.suite, scenario.env.max_episode_steps
     width = max(evaluation.every, 2 * cap)
     perturbations = perturbations_met(finished, scenario, "motions")
     held_out = learning_curves(
         f"{scenario.name}: held-out trials, {evaluation.trials} at each checkpoint",
         lambda agent, measure: held_out_curve(rows, agent, measure, suite.worlds, scenario),
-        labels,
+        tuple(found),
         cap,
         perturbations,
+        where_it_stands(finished, scenario, f"{evaluation.trials} held-out trials at each checkpoint"),
     )
     training = learning_curves(
         f"{scenario.name}: the agents' own trials, mean of each {width:,} motions",
         lambda agent, measure: training_curve(rows, agent, measure, suite.worlds, scenario, width),
-        labels,
+        tuple(found),
         cap,
         perturbations,
+        where_it_stands(finished, scenario, "the agents' own trials"),
     )
     folder = finished.out / "figures"
-    found = {label: moments(rows, label, suite.worlds, cap) for label in labels}
     return Section(
         title=f"Scenario {scenario.name}",
         text=about(suite, scenario),
@@ -68,26 +96,44 @@ def scenario_section(
     )
 
 
+_COLUMNS = (
+    "agent",
+    "when",
+    "worlds",
+    "lifetime motions",
+    "success",
+    "rendezvous",
+    "motions per reach",
+    "interquartile mean",
+    "worst tenth",
+    "among reached",
+    "distance (mm)",
+)
+
+
 def _table(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig, worlds: int) -> Table:
     rows = []
     for agent, of_agent in found.items():
         if not of_agent:
             cap = f"{scenario.env.max_episode_steps}"
-            rows.append([agent, "no run finished", f"0 of {worlds}", "–", "0 %", cap, "–"])
+            shown = ["no run finished", f"0 of {worlds}", "–", "0 %", "0 %", cap, cap, cap, "–", "–"]
+            rows.append([agent, *shown])
         for name, moment in _in_order(of_agent):
+            among = moment.among_reached()
             rows.append(
                 [
                     agent,
                     name,
-                    f"{moment.worlds} of {worlds}",
+                    f"{moment.finished} of {worlds}",
                     _range(*moment.lifetime_motions),
-                    percent(moment.success),
-                    number(moment.motions_per_reach),
+                    percent(moment.share(SUCCESS)),
+                    percent(moment.share(RENDEZVOUS)),
+                    *map(number, moment.motions().values()),
+                    "–" if among is None else number(among),
                     f"{moment.distance_mm:.1f}",
                 ]
             )
-    columns = ["agent", "when", "worlds", "lifetime motions", "success", "motions per reach", "distance (mm)"]
-    return Table("held_out", scenario.name, pd.DataFrame(rows, columns=columns))
+    return Table("held_out", scenario.name, pd.DataFrame(rows, columns=list(_COLUMNS)))
 
 
 def _summary(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig, worlds: int) -> list[SummaryRow]:
@@ -95,10 +141,19 @@ def _summary(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig, worl
     for agent, of_agent in found.items():
         for name, moment in _in_order(of_agent):
             where = scenario.name, "held_out", agent, name
+            numbers = {SUCCESS: moment.share(SUCCESS), RENDEZVOUS: moment.share(RENDEZVOUS)}
             rows += [
-                summary_row(*where, SUCCESS, moment.success, moment.trials),
-                summary_row(*where, MOTIONS, moment.motions_per_reach, worlds),
-                summary_row(*where, "distance_mm", moment.distance_mm, moment.worlds),
+                *(
+                    summary_row(*where, measure, each, len(moment.worlds))
+                    for measure, each in {**numbers, **moment.motions()}.items()
+                ),
+                summary_row(
+                    *where,
+                    f"{MOTIONS}_among_reached",
+                    moment.among_reached(),
+                    int(moment.worlds["among_reached"].notna().sum()),
+                ),
+                summary_row(*where, "distance_mm", moment.distance_mm, moment.finished),
             ]
     return rows
 

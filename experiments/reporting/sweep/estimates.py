@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 
 from experiments.config.suite import SweepConfig
-from experiments.reporting.statistics import Array, Estimate, bootstrap_band, wilson_interval
+from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost
+from experiments.statistics import Array, Estimand, Estimate, mean, mean_share, median, over_worlds
 
 _ENOUGH = 0.1
 """Share of the trials that must reach, for their median to mean anything."""
@@ -19,18 +20,22 @@ class Point:
     Attributes:
         value: Of what is varied.
         worlds: In each of which one trial is made.
-        trials: Those in view; the same for every agent.
-        success: Share of them that reach, with the 95 % Wilson interval; None where none is in view.
-        at_once: Share of them that reach by their first motion.
-        motions: Median of those that reach, with a 95 % bootstrap over worlds; None where hardly any does.
+        trials: Those in view; the same for every agent. Where it is 0, all that follows is None.
+        success: Share of them whose true error at the end is within the tolerance.
+        rendezvous: Share of them that end with an observed rendezvous.
+        at_once: Share of them that do so by their first motion.
+        motions: Mean per reach; a trial without a rendezvous counts as the cap.
+        among_reached: Median of those with a rendezvous; None where hardly any has one.
     """
 
     value: float
     worlds: int
     trials: int
-    success: Estimate | None
-    at_once: float
-    motions: Estimate | None
+    success: Estimate | None = None
+    rendezvous: Estimate | None = None
+    at_once: float = 0.0
+    motions: Estimate | None = None
+    among_reached: Estimate | None = None
 
 
 def points(results: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -> list[Point]:
@@ -42,22 +47,34 @@ def points(results: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -
         agent: Its label. A run that failed, without any row, has reached nothing.
         worlds: How many trials there should be at a value.
     """
-    rows = results[results["scenario"] == sweep.name]
-    return [_point(rows[rows["value"] == value], value, agent, worlds) for value in sweep.over]
+    rows = with_cost(results, sweep)
+    cap = sweep.env.max_episode_steps
+    return [_point(rows[rows["value"] == value], value, agent, worlds, cap) for value in sweep.over]
 
 
-def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int) -> Point:
+def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int, cap: int) -> Point:
     in_view = rows[rows["in_view"].astype(bool)]
     trials = in_view["world"].nunique() if len(rows) else worlds
     if not trials:
-        return Point(value, worlds, 0, None, 0.0, None)
-    reached = in_view[(in_view["agent"] == agent) & in_view["success"]]["motions"].to_numpy(dtype=float)
-    success = Estimate(len(reached) / trials, *wilson_interval(len(reached), trials))
-    at_once = float((reached <= 1).sum()) / trials
-    enough = len(reached) and len(reached) >= _ENOUGH * trials
-    return Point(value, worlds, trials, success, at_once, _median(reached) if enough else None)
+        return Point(value, worlds, 0)
+    mine = in_view[in_view["agent"] == agent]
+    failed = trials - len(mine)
+    reached = mine.loc[mine[RENDEZVOUS] == 1, "motions"].to_numpy(dtype=float)
+    success, rendezvous, motions = (
+        np.append(mine[measure].to_numpy(dtype=float), [worst] * failed)
+        for measure, worst in ((SUCCESS, 0.0), (RENDEZVOUS, 0.0), (MOTIONS, float(cap)))
+    )
+    return Point(
+        value,
+        worlds,
+        trials,
+        mean_share(success, np.random.default_rng(0)),
+        mean_share(rendezvous, np.random.default_rng(0)),
+        float((reached <= 1).sum()) / trials,
+        _of_motions(motions, mean, cap),
+        _of_motions(reached, median, cap) if len(reached) >= max(1, _ENOUGH * trials) else None,
+    )
 
 
-def _median(motions: Array) -> Estimate:
-    low, high = bootstrap_band(motions, lambda of: np.median(of, axis=0), np.random.default_rng(0))
-    return Estimate(float(np.median(motions)), float(low), float(high))
+def _of_motions(motions: Array, estimand: Estimand, cap: int) -> Estimate:
+    return over_worlds(motions, estimand, (1.0, float(cap)), np.random.default_rng(0))

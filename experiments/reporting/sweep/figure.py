@@ -10,15 +10,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator, PercentFormatter
 
 from experiments.config.suite import SweepConfig
-from experiments.reporting.statistics import Estimate
 from experiments.reporting.style import GREY, STYLE, draw_band, legend_below, line_of
 from experiments.reporting.sweep.estimates import Point
+from experiments.statistics import Estimate
 
 _ACROSS = 4
 """Sweeps side by side."""
 
 
-def sweep_figure(sweeps: Sequence[SweepConfig], curves: Mapping[str, Mapping[str, list[Point]]]) -> Figure:
+def sweep_figure(
+    sweeps: Sequence[SweepConfig], curves: Mapping[str, Mapping[str, list[Point]]], said: str
+) -> Figure:
     """Success above, motions below, for each sweep; the share of trials out of view is a grey step.
 
     A thin line is the share that an agent's first motion brings there, where one does.
@@ -26,6 +28,7 @@ def sweep_figure(sweeps: Sequence[SweepConfig], curves: Mapping[str, Mapping[str
     Args:
         sweeps: From left to right, four in a row.
         curves: By the sweep's name: by each agent's label, in the order of their colours, its points.
+        said: Stands below the panels.
     """
     across = min(_ACROSS, len(sweeps))
     down = math.ceil(len(sweeps) / across)
@@ -42,15 +45,15 @@ def sweep_figure(sweeps: Sequence[SweepConfig], curves: Mapping[str, Mapping[str
             _column(success, motions, sweep, curves[sweep.name])
             if column == 0:
                 success.set_ylabel("success rate (%)")
-                motions.set_ylabel("motions of successful trials")
-        legend_below(figure, grid.flat, columns=5 if across > 1 else 3)
+                motions.set_ylabel("motions of trials with a rendezvous")
+        legend_below(figure, grid.flat, said, columns=5 if across > 1 else 3)
     return figure
 
 
 def _column(success: Axes, motions: Axes, sweep: SweepConfig, found: Mapping[str, list[Point]]) -> None:
     for index, (agent, points) in enumerate(found.items()):
         _draw(success, [(p.value, p.success) for p in points], agent, index)
-        _draw(motions, [(p.value, p.motions) for p in points], agent, index)
+        _draw(motions, [(p.value, p.among_reached) for p in points], agent, index)
         if any(p.at_once for p in points):
             thin = {**line_of(index), "marker": "", "linewidth": 0.8}
             success.plot(sweep.over, [p.at_once for p in points], label=f"{agent}, its first motion", **thin)

@@ -5,12 +5,19 @@ import pandas as pd
 
 from calfree_gym.perturbations import TYPES
 from experiments.config.suite import SweepConfig
-from experiments.reporting.finished_suite import SUCCESS, FinishedSuite
+from experiments.reporting.finished_suite import (
+    MOTIONS,
+    RENDEZVOUS,
+    SUCCESS,
+    FinishedSuite,
+    few_worlds,
+    where_it_stands,
+)
 from experiments.reporting.pages import Section, SummaryRow, summary_row
 from experiments.reporting.style import save
 from experiments.reporting.sweep.estimates import Point, points
 from experiments.reporting.sweep.figure import sweep_figure
-from experiments.reporting.tables import Table, percent
+from experiments.reporting.tables import Table, number, percent
 
 _SHOWN = 5
 """Values that stand in the table; the figure has all."""
@@ -18,17 +25,20 @@ _SHOWN = 5
 _ALL = "_all"
 
 _HOW_TO_READ_FIGURES = (
-    "Bands: 95 % Wilson intervals of success; of the median motions, 95 % bootstrap intervals over worlds. "
-    "Thin: the share that an agent's first motion brings there, if any. Grey: the share of trials that begin "
-    "out of view, which are excluded elsewhere. A trial ends at the observed rendezvous: where noise or "
+    "Success: the share whose true error at the end is within the tolerance. Below: median motions of "
+    "trials that end with an observed rendezvous. Bands: 95 % intervals over worlds. Thin: the share "
+    "that an agent's first motion brings there, if any. Grey: the share of trials that begin out of "
+    "view, which are excluded elsewhere. A trial ends at the observed rendezvous: where noise or "
     "outliers hide it, the trial lasts to the cap, and the place of the gripper at its end counts."
 )
 
 _HOW_TO_READ = (
-    "In view: trials in whose first observation both cameras see gripper and object, the same for every "
-    "agent; the others are excluded. Success: the share that reaches by the noise-free "
-    "truth, with the 95 % Wilson interval. Then the median motions of those that reach; in brackets the "
-    "share that its first motion brings there, if any. Where fewer than a tenth reach, no median is given."
+    "In view: trials in whose first observation both cameras see gripper and object, the same for "
+    "every agent; the others are excluded. Success: the share whose true error at the end is within "
+    "the tolerance. Rendezvous: the share that ends with an observed one; in brackets the share that "
+    "its first motion brings there, if any. Motions per reach: mean, a trial without a rendezvous "
+    "counting as the cap; among reached: median of those with one, where at least a tenth has one. 95 "
+    "% intervals over worlds, one trial in each."
 )
 
 
@@ -41,7 +51,8 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
     }
 
     def drawn(name: str, *of: SweepConfig) -> dict[str, str]:
-        return {name: save(sweep_figure(of, curves), finished.out / "figures", name)}
+        said = where_it_stands(finished, of[0], "one trial in each at each value")
+        return {name: save(sweep_figure(of, curves, said), finished.out / "figures", name)}
 
     each = [
         Section(
@@ -69,35 +80,44 @@ def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
         f"on the {env.camera_mount}, tolerance {env.tolerance_px:g} px, {env.dynamics} dynamics, at most "
         f"{env.max_episode_steps} motions. At each value every agent, without learning, makes one trial in "
         f"each of {finished.suite.worlds} worlds, the same for all agents and values."
+        + few_worlds(finished.suite)
     )
 
 
 def _table(found: dict[str, list[Point]], sweep: SweepConfig) -> Table:
     indices = np.unique(np.linspace(0, len(sweep.over) - 1, _SHOWN).round().astype(int))
     first = next(iter(found.values()))
-    in_view = [f"{first[i].trials} of {first[i].worlds}" for i in indices]
-    rows = [[label, *(_cell(curve[i]) for i in indices)] for label, curve in found.items()]
-    columns = [sweep.vary, *(f"{sweep.over[i]:g}" for i in indices)]
-    return Table("sweep", sweep.name, pd.DataFrame([["trials in view", *in_view], *rows], columns=columns))
+    rows = [["trials in view", "", *(f"{first[i].trials} of {first[i].worlds}" for i in indices)]]
+    for label, curve in found.items():
+        cells = [_cells(curve[i]) for i in indices]
+        heads = (label, "", "", "")
+        rows += [
+            [head, what, *(of[what] for of in cells)] for head, what in zip(heads, cells[0], strict=True)
+        ]
+    columns = ["agent", sweep.vary, *(f"{sweep.over[i]:g}" for i in indices)]
+    return Table("sweep", sweep.name, pd.DataFrame(rows, columns=columns))
 
 
 def _summary(found: dict[str, list[Point]], sweep: SweepConfig) -> list[SummaryRow]:
-    rows = []
-    for agent, of_agent in found.items():
-        for point in of_agent:
-            where = sweep.name, "sweep", agent, f"{point.value:g}"
-            rows += [
-                summary_row(*where, SUCCESS, point.success, point.trials),
-                summary_row(*where, "success_at_once", point.at_once, point.trials),
-                summary_row(*where, "median_motions", point.motions, point.trials),
-            ]
-    return rows
+    return [
+        summary_row(sweep.name, "sweep", agent, f"{point.value:g}", measure, number, point.trials)
+        for agent, of_agent in found.items()
+        for point in of_agent
+        for measure, number in (
+            (SUCCESS, point.success),
+            (RENDEZVOUS, point.rendezvous),
+            ("rendezvous_at_once", point.at_once),
+            (MOTIONS, point.motions),
+            ("median_motions", point.among_reached),
+        )
+    ]
 
 
-def _cell(point: Point) -> str:
-    if point.success is None:
-        return "–"
-    if point.motions is None:
-        return percent(point.success)
+def _cells(point: Point) -> dict[str, str]:
     at_once = f" ({point.at_once:.0%})".replace("%", " %") if point.at_once else ""
-    return f"{percent(point.success)}: {point.motions.value:g}{at_once}"
+    return {
+        "success": percent(point.success) if point.success else "–",
+        "rendezvous": percent(point.rendezvous) + at_once if point.rendezvous else "–",
+        "motions per reach": number(point.motions) if point.motions else "–",
+        "among reached": f"{point.among_reached.value:g}" if point.among_reached else "–",
+    }

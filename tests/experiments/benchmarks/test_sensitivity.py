@@ -14,7 +14,7 @@ from experiments.benchmarks.sensitivity import constants as named
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.benchmarks.sensitivity.study import COLUMNS, VERDICTS, judged, verdict
 from experiments.benchmarks.sensitivity.trials import CONDITIONS, Sizes
-from experiments.reporting.statistics import Estimate
+from experiments.statistics import Estimate
 
 FOUND = {agent: named.constants(agent) for agent in named.MODULES}
 EVERY = [each for found in FOUND.values() for each in found]

@@ -5,8 +5,15 @@ import pandas as pd
 import pytest
 
 from experiments.config.suite import ScenarioConfig
-from experiments.reporting.finished_suite import MOTIONS, SUCCESS, with_cost
-from experiments.reporting.held_out.estimates import held_out_curve, moments, training_curve
+from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost
+from experiments.reporting.held_out.comparison import differences
+from experiments.reporting.held_out.estimates import (
+    held_out_curve,
+    last_checkpoints,
+    moments,
+    training_curve,
+)
+from experiments.reporting.held_out.thresholds import times_to_good
 
 CAP = 60
 
@@ -23,6 +30,8 @@ def table(scenario, *rows):
     data = pd.DataFrame(rows, columns=names)
     data["motions_since_perturbation"] = data["motions_since_perturbation"].astype("Int64")
     data["distance_mm"] = 10.0 * (data["world"] + 1)
+    data["rendezvous"] = data["success"]
+    data["error_px"] = np.where(data["success"], 3.0, 30.0)
     return with_cost(data.assign(scenario=scenario.name, agent="servo"), scenario)
 
 
@@ -71,24 +80,30 @@ def test_a_stretch_without_a_trial_is_no_failure(scenario):
 def test_a_finished_lifetime_too_short_for_a_trial_has_no_training_curve(scenario):
     rows = table(scenario, (0, "eval", 0, None, True, 10), (1, "eval", 0, None, True, 10))
     curve = training_curve(rows, "servo", MOTIONS, 2, scenario, width=100)
-    assert curve.mean.shape == curve.band()[0].shape == (0,)
+    assert curve.estimates() == []
 
 
 def test_every_run_has_its_own_moments(perturbed_at_different_motions):
     found = moments(perturbed_at_different_motions, "servo", 2, CAP)
     assert list(found) == ["before", "right after", "at the end"]
     assert [m.lifetime_motions for m in found.values()] == [(100, 100), (121, 161), (300, 300)]
-    assert [m.motions_per_reach.value for m in found.values()] == [15, 50, 30]
-    assert [m.success.value for m in found.values()] == [1, 0.5, 1]
-    assert [m.worlds for m in found.values()] == [2, 2, 2]
+    assert [m.motions()[MOTIONS].value for m in found.values()] == [15, 50, 30]
+    assert [m.share(SUCCESS).value for m in found.values()] == [1, 0.5, 1]
+    assert [m.finished for m in found.values()] == [2, 2, 2]
+    assert [m.among_reached().value for m in found.values()] == [15, 40, 30]
+    worst = [m.motions()[f"{MOTIONS}_worst_decile"].value for m in found.values()]
+    assert worst == pytest.approx([20, 60, 40])
 
 
 def test_failed_runs_are_worst_at_every_moment_but_have_no_distance(perturbed_at_different_motions):
     found = moments(perturbed_at_different_motions, "servo", 4, CAP)
-    assert [m.success.value for m in found.values()] == [0.5, 0.25, 0.5]
-    assert [m.worlds for m in found.values()] == [2, 2, 2]
+    assert [m.share(SUCCESS).value for m in found.values()] == [0.5, 0.25, 0.5]
+    assert [m.finished for m in found.values()] == [2, 2, 2]
     assert found["at the end"].distance_mm == 15
-    assert found["before"].motions_per_reach.value == (20 + CAP) / 2
+    assert found["before"].motions()[MOTIONS].value == (10 + 20 + 2 * CAP) / 4
+    assert found["before"].motions()[f"{MOTIONS}_iqm"].value == (20 + CAP) / 2
+    assert found["before"].among_reached().value == 15
+    assert (found["before"].errors_px == [[3], [3], [np.inf], [np.inf]]).all()
     assert moments(perturbed_at_different_motions, "sac", 4, CAP) == {}
 
 
@@ -96,11 +111,73 @@ def test_a_run_that_is_not_perturbed_has_only_an_end(perturbed_at_different_moti
     calm = table(scenario, (2, "eval", 0, None, True, 10), (2, "eval", 300, None, True, 10))
     rows = pd.concat([perturbed_at_different_motions, calm])
     found = moments(rows, "servo", 3, CAP)
-    assert [m.worlds for m in found.values()] == [2, 2, 3]
-    assert found["before"].success.value == 1
+    assert [m.finished for m in found.values()] == [2, 2, 3]
+    assert found["before"].share(SUCCESS).value == 1
     assert list(moments(calm, "servo", 1, CAP)) == ["at the end"]
 
 
 def test_a_lifetime_that_begins_perturbed_has_no_before(scenario):
     rows = table(scenario, (0, "eval", 0, 0, True, 10), (0, "eval", 300, 300, True, 10))
     assert list(moments(rows, "servo", 1, CAP)) == ["right after", "at the end"]
+
+
+def test_rows_of_older_code_are_judged_by_what_it_noted(scenario):
+    """It noted no rendezvous, and 5 px was a success in noise: here the tolerance is 4."""
+    names = ["world", "motions", "success", "rendezvous", "error_px"]
+    rows = [
+        (0, 10, True, None, 5.0),
+        (0, CAP, False, None, 30.0),
+        (0, 12, True, None, 3.0),
+        (1, 20, False, True, 5.0),
+    ]
+    data = pd.DataFrame(rows, columns=names).assign(scenario=scenario.name)
+    found = with_cost(data, scenario)
+    assert list(found[SUCCESS]) == [0, 0, 1, 0]
+    assert list(found[RENDEZVOUS]) == [1, 0, 1, 1]
+    assert list(found[MOTIONS]) == [10, CAP, 12, 20]
+
+
+def test_differences_are_paired_by_world(perturbed_at_different_motions, scenario):
+    rows = perturbed_at_different_motions
+    slower = rows.assign(agent="slow", **{MOTIONS: rows[MOTIONS] + 5.0})
+    both = pd.concat([rows, slower])
+    servo, slow = (moments(both, agent, 2, CAP)["before"] for agent in ("servo", "slow"))
+    found = differences(slow, servo)
+    assert found[MOTIONS].value == found[f"{MOTIONS}_median"].value == 5
+    assert found["fewer_motions"].value == 0
+    assert found[SUCCESS].value == 0
+    failed = moments(rows, "servo", 4, CAP)["before"]
+    assert list(failed.worlds.index) == [0, 1, 2, 3]
+    assert differences(failed, servo)[MOTIONS].value == 0
+
+
+def test_motions_to_the_threshold_are_right_censored(scenario):
+    rows = table(
+        scenario,
+        (0, "eval", 0, None, False, 60),
+        (0, "eval", 100, None, True, 10),
+        (0, "eval", 200, None, False, 60),
+        (0, "eval", 221, 1, False, 60),
+        (0, "eval", 300, 80, True, 20),
+        (1, "eval", 0, None, False, 60),
+        (1, "eval", 100, None, False, 60),
+        (1, "eval", 261, 1, True, 40),
+        (1, "eval", 300, 5, True, 40),  # after a second perturbation
+    )
+    found = times_to_good(rows, "servo", 3)
+    times, reached, latest = found["from the beginning"]
+    assert latest == 200
+    assert list(times) == [100, 100, 200]  # good, last looked at, failed
+    assert list(reached) == [True, False, False]
+    times, reached, latest = found["after the first perturbation"]
+    assert list(times) == [80, 1, 80]
+    assert list(reached) == [True, True, False]
+    assert times_to_good(rows, "sac", 3) == {}
+
+
+def test_one_bad_checkpoint_does_not_move_the_median_of_the_last(scenario):
+    jumping = [(0, "eval", at, None, at != 300, 10 if at != 300 else 60) for at in range(0, 301, 50)]
+    steady = [(1, "eval", at, None, True, 12) for at in range(0, 301, 50)]
+    curve = held_out_curve(table(scenario, *jumping, *steady), "servo", MOTIONS, 2, scenario)
+    assert list(curve.runs[:, -1]) == [60, 12]
+    assert last_checkpoints(curve).value == 11

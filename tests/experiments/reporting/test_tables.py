@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console
 
 from experiments.reporting import tables
-from experiments.reporting.statistics import Estimate
 from experiments.reporting.tables import Table, drawn, number, percent, show
+from experiments.statistics import Estimate
 
 
 @pytest.fixture

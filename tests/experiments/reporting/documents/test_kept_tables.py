@@ -45,9 +45,9 @@ def test_every_agent_says_what_it_must_know():
 
 
 def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
-    text = tables_named("quick", kept)
-    lines = text.splitlines()
-    assert lines[0] == "| agent | what it must know | when | success | motions per reach |"
+    lines = tables_named("quick/aimed", kept).splitlines()
+    columns = "agent | what it must know | when | success | rendezvous | motions per reach | among reached"
+    assert lines[0] == f"| {columns} |"
     known = must_know("unified_servo", ())
     assert [line.split(" | ")[:3] for line in lines[5:8]] == [
         ["| `unified_servo`", known, "before"],
@@ -56,9 +56,13 @@ def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
     ]
     report = (finished_once / "report.md").read_text().splitlines()
     of_report = [line.split(" | ") for line in report if line.startswith("| unified_servo | before")]
-    assert lines[5].rstrip(" |").split(" | ")[3:] == of_report[0][4:6]
+    assert lines[5].rstrip(" |").split(" | ")[3:6] == of_report[0][4:7]
     commit = pd.read_csv(kept / "quick" / "summary.csv")["commit"][0]
     assert lines[-1] == f"*Made from `experiments/results/quick`, code of commit {commit}.*"
+    text = tables_named("quick", kept)
+    assert "| agent | 2 px | 4 px | 8 px | 16 px |" in text.replace(" | what it must know", "")
+    assert "| agent | moment | success | rendezvous | motions_per_reach |" in text
+    assert "| unified_servo | lifetime | " in text
 
 
 def test_blocks_and_sweeps_have_their_moments_side_by_side(kept):

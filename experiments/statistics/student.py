@@ -1,0 +1,43 @@
+"""Means and their changes with Student's t intervals, where the values of worlds are nearly symmetric."""
+
+from functools import cache
+
+import numpy as np
+
+from experiments.statistics.estimate import LEVEL, Array, Estimate
+
+
+@cache
+def student_quantile(level: float, degrees: int) -> float:
+    """So far from 0, to either side, lies this share of Student's t distribution with `degrees` of freedom.
+
+    By t = √degrees tan θ: then the density goes with cos(θ)^(degrees - 1).
+    """
+    angles = np.linspace(0.0, np.pi / 2, 200_001)
+    density = np.cos(angles) ** (degrees - 1)
+    share = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
+    return float(np.sqrt(degrees) * np.tan(np.interp(level * share[-1], share, angles)))
+
+
+def mean_estimate(values: Array) -> Estimate:
+    """The mean of independent values (n,), with its t interval; of one value nothing is known but itself."""
+    mean = float(values.mean())
+    if len(values) < 2:
+        return Estimate(mean, -np.inf, np.inf)
+    deviation = float(values.std(ddof=1)) / np.sqrt(len(values))
+    half = student_quantile(LEVEL, len(values) - 1) * deviation
+    return Estimate(mean, mean - half, mean + half)
+
+
+def relative_change(before: Array, after: Array) -> Estimate:
+    """The share by which a mean changes, with its t interval.
+
+    The change is that of a ratio of means; the interval is that of its linear part in each pair.
+
+    Args:
+        before: One value a unit (n,).
+        after: The same units' values after the change (n,).
+    """
+    change = float(after.mean() / before.mean()) - 1
+    around = mean_estimate((after - (1 + change) * before) / before.mean())
+    return Estimate(change, change + around.low, change + around.high)
