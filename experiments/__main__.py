@@ -22,6 +22,7 @@ BENCHMARKS = (
     "knowledge",
     "changes",
     "sac",
+    "priors",
     "sensitivity",
 )
 """As in `benchmarks.parts`, which is not loaded for other commands."""

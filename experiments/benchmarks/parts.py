@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.benchmarks import baselines, changes, controllers, knowledge, speed
+from experiments.benchmarks import baselines, changes, controllers, knowledge, priors, speed
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.reporting.tables import Table
 from experiments.running.versions import commit, versions
@@ -22,6 +22,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "knowledge": knowledge.knowledge,
     "changes": changes.changes,
     "sac": baselines.sac,
+    "priors": priors.priors,
     "sensitivity": sensitivity.tables,
 }
 """All but `speed`, which alone has peers."""

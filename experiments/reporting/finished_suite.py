@@ -84,10 +84,14 @@ def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
 
 
 def _outcome(folder: Path) -> dict[str, Any]:
-    """What a finished run says about itself; "told" is an older name of its privileged observations."""
+    """What a finished run says about itself, older ones too.
+
+    "told" was the name of its privileged observations; what an agent is built on was not recorded.
+    """
     outcome: dict[str, Any] = read_json(folder / DONE)
     if "told" in outcome:
         outcome["privileged"] = outcome.pop("told")
+    outcome.setdefault("prior_knowledge", ["not recorded"])
     return outcome
 
 

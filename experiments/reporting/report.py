@@ -3,6 +3,7 @@
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import yaml
@@ -72,20 +73,23 @@ def _agents(finished: FinishedSuite) -> Section:
     rows = []
     for agent in finished.suite.agents:
         mine = [outcomes[run.id] for run in finished.runs if run.agent == agent and run.id in outcomes]
-        privileged = ", ".join(mine[-1]["privileged"]) or "none" if mine else "unknown: no run finished"
+        known = _must_know(mine[-1]) if mine else "unknown: no run finished"
         rows.append(
             [
                 agent.label,
                 agent.name,
-                privileged,
-                must_know(agent.name, ()),
+                known,
                 json.dumps(agent.settings) if agent.settings else "defaults",
                 f"{sum(outcome['wall_seconds'] for outcome in mine):,.0f}",
             ]
         )
-    columns = ["agent", "kind", "privileged observations", "prior knowledge", "settings", "computing (s)"]
+    columns = ["agent", "kind", "what it must know", "settings", "computing (s)"]
     frame = pd.DataFrame(rows, columns=columns)
     return Section(title="What each agent must know", table=Table("agents", "Agents", frame))
+
+
+def _must_know(outcome: dict[str, Any]) -> str:
+    return must_know(outcome["privileged"], outcome["prior_knowledge"])
 
 
 def _versions(finished: FinishedSuite) -> Section:
@@ -100,15 +104,15 @@ def _summary(finished: FinishedSuite, sections: list[Section]) -> pd.DataFrame:
         return numbers
     suite = finished.suite
     kinds = {agent.label: agent.name for agent in suite.agents}
-    privileged = {
-        run.agent.label: " ".join(finished.outcomes[run.id]["privileged"])
+    known = {
+        run.agent.label: _must_know(finished.outcomes[run.id])
         for run in finished.runs
         if run.id in finished.outcomes
     }
     config = hashlib.sha256(json.dumps(suite.model_dump(mode="json"), sort_keys=True).encode())
     return numbers.assign(
         kind=numbers["agent"].map(kinds),
-        privileged=numbers["agent"].map(privileged),
+        must_know=numbers["agent"].map(known),
         config=config.hexdigest()[:12],
         **finished.versions,
     )

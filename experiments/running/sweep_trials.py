@@ -21,10 +21,10 @@ def run_sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
     observation shows gripper and object to both cameras, whatever the agent then does.
 
     Returns:
-        What the run says about itself: the agent's privileged observations.
+        What the run says about itself: the agent's privileged observations, and what it is built on.
     """
     config = run.sweep
-    privileged, settings, _ = requirements(run.agent, config.env)
+    privileged, settings, _, known = requirements(run.agent, config.env)
     trials, of = run.work
     with TrialLog(folder) as log:
         for i, value in enumerate(config.over, start=1):
@@ -39,7 +39,7 @@ def run_sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
             env.close()
             made = i * len(run.world_seeds)
             print(f"{of} {made}/{trials}: {reached} reached at {config.vary} {value:g}", flush=True)
-    return {"privileged": list(privileged)}
+    return {"privileged": list(privileged), "prior_knowledge": list(known)}
 
 
 def _in_view(observation: Mapping[str, Any]) -> bool:

@@ -93,7 +93,8 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
     """Makes one agent's lifetime in its scenario, and logs every trial into `folder`.
 
     Returns:
-        What the run says about itself: the agent's privileged observations, and how its world was perturbed.
+        What the run says about itself: the agent's privileged observations, what it is built on, and how its
+        world was perturbed.
     """
     with TrialLog(folder) as log, closing(Curves(folder)) as curves:
 
@@ -106,7 +107,7 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
                 print_progress(spec, recorder)
 
         scenario = spec.scenario
-        privileged, settings, rows = requirements(spec.agent, scenario.env)
+        privileged, settings, rows, known = requirements(spec.agent, scenario.env)
         recorder: Any = _recorder(spec, privileged, rows, log_trial)
         agent = agents.make(spec.agent.name, recorder, seed=spec.agent_seed, **settings)
         checkpoints = Checkpoints(spec, recorder, log, curves, privileged) if spec.evaluation else None
@@ -125,7 +126,11 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
             raise RuntimeError(f"{spec.agent.name} made {getattr(recorder, of)} {of}; it was given {length}")
         if checkpoints:
             checkpoints.finish(agent)
-    return {"privileged": list(privileged), "perturbations": recorder.perturbations}
+    return {
+        "privileged": list(privileged),
+        "prior_knowledge": list(known),
+        "perturbations": recorder.perturbations,
+    }
 
 
 def _recorder(
