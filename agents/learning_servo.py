@@ -69,6 +69,7 @@ class LearningServo(ServoAgent):
                 f"on_change {on_change!r} needs every_look: changes show in observations of the gripper"
             )
         self.adaptation = AdaptiveKnowledge(knowledge, self.motors, on_change)
+        self.prior_knowledge |= knowledge.prior_knowledge | self.adaptation.prior_knowledge
         self.jump_px = jump_px
         self.every_look = every_look
         self.camera_motors = np.zeros(self.motors, bool)

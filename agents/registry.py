@@ -24,6 +24,7 @@ from agents.knowledge.grid_table import GridTable
 from agents.knowledge.interface import Knowledge
 from agents.knowledge.support_points import SupportPoints
 from agents.learning_servo import LearningServo
+from agents.oracle import Oracle
 from agents.random_agent import RandomAgent
 from agents.servo.joint_space import JointSpaceServo
 from agents.servo.paper import PaperServo
@@ -139,6 +140,7 @@ NEURAL = ("sb3", *SB3, *SELF_TAUGHT)
 
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,
+    "oracle": Oracle,
     **{name: partial(_servo_agent, servo=name) for name in SERVOS},
     "learning_servo": _learning_servo,
     **{name: partial(_learning_servo, knowledge=name) for name in KNOWLEDGE},

@@ -22,6 +22,7 @@ BENCHMARKS = (
     "knowledge",
     "changes",
     "sac",
+    "priors",
     "sensitivity",
     "coverage",
 )

@@ -28,6 +28,7 @@ LAYERS = {
     "agents": [
         "base",
         "random_agent",
+        "oracle",
         "neural",
         "jacobian",
         "perception",

@@ -22,6 +22,7 @@ from agents.adaptation.knowledge_with_views import KnowledgeWithViews
 from agents.adaptation.pairs import Pairs
 from agents.base.checks import checked_array
 from agents.base.observation import Array
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.base.storage import prefixed, under, with_present_names
 from agents.knowledge.interface import Knowledge
 
@@ -126,6 +127,16 @@ class AdaptiveKnowledge:
         self._recent = self._none
         self._announced = NO_CAMERA
         self._trial = 0
+
+    @property
+    def prior_knowledge(self) -> frozenset[PriorKnowledge]:
+        """What it takes for granted to notice and to explain changes, see `Agent`.
+
+        Its homographies are those of cameras with square pixels, and yet no camera model is among it: they
+        save as many motions where images are sheared (`python -m experiments benchmark priors` tells how).
+        """
+        keeps = self.on_change == "keep"
+        return frozenset() if keeps else frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE})
 
     @property
     def knowledge(self) -> Knowledge:

@@ -1,5 +1,6 @@
 """What an agent can be built on beyond its observations: the closed vocabulary of every table."""
 
+from collections.abc import Collection
 from enum import StrEnum
 
 
@@ -27,3 +28,8 @@ class PriorKnowledge(StrEnum):
     """How large a word may be, chosen for motors of this strength."""
     TRAINING_WORLDS = "training worlds"
     """Worlds of the same distribution, in which it was trained before."""
+
+
+def in_order(known: Collection[PriorKnowledge]) -> tuple[PriorKnowledge, ...]:
+    """The words that are among `known`, in the order of the vocabulary."""
+    return tuple(word for word in PriorKnowledge if word in known)

@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.base.checks import check_number
 from agents.base.observation import POINTS, Array, Observation
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.base.procedure import Procedure, ProcedureAgent
 from agents.calibrated.robot_model import RobotModel
 from agents.jacobian import distance_jacobian
@@ -42,6 +43,14 @@ class AffineStereo(ProcedureAgent):
     """
 
     privileged = ("gripper_position",)
+    prior_knowledge = frozenset(
+        {
+            PriorKnowledge.IMAGE_SCALE,
+            PriorKnowledge.NOISE,
+            PriorKnowledge.ARM,
+            PriorKnowledge.MOTOR_ORDER,
+        }
+    )
     DIRECTIONS = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
     """In the room, one after the other, to the known positions: derived, the four are in no plane. To the
     side, ahead, down: there is room from home."""

@@ -7,7 +7,7 @@ prior, the robot as built, determines these.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -19,7 +19,7 @@ from agents.base.checks import checked_array
 from agents.base.observation import POINTS, Array
 from agents.calibrated.least_squares import least_squares
 from agents.calibrated.measurements import MOTORS, Measurements
-from agents.calibrated.parameters import BOUND, COUNT, PRIOR_STD, model_of, named
+from agents.calibrated.parameters import BOUND, COUNT, model_of, named, prior_std
 from agents.calibrated.prediction import Prediction
 from agents.calibrated.robot_model import RobotModel
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
@@ -102,7 +102,11 @@ class Identification:
 
 
 def identify(
-    measurements: Measurements, built: RobotModel, noise_px: float = 0.5, known: Identification | None = None
+    measurements: Measurements,
+    built: RobotModel,
+    noise_px: float = 0.5,
+    known: Identification | None = None,
+    lacking: Collection[str] = (),
 ) -> Identification:
     """What explains `measurements` best.
 
@@ -112,8 +116,9 @@ def identify(
         noise_px: Standard deviation of an image coordinate.
         known: Where to start. Without it, it starts eight times, once for each set of motor signs, with the
             cameras rolled and zoomed as fits these signs, and goes on with the two that have come furthest.
+        lacking: Names of parameters that the model lacks: they stay as built.
     """
-    fit = _LeastSquares(measurements, built, noise_px)
+    fit = _LeastSquares(measurements, built, noise_px, lacking)
     if known is None:
         known = _identify_from_nothing(fit)
     objects = _triangulated(measurements, known.model(built))
@@ -124,13 +129,15 @@ def identify(
 class _LeastSquares:
     """Least squares on the same measurements, with sets of motor signs each from a start of its own."""
 
-    def __init__(self, measurements: Measurements, built: RobotModel, noise_px: float) -> None:
+    def __init__(
+        self, measurements: Measurements, built: RobotModel, noise_px: float, lacking: Collection[str]
+    ) -> None:
         trials = measurements.trials
         self.measurements = measurements
         self.built = built
         self._prior_mean = np.concatenate([np.zeros(COUNT), np.tile(AIM, trials)])
-        prior_std = np.concatenate([PRIOR_STD, np.tile(OBJECT_PRIOR_STD, trials)])
-        self._prior_std_by_px = prior_std / max(noise_px, _LEAST_NOISE_PX)
+        std = np.concatenate([prior_std(lacking), np.tile(OBJECT_PRIOR_STD, trials)])
+        self._prior_std_by_px = std / max(noise_px, _LEAST_NOISE_PX)
         self._bound = np.concatenate([BOUND, np.tile(OBJECT_BOUND, trials)])
         self._per_px = measurements.seen[..., None] / IMAGE_UNIT
 

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.base.observation import POINTS, Array, Observation
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.base.procedure import Procedure, ProcedureAgent
 from agents.calibrated.robot_model import RobotModel
 from agents.perception import ObservationFilter
@@ -30,6 +31,17 @@ class ModelBased(ProcedureAgent):
         camera_mount: What the cameras are fixed to: "waist" or "stand".
     """
 
+    prior_knowledge = frozenset(
+        {
+            PriorKnowledge.IMAGE_SCALE,
+            PriorKnowledge.NOISE,
+            PriorKnowledge.CAMERA_MODEL,
+            PriorKnowledge.ARM,
+            PriorKnowledge.MOUNT,
+            PriorKnowledge.MOTOR_ORDER,
+            PriorKnowledge.WORD_LIMIT,
+        }
+    )
     DRIFT_PX = 1.0
     """By how much, seen in the images, the goal moves from motion to motion where the model is not true.
     Tuned on wild worlds 3000 and up."""

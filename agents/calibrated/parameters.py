@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -63,11 +64,21 @@ COUNT = sum(each.size for each in PARAMETERS)
 ARM = slice(sum(each.size for each in CAMERA_PARAMETERS), COUNT)
 """Where in the vector the arm's parameters are; those before are the cameras'."""
 PRIOR_STD = np.concatenate([each.filled(each.prior_std) for each in PARAMETERS])
+_NEGLIGIBLE = 1e-6
+"""Share of its standard deviation that a quantity keeps which a model lacks (a guard: it is divided by)."""
 BOUND = np.concatenate([each.filled(each.bound) for each in PARAMETERS])
 _ENDS = np.cumsum([each.size for each in PARAMETERS])
 _PLACES = {
     each.name: slice(int(end) - each.size, int(end)) for each, end in zip(PARAMETERS, _ENDS, strict=True)
 }
+
+
+def prior_std(lacking: Collection[str] = ()) -> Array:
+    """Prior standard deviations (COUNT,) for a model that lacks some quantities: these stay as built."""
+    std = PRIOR_STD.copy()
+    for name, values in named(std).items():
+        values *= _NEGLIGIBLE if name in lacking else 1.0
+    return std
 
 
 def named(parameters: Array) -> dict[str, Array]:

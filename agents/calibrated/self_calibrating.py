@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
 from numpy.typing import NDArray
 
+from agents.base.checks import check_one_of
 from agents.base.observation import Observation
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.base.procedure import Procedure, ProcedureAgent
 from agents.calibrated.identification import Identification, identify
 from agents.calibrated.measurements import Measurements
@@ -18,6 +22,11 @@ from agents.calibrated.recorded_trial import RecordedTrial
 from agents.calibrated.robot_model import RobotModel
 from agents.calibrated.validity import Validity, ValidityCheck
 from calfree_gym.world import nominal
+
+MOTOR_CURVES: dict[str, tuple[str, ...]] = {"cubic": (), "linear": ("motor_curvature",)}
+LENSES: dict[str, tuple[str, ...]] = {"radial": (), "none": ("lens_k1",)}
+"""Kinds of models, and which of `PARAMETERS` they lack."""
+_OF_ONE_KIND = re.compile(r"^(SelfCalibrating\(camera_mount='\w+')\)$")
 
 
 @dataclass
@@ -54,26 +63,56 @@ class SelfCalibrating(ProcedureAgent):
       to look, to within 15 cm and 0.6 rad of tilt; their roll is free;
     * of all these, how widely the simulator's wild worlds differ, as a prior (`PARAMETERS`).
 
-    So its model is never wrong in kind, only in numbers. How it would do where that is not so, was not tried.
+    So its model is never wrong in kind, only in numbers. With `motor_curve="linear"` and `lens="none"` it is:
+    these are the models of an engineer who does not have the simulator's formulas.
 
     Args:
         camera_mount: What the cameras are fixed to: "waist" or "stand".
+        motor_curve: How it takes joint angles to follow registers: "cubic", as they do, or "linear".
+        lens: What it takes lenses to do: "radial" distortion, as they do, or "none".
     """
 
+    prior_knowledge = frozenset(
+        {
+            PriorKnowledge.IMAGE_SCALE,
+            PriorKnowledge.NOISE,
+            PriorKnowledge.CAMERA_MODEL,
+            PriorKnowledge.ARM,
+            PriorKnowledge.MOUNT,
+            PriorKnowledge.MOTOR_ORDER,
+            PriorKnowledge.WORD_LIMIT,
+        }
+    )
     MEMORY = 80
     """Measurements kept from earlier trials at most; of more, the later half is. Their number bounds the time
     that a fit takes. Tuned on wild worlds 3000 and up."""
 
-    def __init__(self, env: gym.Env[Any, Any], camera_mount: str = "waist", seed: int = 0) -> None:
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        camera_mount: str = "waist",
+        motor_curve: str = "cubic",
+        lens: str = "radial",
+        seed: int = 0,
+    ) -> None:
         super().__init__(env, seed)
-        self.camera_mount = camera_mount
+        check_one_of("motor_curve", motor_curve, MOTOR_CURVES)
+        check_one_of("lens", lens, LENSES)
+        self.camera_mount, self.motor_curve, self.lens = camera_mount, motor_curve, lens
         self.calibration = Calibration(Measurements.none(), None)
         self._built = RobotModel.of(nominal(), camera_mount)
+        lacking = MOTOR_CURVES[motor_curve] + LENSES[lens]
+        self._identify = partial(identify, built=self._built, lacking=lacking)
 
     @property
     def kind(self) -> str:
         """See `ProcedureAgent`."""
-        return f"SelfCalibrating(camera_mount={self.camera_mount!r})"
+        model = f"motor_curve={self.motor_curve!r}, lens={self.lens!r}"
+        return f"SelfCalibrating(camera_mount={self.camera_mount!r}, {model})"
+
+    def present_kind(self, saved: str) -> str:
+        """See `ProcedureAgent`. In version 0.1 there was one kind of model."""
+        return _OF_ONE_KIND.sub(r"\1, motor_curve='cubic', lens='radial')", saved)
 
     def new_findings(self) -> Calibration:
         """See `ProcedureAgent`."""
@@ -93,10 +132,10 @@ class SelfCalibrating(ProcedureAgent):
         while True:
             if known is None:
                 yield from trial.explore()
-                known = identify(earlier.with_trial(trial.recorded), self._built, trial.noise_px)
+                known = self._identify(earlier.with_trial(trial.recorded), noise_px=trial.noise_px)
                 validity.begin()
             measurements = earlier.with_trial(trial.recorded)
-            latest = identify(measurements, self._built, trial.noise_px, known)
+            latest = self._identify(measurements, noise_px=trial.noise_px, known=known)
             innovation = known.innovation(latest, trial.noise_px)
             match validity.judge(innovation, trial.now.distance_px, trial.noise_px):
                 case Validity.NOISE_UNKNOWN:
@@ -115,7 +154,7 @@ class SelfCalibrating(ProcedureAgent):
         """See `ProcedureAgent`. Measurements teach the model, however the trial ends."""
         if len(findings.measurements.trial) > self.MEMORY:
             kept = findings.measurements.latest(self.MEMORY // 2)
-            findings = Calibration(kept, identify(kept, self._built, known=findings.known))
+            findings = Calibration(kept, self._identify(kept, known=findings.known))
         self.calibration = findings
 
     def arrays(self) -> dict[str, NDArray[Any]]:

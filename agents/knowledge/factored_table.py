@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from agents.base.checks import check_number, checked_array
 from agents.base.observation import Array
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.knowledge.gain import Gain
 from agents.knowledge.interface import Change, Recall
 from calfree_gym.image import IMAGE_UNIT
@@ -40,6 +41,7 @@ class FactoredTable:
         kalman: Whether the Kalman filter decides instead.
     """
 
+    prior_knowledge = frozenset({PriorKnowledge.IMAGE_SCALE})
     SCALE_PX = 1 / IMAGE_UNIT
     """Prior standard deviation of where nothing but home is known to lead. Derived: half an image, as objects
     may lie anywhere in it."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from agents.base.checks import check_number, checked_array
 from agents.base.observation import Array
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.knowledge.interface import Change, Recall
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
 
@@ -37,6 +38,7 @@ class GaussianProcess:
             no better, and a recall takes longer.
     """
 
+    prior_knowledge = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE, PriorKnowledge.WORD_LIMIT})
     LENGTH = 0.6
     """The kernel's length, in registers. Tuned (wild worlds 3000-)."""
     DEPARTURE_VARIANCE = 0.05

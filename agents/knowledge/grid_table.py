@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from agents.base.checks import check_number, checked_array
 from agents.base.observation import Array
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.knowledge.distance import squared_px
 from agents.knowledge.gain import Gain
 from agents.knowledge.interface import Change, Recall
@@ -41,6 +42,7 @@ class GridTable:
         kalman: Whether a Kalman filter for each record decides instead.
     """
 
+    prior_knowledge = frozenset({PriorKnowledge.IMAGE_SCALE})
     SUCCESS_VARIANCE = 8.0
     """Of a success, px². Derived: an end anywhere within 4 px of the object misses by 4 px / √2."""
     DRIFT_VARIANCE = 2.0

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.base.observation import Array
+from agents.base.prior_knowledge import PriorKnowledge
 
 Change = Callable[[Array, Array], tuple[Array, Array]]
 """From sensor vectors (n, 4) and registers (n, m) that belonged together, to those that now do."""
@@ -30,6 +31,10 @@ class Recall:
 
 class Knowledge(Protocol):
     """Associations between sensor vectors (4,), seen from home, and registers (m,) that lead there."""
+
+    @property
+    def prior_knowledge(self) -> frozenset[PriorKnowledge]:
+        """What it is built on, see `Agent`."""
 
     def recall(self, sensors: Array) -> Recall | None:
         """What is remembered of an object seen at `sensors` (4,), from home; None where nothing is."""

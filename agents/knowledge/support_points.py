@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from agents.base.checks import check_number, checked_array
 from agents.base.observation import Array
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.knowledge.distance import squared_px
 from agents.knowledge.gain import Gain
 from agents.knowledge.interface import Change, Recall
@@ -35,6 +36,7 @@ class SupportPoints:
         kalman: Whether a Kalman filter for each support point decides instead; then older ones weigh less.
     """
 
+    prior_knowledge = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE, PriorKnowledge.WORD_LIMIT})
     NEW_POINT_PX = 2.0
     """A fit that is off by more needs a new point. Choice: half the tolerance of a rendezvous."""
     CLOSE = 0.03

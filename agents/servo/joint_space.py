@@ -12,6 +12,7 @@ from agents.base.observation import Array, Observation
 from agents.base.procedure import Procedure, ProcedureAgent
 from agents.jacobian import TestMotions
 from agents.servo.redundancy import solve
+from agents.servo.settings import SERVO_KNOWLEDGE
 from agents.servo.trial import Findings, Trial
 
 
@@ -32,6 +33,7 @@ class JointSpaceServo(ProcedureAgent):
     """
 
     privileged = ("joint_angles",)
+    prior_knowledge = SERVO_KNOWLEDGE
     FIRST_WORD = 0.04
     """Size of the very first test words: tuned on wild worlds 3000 and up."""
     TEST_PX = 8.0

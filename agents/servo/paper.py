@@ -9,7 +9,7 @@ from agents.base.observation import Array, Observation
 from agents.base.procedure import Procedure
 from agents.jacobian import Estimator, TestMotions
 from agents.servo.redundancy import REDUNDANCIES
-from agents.servo.settings import check_motions
+from agents.servo.settings import SERVO_KNOWLEDGE, check_motions
 from agents.servo.steps import Steps, solve_distance
 from agents.servo.trial import Findings, Trial
 
@@ -40,6 +40,8 @@ class PaperServo:
     step_word: float = 0.7
     damping: float = 0.05
     border: float = 0.95
+
+    prior_knowledge = SERVO_KNOWLEDGE
 
     def __post_init__(self) -> None:
         check_one_of("redundancy", self.redundancy, REDUNDANCIES)

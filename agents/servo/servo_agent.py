@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from agents.base.checks import checked_array
 from agents.base.observation import Array, Observation
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.base.procedure import Procedure, ProcedureAgent
 from agents.jacobian import Estimator
 from agents.servo.trial import Findings
@@ -21,6 +22,10 @@ _TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), p
 
 class Servo(Protocol):
     """Seeks a rendezvous; its repr names all its settings."""
+
+    @property
+    def prior_knowledge(self) -> frozenset[PriorKnowledge]:
+        """What it is built on, see `Agent`."""
 
     def new_estimator(self, motors: int, start: Array | None) -> Estimator:
         """Makes the estimator of its Jacobian, beginning with `start` (8, m) where one is known."""
@@ -41,6 +46,7 @@ class ServoAgent(ProcedureAgent):
         super().__init__(env, seed)
         (self.motors,) = env.action_space.shape  # type: ignore[misc]
         self.servo = servo
+        self.prior_knowledge = servo.prior_knowledge
         self.jacobian: Array | None = None
 
     def new_findings(self) -> Findings:

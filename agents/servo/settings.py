@@ -1,11 +1,14 @@
-"""Checks of the settings that all servos share."""
+"""Settings that all servos share: their checks, and what they are built on."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from agents.base.checks import check_number
+from agents.base.prior_knowledge import PriorKnowledge
 
+SERVO_KNOWLEDGE = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE, PriorKnowledge.WORD_LIMIT})
+"""What all servos are built on: lengths in pixels, the noise of a good marker, sizes of words."""
 SMALLEST = 1e-6
 """Of settings that must be positive (a guard: some are divided by)."""
 

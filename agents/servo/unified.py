@@ -16,7 +16,7 @@ from agents.base.observation import Array, Observation
 from agents.base.procedure import Procedure
 from agents.jacobian import ESTIMATORS, Estimator
 from agents.servo.redundancy import REDUNDANCIES
-from agents.servo.settings import check_motions
+from agents.servo.settings import SERVO_KNOWLEDGE, check_motions
 from agents.servo.steps import Steps, solve_distance
 from agents.servo.trial import Findings, Trial
 
@@ -50,6 +50,8 @@ class UnifiedServo:
     damping: float = 0.05
     border: float = 0.95
     patience: int = 6
+
+    prior_knowledge = SERVO_KNOWLEDGE
 
     NEARER: ClassVar[float] = 0.8
     """A step came nearer that left less than this share of the least distance so far: tuned likewise."""

@@ -22,7 +22,7 @@ from agents.base.observation import Array, Observation
 from agents.base.procedure import Procedure
 from agents.jacobian import Estimator, TestMotions
 from agents.servo.redundancy import solve, solve_within
-from agents.servo.settings import check_motions
+from agents.servo.settings import SERVO_KNOWLEDGE, check_motions
 from agents.servo.steps import Steps
 from agents.servo.trial import Findings, Trial
 from calfree_gym.image import IMAGE_UNIT
@@ -106,6 +106,8 @@ class WorkPlaneServo:
     damping: float = 0.05
     border: float = 0.95
     in_plane_px: float = 2.0
+
+    prior_knowledge = SERVO_KNOWLEDGE
 
     def __post_init__(self) -> None:
         check_one_of("camera", self.camera, EQUATIONS)

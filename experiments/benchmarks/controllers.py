@@ -12,8 +12,10 @@ import pandas as pd
 
 import agents
 import calfree_gym
+from agents.base.prior_knowledge import in_order
 from calfree_gym.envs.goal import PRIVILEGED
 from experiments.evaluation import TrialRecord, evaluate
+from experiments.reporting.prior_knowledge import must_know
 from experiments.reporting.tables import Table
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 
@@ -34,6 +36,8 @@ UNIFIED = {"waist": Required(0.995, 7, 12), "stand": Required(0.995, 8, 15)}
 LATER = {"waist": Required(None, 4, 8), "stand": Required(None, 5, 12)}
 
 SERVOS: tuple[tuple[str, dict[str, Any], dict[str, Required]], ...] = (
+    ("random", {}, NOTHING),
+    ("oracle", {}, NOTHING),
     ("work_plane_servo", {}, dict.fromkeys(calfree_gym.MOUNTS, Required(0.99, 16))),
     *(
         ("unified_servo", {"estimator": "test_motions", **more}, dict.fromkeys(calfree_gym.MOUNTS, required))
@@ -186,10 +190,14 @@ class _Timed:
 
     def __init__(self, name: str, mount: str, **settings: Any) -> None:
         self.name = name
-        self.named = {"agent": name, "settings": " ".join(settings.values())}
         spaces = gym.make(REACH, camera_mount=mount, tell=tuple(PRIVILEGED))
         self.agent: Any = agents.make(name, spaces, **settings)
         self.seconds: list[float] = []
+        self.named = {
+            "agent": name,
+            "settings": " ".join(settings.values()),
+            "what it must know": must_know(self.agent.privileged, in_order(self.agent.prior_knowledge)),
+        }
 
     def predict(self, *arguments: Any, **options: Any) -> tuple[Any, Any]:
         start = time.perf_counter()

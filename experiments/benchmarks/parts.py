@@ -8,8 +8,9 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.benchmarks import baselines, changes, controllers, coverage, knowledge, speed
+from experiments.benchmarks import baselines, changes, controllers, coverage, knowledge, priors
 from experiments.benchmarks.sensitivity import study as sensitivity
+from experiments.benchmarks.speed import rates as speed
 from experiments.reporting.tables import Table
 from experiments.running.versions import commit, versions
 
@@ -22,6 +23,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "knowledge": knowledge.knowledge,
     "changes": changes.changes,
     "sac": baselines.sac,
+    "priors": priors.priors,
     "sensitivity": sensitivity.tables,
     "coverage": coverage.coverage,
 }
@@ -35,7 +37,7 @@ def measure(
 
     Args:
         parts: Names, `speed` included.
-        peers: As `speed.speed` takes them.
+        peers: As `rates.speed` takes them.
         show: Called with each table.
 
     Returns:

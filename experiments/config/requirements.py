@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import agents
+from agents.base.prior_knowledge import PriorKnowledge, in_order
 from calfree_gym.envs.goal import PRIVILEGED
 from experiments.config.suite import AgentConfig, EnvironmentConfig
 
@@ -14,11 +15,13 @@ class Requirements(NamedTuple):
         privileged: Observations beside the image points, as the environment's argument `tell` names them.
         settings: Its own, and what its cameras are fixed to, where it uses that and no setting gives it.
         rows: How many arms, of one world, it learns from at once.
+        prior_knowledge: What it is built on with these settings, in the order of the vocabulary.
     """
 
     privileged: tuple[str, ...]
     settings: dict[str, Any]
     rows: int
+    prior_knowledge: tuple[PriorKnowledge, ...]
 
 
 def requirements(agent: AgentConfig, env: EnvironmentConfig) -> Requirements:
@@ -33,4 +36,6 @@ def requirements(agent: AgentConfig, env: EnvironmentConfig) -> Requirements:
     mount = {"camera_mount": env.camera_mount} if hasattr(made, "camera_mount") else {}
     if made.rows > 1 and env.redraw != "never":
         raise ValueError(f"it learns from {made.rows} rows in one world; redraw is {env.redraw!r}")
-    return Requirements(made.privileged, {**mount, **agent.settings}, made.rows)
+    return Requirements(
+        made.privileged, {**mount, **agent.settings}, made.rows, in_order(made.prior_knowledge)
+    )

@@ -57,10 +57,15 @@ class FinishedSuite:
         """Runs that failed, or were never finished."""
         return [run for run in self.runs if run.id not in self.outcomes]
 
-    def privileged(self, agent: AgentConfig) -> list[str]:
-        """The privileged observations of an agent; none where no run of it has finished."""
-        mine = (run.id for run in self.runs if run.agent == agent and run.id in self.outcomes)
-        return next((list(self.outcomes[run]["privileged"]) for run in mine), [])
+    def outcomes_of(self, agent: AgentConfig) -> list[dict[str, Any]]:
+        """What the finished runs of an agent say about themselves."""
+        return [self.outcomes[run.id] for run in self.runs if run.agent == agent and run.id in self.outcomes]
+
+    def must_know(self, agent: AgentConfig) -> str:
+        """The privileged observations of an agent, and what it is built on."""
+        for outcome in self.outcomes_of(agent):
+            return must_know(outcome["privileged"], outcome["prior_knowledge"])
+        return "unknown: no run finished"
 
 
 def read_finished(out: Path) -> FinishedSuite:
@@ -92,10 +97,14 @@ def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
 
 
 def _outcome(folder: Path) -> dict[str, Any]:
-    """What a finished run says about itself; "told" is an older name of its privileged observations."""
+    """What a finished run says about itself, older ones too.
+
+    "told" was the name of its privileged observations; what an agent is built on was not recorded.
+    """
     outcome: dict[str, Any] = read_json(folder / DONE)
     if "told" in outcome:
         outcome["privileged"] = outcome.pop("told")
+    outcome.setdefault("prior_knowledge", ["not recorded"])
     return outcome
 
 
@@ -147,9 +156,7 @@ def where_it_stands(finished: FinishedSuite, scenario: ScenarioConfig | SweepCon
         if suite.worlds >= ENOUGH_WORLDS
         else "thin lines: single worlds; no ranking is claimed"
     )
-    known = "; ".join(
-        f"{agent.label}: {must_know(agent.name, finished.privileged(agent))}" for agent in suite.agents
-    )
+    known = "; ".join(f"{agent.label}: {finished.must_know(agent)}" for agent in suite.agents)
     return (
         f"Tolerance {scenario.env.tolerance_px:g} px of 512. {suite.worlds} worlds, {trials}; lines: "
         f"all worlds; {drawn}.\nBuilt on, beyond observations: {known}."

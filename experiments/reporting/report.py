@@ -14,7 +14,6 @@ from experiments.reporting.by_trial.section import trial_section
 from experiments.reporting.finished_suite import FinishedSuite, read_finished
 from experiments.reporting.held_out.section import scenario_sections
 from experiments.reporting.pages import Section, html_page, markdown_page
-from experiments.reporting.prior_knowledge import must_know
 from experiments.reporting.sweep.section import sweep_sections
 from experiments.reporting.tables import Table
 from experiments.running.results_folder import FAILED, LOG, folder_of, read_json, write_whole
@@ -71,23 +70,20 @@ def _failures(finished: FinishedSuite) -> Section:
 
 
 def _agents(finished: FinishedSuite) -> Section:
-    outcomes = finished.outcomes
     rows = []
     for agent in finished.suite.agents:
-        mine = [outcomes[run.id] for run in finished.runs if run.agent == agent and run.id in outcomes]
-        privileged = ", ".join(mine[-1]["privileged"]) or "none" if mine else "unknown: no run finished"
+        mine = finished.outcomes_of(agent)
         rows.append(
             [
                 agent.label,
                 agent.name,
-                privileged,
-                must_know(agent.name, ()),
+                finished.must_know(agent),
                 json.dumps(agent.settings) if agent.settings else "defaults",
                 f"{sum(outcome['wall_seconds'] for outcome in mine):,.0f}",
                 *(_milliseconds(mine, what) for what in ("decision", "learning")),
             ]
         )
-    columns = ["agent", "kind", "privileged observations", "prior knowledge", "settings", "computing (s)"]
+    columns = ["agent", "kind", "what it must know", "settings", "computing (s)"]
     columns += ["decision (ms)", "learning (ms a motion)"]
     frame = pd.DataFrame(rows, columns=columns)
     return Section(
@@ -116,15 +112,11 @@ def _summary(finished: FinishedSuite, sections: list[Section]) -> pd.DataFrame:
         return numbers
     suite = finished.suite
     kinds = {agent.label: agent.name for agent in suite.agents}
-    privileged = {
-        run.agent.label: " ".join(finished.outcomes[run.id]["privileged"])
-        for run in finished.runs
-        if run.id in finished.outcomes
-    }
+    known = {agent.label: finished.must_know(agent) for agent in suite.agents}
     config = hashlib.sha256(json.dumps(suite.model_dump(mode="json"), sort_keys=True).encode())
     return numbers.assign(
         kind=numbers["agent"].map(kinds),
-        privileged=numbers["agent"].map(privileged),
+        must_know=numbers["agent"].map(known),
         config=config.hexdigest()[:12],
         **finished.versions,
     )

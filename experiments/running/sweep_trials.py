@@ -22,11 +22,12 @@ def run_sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
     observation shows gripper and object to both cameras, whatever the agent then does.
 
     Returns:
-        What the run says about itself: the agent's privileged observations, and CPU seconds a motion.
+        What the run says about itself: the agent's privileged observations, what it is built on, and CPU
+        seconds a motion.
     """
     times = CpuTimes()
     config = run.sweep
-    privileged, settings, _ = requirements(run.agent, config.env)
+    privileged, settings, _, known = requirements(run.agent, config.env)
     trials, of = run.work
     with TrialLog(folder) as log:
         for i, value in enumerate(config.over, start=1):
@@ -41,7 +42,11 @@ def run_sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
             env.close()
             made = i * len(run.world_seeds)
             print(f"{of} {made}/{trials}: {reached} reached at {config.vary} {value:g}", flush=True)
-    return {"privileged": list(privileged), CPU: times.a_motion(learned=0)}
+    return {
+        "privileged": list(privileged),
+        "prior_knowledge": list(known),
+        CPU: times.a_motion(learned=0),
+    }
 
 
 def _in_view(observation: Mapping[str, Any]) -> bool:

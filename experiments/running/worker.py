@@ -98,8 +98,8 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
     """Makes one agent's lifetime in its scenario, and logs every trial into `folder`.
 
     Returns:
-        What the run says about itself: the agent's privileged observations, how its world was perturbed, and
-        CPU seconds a motion.
+        What the run says about itself: the agent's privileged observations, what it is built on, how its
+        world was perturbed, and CPU seconds a motion.
     """
     times = CpuTimes()
     with TrialLog(folder) as log, closing(Curves(folder)) as curves:
@@ -113,7 +113,7 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
                 print_progress(spec, recorder)
 
         scenario = spec.scenario
-        privileged, settings, rows = requirements(spec.agent, scenario.env)
+        privileged, settings, rows, known = requirements(spec.agent, scenario.env)
         recorder: Any = _recorder(spec, privileged, rows, log_trial)
         times.watch(recorder, "environment", "reset", "step")
         agent = agents.make(spec.agent.name, recorder, seed=spec.agent_seed, **settings)
@@ -136,6 +136,7 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
             checkpoints.finish(agent)
     return {
         "privileged": list(privileged),
+        "prior_knowledge": list(known),
         "perturbations": recorder.perturbations,
         CPU: times.a_motion(learned=recorder.motions),
     }

@@ -151,9 +151,11 @@ def test_the_calibrated_robot_is_excellent_as_built_and_falls(sweep_data, rows_o
 
 def test_an_agent_gets_what_it_requires():
     env = EnvironmentConfig(**ENV, camera_mount="stand")
-    assert requirements(AgentConfig(name="joint_space_servo", label="a"), env) == (("joint_angles",), {}, 1)
+    wanted = requirements(AgentConfig(name="joint_space_servo", label="a"), env)
+    assert wanted[:3] == (("joint_angles",), {}, 1)
     for name in ("model_based", "self_calibrating"):
-        assert requirements(AgentConfig(name=name, label="a"), env) == ((), {"camera_mount": "stand"}, 1)
+        wanted = requirements(AgentConfig(name=name, label="a"), env)
+        assert wanted[:3] == ((), {"camera_mount": "stand"}, 1)
     wrong = AgentConfig(name="model_based", label="a", settings={"camera_mount": "waist"})
     assert requirements(wrong, env).settings == {"camera_mount": "waist"}
     with pytest.raises(ValueError, match="did you mean camera_mount"):

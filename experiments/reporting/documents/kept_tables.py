@@ -83,7 +83,7 @@ def _agents() -> Table:
     rows = []
     for name in agents.names():
         required = requirements(AgentConfig(name=name, label=name), env)
-        rows.append((f"`{name}`", must_know(name, required.privileged)))
+        rows.append((f"`{name}`", must_know(required.privileged, required.prior_knowledge)))
     return Table(AGENTS, "Agents", pd.DataFrame(rows, columns=["agent", "what it must know"]))
 
 
@@ -107,7 +107,7 @@ def _held_out(scenario: str, rows: pd.DataFrame) -> Table:
     for (agent, moment), found in rows.groupby(["agent", "moment"], sort=False):
         of = {row.measure: Estimate(row.value, row.low, row.high) for row in found.itertuples()}
         first = found.iloc[0]
-        head = [f"`{agent}`", must_know(first["kind"], _words(first["privileged"]))]
+        head = [f"`{agent}`", str(first["must_know"])]
         head = ["", ""] if agent == before else head
         lines.append([*head, str(moment), *(form(of[name]) for name, (_, form) in shown.items())])
         before = str(agent)
@@ -174,15 +174,6 @@ def _cells(rows: pd.DataFrame, text: Any) -> pd.DataFrame:
     found = [text(Estimate(row.value, row.low, row.high)) for row in rows.itertuples()]
     wide = rows.assign(cell=found).pivot(index="agent", columns="moment", values="cell")
     wide = wide.reindex(index=rows["agent"].unique(), columns=rows["moment"].unique())
-    wide.insert(0, "what it must know", _knowledge_of(rows).reindex(wide.index))
+    known = rows.groupby("agent", sort=False)["must_know"].first()
+    wide.insert(0, "what it must know", known.reindex(wide.index))
     return wide.rename_axis(columns=None).reset_index()
-
-
-def _knowledge_of(rows: pd.DataFrame) -> "pd.Series[str]":
-    first = rows.groupby("agent", sort=False).first()
-    known = [must_know(row["kind"], _words(row["privileged"])) for _, row in first.iterrows()]
-    return pd.Series(known, index=first.index)
-
-
-def _words(privileged: Any) -> list[str]:
-    return [] if pd.isna(privileged) else str(privileged).split()

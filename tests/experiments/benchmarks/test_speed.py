@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from experiments.__main__ import main
-from experiments.benchmarks import speed
-from experiments.benchmarks.peer import Peer
+from experiments.benchmarks.speed import rates as speed
+from experiments.benchmarks.speed.peer import Peer
 from experiments.errors import ConfigError
 
 

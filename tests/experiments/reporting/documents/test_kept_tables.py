@@ -11,7 +11,7 @@ from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.reporting.documents import kept_tables, markers
 from experiments.reporting.documents.kept_tables import tables_named
-from experiments.reporting.prior_knowledge import PRIOR_KNOWLEDGE, must_know
+from experiments.reporting.prior_knowledge import must_know
 from experiments.reporting.tables import Table
 
 FRAME = pd.DataFrame({"agent": ["memory"], "success": [0.9876]})
@@ -37,18 +37,19 @@ def test_the_pages_are_what_kept_results_make_them():
 
 
 def test_every_agent_says_what_it_must_know():
-    assert set(agents.names()) <= set(PRIOR_KNOWLEDGE)
     table = tables_named("agents")
     assert all(f"| `{name}` | " in table for name in agents.names())
-    assert "`joint_angles`; size and noise" in table
-    assert must_know("somebody's own", ()) == "not stated"
+    assert "| `random` | nothing |" in table
+    assert "| `oracle` | `object_registers` |" in table
+    assert "| `joint_space_servo` | `joint_angles`, image scale, noise, word limit |" in table
+    assert must_know((), ()) == "nothing"
 
 
 def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
     lines = tables_named("quick/aimed", kept).splitlines()
     columns = "agent | what it must know | when | success | rendezvous | motions per reach | among reached"
     assert lines[0] == f"| {columns} |"
-    known = must_know("unified_servo", ())
+    known = "image scale, noise, word limit"
     assert [line.split(" | ")[:3] for line in lines[5:8]] == [
         ["| `unified_servo`", known, "before"],
         ["| ", "", "right after"],
@@ -66,7 +67,7 @@ def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
 
 
 def test_blocks_and_sweeps_have_their_moments_side_by_side(kept):
-    row = {"scenario": "s", "agent": "mine", "kind": "memory", "privileged": "", "n": 20, "commit": "c"}
+    row = {"scenario": "s", "agent": "mine", "kind": "memory", "must_know": "noise", "n": 20, "commit": "c"}
     numbers = {"value": 1.5, "low": 1.25, "high": 2}
     rows = [
         {**row, "table": table, "moment": moment, "measure": measure, **numbers}
@@ -77,7 +78,7 @@ def test_blocks_and_sweeps_have_their_moments_side_by_side(kept):
     pd.DataFrame(rows).to_csv(kept / "quick" / "summary.csv", index=False)
     text = tables_named("quick", kept)
     assert "**Scenario s, motions per reach in trials**" in text
-    assert f"| mine | {must_know('memory', ())} | 1.50 [1.25, 2.00] | 1.50 [1.25, 2.00] |" in text
+    assert "| mine | noise | 1.50 [1.25, 2.00] | 1.50 [1.25, 2.00] |" in text
     assert "| agent | what it must know | 2–5 | 10 |" in text
     assert "150 % [125 %, 200 %]" in text
 

@@ -17,7 +17,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from calfree_gym.robot.simulation import SUBSTEPS, build_model
-from experiments.benchmarks.peer import Peer
+from experiments.benchmarks.speed.peer import Peer
 
 REACH = "calfree_gym:CalFree/Reach-v0"
 ROUNDS = 60
@@ -141,7 +141,7 @@ def _ppo(dynamics: str, wanted: float | None, rounds: int) -> Ratio:
     from stable_baselines3.common.vec_env import VecMonitor
 
     from calfree_gym.sb3 import make_sb3_env
-    from experiments.benchmarks.free_env import FreeVecEnv
+    from experiments.benchmarks.speed.free_env import FreeVecEnv
 
     torch.set_num_threads(1)
     rows, steps = 64, 64
