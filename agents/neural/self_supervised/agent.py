@@ -49,7 +49,7 @@ class Schedule:
         check_number("exploration", self.exploration, least=0, most=1)
         check_number("random_extent", self.random_extent, above=0, most=1)
         check_number("patience", self.patience, least=1, whole=True)
-        check_number("updates", self.updates, least=0, whole=True)
+        check_number("updates", self.updates, least=1, whole=True)
         check_number("batch", self.batch, least=1, whole=True)
         check_number("capacity", self.capacity, least=self.random_motions, whole=True)
 
@@ -71,6 +71,10 @@ class SelfTaughtAgent(ProcedureAgent):
         adapts: Whether a trial's own motions correct the network, and changes of the world are told.
         seed: Of random words and batches.
     """
+
+    TOLERATED = 3.0
+    """A doubtful pair has half of its weight where its error is this many times the median of errors before
+    the change: so a change that was none costs little. Not tuned."""
 
     def __init__(
         self,
@@ -127,6 +131,8 @@ class SelfTaughtAgent(ProcedureAgent):
             if len(self.replay) < self.schedule.random_motions:
                 return
             self.model.set_scales(self.replay.sensors, self.replay.registers)
+            if not self.model.ready:
+                return
         seen = before.visible.all() and after.visible.all()
         if self._adapts and seen and (after.registers != before.registers).any():
             self._judge(Pairs.of(before, after))
@@ -146,10 +152,10 @@ class SelfTaughtAgent(ProcedureAgent):
         self._trials += 1
         if change.signs is None:
             self.replay.doubt(change.since)
-            self._usual_error = 3 * usual_error
+            self._usual_error = self.TOLERATED * usual_error
         else:
             self.replay.reverse(change.signs, change.since)
-            self.model.register_scale = self.model.register_scale * change.signs
+            self.model.reverse(change.signs)
 
     @property
     def kind(self) -> str:

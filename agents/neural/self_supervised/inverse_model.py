@@ -29,7 +29,8 @@ class InverseModel:
 
     Attributes:
         image_scale: Standard deviation of the image points on the first motions; 0 before them.
-        register_scale: Root mean square of each motor's registers (m,) on the first motions.
+        register_scale: Root mean square of the registers on the first motions, for each motor (m,); negative
+            for one that has reversed since.
 
     Args:
         motors: m.
@@ -94,6 +95,10 @@ class InverseModel:
         self._center = sensors.mean(0)
         self.image_scale = float(np.sqrt(sensors.var(0).mean()))
         self.register_scale = np.full(self.motors, np.sqrt(np.square(registers).mean()))
+
+    def reverse(self, signs: Array) -> None:
+        """Takes all that was learned for true once more, with other signs (m,) of words and registers."""
+        self.register_scale = self.register_scale * signs
 
     def words(self, sensors: Array, registers: Array, change: Array) -> Array:
         """Words (n, m) that change the image distance by `change` (n, 4), as the averaged weights say.

@@ -45,6 +45,16 @@ class Reach:
             made = now.registers - before.registers
             self.residuals.append(made - _words(model, before, change))
 
+    def stuck(self, patience: int, small: float) -> bool:
+        """Whether it is not near, and came no nearer in `patience` motions.
+
+        Args:
+            patience: In motions.
+            small: A shorter image distance is near.
+        """
+        near = self.nearest is not None and np.linalg.norm(self.nearest.distance) <= small
+        return self.idle >= patience and not near
+
     def correction(self, small: float) -> Array:
         """The linear correction E (m, 4) of the network that explains the residuals, by ridge regression.
 
@@ -75,7 +85,7 @@ def reach(
     """Asks for the change of the image distance that makes it zero, again and again.
 
     Where a point gets out of view, the arm goes half the way back to the nearest place so far, again and
-    again. Where `patience` motions came no nearer, it makes a random motion.
+    again. Where it is stuck, it makes a random motion.
 
     Args:
         first: The trial's first observation.
@@ -89,8 +99,9 @@ def reach(
     now = first
     while True:
         trial.observe(now, model)
+        small = model.SMALL_CHANGE * model.image_scale
         lost = not now.visible.all()
-        if trial.nearest is None or trial.idle >= patience or not (lost or model.ready):
+        if trial.nearest is None or not (lost or model.ready) or trial.stuck(patience, small):
             trial.idle = 0
             words = random_words(rng, now.registers, extent)
         elif lost:
@@ -98,7 +109,7 @@ def reach(
         else:
             words = _words(model, now, -now.distance)
             if adapts:
-                words -= trial.correction(model.SMALL_CHANGE * model.image_scale) @ now.distance
+                words -= trial.correction(small) @ now.distance
         now = yield np.clip(words, -1, 1)
 
 

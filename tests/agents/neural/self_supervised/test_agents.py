@@ -92,6 +92,25 @@ def test_a_trial_that_is_cut_off_teaches_what_was_seen_and_no_more(linear):
     np.testing.assert_allclose(pairs.change, pairs.words @ env.jacobian.T, atol=1e-6)
 
 
+def test_it_goes_on_looking_where_it_has_arrived(linear):
+    agent, env = linear(motions=250)
+    env.tolerance = 0.0
+    observation, _ = env.reset()
+    state, distances = None, []
+    for _ in range(30):
+        words, state = agent.predict(observation, state)
+        observation, *_ = env.step(words)
+        distances.append(np.linalg.norm(observation["achieved_goal"] - observation["desired_goal"]))
+    assert max(distances[12:]) < 0.01
+
+
+def test_motors_that_move_nothing_are_no_error():
+    env = LinearWorld()
+    env.jacobian *= 0
+    agent = agents.make("self_supervised", env, **QUICK).learn(60)
+    assert not agent.model.ready
+
+
 def test_it_gets_back_into_view():
     """Where a point is lost, it goes half of the way back to the nearest place, again and again."""
     env = LinearWorld()
@@ -138,7 +157,7 @@ def test_a_file_of_other_settings_or_damaged_is_refused(linear, tmp_path):
         ("random_extent", 1.5),
         ("exploration", -0.1),
         ("patience", 0),
-        ("updates", 1.5),
+        ("updates", 0),
         ("batch", 0),
         ("capacity", 1),
         ("capacity", 20),
