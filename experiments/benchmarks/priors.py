@@ -216,7 +216,7 @@ def reaimed(worlds: int = 16) -> Table:
 
 def declared(name: str) -> tuple[PriorKnowledge, ...]:
     """What an agent says that it is built on."""
-    env = EnvironmentConfig.model_validate({"id": REACH, "world": "nominal"})
+    env = EnvironmentConfig.model_validate({"id": REACH, "world": "nominal", "camera_mount": "stand"})
     return requirements(AgentConfig(name=name, label=name), env).prior_knowledge
 
 

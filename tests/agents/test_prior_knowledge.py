@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import agents
+from agents import KNOWLEDGE
 from agents.base.prior_knowledge import PriorKnowledge, in_order
 from calfree_gym.envs.goal import PRIVILEGED
 from experiments.benchmarks.priors import (
@@ -16,8 +17,8 @@ from experiments.benchmarks.priors import (
     measured,
 )
 
-SOME = ("random", "oracle", "unified_servo", "memory", "affine_stereo", "model_based")
-"""Cheap ones that between them declare nothing, some words, and all."""
+SOME = ("oracle", "unified_servo", "affine_stereo", "model_based")
+"""Cheap ones that between them declare nothing, a few words, and nearly all."""
 
 
 def breaks(name, word, **size):
@@ -27,9 +28,8 @@ def breaks(name, word, **size):
 
 @pytest.mark.parametrize("word", [PriorKnowledge.IMAGE_SCALE, PriorKnowledge.MOTOR_ORDER])
 def test_some_break_exactly_where_they_declare_it(word):
-    names = [name for name in SOME if name != "random"]
-    broken = {name for name in names if breaks(name, word, worlds=3, trials=4)}
-    assert broken == {name for name in names if word in declared(name)}
+    broken = {name for name in SOME if breaks(name, word, worlds=2, trials=4)}
+    assert broken == {name for name in SOME if word in declared(name)}
 
 
 @pytest.mark.slow
@@ -39,18 +39,19 @@ def test_exactly_those_break_that_declare_it(word):
     assert broken == {name for name in measured() if word in declared(name)}
 
 
-def test_a_reward_is_read_by_those_alone_that_declare_it():
-    """The others make the same motions where it is no number."""
-    for name in (name for name in SOME if PriorKnowledge.REWARD not in declared(name)):
-        words = []
-        for reward in (0.0, np.nan):
-            env = gym.make("CalFree/Reach-v0", dynamics="kinematic", tell=tuple(PRIVILEGED))
-            env.reset(seed=3)
-            spoilt = gym.wrappers.TransformReward(env, lambda _, reward=reward: reward)
-            agent = agents.make(name, spoilt).learn(40)
-            observation, _ = env.reset(seed=4)
-            words.append(agent.predict(observation)[0])
-        np.testing.assert_array_equal(*words)
+@pytest.mark.parametrize("name", SOME)
+def test_who_does_not_declare_a_reward_reads_none(name):
+    """It makes the same motions where it is no number."""
+    assert PriorKnowledge.REWARD not in declared(name)
+    words = []
+    for reward in (0.0, np.nan):
+        env = gym.make("CalFree/Reach-v0", dynamics="kinematic", tell=tuple(PRIVILEGED))
+        env.reset(seed=3)
+        spoilt = gym.wrappers.TransformReward(env, lambda _, reward=reward: reward)
+        agent = agents.make(name, spoilt).learn(20)
+        observation, _ = env.reset()
+        words.append(agent.predict(observation)[0])
+    np.testing.assert_array_equal(*words)
 
 
 @pytest.mark.parametrize("word", ALTERATIONS)
@@ -66,16 +67,21 @@ def test_altered_motors_obey_words_as_their_registers_say(word):
     """Words add up in the registers that an agent sees, and one that is not sent to does not move."""
     env = AlteredSenses(gym.make("CalFree/Reach-v0", dynamics="kinematic"), ALTERATIONS[word])
     env.reset(seed=0)
-    for motor, sent in enumerate(0.05 * np.eye(3)):
+    for motor, sent in enumerate(0.01 * np.eye(3)):
         before = env.step(np.zeros(3))[0]["observation"][4:]
         after = env.step(sent)[0]["observation"][4:]
         np.testing.assert_allclose(after - before, sent, atol=2e-6)
         assert (np.delete(after - before, motor) == 0).all()
 
 
-def test_what_is_declared_follows_the_settings():
-    env = gym.make("CalFree/Reach-v0", tell=tuple(PRIVILEGED))
-    for name in agents.names():
-        known = agents.make(name, env).prior_knowledge
-        assert known <= set(PriorKnowledge)
+def test_a_learning_servo_declares_what_its_parts_do():
+    env = gym.make("CalFree/Reach-v0")
+    for name in KNOWLEDGE:
+        agent = agents.make(name, env)
+        parts = (agent.servo, agent.knowledge, agent.adaptation)
+        assert agent.prior_knowledge == frozenset().union(*(part.prior_knowledge for part in parts))
+    assert agents.make("memory", env, on_change="keep").adaptation.prior_knowledge == set()
+
+
+def test_words_are_printed_in_the_order_of_the_vocabulary():
     assert in_order({PriorKnowledge.NOISE, PriorKnowledge.IMAGE_SCALE}) == ("image scale", "noise")
