@@ -34,7 +34,6 @@ class ModelBased(ProcedureAgent):
     prior_knowledge = frozenset(
         {
             PriorKnowledge.IMAGE_SCALE,
-            PriorKnowledge.NOISE,
             PriorKnowledge.CAMERA_MODEL,
             PriorKnowledge.ARM,
             PriorKnowledge.MOUNT,

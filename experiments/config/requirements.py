@@ -36,6 +36,5 @@ def requirements(agent: AgentConfig, env: EnvironmentConfig) -> Requirements:
     mount = {"camera_mount": env.camera_mount} if hasattr(made, "camera_mount") else {}
     if made.rows > 1 and env.redraw != "never":
         raise ValueError(f"it learns from {made.rows} rows in one world; redraw is {env.redraw!r}")
-    return Requirements(
-        made.privileged, {**mount, **agent.settings}, made.rows, in_order(made.prior_knowledge)
-    )
+    known = in_order(made.prior_knowledge)
+    return Requirements(made.privileged, {**mount, **agent.settings}, made.rows, known)

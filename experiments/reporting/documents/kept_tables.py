@@ -79,7 +79,8 @@ def _read(path: Path) -> Iterator[tuple[Table, str]]:
 
 @cache
 def _agents() -> Table:
-    env = EnvironmentConfig.model_validate({"id": "CalFree/Reach-v0", "world": "nominal"})
+    nominal = {"id": "CalFree/Reach-v0", "world": "nominal", "camera_mount": "stand"}
+    env = EnvironmentConfig.model_validate(nominal)
     rows = []
     for name in agents.names():
         required = requirements(AgentConfig(name=name, label=name), env)

@@ -15,6 +15,7 @@ from agents.base import storage
 from agents.base.observation import Observation
 from agents.calibrated.identification import identify
 from agents.calibrated.measurements import Measurements
+from agents.calibrated.parameters import named
 from agents.calibrated.robot_model import RobotModel
 from calfree_gym.image import lengths_px
 from calfree_gym.perturbations.types import CameraRoll
@@ -188,6 +189,30 @@ def test_files_of_version_0_1_load_with_a_warning(learned, tmp_path):
         np.testing.assert_array_equal(robot.arrays()[name], array)
     home, _ = learned.env.reset(seed=3001)
     np.testing.assert_array_equal(robot.predict(home)[0], learned.predict(home)[0])
+
+
+def test_files_from_before_there_were_kinds_of_models_load_with_a_warning(learned, tmp_path):
+    storage.save(tmp_path / "old.npz", "SelfCalibrating(camera_mount='waist')", learned.arrays(), 12)
+    with pytest.warns(UserWarning, match=r"motor_curve='cubic', lens='radial'\)"):
+        agents.make("self_calibrating", learned.env).load(tmp_path / "old.npz")
+    with pytest.raises(ValueError, match=r"this agent is .*motor_curve='linear'"):
+        agents.make("self_calibrating", learned.env, motor_curve="linear").load(tmp_path / "old.npz")
+
+
+def test_a_model_that_is_wrong_in_kind_lacks_curvature_and_distortion():
+    """It identifies all the rest, and still reaches where motors are curved and lenses distort."""
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic")
+    env.reset(seed=3004)
+    wrong = {"motor_curve": "linear", "lens": "none"}
+    robot = agents.make("self_calibrating", env, **wrong).learn(25)
+    found = named(robot.calibration.known.parameters)
+    for name in found:
+        lacks = name in ("motor_curvature", "lens_k1")
+        assert (np.abs(found[name]) < 1e-6).all() == lacks
+    with pytest.raises(ValueError, match="lens is 'fisheye'; allowed: radial, none"):
+        agents.make("self_calibrating", env, lens="fisheye")
+    records = evaluate(robot, env, trials=4, seed=8)
+    assert all(record.rendezvous for record in records)
 
 
 @pytest.mark.parametrize(
