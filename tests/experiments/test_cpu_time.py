@@ -47,10 +47,14 @@ def test_decisions_are_counted_one_by_one(clock):
 
 
 def test_an_error_ends_what_was_measured(clock):
-    times = CpuTimes()
-    with pytest.raises(ZeroDivisionError), times.of("learning"):
+    def fails():
         clock(1)
         raise ZeroDivisionError
+
+    times, agent = CpuTimes(), SimpleNamespace(learn=fails)
+    times.watch(agent, "learning", "learn")
+    with pytest.raises(ZeroDivisionError):
+        agent.learn()
     clock(5)
     with times.of("decision"):
         clock(1)
