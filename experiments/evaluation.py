@@ -53,6 +53,10 @@ class TrialRecord:
     distance_mm: float
     motions_to: Mapping[int, int | None]
 
+    def motions_per_reach(self, cap: int) -> int:
+        """Its motions; those of a trial without a rendezvous count as the cap."""
+        return self.motions if self.rendezvous else cap
+
     def __getitem__(self, name: str) -> Any:
         if name not in self.__slots__:
             raise KeyError(f"no field {name!r}; allowed: {', '.join(self.__slots__)}")

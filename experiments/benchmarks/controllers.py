@@ -16,10 +16,13 @@ from agents.base.prior_knowledge import in_order
 from calfree_gym.envs.goal import PRIVILEGED
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.reporting.prior_knowledge import must_know
-from experiments.reporting.tables import Table
+from experiments.reporting.tables import Table, beside
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
+from experiments.statistics import mean_share, median, over_trials, over_worlds, quantile
 
 REACH, _ = calfree_gym.ENV_IDS
+CAP = gym.spec(REACH).max_episode_steps or 0
+"""Motions as which a trial without a rendezvous counts."""
 FIRST_WORLD = 1000
 
 
@@ -96,15 +99,19 @@ TROUBLES = (
 _FORMATS = {
     "success": ".1%",
     "required success": ".1%",
+    "rendezvous": ".1%",
     "median motions": ".0f",
     "required median": ".0f",
     "95th percentile": ".0f",
     "required 95th": ".0f",
+    "median of more motions": ".0f",
     "µs a decision": ".0f",
 }
 _HOW_TO_READ = (
-    "Success by the noise-free truth; median and 95th percentile of motions; median time of a decision. "
-    "Required: the least success, the most motions."
+    "Success: the true error at the end is within the tolerance of 4 px; rendezvous: the last observation "
+    f"was. Median and 95th percentile of motions, a trial without a rendezvous counting as {CAP}; median "
+    "time of a decision. Brackets: 95 % intervals over worlds. Required: the least success, the most "
+    "motions."
 )
 
 
@@ -116,12 +123,14 @@ def controllers(worlds: int = 500) -> Iterator[Table]:
         for mount in calfree_gym.MOUNTS:
             agent = _Timed(name, mount, **settings)
             records = _first_trials(agent, mount, worlds)
-            first.append({**agent.named, **_reached(records, mount, required[mount]), **agent.decision})
+            first.append(
+                {**agent.named, **_reached(_alone(records), mount, required[mount]), **agent.decision}
+            )
     yield _table("first_trials", f"First trials, {where}", first)
     later = []
     for mount in calfree_gym.MOUNTS:
-        records = [record for seed in _seeds(worlds) for record in _lifetime(mount, seed, trials=4)[1:]]
-        later.append({"agent": "unified_servo", **_reached(records, mount, LATER[mount])})
+        lifetimes = [_lifetime(mount, seed, trials=4)[1:] for seed in _seeds(worlds)]
+        later.append({"agent": "unified_servo", **_reached(lifetimes, mount, LATER[mount])})
     yield _table("later_trials", "Trials 2-4 in the same world", later)
     rolled = [
         _rolled(_Timed(name, mount, **settings), mount, worlds)
@@ -137,7 +146,9 @@ def models(worlds: int = 500, identified: int = 100) -> Iterator[Table]:
     for mount in calfree_gym.MOUNTS:
         agent = _Timed("model_based", mount, camera_mount=mount)
         records = _first_trials(agent, mount, worlds, world="nominal")
-        rows.append({"agent": agent.name, **_reached(records, mount, Required(0.995, 2)), **agent.decision})
+        rows.append(
+            {"agent": agent.name, **_reached(_alone(records), mount, Required(0.995, 2)), **agent.decision}
+        )
     yield _table("model_based", f"The calibrated robot, nominal world, {worlds} objects", rows)
     rows = []
     for mount in calfree_gym.MOUNTS:
@@ -147,7 +158,7 @@ def models(worlds: int = 500, identified: int = 100) -> Iterator[Table]:
             env.reset(seed=seed)
             learned = agents.make("self_calibrating", env, camera_mount=mount).learn(60)
             records += evaluate(learned, env, trials=1, seed=seed)
-        rows.append({"agent": "self_calibrating", **_reached(records, mount, Required(0.95))})
+        rows.append({"agent": "self_calibrating", **_reached(_alone(records), mount, Required(0.95))})
     title = f"The self-calibrating robot, {identified} wild worlds: 60 motions of learning, then one trial"
     yield _table("self_calibrating", title, rows)
 
@@ -165,6 +176,7 @@ def robust(worlds: int = 500) -> Iterator[Table]:
                 terminate_on_success=False,
                 perturbations=[{"at": {"trial": 0}, "do": trouble.do}],
             )
+            within = [record.error_px <= trouble.error_px for record in records]
             rows.append(
                 {
                     "trouble": trouble.name,
@@ -172,7 +184,7 @@ def robust(worlds: int = 500) -> Iterator[Table]:
                     "trials": len(records),
                     "motions": trouble.motions,
                     "within px": trouble.error_px,
-                    "share": np.mean([record.error_px <= trouble.error_px for record in records]),
+                    **beside("share", mean_share(np.array(within), np.random.default_rng(0)), ".1%"),
                     "required share": trouble.required[mount],
                 }
             )
@@ -181,7 +193,8 @@ def robust(worlds: int = 500) -> Iterator[Table]:
         f"unified_servo, wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, physics, nothing announced",
         pd.DataFrame(rows),
         {"share": ".1%", "required share": ".1%", "within px": "g"},
-        "Share of the trials whose true error after the last motion is within this many pixels.",
+        "Share of the trials whose true error after the last motion is within this many pixels, with its "
+        "95 % interval over worlds, one trial in each.",
     )
 
 
@@ -237,9 +250,10 @@ def _rolled(agent: _Timed, mount: str, worlds: int) -> dict[str, Any]:
     records, more = [], []
     for record, rolled in _pairs(agent, mount, worlds):
         records.append(rolled)
-        more.append(rolled.motions - record.motions)
-    reached = _reached(records, mount, Required(0.99))
-    return {**agent.named, **reached, "median of more motions": np.median(more), "required more": 4}
+        more.append(rolled.motions_per_reach(CAP) - record.motions_per_reach(CAP))
+    reached = _reached(_alone(records), mount, Required(0.99))
+    found = over_worlds(np.array(more), median, (-float(CAP), float(CAP)), np.random.default_rng(0))
+    return {**agent.named, **reached, **beside("median of more motions", found, ".0f"), "required more": 4}
 
 
 def _pairs(agent: _Timed, mount: str, worlds: int) -> Iterator[tuple[TrialRecord, TrialRecord]]:
@@ -252,15 +266,32 @@ def _pairs(agent: _Timed, mount: str, worlds: int) -> Iterator[tuple[TrialRecord
             yield record, evaluate(agent, envs[k - 1], trials=1, seed=seed)[0]
 
 
-def _reached(records: list[TrialRecord], mount: str, required: Required) -> dict[str, Any]:
-    motions = [record.motions for record in records]
+def _alone(records: list[TrialRecord]) -> list[list[TrialRecord]]:
+    """Trials of which each was made in a world of its own."""
+    return [[record] for record in records]
+
+
+def _reached(lifetimes: list[list[TrialRecord]], mount: str, required: Required) -> dict[str, Any]:
+    """What trials came to; one list a world, all of the same length."""
+    motions = np.array([[record.motions_per_reach(CAP) for record in records] for records in lifetimes])
+    bounds = (1.0, float(CAP))
+    shares = {
+        share: mean_share(
+            np.array([[record[share] for record in records] for records in lifetimes]),
+            np.random.default_rng(0),
+        )
+        for share in ("success", "rendezvous")
+    }
     return {
         "mount": mount,
-        "trials": len(records),
-        "success": np.mean([record.success for record in records]),
+        "trials": motions.size,
+        **beside("success", shares["success"], ".1%"),
         "required success": required.success,
-        "median motions": np.median(motions),
+        **beside("rendezvous", shares["rendezvous"], ".1%"),
+        **beside("median motions", over_trials(motions, median, bounds, np.random.default_rng(0)), ".0f"),
         "required median": required.median,
-        "95th percentile": np.percentile(motions, 95),
+        **beside(
+            "95th percentile", over_trials(motions, quantile(0.95), bounds, np.random.default_rng(0)), ".0f"
+        ),
         "required 95th": required.percentile_95,
     }

@@ -82,7 +82,7 @@ def legend_below(figure: Figure, panels: Iterable[Axes], said: str, columns: int
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
     }
     across = max(1, len(handles) if columns is None else min(columns, len(handles)))
-    letters = int(25 * figure.get_figwidth())
+    letters = int(20 * figure.get_figwidth())
     lines = [line for paragraph in said.splitlines() for line in textwrap.wrap(paragraph, letters)]
     figure.legend(
         handles.values(),

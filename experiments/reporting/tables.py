@@ -103,6 +103,18 @@ def number(estimate: Estimate, digits: int = 1) -> str:
     return f"{estimate.value:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
 
 
+def beside(name: str, found: Estimate, form: str) -> dict[str, Any]:
+    """A number and, as text in a column of its own, its interval.
+
+    Args:
+        name: Of the number's column.
+        found: The number.
+        form: How both are written, such as ".1%".
+    """
+    limits = (_text(edge, form).removesuffix(" %") for edge in (found.low, found.high))
+    return {name: found.value, f"{name}, 95 %": f"[{', '.join(limits)}]{' %' if form.endswith('%') else ''}"}
+
+
 def _text(cell: Any, form: str) -> str:
     if cell is None or (isinstance(cell, float) and pd.isna(cell)):
         return ""

@@ -18,7 +18,14 @@ from experiments.statistics.estimands import (
 )
 from experiments.statistics.estimate import Array, Estimate
 from experiments.statistics.student import mean_estimate, relative_change
-from experiments.statistics.worlds import SHARE, bands, mean_share, over_worlds, performance_profile
+from experiments.statistics.worlds import (
+    SHARE,
+    bands,
+    mean_share,
+    over_trials,
+    over_worlds,
+    performance_profile,
+)
 
 __all__ = [
     "SHARE",
@@ -33,6 +40,7 @@ __all__ = [
     "mean_share",
     "median",
     "median_time",
+    "over_trials",
     "over_worlds",
     "paired_difference",
     "paired_shares",

@@ -75,6 +75,31 @@ def bands(
     return found
 
 
+def over_trials(
+    values: Array,
+    estimand: Estimand,
+    bounds: tuple[float, float],
+    rng: np.random.Generator,
+) -> Estimate:
+    """An estimand of all trials, such as their 95th percentile; a world is drawn with its trials.
+
+    Args:
+        values: Of each trial (worlds, trials).
+        estimand: Of `estimands`.
+        bounds: The lowest and the highest value that a trial can have.
+        rng: Draws the weights.
+    """
+    worlds, trials = np.shape(values)
+    of_trials = np.asarray(values, float).ravel()
+    weights = world_weights(worlds, rng)
+    weights = np.concatenate([np.repeat(weights[:, :-1] / trials, trials, axis=1), weights[:, -1:]], axis=1)
+    (value,) = estimand(of_trials, np.full((1, of_trials.size), 1 / of_trials.size))
+    lower, upper = (estimand(np.append(of_trials, bound), weights) for bound in bounds)
+    tail = (1 - LEVEL) / 2
+    low, high = np.quantile(lower, tail), np.quantile(upper, 1 - tail)
+    return Estimate(float(value), float(min(low, value)), float(max(high, value)))
+
+
 def world_weights(worlds: int, rng: np.random.Generator) -> Array:
     """Weights (DRAWS, worlds + 1) of the worlds and, last, of that at the bound; each row sums to 1."""
     drawn = rng.standard_gamma([1.0] * worlds + [PSEUDO_WORLDS], (DRAWS, worlds + 1))

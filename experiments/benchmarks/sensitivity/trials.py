@@ -110,7 +110,7 @@ def _lifetime(task: Task, env: gym.Env[Any, Any], settings: dict[str, Any], tria
 
 def _scored(records: list[TrialRecord]) -> Array:
     """Motions and success of each trial (trials, 2)."""
-    return np.array([(each.motions if each.success else CAP, each.success) for each in records], float)
+    return np.array([(each.motions_per_reach(CAP), each.success) for each in records], float)
 
 
 def _clear(sizes: Sizes) -> dict[str, Any]:

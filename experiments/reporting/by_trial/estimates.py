@@ -10,7 +10,7 @@ import pandas as pd
 from experiments.config.suite import ScenarioConfig
 from experiments.evaluation import robot_seconds_at
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SECONDS, SUCCESS
-from experiments.statistics import SHARE, Array, Estimate, bands, mean
+from experiments.statistics import SHARE, Array, Estimand, Estimate, bands, mean
 
 FINE = (1, 5, 10, 25, 50, 100, 150, 200, 300, 400, 500, 1_000, 2_000, 5_000)
 COARSE = (25, 50, 100, 150, 300, 400, 500, 1_000, 2_000, 5_000)
@@ -38,11 +38,11 @@ class Blocks:
     runs: Array
     bounds: tuple[float, float]
 
-    def estimates(self) -> list[Estimate]:
-        """Each block's mean over worlds, with its interval; NaN where no run has finished, of seconds."""
+    def estimates(self, estimand: Estimand = mean) -> list[Estimate]:
+        """Each block's mean over worlds, or another estimand; NaN where no run has finished, of seconds."""
         if np.isnan(self.runs).any():
             return [Estimate(np.nan, np.nan, np.nan)] * self.runs.shape[1]
-        return bands(self.runs, mean, self.bounds, np.random.default_rng(0))
+        return bands(self.runs, estimand, self.bounds, np.random.default_rng(0))
 
 
 def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:

@@ -12,7 +12,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from experiments.reporting.by_trial.estimates import LOOKS, Blocks, seconds_at
 from experiments.reporting.finished_suite import ENOUGH_WORLDS, MOTIONS, Perturbation
 from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
-from experiments.statistics import Array
+from experiments.statistics import Array, interquartile_mean
 
 _ROOM_FOR_WORDS = 5  # labels side by side above the panels
 
@@ -43,7 +43,7 @@ def trial_curves(
         for index, agent in enumerate(agents):
             _draw(above, blocks_of(agent, MOTIONS), agent, index)
             _draw_looks(below, [blocks_of(agent, seconds_at(look)) for look in LOOKS], agent, index)
-        above.set_ylabel("motions per reach")
+        above.set_ylabel("motions per reach,\ninterquartile mean")
         below.set_ylabel(
             f"robot seconds per reach\n{LOOKS[0]:g} to {LOOKS[2]:g} s a look, line: {LOOKS[1]:g} s"
         )
@@ -62,7 +62,7 @@ def trial_curves(
 
 
 def _draw(axes: Axes, blocks: Blocks, agent: str, index: int) -> None:
-    found = blocks.estimates()
+    found = blocks.estimates(interquartile_mean)
     middle, low, high = zip(*((e.value, e.low, e.high) for e in found), strict=True)
     alone = blocks.runs if len(blocks.runs) < ENOUGH_WORLDS else ()
     place = np.arange(len(found)) + 0.5

@@ -9,7 +9,7 @@ from calfree_gym.perturbations.schedule import parse_schedule
 from experiments.benchmarks import changes
 from experiments.evaluation import TrialRecord
 
-RECORD = TrialRecord(0, 1, 1.0, True, 1.0, 1.0, {})
+RECORD = TrialRecord(0, 1, 1.0, True, True, 1.0, 1.0, {})
 
 
 def test_motions_before_and_after_changes_are_kept_apart():
@@ -20,6 +20,8 @@ def test_motions_before_and_after_changes_are_kept_apart():
         motions[t + 3 : t + 8] = 2
     lifetimes = [[replace(RECORD, motions=int(m)) for m in motions]] * 2
     found = changes._after(lifetimes, (3, 8, 0.25), away=0)
+    assert found.pop("motions there, 95 %").startswith("[1.")
+    assert found.pop("success, 95 %").endswith(", 100.00] %")
     before = np.mean([m for t in changes.CHANGES for m in motions[t - 50 : t]])
     assert found == pytest.approx(
         {
@@ -63,7 +65,7 @@ def test_tables_hold_what_is_required_beside_what_was_found(monkeypatch):
     monkeypatch.setattr(changes, "_lifetime", lambda *args: [RECORD] * args[-1])
     actions = changes.right_actions(map).frame
     rolled = actions[actions["change"] == "rolled"].iloc[0]
-    assert rolled[["right", "required", "did", "keep"]].tolist() == [0.5, 0.9, 30.5, 45.0]
+    assert rolled[["right", "required", "did", "keep"]].tolist() == pytest.approx([0.5, 0.9, 30.5, 45.0])
     assert rolled["recognised as"] == "rolled 20, re-aimed 20"
     alarms = changes.false_alarms(map).frame
     assert alarms[["quiet trials", "false alarms", "required"]].to_numpy().tolist() == [[3000, 1, 3]] * 2

@@ -7,24 +7,48 @@ import pytest
 from experiments.benchmarks import controllers
 from experiments.evaluation import TrialRecord
 
-RECORD = TrialRecord(0, 1, 1.0, True, 1.0, 1.0, {})
+RECORD = TrialRecord(0, 1, 1.0, True, True, 1.0, 1.0, {})
 
 
 def test_a_row_holds_what_is_required_beside_what_was_reached():
-    records = [replace(RECORD, motions=m, success=m < 60) for m in (4, 6, 60)]
-    row = {"agent": "a", **controllers._reached(records, "waist", controllers.Required(0.99, 16))}
+    """A trial that ended early without a rendezvous counts as the cap."""
+    records = [replace(RECORD, motions=m, rendezvous=m < 20, success=m < 6) for m in (4, 6, 20)]
+    alone = controllers._alone(records)
+    row = {"agent": "a", **controllers._reached(alone, "waist", controllers.Required(0.99, 16))}
     table = controllers._table("first_trials", "First", [row])
     assert table.header == [
         "agent",
         "mount",
         "trials",
         "success",
+        "success, 95 %",
         "required success",
+        "rendezvous",
+        "rendezvous, 95 %",
         "median motions",
+        "median motions, 95 %",
         "required median",
         "95th percentile",
+        "95th percentile, 95 %",
     ]
-    assert table.rows == [["a", "waist", "3", "66.7 %", "99.0 %", "6", "16", "55"]]
+    (cells,) = table.rows
+    plain = [cell for name, cell in zip(table.header, cells, strict=True) if not name.endswith(", 95 %")]
+    assert plain == ["a", "waist", "3", "33.3 %", "99.0 %", "66.7 %", "6", "16", "60"]
+    success, rendezvous, median, percentile = (cell for cell in cells if cell.startswith("["))
+    assert success.startswith("[1.")
+    assert rendezvous.startswith("[12.")
+    assert median.endswith(", 60]")
+    assert percentile.endswith(", 60]")
+
+
+def test_later_trials_are_drawn_with_their_world():
+    """Two trials in each of three worlds say no more than the three worlds."""
+    alone = controllers._alone([replace(RECORD, success=s) for s in (True, True, False)])
+    twice = [records * 2 for records in alone]
+    one, other = (controllers._reached(each, "waist", controllers.Required()) for each in (alone, twice))
+    assert other["trials"] == 6
+    assert one["success, 95 %"] == other["success, 95 %"]
+    assert one["median motions, 95 %"] == other["median motions, 95 %"]
 
 
 def test_a_rolled_camera_is_paired_with_the_same_trial_unrolled(monkeypatch):

@@ -11,7 +11,7 @@ from experiments.evaluation import TrialRecord
 from experiments.running.lifetime import LifetimeRecorder
 
 REACH, _ = calfree_gym.ENV_IDS
-RECORD = TrialRecord(0, 1, 1.0, True, 1.0, 1.0, {})
+RECORD = TrialRecord(0, 1, 1.0, True, True, 1.0, 1.0, {})
 
 
 def test_objects_lie_in_a_region_of_the_given_width():
@@ -46,8 +46,10 @@ def test_tables_hold_what_is_required_beside_what_was_found(monkeypatch):
     monkeypatch.setattr(knowledge, "STORED", (12, 20))
     monkeypatch.setattr(knowledge, "REQUIRED_AT", 20)
     of_region = knowledge.region(worlds=1)
-    assert of_region.rows[0][:2] == ["cells 2", "whole work space"]
-    assert of_region.frame["required"].isna().tolist() == [True, False]
+    assert of_region.rows[0][:3] == ["cells 2", "whole work space", "0.2"]
+    assert of_region.frame["required"].isna().tolist() == [True] * 3 + [False] * 3
+    seconds = of_region.frame["1-25"].tolist()
+    assert seconds[0] < seconds[1] < seconds[2]
     assert "531,441" in knowledge.records(worlds=1, objects=20).markdown()
     stored = knowledge.stored(recalls=3).frame
     assert stored.groupby("pairs")["required"].sum().to_dict() == {12: 0, 20: 300 * (len(stored) // 2)}
@@ -60,7 +62,11 @@ def test_memory_stands_beside_the_bare_servo(monkeypatch):
     records = [[replace(RECORD, motions=m) for m in motions] for motions in ([9, 2], [5, 1])]
     monkeypatch.setattr(knowledge, "_lifetimes", lambda *args: ([r[: args[-1]] for r in records], []))
     table = knowledge.memory(worlds=2)
-    assert table.rows[:4] == [
+    plain = [
+        [cell for name, cell in zip(table.header, row, strict=True) if not name.endswith(", 95 %")]
+        for row in table.rows[:4]
+    ]
+    assert plain == [
         ["unified_servo", "waist", "1", "7.00", "9.00", "100.00 %", "", "", ""],
         ["memory", "waist", "1", "7.00", "9.00", "100.00 %", "", "", ""],
         ["memory", "waist", "2", "1.50", "2.00", "100.00 %", "1.80", "2.50", ""],
