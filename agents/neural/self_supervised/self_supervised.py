@@ -29,8 +29,9 @@ class SelfSupervised(SelfTaughtAgent):
       the change is doubtful: each of its pairs counts as far as the network, which learns from new ones,
       confirms it.
 
-    Nothing is told of the camera mount, of the unit of image points, or of noise. Under latency registers and
-    image points are of different times; it does not know that.
+    Nothing is told of the camera mount, of the unit of image points, or of noise; only `random_extent` is
+    chosen for motors of some strength. Under latency registers and image points are of different times: it
+    does not know that.
 
     Args:
         env: See `Agent`.
