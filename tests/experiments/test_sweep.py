@@ -240,8 +240,8 @@ def test_from_configuration_to_report(sweep_data, write_config, tmp_path, capsys
     for name in ("roll", "aim", "_all"):
         assert (out / "figures" / f"{name}.png").exists()
     page = (out / "report.md").read_text()
-    assert "| joint_space_servo | joint_space_servo | joint_angles | size" in page
-    assert "| built | model_based | none |" in page
+    assert "| joint_space_servo | joint_space_servo | `joint_angles`, image scale" in page
+    assert "| built | model_based | image scale" in page
     of_roll = page[page.index("## Sweep roll") : page.index("## Sweep aim")]
     built = results[(results["agent"] == "built") & (results["value"] == 0) & (results["scenario"] == "roll")]
     assert "| built | success | 100 % [" in of_roll
