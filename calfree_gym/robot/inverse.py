@@ -9,6 +9,8 @@ from calfree_gym.geometry import Array
 _GRID = 7
 """Registers that the search starts from, along each motor."""
 _ITERATIONS = 30
+_STILL = 1e-9
+"""The search ends with a step of registers that is smaller."""
 _STEP = 1e-5
 _DAMPING = 1e-9
 
@@ -43,4 +45,6 @@ def registers_at(point: Array, gripper_at: Callable[[Array], Array], lowest: Arr
         normal = jacobian.T @ jacobian
         step = np.linalg.solve(normal + damping * np.eye(motors), jacobian.T @ residual)
         registers = np.clip(best - step, lowest, highest)
+        if np.abs(registers - best).max() < _STILL:
+            break
     return best
