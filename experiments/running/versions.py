@@ -24,6 +24,7 @@ WHAT_MAKES_A_RESULT = (
     "configs/agents",
     "experiments/config/requirements.py",
     "experiments/config/suite.py",
+    "experiments/cpu_time.py",
     "experiments/evaluation.py",
     "experiments/running/lifetime.py",
     "experiments/running/plan.py",
