@@ -195,7 +195,8 @@ def test_the_gradient_through_the_black_box_is_that_of_the_loss(finishing, monke
 def test_training_lowers_the_loss():
     torch.manual_seed(0)
     network, robots = LinearServo(), TrainingRobots(4, "waist", 200_000)
-    losses = [step.loss.item() for step in train.train(network, [robots], 30, 3, 0.5, np.random.default_rng(0))]
+    trials = train.train(network, [robots], 30, 3, 0.5, np.random.default_rng(0))
+    losses = [trial.loss.item() for trial in trials]
     assert np.mean(losses[-10:]) < 0.95 * np.mean(losses[:10])
 
 
