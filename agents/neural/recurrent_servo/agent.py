@@ -38,7 +38,14 @@ class RecurrentServo(Agent):
         ValueError: The environment has another observation format than the network.
     """
 
-    prior_knowledge = frozenset({PriorKnowledge.TRAINING_WORLDS, PriorKnowledge.IMAGE_SCALE})
+    prior_knowledge = frozenset(
+        {
+            PriorKnowledge.TRAINING_WORLDS,
+            PriorKnowledge.IMAGE_SCALE,
+            PriorKnowledge.NOISE,
+            PriorKnowledge.WORD_LIMIT,
+        }
+    )
 
     def __init__(self, env: gym.Env[Any, Any], seed: int = 0, weights: str | None = None) -> None:
         super().__init__(env, seed)

@@ -31,7 +31,8 @@ def test_it_reaches_the_object_in_worlds_that_it_never_saw(make_env, mount):
 
 
 def test_it_says_what_it_is_built_on(servo):
-    assert PriorKnowledge.TRAINING_WORLDS in servo.prior_knowledge
+    assert {PriorKnowledge.TRAINING_WORLDS, PriorKnowledge.IMAGE_SCALE} <= servo.prior_knowledge
+    assert PriorKnowledge.MOTOR_ORDER not in servo.prior_knowledge
     assert servo.privileged == ()
 
 
