@@ -110,6 +110,12 @@ def _self_taught(env: Environment, seed: int = 0, *, learner: str, **settings: A
     return AGENTS[learner](env, seed, **settings)
 
 
+def _recurrent_servo(env: Environment, seed: int = 0, weights: str | None = None) -> Agent:
+    from agents.neural.recurrent_servo.agent import RecurrentServo
+
+    return RecurrentServo(env, seed, weights)
+
+
 KNOWLEDGE: dict[str, Callable[..., Knowledge]] = {
     "grid_table": GridTable,
     "factored_table": FactoredTable,
@@ -135,7 +141,7 @@ SB3 = ("sac", "sac_her", "td3", "tqc", "crossq", "ppo", "recurrent_ppo")
 """Learners of stable-baselines3 and sb3_contrib; each is its file in configs/agents."""
 SELF_TAUGHT = ("self_supervised", "cooperstock_milios")
 """Networks that teach themselves from their own motions."""
-NEURAL = ("sb3", *SB3, *SELF_TAUGHT)
+NEURAL = ("recurrent_servo", "sb3", *SB3, *SELF_TAUGHT)
 """Agents that load torch."""
 
 _MAKERS: dict[str, Callable[..., Agent]] = {
@@ -148,6 +154,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "affine_stereo": AffineStereo,
     "model_based": ModelBased,
     "self_calibrating": SelfCalibrating,
+    "recurrent_servo": _recurrent_servo,
     "sb3": _sb3,
     **dict.fromkeys(SB3, _sb3),
     **{name: partial(_self_taught, learner=name) for name in SELF_TAUGHT},

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from agents.base import storage
 from agents.base.agent import Agent, Callback
 from agents.base.observation import Array, Observation, RawObservation
+from agents.base.trials import begins_trial
 
 Procedure = Generator[Array, Observation, None]
 """Seeks the rendezvous in one trial. After its end the agent sends zero words."""
@@ -110,22 +111,16 @@ class ProcedureAgent(Agent):
         """
         single = np.ndim(observation["achieved_goal"]) == 1
         rows = [observation] if single else _rows(observation)
-        starts = np.zeros(len(rows), bool) if episode_start is None else np.atleast_1d(episode_start)
-        if state is not None and len(state) != len(rows):
-            raise ValueError(f"the state is of {len(state)} environments, the observation of {len(rows)}")
-        if len(starts) != len(rows):
-            raise ValueError(f"episode_start has {len(starts)} entries for {len(rows)} environments")
+        begins = begins_trial(observation, None if state is None else len(state), episode_start)
         words, after = [], []
         for i, row in enumerate(rows):
             now = Observation.of(row)
-            if state is not None and not starts[i]:
-                trial = state[i]
-                words.append(trial.go_on(now))
-            else:
-                if not starts[i]:
-                    _check_at_home(now)
+            if state is None or begins[i]:
                 trial = self._new_trial(now)
                 words.append(trial.begin(now))
+            else:
+                trial = state[i]
+                words.append(trial.go_on(now))
             after.append(trial)
         stacked = np.asarray(words, np.float32)
         return (stacked[0] if single else stacked), after
@@ -182,15 +177,6 @@ class ProcedureAgent(Agent):
             raise ValueError(f"{path} is damaged: {error}") from error
         self.num_timesteps = motions
         return self
-
-
-def _check_at_home(now: Observation) -> None:
-    if np.abs(now.registers).max() > 0:
-        raise ValueError(
-            "predict got state=None in the middle of a trial (registers are "
-            f"{now.registers.tolist()}): pass the state back that the last call returned, "
-            "or episode_start where a new trial begins"
-        )
 
 
 def _rows(observation: RawObservation) -> list[RawObservation]:

@@ -52,6 +52,7 @@ SERVOS: tuple[tuple[str, dict[str, Any], dict[str, Required]], ...] = (
         for estimator in ("broyden", "trust_region", "rls", "local")
     ),
     ("unified_servo", {}, UNIFIED),
+    ("recurrent_servo", {}, NOTHING),
     ("joint_space_servo", {}, NOTHING),
     ("affine_stereo", {}, NOTHING),
 )
@@ -61,6 +62,7 @@ ROLLED: tuple[tuple[str, dict[str, Any]], ...] = (
     ("unified_servo", {}),
     ("unified_servo", {"estimator": "test_motions"}),
     ("work_plane_servo", {}),
+    ("recurrent_servo", {}),
 )
 """Controllers whose camera is rolled in mid-trial."""
 

@@ -1,0 +1,79 @@
+"""The file of a network: safetensors, with what it was trained on and what it observes; never a pickle."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+from safetensors import safe_open
+from safetensors.torch import save_file
+
+from agents.base.observation import STANDARD_KEYS
+from agents.neural.recurrent_servo.network import RecurrentServoNetwork
+
+KEPT = Path(__file__).parent / "weights.safetensors"
+"""The network that comes with the code."""
+_HEADER = "calfree"
+_KIND = "recurrent_servo"
+
+
+def observation_format(observations: Any, actions: Any) -> dict[str, list[int]]:
+    """Shapes of all that a network observes and sends, by key, of one robot's spaces."""
+    spaces: Mapping[str, gym.Space[Any]] = getattr(observations, "spaces", {})
+    shapes = {key: list(spaces[key].shape or ()) for key in STANDARD_KEYS if key in spaces}
+    return shapes | {"words": list(actions.shape)}
+
+
+def save_network(
+    path: str | Path,
+    network: RecurrentServoNetwork,
+    shapes: Mapping[str, list[int]],
+    training: Mapping[str, Any],
+    num_timesteps: int = 0,
+) -> None:
+    """Writes a network, what it observes (see `observation_format`) and how it was trained."""
+    header = {
+        "kind": _KIND,
+        "observation_format": dict(shapes),
+        "hidden": network.hidden,
+        "num_timesteps": num_timesteps,
+        "training": dict(training),
+    }
+    tensors = {name: tensor.float().contiguous() for name, tensor in network.state_dict().items()}
+    save_file(tensors, path, {_HEADER: json.dumps(header)})  # of several entries the order would change
+
+
+def load_network(
+    path: str | Path, shapes: Mapping[str, list[int]]
+) -> tuple[RecurrentServoNetwork, dict[str, Any], int]:
+    """Reads a network that observes what `shapes` says, how it was trained, and its motions of `learn`.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is damaged, no such network, or of another observation format.
+    """
+    if not Path(path).exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    try:
+        with safe_open(path, "pt") as file:
+            header = json.loads((file.metadata() or {}).get(_HEADER, "{}"))
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except Exception as error:  # what is raised on a damaged file depends on where the damage is
+        raise ValueError(f"{path} is damaged or no safetensors file: {error!r}") from error
+    if header.get("kind") != _KIND:
+        raise ValueError(f"{path} holds {header.get('kind', 'no known agent')}; this agent is {_KIND}")
+    saved = header["observation_format"]
+    if saved != dict(shapes):
+        raise ValueError(
+            f"{path} is of a network with the observation format {saved}; here it is {dict(shapes)}: "
+            "it acts where the keys and shapes are the same, with as many motors"
+        )
+    network = RecurrentServoNetwork(saved["words"][0], header["hidden"])
+    try:
+        network.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise ValueError(f"{path} is damaged: {error}") from error
+    return network, header["training"], header["num_timesteps"]
