@@ -89,31 +89,42 @@ def _agents() -> Table:
 
 
 def _held_out(scenario: str, rows: pd.DataFrame) -> Table:
-    """Agent, what it must know, success and motions: before, right after, at the end.
+    """One row an agent: rendezvous and interquartile mean of motions at each moment, success at the end.
 
-    Results of older code have no rendezvous, and no motions of trials with one.
+    Results of older code have no rendezvous, and their motions per reach are the interquartile mean.
     """
-    shown = {
-        name: (title, form)
-        for name, title, form in (
-            (SUCCESS, "success", percent),
-            (RENDEZVOUS, "rendezvous", percent),
-            (MOTIONS, "motions per reach", number),
-            (f"{MOTIONS}_among_reached", "among reached", number),
-        )
-        if name in set(rows["measure"])
+    numbers = {
+        (row.agent, row.moment, row.measure): Estimate(row.value, row.low, row.high)
+        for row in rows.itertuples()
     }
-    lines: list[list[str]] = []
-    before = ""
-    for (agent, moment), found in rows.groupby(["agent", "moment"], sort=False):
-        of = {row.measure: Estimate(row.value, row.low, row.high) for row in found.itertuples()}
-        first = found.iloc[0]
-        head = [f"`{agent}`", str(first["must_know"])]
-        head = ["", ""] if agent == before else head
-        lines.append([*head, str(moment), *(form(of[name]) for name, (_, form) in shown.items())])
-        before = str(agent)
-    columns = ["agent", "what it must know", "when", *(title for title, _ in shown.values())]
-    return Table(scenario, f"Scenario {scenario}", pd.DataFrame(lines, columns=columns))
+    has = set(rows["measure"])
+    share = RENDEZVOUS if RENDEZVOUS in has else SUCCESS
+    middle = f"{MOTIONS}_iqm" if f"{MOTIONS}_iqm" in has else MOTIONS
+    moments = list(rows["moment"].unique())
+    known = rows.groupby("agent", sort=False)["must_know"].first()
+    lines = [
+        [
+            f"`{agent}`",
+            must_know,
+            *(
+                f"{percent(numbers[agent, moment, share])}; {number(numbers[agent, moment, middle])}"
+                if (agent, moment, share) in numbers
+                else "–"
+                for moment in moments
+            ),
+            percent(numbers[agent, moments[-1], SUCCESS]),
+        ]
+        for agent, must_know in known.items()
+    ]
+    columns = ["agent", "what it must know", *moments, f"success {moments[-1]}"]
+    title = f"Scenario {scenario}: {share}; motions per reach (interquartile mean)"
+    return Table(scenario, title, pd.DataFrame(lines, columns=columns))
+
+
+def _checkpoints(scenario: str, rows: pd.DataFrame) -> Table:
+    """Agents and measures by checkpoints."""
+    title = f"Scenario {scenario}, after so many motions (since the last perturbation)"
+    return _by(["agent", "measure"], "moment", f"{scenario}-checkpoints", title, rows)
 
 
 def _by_trial(scenario: str, rows: pd.DataFrame) -> Table:
@@ -146,14 +157,18 @@ def _threshold(scenario: str, rows: pd.DataFrame) -> Table:
 
 def _by_measure(name: str, title: str, rows: pd.DataFrame) -> Table:
     """Agents and moments by measures."""
+    return _by(["agent", "moment"], "measure", name, title, rows)
+
+
+def _by(keys: list[str], columns: str, name: str, title: str, rows: pd.DataFrame) -> Table:
+    """A number with its interval in each cell."""
     cells = [
         (percent if row.measure.startswith(_SHARES) else number)(Estimate(row.value, row.low, row.high))
         for row in rows.itertuples()
     ]
-    keys = ["agent", "moment"]
-    wide = rows.assign(cell=cells).pivot(index=keys, columns="measure", values="cell")
+    wide = rows.assign(cell=cells).pivot(index=keys, columns=columns, values="cell")
     wide = wide.reindex(index=pd.MultiIndex.from_frame(rows[keys].drop_duplicates()))
-    wide = wide.reindex(columns=rows["measure"].unique()).fillna("–")
+    wide = wide.reindex(columns=rows[columns].unique()).fillna("–")
     return Table(name, title, wide.rename_axis(columns=None).reset_index())
 
 
@@ -161,6 +176,7 @@ _SHARES = (SUCCESS, RENDEZVOUS, "fewer")
 """How the names of measures begin that are shares."""
 _MAKERS = {
     "held_out": _held_out,
+    "checkpoints": _checkpoints,
     "by_trial": _by_trial,
     "sweep": _sweep,
     "profile": _profile,

@@ -13,6 +13,7 @@ from experiments.reporting.finished_suite import (
     where_it_stands,
     with_cost,
 )
+from experiments.reporting.held_out.checkpoints import checkpoint_section
 from experiments.reporting.held_out.comparison import comparison_section
 from experiments.reporting.held_out.estimates import Moment, held_out_curve, moments, training_curve
 from experiments.reporting.held_out.figure import learning_curves
@@ -46,6 +47,7 @@ def scenario_sections(
     found = {label: moments(rows, label, suite.worlds, cap) for label in labels}
     sections = [_curves_and_moments(finished, scenario, evaluation, rows, found)]
     if any("at the end" in of_agent for of_agent in found.values()):
+        sections.append(checkpoint_section(finished, scenario, rows))
         trials = f"{evaluation.trials} held-out trials at the end of each lifetime"
         sections.append(
             profile_section(finished, scenario, found, where_it_stands(finished, scenario, trials))

@@ -56,7 +56,7 @@ def test_a_summary_has_every_number_of_the_report(finished_once):
     motions = {f"motions_per_reach{of}" for of in ("", "_iqm", "_worst_decile", "_among_reached")}
     assert set(moments["measure"]) == {"success", "rendezvous", "distance_mm", *motions}
     assert len(moments) == 2 * 3 * 7
-    assert set(summary["table"]) == {"held_out", "profile", "threshold", "comparison"}
+    assert set(summary["table"]) == {"held_out", "checkpoints", "profile", "threshold", "comparison"}
     assert summary[["config", "commit", "code", "mujoco"]].notna().all(axis=None)
     results = read_finished(finished_once).results
     end = results[(results["agent"] == "unified_servo") & (results["lifetime_motions"] == 90)]

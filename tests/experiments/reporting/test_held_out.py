@@ -6,6 +6,7 @@ import pytest
 
 from experiments.config.suite import ScenarioConfig
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost
+from experiments.reporting.held_out.checkpoints import shown_checkpoints
 from experiments.reporting.held_out.comparison import differences
 from experiments.reporting.held_out.estimates import (
     held_out_curve,
@@ -181,3 +182,25 @@ def test_one_bad_checkpoint_does_not_move_the_median_of_the_last(scenario):
     curve = held_out_curve(table(scenario, *jumping, *steady), "servo", MOTIONS, 2, scenario)
     assert list(curve.runs[:, -1]) == [60, 12]
     assert last_checkpoints(curve).value == 11
+
+
+def test_checkpoints_that_all_runs_have_are_shown_in_steps_and_by_what_went_before(scenario):
+    lifetime = [*range(0, 1001, 100), 1001, *range(1100, 1401, 100)]
+    rows = [
+        (world, "eval", motions, motions - 1000 if motions > 1000 else None, True, 3)
+        for world in (0, 1)
+        for motions in lifetime
+    ]
+    own = [(0, "eval", 150, None, True, 3), (0, "train", 130, None, True, 3)]
+    shown = shown_checkpoints(table(scenario, *rows, *own))
+    assert shown == {
+        0: "0",
+        100: "100",
+        200: "200",
+        500: "500",
+        1000: "1,000",
+        1001: "1,001 (+1)",
+        1100: "1,100 (+100)",
+        1200: "1,200 (+200)",
+        1400: "1,400 (+400)",
+    }
