@@ -38,7 +38,7 @@ def run_sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
                 in_view = _in_view(env.reset(seed=seed)[0])
                 (record,) = evaluate(TimedPredictor(agent, times), env, trials=1, seed=seed)
                 log.write("sweep", 0, 0, record, world=world, value=float(value), in_view=in_view)
-                reached += record.success
+                reached += record.rendezvous
             env.close()
             made = i * len(run.world_seeds)
             print(f"{of} {made}/{trials}: {reached} reached at {config.vary} {value:g}", flush=True)

@@ -84,7 +84,7 @@ class Checkpoints:
             self._log.write("eval", self._recorder.motions, self._recorder.since_perturbation, record)
         self._curves.write("eval", self._recorder.motions, records)
         self._last = self._recorder.motions
-        reached = sum(record.success for record in records)
+        reached = sum(record.rendezvous for record in records)
         print_progress(self._spec, self._recorder, f": {reached} of {trials} held-out trials reached")
 
 
