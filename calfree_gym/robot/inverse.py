@@ -6,8 +6,8 @@ import numpy as np
 
 from calfree_gym.geometry import Array
 
-_GRID = 7
-"""Registers that the search starts from, along each motor."""
+_CANDIDATES = 400
+"""About so many registers, on a grid, may the search start from."""
 _ITERATIONS = 30
 _STILL = 1e-9
 """The search ends with a step of registers that is smaller."""
@@ -27,7 +27,8 @@ def registers_at(point: Array, gripper_at: Callable[[Array], Array], lowest: Arr
         highest: The same at the other end.
     """
     motors = len(lowest)
-    axes = np.linspace(lowest, highest, _GRID).T
+    along = max(3, round(_CANDIDATES ** (1 / motors)))
+    axes = np.linspace(lowest, highest, along).T
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, motors)
     registers = grid[np.square(gripper_at(grid) - point).sum(-1).argmin()]
     moved = _STEP * np.vstack([np.zeros(motors), np.eye(motors)])
@@ -42,8 +43,11 @@ def registers_at(point: Array, gripper_at: Callable[[Array], Array], lowest: Arr
             residual = points[0] - point
         else:
             damping *= 100
-        normal = jacobian.T @ jacobian
-        step = np.linalg.solve(normal + damping * np.eye(motors), jacobian.T @ residual)
+        gradient = jacobian.T @ residual
+        stopped = ((best <= lowest) & (gradient > 0)) | ((best >= highest) & (gradient < 0))
+        free = np.where(stopped, 0.0, 1.0)
+        normal = jacobian.T @ jacobian * np.outer(free, free)
+        step = np.linalg.solve(normal + (damping + stopped) * np.eye(motors), gradient * free)
         registers = np.clip(best - step, lowest, highest)
         if np.abs(registers - best).max() < _STILL:
             break

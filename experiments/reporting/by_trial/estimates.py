@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
+from calfree_gym.envs.stereo_arms import JOINT_SPEED
 from experiments.config.suite import ScenarioConfig
 from experiments.evaluation import robot_seconds_at
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SECONDS, SUCCESS
@@ -77,12 +78,13 @@ def blocks(costs: pd.DataFrame, agent: str, measure: str, worlds: int, edges: Ar
         agent: The agent's label.
         measure: SUCCESS, RENDEZVOUS, MOTIONS or one of `seconds_at`.
         worlds: How many runs there should be; those without any row failed, and are worst throughout: no
-            success, `cap` motions, and the seconds of the slowest trial of any agent.
+            success, `cap` motions, and the seconds of `cap` motions of a full turn.
         edges: What `edges_of` returned.
         cap: Motions after which a trial has failed.
     """
     shares = measure in (SUCCESS, RENDEZVOUS)
-    most = float(cap) if measure == MOTIONS else float(costs[measure].max())
+    slowest = {seconds_at(look): (cap + 1) * (look + 2 * np.pi / JOINT_SPEED) for look in LOOKS}
+    most = float(cap) if measure == MOTIONS else slowest.get(measure, 1.0)
     worst, bounds = (0.0, SHARE) if shares else (most, (1.0 if measure == MOTIONS else 0.0, most))
     mine = costs[costs["agent"] == agent]
     block = np.searchsorted(edges, mine["trial"], side="right") - 1

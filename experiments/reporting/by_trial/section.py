@@ -37,8 +37,8 @@ _HOW_TO_READ = (
     "trial without a rendezvous counts as the cap in motions, and as going on to it at its own pace in "
     "robot seconds. Robot seconds are means where a look (settling and evaluating both images, after each "
     f"motion and after the way home) takes {LOOKS[0]:g} to {LOOKS[-1]:g} s: the paper tells none, so they "
-    "confirm none of its seconds. A run that did not finish counts as no success, as the cap, and as the "
-    "slowest trial of any agent. Blocks begin anew where the schedule perturbs the world."
+    "confirm none of its seconds. A run that did not finish counts as no success, as the cap, and as "
+    "so many motions of a full turn. Blocks begin anew where the schedule perturbs the world."
 )
 
 

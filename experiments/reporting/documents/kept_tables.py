@@ -116,9 +116,13 @@ def _held_out(scenario: str, rows: pd.DataFrame) -> Table:
         ]
         for agent, must_know in known.items()
     ]
-    columns = ["agent", "what it must know", *moments, f"success {moments[-1]}"]
-    title = f"Scenario {scenario}: {share}; motions per reach (interquartile mean)"
-    return Table(scenario, title, pd.DataFrame(lines, columns=columns))
+    columns = [
+        "agent",
+        "what it must know",
+        *(f"{moment}: {share}; motions per reach" for moment in moments),
+        f"{moments[-1]}: {SUCCESS}",
+    ]
+    return Table(scenario, f"Scenario {scenario}", pd.DataFrame(lines, columns=columns))
 
 
 def _checkpoints(scenario: str, rows: pd.DataFrame) -> Table:

@@ -1,66 +1,106 @@
 """What each agent has come to after how many motions, and how soon it is back after a perturbation."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, FinishedSuite, few_worlds
-from experiments.reporting.held_out.estimates import held_out_curve
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, number, percent
-from experiments.statistics import bands, mean
+from experiments.statistics import SHARE, Estimate, mean, over_worlds
 
 _STEPS = np.array([step * 10**power for power in range(8) for step in (1, 2, 5)])
 """Motions since the beginning, or since a perturbation; the first checkpoint after each is shown."""
-_NAMES = {RENDEZVOUS: "rendezvous", SUCCESS: "success", MOTIONS: "motions per reach"}
-_FORMS = {RENDEZVOUS: percent, SUCCESS: percent, MOTIONS: lambda found: number(found, 2)}
+_CHANGES = 3
+"""Perturbations after which checkpoints are shown: a table has an end."""
+_FORMS: dict[str, tuple[str, Callable[[Estimate], str]]] = {
+    RENDEZVOUS: ("rendezvous", percent),
+    SUCCESS: ("success", percent),
+    MOTIONS: ("motions per reach", lambda found: number(found, 2)),
+}
 _HOW_TO_READ = (
-    "Held-out trials after so many motions of the lifetime; in brackets, how many of them since the "
-    "last perturbation. Rendezvous: the last observation was within the tolerance. Success: the true "
-    "error was. Motions per reach: a trial without a rendezvous counts as the cap. Means over worlds "
-    "with 95 % intervals over worlds; the upper limit of motions allows for a world, not met, in which "
-    "nothing works."
+    "Held-out trials after so many motions, since the beginning or since a perturbation. Where an agent "
+    "has no checkpoint there, its next one. Rendezvous: the last observation was within the tolerance. "
+    "Success: the true error was. Motions per reach: a trial without a rendezvous counts as the cap. "
+    "Means over worlds with 95 % intervals over worlds; the upper limit of motions allows for a world, not "
+    "met, in which nothing works."
 )
+Checkpoint = tuple[int, float]
+"""The number of perturbations before it, and motions since the last one, or since the beginning."""
 
 
-def shown_checkpoints(rows: pd.DataFrame) -> dict[float, str]:
-    """The checkpoints that all runs have, thinned to a sequence 1-2-5 and the last: their names by motions.
+def with_clocks(rows: pd.DataFrame) -> pd.DataFrame:
+    """Held-out trials, each with the `stretch` and the `clock` of its checkpoint.
 
     Args:
         rows: What `with_cost` returned.
     """
-    keys = ["agent", "world", "lifetime_motions"]
-    held_out = rows[rows["phase"] == "eval"].drop_duplicates(keys)
-    since = held_out["motions_since_perturbation"].astype("Float64").to_numpy(dtype=float, na_value=np.nan)
-    at = held_out.assign(since=since).groupby("lifetime_motions")["since"]
-    found = at.agg(runs="size", since="min", latest="max").reset_index()
-    everywhere = found["runs"] == held_out.groupby(["agent", "world"]).ngroups
-    found = found[everywhere & ~(found["since"] < found["latest"])]
-    clock = found["since"].fillna(found["lifetime_motions"])
-    step = pd.Series(np.searchsorted(_STEPS, clock, side="right"), found.index)
-    stretch = found["since"].notna(), found["lifetime_motions"] - clock
-    first = pd.concat([*stretch, step], axis=1).drop_duplicates().index
-    shown = found.loc[sorted({*first, *found.index[-1:]})]
-    return {
-        row.lifetime_motions: f"{row.lifetime_motions:,}" + (f" (+{row.since:,.0f})" if row.since > 0 else "")
-        for row in shown.itertuples()
-    }
+    held_out = rows[rows["phase"] == "eval"]
+    since = pd.Series(
+        held_out["motions_since_perturbation"].astype("Float64").to_numpy(float, na_value=np.nan)
+    )
+    since.index = held_out.index
+    began = held_out["lifetime_motions"] - since
+    stretch = began.groupby([held_out["agent"], held_out["world"]]).rank("dense").fillna(0).astype(int)
+    return held_out.assign(stretch=stretch, clock=since.fillna(held_out["lifetime_motions"]))
+
+
+def shown_checkpoints(held_out: pd.DataFrame) -> dict[Checkpoint, str]:
+    """Checkpoints to show, and their names: in each stretch those of the run with most, thinned to 1-2-5.
+
+    Args:
+        held_out: What `with_clocks` returned.
+    """
+    shown: dict[Checkpoint, str] = {}
+    for stretch, found in held_out[held_out["stretch"] <= _CHANGES].groupby("stretch"):
+        runs = found.groupby(["agent", "world"], sort=False)["clock"].unique()
+        clocks = np.sort(max(runs, key=len))
+        _, first = np.unique(np.searchsorted(_STEPS, clocks, side="right"), return_index=True)
+        for i in sorted({*first.tolist(), len(clocks) - 1}):
+            after = f" after change {stretch}" if stretch else ""
+            shown[stretch, clocks[i]] = f"{'+' if stretch else ''}{clocks[i]:,.0f}{after}"
+    return shown
+
+
+def scores(own: pd.DataFrame, measure: str, at: Checkpoint) -> pd.Series:
+    """Each world's mean over its trials at a checkpoint, or at the next; worlds that never came to it lack.
+
+    Args:
+        own: Of one agent, what `with_clocks` returned.
+        measure: A column.
+        at: The checkpoint.
+    """
+    stretch, clock = at
+    found = own[own["stretch"] == stretch].groupby(["world", "clock"])[measure].mean().reset_index()
+    due = found[found["clock"] >= clock].groupby("world").first()
+    last = found.groupby("world").last()
+    return due[measure].combine_first(last[measure])
 
 
 def checkpoint_section(finished: FinishedSuite, scenario: ScenarioConfig, rows: pd.DataFrame) -> Section:
     """Rendezvous, success and motions per reach of all agents at some checkpoints, as a table."""
-    worlds, shown = finished.suite.worlds, shown_checkpoints(rows)
+    worlds, held_out = finished.suite.worlds, with_clocks(rows)
+    shown, cap = shown_checkpoints(held_out), float(scenario.env.max_episode_steps)
     lines, summary = [], []
     for agent in (agent.label for agent in finished.suite.agents):
-        for measure, form in _FORMS.items():
-            curve = held_out_curve(rows, agent, measure, worlds, scenario)
-            values = curve.runs[:, np.searchsorted(curve.motions, list(shown), side="right") - 1]
-            found = bands(values, mean, curve.bounds, np.random.default_rng(0))
-            lines.append([agent if measure == RENDEZVOUS else "", _NAMES[measure], *map(form, found)])
-            summary += [
-                summary_row(scenario.name, "checkpoints", agent, name, measure, each, worlds)
-                for name, each in zip(shown.values(), found, strict=True)
-            ]
+        own = held_out[held_out["agent"] == agent]
+        failed = worlds - rows.loc[rows["agent"] == agent, "world"].nunique()
+        for measure, (name, form) in _FORMS.items():
+            worst, bounds = (cap, (1.0, cap)) if measure == MOTIONS else (0.0, SHARE)
+            cells = []
+            for at, when in shown.items():
+                values = np.append(scores(own, measure, at).to_numpy(float), [worst] * failed)
+                if not len(values):
+                    cells.append("–")
+                    continue
+                estimate = over_worlds(values, mean, bounds, np.random.default_rng(0))
+                cells.append(form(estimate))
+                summary.append(
+                    summary_row(scenario.name, "checkpoints", agent, when, measure, estimate, len(values))
+                )
+            lines.append([agent if measure == RENDEZVOUS else "", name, *cells])
     columns = ["agent", "", *shown.values()]
     return Section(
         title=f"Scenario {scenario.name}, after how many motions",

@@ -29,7 +29,10 @@ _HOW_TO_READ = (
     "all agents by what they came to at that moment of their own lifetimes. Success, rendezvous: "
     "means over worlds, in points of a percentage. Motions per reach (a failure counts as the cap): "
     "mean over worlds with a paired t interval, and median over worlds. Fewer motions: the share of "
-    "worlds in which it needs fewer, equal ones counting half. Intervals: 95 % over worlds."
+    "worlds in which it needs fewer, equal ones counting half. Intervals: 95 % over worlds; that of the "
+    "mean motions knows of no world that is bad for one agent alone and was not met: with 4 worlds it "
+    "then holds the truth in 37 %, with 20 in 90 % (`benchmark coverage`); the median and the share do not "
+    "depend on it."
 )
 
 

@@ -30,7 +30,7 @@ _HOW_TO_READ = (
     "in the perturbed world. Worlds: runs that finished and came to that moment; lifetime motions: "
     "the fewest and the most among them. Success: the true error at the end is within the tolerance. "
     "Rendezvous: the last observation was. Motions per reach: a trial without a rendezvous counts as "
-    "the cap; then the interquartile mean over worlds, the mean of the worst tenth of the worlds, and "
+    "the cap; then the interquartile mean over worlds, the mean of the worst tenth of those met, and "
     "the mean over trials with a rendezvous alone. All are means over worlds of each world's mean, "
     "but where said, with 95 % intervals over worlds. Distance: median true distance at the end of a "
     "trial. A run that did not finish counts as no success and as the cap; it has no distance."
@@ -121,7 +121,7 @@ def _table(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig, worlds
             shown = ["no run finished", f"0 of {worlds}", "–", "0 %", "0 %", cap, cap, cap, "–", "–"]
             rows.append([agent, *shown])
         for name, moment in _in_order(of_agent):
-            among = moment.among_reached()
+            among, motions = moment.among_reached(), moment.motions()
             rows.append(
                 [
                     agent,
@@ -130,7 +130,8 @@ def _table(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig, worlds
                     _range(*moment.lifetime_motions),
                     percent(moment.share(SUCCESS)),
                     percent(moment.share(RENDEZVOUS)),
-                    *map(number, moment.motions().values()),
+                    *map(number, (motions[MOTIONS], motions[f"{MOTIONS}_iqm"])),
+                    f"{motions[f'{MOTIONS}_worst_decile'].value:.1f}",
                     "–" if among is None else number(among),
                     f"{moment.distance_mm:.1f}",
                 ]

@@ -18,7 +18,9 @@ GOOD = 0.95
 _STRETCHES = ("from the beginning", "after the first perturbation")
 _HOW_TO_READ = (
     f"Motions until the first checkpoint at which {GOOD:.0%} of the held-out trials end with an "
-    "observed rendezvous: from the beginning of the lifetime, and from the first perturbation. A "
+    "observed rendezvous, as they do on average from there to the end of the stretch (an agent that "
+    "jumps has lucky checkpoints, which do not count). Times are those of checkpoints: no finer than "
+    "their distance. From the beginning of the lifetime, and from the first perturbation. A "
     "world whose lifetime, or the time until its next perturbation, ends before that is "
     "right-censored. Median: by Kaplan and Meier, ∞ where more than half of the worlds do not come to "
     "it. Restricted mean: a world counts at most as the longest time that was looked at, of any agent. Last "
@@ -59,7 +61,10 @@ def times_to_good(rows: pd.DataFrame, agent: str, worlds: int) -> dict[str, Time
 
 def _first_good(rows: pd.DataFrame, clock: str, failed: int) -> Times:
     shares = rows.groupby(["world", clock])[RENDEZVOUS].mean().reset_index()
-    good = shares[shares[RENDEZVOUS] >= GOOD].groupby("world")[clock].min()
+    backwards = shares.sort_values(clock, ascending=False)
+    shares["later"] = backwards.groupby("world")[RENDEZVOUS].transform(lambda own: own.expanding().mean())
+    lasting = shares[(shares[RENDEZVOUS] >= GOOD) & (shares["later"] >= GOOD)]
+    good = lasting.groupby("world")[clock].min()
     last = shares.groupby("world")[clock].max()
     times = good.reindex(last.index).fillna(last).to_numpy(dtype=float)
     reached = last.index.isin(good.index)

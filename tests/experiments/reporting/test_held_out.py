@@ -6,7 +6,7 @@ import pytest
 
 from experiments.config.suite import ScenarioConfig
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost
-from experiments.reporting.held_out.checkpoints import shown_checkpoints
+from experiments.reporting.held_out.checkpoints import scores, shown_checkpoints, with_clocks
 from experiments.reporting.held_out.comparison import differences
 from experiments.reporting.held_out.estimates import (
     held_out_curve,
@@ -157,7 +157,7 @@ def test_motions_to_the_threshold_are_right_censored(scenario):
         scenario,
         (0, "eval", 0, None, False, 60),
         (0, "eval", 100, None, True, 10),
-        (0, "eval", 200, None, False, 60),
+        (0, "eval", 200, None, True, 10),
         (0, "eval", 221, 1, False, 60),
         (0, "eval", 300, 80, True, 20),
         (1, "eval", 0, None, False, 60),
@@ -184,23 +184,37 @@ def test_one_bad_checkpoint_does_not_move_the_median_of_the_last(scenario):
     assert last_checkpoints(curve).value == 11
 
 
-def test_checkpoints_that_all_runs_have_are_shown_in_steps_and_by_what_went_before(scenario):
+def test_checkpoints_are_shown_in_steps_and_by_what_went_before(scenario):
+    """A run that is evaluated at other motions is shown by its next checkpoint, in the same stretch."""
     lifetime = [*range(0, 1001, 100), 1001, *range(1100, 1401, 100)]
     rows = [
-        (world, "eval", motions, motions - 1000 if motions > 1000 else None, True, 3)
+        (world, "eval", motions, motions - 1000 if motions > 1000 else None, motions > world, 3)
         for world in (0, 1)
         for motions in lifetime
     ]
-    own = [(0, "eval", 150, None, True, 3), (0, "train", 130, None, True, 3)]
-    shown = shown_checkpoints(table(scenario, *rows, *own))
-    assert shown == {
-        0: "0",
-        100: "100",
-        200: "200",
-        500: "500",
-        1000: "1,000",
-        1001: "1,001 (+1)",
-        1100: "1,100 (+100)",
-        1200: "1,200 (+200)",
-        1400: "1,400 (+400)",
-    }
+    others = [(2, "eval", motions, None, motions > 150, 3) for motions in (0, 128, 256, 1024)]
+    others += [(2, "eval", 1088, 64, False, 60), (2, "eval", 1408, 384, True, 3)]
+    held_out = with_clocks(table(scenario, *rows, *others, (0, "train", 130, None, True, 3)))
+    shown = shown_checkpoints(held_out)
+    assert list(shown) == [
+        *((0, clock) for clock in (0, 100, 200, 500, 1000)),
+        *((1, clock) for clock in (1, 100, 200, 400)),
+    ]
+    assert shown[0, 1000] == "1,000"
+    assert shown[1, 100] == "+100 after change 1"
+    assert list(scores(held_out, SUCCESS, (0, 0))) == [0, 0, 0]
+    assert list(scores(held_out, SUCCESS, (0, 100))) == [1, 1, 0]
+    assert list(scores(held_out, SUCCESS, (0, 200))) == [1, 1, 1]
+    assert list(scores(held_out, SUCCESS, (1, 1))) == [1, 1, 0]
+    assert list(scores(held_out, SUCCESS, (1, 400))) == [1, 1, 1]
+
+
+def test_a_lucky_checkpoint_is_no_threshold(scenario):
+    share = {0: 0, 100: 20, 200: 15, 300: 19, 400: 20}
+    rows = [
+        (0, "eval", motions, None, trial < reached, 3)
+        for motions, reached in share.items()
+        for trial in range(20)
+    ]
+    times, reached, latest = times_to_good(table(scenario, *rows), "servo", 1)["from the beginning"]
+    assert (times.tolist(), reached.tolist(), latest) == ([300], [True], 400)

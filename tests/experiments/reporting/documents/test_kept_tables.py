@@ -47,8 +47,9 @@ def test_every_agent_says_what_it_must_know():
 
 def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
     lines = tables_named("quick/aimed", kept).splitlines()
-    moments = "before | right after | at the end"
-    assert lines[0] == f"| agent | what it must know | {moments} | success at the end |"
+    moments = ("before", "right after", "at the end")
+    heads = " | ".join(f"{moment}: rendezvous; motions per reach" for moment in moments)
+    assert lines[0] == f"| agent | what it must know | {heads} | at the end: success |"
     cells = lines[3].strip("| ").split(" | ")
     assert cells[:2] == ["`unified_servo`", "image scale, noise, word limit"]
     report = (finished_once / "report.md").read_text().splitlines()
