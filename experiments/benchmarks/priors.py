@@ -31,8 +31,8 @@ BUILT_FOR = {"model_based": "coarse", "affine_stereo": "coarse"}
 """Worlds for agents that reach in no wild one, or in few: the paper's coarsely calibrated robot."""
 LIVES = {"self_calibrating": (3, 4), "self_supervised": (2, 25), "cooperstock_milios": (2, 25)}
 """Worlds and trials of agents that take long where they break, or that a few trials teach nothing."""
-UNMEASURED = frozenset({PriorKnowledge.REWARD, PriorKnowledge.TRAINING_WORLDS})
-"""Agents that are built on these need more motions than a short life has."""
+UNMEASURED = PriorKnowledge.REWARD
+"""Agents that are built on it need more motions than a short life has."""
 
 Array = NDArray[np.float64]
 Map = Callable[[Array], Array]
@@ -222,7 +222,7 @@ def declared(name: str) -> tuple[PriorKnowledge, ...]:
 
 def measured() -> tuple[str, ...]:
     """The agents that a short life can tell about."""
-    return tuple(name for name in agents.names() if not UNMEASURED & {*declared(name)})
+    return tuple(name for name in agents.names() if UNMEASURED not in declared(name))
 
 
 def priors(worlds: int = 6, trials: int = 6) -> Iterator[Table]:
