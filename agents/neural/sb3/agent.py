@@ -18,7 +18,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr, recursive_setattr
-from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.utils import set_random_seed, should_collect_more_steps
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from agents.base.agent import Agent, Callback
@@ -136,7 +136,11 @@ class Sb3Agent(Agent):
         return scaled_words(actions, **self._words), state
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
-        """See `Agent`. Motions after the last whole rollout, or `train_freq`, teach nothing.
+        """See `Agent`. Rows make whole steps: the motions are rounded down to a multiple of their number.
+
+        Updates come after each whole rollout, or `train_freq`. Motions after the last whole one teach nothing
+        on-policy. Off-policy they go into the replay buffer, but for the last of each row, and bring about
+        no update. Where `callback` ends it, that is as after a broken rollout.
 
         Raises:
             ValueError: Fewer motions than the environment has rows.
@@ -144,6 +148,7 @@ class Sb3Agent(Agent):
         rows = self._model.n_envs
         if total_timesteps < rows:
             raise ValueError(f"learn got {total_timesteps} motions; its {rows} rows make {rows} at once")
+        total_timesteps -= total_timesteps % rows
         self._model._last_obs = None  # each call starts with a new trial
         if self._by_key:
             with warnings.catch_warnings(action="ignore"):
@@ -207,7 +212,7 @@ class Sb3Agent(Agent):
 
 
 class _Translated(BaseCallback):
-    """Keeps the agent's count of motions, calls its callback after each, and ends where they are all made."""
+    """Keeps the agent's count of motions, calls its callback after each, and breaks a rollout at the end."""
 
     def __init__(self, agent: Agent, end: int, callback: Callback | None) -> None:
         super().__init__()
@@ -216,7 +221,17 @@ class _Translated(BaseCallback):
     def _on_step(self) -> bool:
         self._agent.num_timesteps = self.num_timesteps
         goes_on = self._callback is None or self._callback(self._agent)
-        return goes_on and self.num_timesteps + self.model.n_envs <= self._end
+        return goes_on and (self.num_timesteps < self._end or not self._within_rollout())
+
+    def _within_rollout(self) -> bool:
+        """Whether the algorithm would make another motion before it updates its networks and ends by itself."""
+        now = self.locals
+        if "n_rollout_steps" in now:
+            return bool(now["n_steps"] + 1 < now["n_rollout_steps"])
+        if "num_collected_steps" not in now:
+            return True
+        episodes = now["num_collected_episodes"] + int(np.sum(now["dones"]))
+        return should_collect_more_steps(now["train_freq"], now["num_collected_steps"], episodes)
 
 
 def _warn_of_moving_goals(env: Any) -> None:

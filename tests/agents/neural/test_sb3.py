@@ -135,6 +135,62 @@ def test_rows_learn_together_and_their_motions_are_summed(name):
         agent.learn(3)
 
 
+def weights(agent):
+    return torch.cat([parameter.detach().flatten() for parameter in agent._model.policy.parameters()])
+
+
+@pytest.mark.parametrize("name", ["ppo", "recurrent_ppo"])
+@pytest.mark.parametrize("rows", [1, 4])
+def test_every_whole_rollout_teaches_however_motions_are_divided(name, rows):
+    rollout = 20 * rows
+    divided, at_once = (make(name, rows_of_one_world(4) if rows == 4 else None) for _ in range(2))
+    for updates in (2, 4, 6):  # epochs
+        before = weights(divided)
+        divided.learn(rollout)
+        assert not torch.equal(before, weights(divided))
+        assert divided._model._n_updates == updates
+    at_once.learn(3 * rollout)
+    assert at_once._model._n_updates == 6
+    assert divided.num_timesteps == at_once.num_timesteps == 3 * rollout
+    before = weights(divided)
+    divided.learn(rollout - 1)
+    assert torch.equal(before, weights(divided))
+
+
+@pytest.mark.parametrize("rows", [1, 4])
+def test_off_policy_motions_in_parts_are_all_kept_and_teach(rows):
+    settings = {"train_freq": 4, "learning_starts": 0, "gradient_steps": 2}
+    agent = make("sac", rows_of_one_world(4) if rows == 4 else None, **settings)
+    for part in range(1, 21):
+        agent.learn(4 * rows)
+        assert agent._model.replay_buffer.pos == 4 * part
+        assert agent._model._n_updates == 2 * part
+    agent.learn(3 * rows)
+    assert agent._model.replay_buffer.pos == 82
+    assert agent._model._n_updates == 40
+
+
+@pytest.mark.parametrize(("name", "setting"), [("ppo", {}), ("sac", {"train_freq": 4}), ("sac", {})])
+def test_any_number_of_motions_is_never_exceeded(name, setting):
+    for rows in (1, 4):
+        env = rows_of_one_world(4) if rows == 4 else None
+        agent, made = make(name, env, **setting), 0
+        for asked in (4, 5, 19, 20, 21, 39, 41, 80):
+            seen = []
+            agent.learn(asked, callback=lambda progress, seen=seen: seen.append(progress.num_timesteps) or True)
+            assert seen == list(range(made + rows, made + asked + 1, rows))
+            made = seen[-1]
+            assert agent.num_timesteps == agent._model.num_timesteps == made
+
+
+def test_where_updates_wait_for_a_whole_trial_its_last_motion_is_kept():
+    env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", max_episode_steps=6, tolerance_px=0.001)
+    agent = make("sac", env, train_freq=(1, "episode"), learning_starts=0)
+    agent.learn(12)
+    assert agent._model.replay_buffer.pos == 12
+    assert agent._model._n_updates == 2
+
+
 def test_a_rollout_is_as_long_in_one_environment_as_in_rows():
     settings = {"rows": 4, "n_steps": 5, "batch_size": 10}
     assert make("ppo", **settings)._model.n_steps == 20
