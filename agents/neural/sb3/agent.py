@@ -224,7 +224,7 @@ class _Translated(BaseCallback):
         return goes_on and (self.num_timesteps < self._end or not self._within_rollout())
 
     def _within_rollout(self) -> bool:
-        """Whether the algorithm would make another motion before it updates its networks and ends by itself."""
+        """Whether the algorithm would make another motion before it updates its networks and can end."""
         now = self.locals
         if "n_rollout_steps" in now:
             return bool(now["n_steps"] + 1 < now["n_rollout_steps"])

@@ -177,7 +177,9 @@ def test_any_number_of_motions_is_never_exceeded(name, setting):
         agent, made = make(name, env, **setting), 0
         for asked in (4, 5, 19, 20, 21, 39, 41, 80):
             seen = []
-            agent.learn(asked, callback=lambda progress, seen=seen: seen.append(progress.num_timesteps) or True)
+            agent.learn(
+                asked, callback=lambda progress, seen=seen: seen.append(progress.num_timesteps) or True
+            )
             assert seen == list(range(made + rows, made + asked + 1, rows))
             made = seen[-1]
             assert agent.num_timesteps == agent._model.num_timesteps == made
