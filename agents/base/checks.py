@@ -38,12 +38,12 @@ def check_number(
         ValueError: It is none; says what is allowed.
     """
     right_kind = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
-    if right_kind and value > above and least <= value <= most and (math.isfinite(value) or not finite):
+    infinite = right_kind and not isinstance(value, Integral) and not math.isfinite(value)
+    if right_kind and value > above and least <= value <= most and not (infinite and finite):
         return value
     bounds = [f"above {above:g}"] if above > -math.inf else []
     bounds += [f"{least:g} or more"] if least > -math.inf else []
     bounds += [f"at most {most:g}"] if most < math.inf else []
-    infinite = right_kind and not math.isfinite(value)
     kind = "a whole number" if whole else "a finite number" if infinite and finite else "a number"
     raise ValueError(f"{name} is {value!r}; it must be {', '.join([kind, *bounds])}")
 

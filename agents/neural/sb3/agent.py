@@ -26,7 +26,7 @@ from agents.base.checks import check_number
 from agents.base.observation import RawObservation
 from agents.base.prior_knowledge import PriorKnowledge
 from agents.neural.sb3.algorithms import algorithm_of, built_settings, policy_name
-from agents.neural.sb3.files import Saved, read, write
+from agents.neural.sb3.files import Saved, check_tensor, read, write
 from agents.neural.sb3.inputs import GOALS, FlatObservations, ImageDistance, flattened
 from calfree_gym.sb3 import as_sb3_env
 from calfree_gym.wrappers import ScaledWords, VectorScaledWords, scaled_words
@@ -194,16 +194,19 @@ class Sb3Agent(Agent):
                     f"{path} holds a learner with {what} {saved.about.get(what)}; this one has {ours}"
                 )
         before = copy.deepcopy(self._model.get_parameters())
+        variables = self._model._get_torch_save_params()[1]
         try:
+            for name in variables:
+                check_tensor(name, saved.variables[name], recursive_getattr(self._model, name))
             self._model.set_parameters(saved.parameters, exact_match=True)
-            for name in self._model._get_torch_save_params()[1]:
-                recursive_setattr(self._model, f"{name}.data", saved.variables[name].data)
         except (ValueError, KeyError, RuntimeError, AttributeError, TypeError) as error:
             self._model.set_parameters(before)
             raise ValueError(
                 f"{path} holds {', '.join(sorted(saved.parameters))} that do not fit this learner, "
                 f"{self._about}: {str(error)[:300]}"
             ) from error
+        for name in variables:
+            recursive_setattr(self._model, f"{name}.data", saved.variables[name].data)
         self.num_timesteps = self._model.num_timesteps = saved.motions
         self._model._n_updates = saved.updates
         if hasattr(self._model, "learning_starts"):

@@ -112,7 +112,7 @@ class SelfTaughtAgent(ProcedureAgent):
         )
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
-        """See `Agent`. Its draws follow from `seed` and the motions before: with both, loaded agents learn alike."""
+        """See `Agent`. Its draws follow from `seed` and the motions before: with both, agents learn alike."""
         self._rng = np.random.default_rng([self.seed, self.num_timesteps])
         return super().learn(total_timesteps, callback)
 

@@ -1,6 +1,7 @@
 """The adapter of stable-baselines3: algorithms by name, networks' inputs, rows, files that run nothing."""
 
 import io
+import json
 import os
 import pickle
 import tempfile
@@ -301,6 +302,54 @@ def test_a_file_of_stable_baselines3_itself_loads_without_its_pickles(tmp_path):
         make().load(saved)
     with pytest.raises(ValueError, match=r"do not fit this learner.*stable_baselines3.TD3"):
         make("td3", distance_scales=[]).load(saved)
+
+
+def altered(path, header=None, parameters=None, variables=None):
+    """Rewrites a saved learner with parts of its header or tensors replaced; bytes stand for the header."""
+    with zipfile.ZipFile(path) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    if not isinstance(header, bytes):
+        header = json.dumps(json.loads(entries["calfree.json"]) | (header or {})).encode()
+    tensors = torch.load(io.BytesIO(entries["parameters.pt"]), weights_only=True)
+    tensors["parameters"] = (tensors["parameters"] | parameters) if parameters else tensors["parameters"]
+    tensors["variables"] = (tensors["variables"] | variables) if variables else tensors["variables"]
+    content = io.BytesIO()
+    torch.save(tensors, content)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("calfree.json", header)
+        archive.writestr("parameters.pt", content.getvalue())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"header": b"[" * 200_000}, "damaged: RecursionError"),
+        ({"header": b"[1]"}, "damaged"),
+        ({"header": {"motions": -5}}, "damaged: motions is -5; it must be a whole number, 0 or more"),
+        ({"header": {"motions": True}}, "damaged: motions is True"),
+        ({"header": {"updates": "x"}}, "damaged: updates is 'x'"),
+        ({"header": {"about": [1]}}, r"damaged: .*about is \[1\]; it must be a mapping"),
+        ({"header": {"about": None}}, "damaged: .*about is None"),
+        ({"parameters": {3: {}}}, "damaged: parameters are .*mapping of names"),
+        ({"parameters": {"policy": {"x": torch.zeros(1)}}}, "do not fit this learner"),
+        ({"variables": {"log_ent_coef": torch.zeros(7)}}, "log_ent_coef is tensor.*it must be finite"),
+        ({"variables": {"log_ent_coef": torch.full((1,), torch.nan)}}, "log_ent_coef is tensor"),
+        ({"variables": {"log_ent_coef": 3}}, "log_ent_coef is 3"),
+    ],
+    ids=lambda value: str(value)[:60],
+)
+def test_an_altered_file_is_told_and_changes_nothing(tmp_path, change, message):
+    other, agent, path = make(seed=1), make(), tmp_path / "sac.zip"
+    with torch.no_grad():
+        other._model.log_ent_coef += 1
+    other.save(path)
+    altered(path, **change)
+    before, coefficient = weights(agent), agent._model.log_ent_coef.clone()
+    with pytest.raises(ValueError, match=rf"sac.zip.*{message}"):
+        agent.load(path)
+    assert torch.equal(before, weights(agent))
+    assert torch.equal(coefficient, agent._model.log_ent_coef)
+    assert agent.num_timesteps == 0
 
 
 def test_a_refused_file_changes_nothing(tmp_path):
