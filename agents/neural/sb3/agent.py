@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,6 +26,7 @@ from agents.base.agent import Agent, Callback
 from agents.base.checks import check_number
 from agents.base.observation import RawObservation
 from agents.base.prior_knowledge import PriorKnowledge
+from agents.base.random_state import OwnRandomState
 from agents.neural.sb3.algorithms import algorithm_of, built_settings, policy_name
 from agents.neural.sb3.files import Saved, check_tensor, read, write
 from agents.neural.sb3.inputs import GOALS, FlatObservations, ImageDistance, flattened
@@ -38,7 +40,7 @@ class Sb3Agent(Agent):
     Args:
         env: The environment, whose reward is what is learned from; or a batched one with SAME_STEP autoreset,
             whose rows stand in one world: their motions are summed.
-        seed: Of the networks and the exploration.
+        seed: Of the networks and the exploration; the caller's global generators stay as they are.
         algorithm: A dotted name, such as "sb3_contrib.CrossQ".
         word_limit: The largest word, see `calfree_gym.wrappers.ScaledWords`.
         word_curvature: Above 1, small words get finer.
@@ -103,16 +105,18 @@ class Sb3Agent(Agent):
             },
         }
         torch.set_num_threads(1)
-        set_random_seed(seed)  # given to the learner, it would draw another world too
-        try:
-            self._model: Any = learner(
-                policy=policy_name(learner, not self._by_key),
-                env=rows_of_env if self._by_key else FlatObservations(rows_of_env),
-                device="cpu",
-                **built,
-            )
-        except AssertionError as error:
-            raise ValueError(f"{algorithm}: {error}") from error
+        self._random_state = OwnRandomState()
+        with self._random_state.swapped_in():
+            set_random_seed(seed)  # given to the learner, it would draw another world too
+            try:
+                self._model: Any = learner(
+                    policy=policy_name(learner, not self._by_key),
+                    env=rows_of_env if self._by_key else FlatObservations(rows_of_env),
+                    device="cpu",
+                    **built,
+                )
+            except AssertionError as error:
+                raise ValueError(f"{algorithm}: {error}") from error
         self._model.action_space.seed(seed)
         self._model.set_logger(Logger(folder=None, output_formats=[]))  # else it logs to a folder of its own
         self._warm_up = getattr(self._model, "learning_starts", 0)
@@ -132,7 +136,8 @@ class Sb3Agent(Agent):
     ) -> tuple[NDArray[np.float32], Any]:
         """See `Agent`. The state is that of recurrent networks, else None."""
         inputs = dict(observation) if self._by_key else flattened(observation)
-        actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
+        with nullcontext() if deterministic else self._random_state.swapped_in():
+            actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
         return scaled_words(actions, **self._words), state
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
@@ -153,11 +158,12 @@ class Sb3Agent(Agent):
         if self._by_key:
             with warnings.catch_warnings(action="ignore"):
                 self._model.replay_buffer.truncate_last_trajectory()
-        self._model.learn(
-            total_timesteps,
-            callback=_Translated(self, self.num_timesteps + total_timesteps, callback),
-            reset_num_timesteps=self.num_timesteps == 0,
-        )
+        with self._random_state.swapped_in():
+            self._model.learn(
+                total_timesteps,
+                callback=_Translated(self, self.num_timesteps + total_timesteps, callback),
+                reset_num_timesteps=self.num_timesteps == 0,
+            )
         return self
 
     def save(self, path: str | Path) -> None:
