@@ -48,6 +48,17 @@ def check_number(
     raise ValueError(f"{name} is {value!r}; it must be {', '.join([kind, *bounds])}")
 
 
+def check_numbers(name: str, values: Any, **bounds: Any) -> list[Any]:
+    """Returns a setting that is a list (or tuple) of numbers, each within the bounds of `check_number`.
+
+    Raises:
+        ValueError: It is none; says what is allowed.
+    """
+    if not isinstance(values, list | tuple):
+        raise ValueError(f"{name} is {values!r}; it must be a list of numbers")
+    return [check_number(name, value, **bounds) for value in values]
+
+
 def check_one_of(name: str, value: Any, known: Iterable[str]) -> None:
     """Raises ValueError, with near misses, where a setting is none of `known`."""
     known = tuple(known)

@@ -23,7 +23,7 @@ from stable_baselines3.common.utils import set_random_seed, should_collect_more_
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from agents.base.agent import Agent, Callback
-from agents.base.checks import check_number
+from agents.base.checks import check_number, check_numbers
 from agents.base.observation import RawObservation
 from agents.base.prior_knowledge import PriorKnowledge
 from agents.base.random_state import OwnRandomState
@@ -76,6 +76,10 @@ class Sb3Agent(Agent):
         super().__init__(env, seed)  # type: ignore[arg-type]
         learner = algorithm_of(algorithm)
         self.rows = check_number("rows", rows, least=1, whole=True)
+        check_number("word_limit", word_limit, above=0, most=1)
+        check_number("word_curvature", word_curvature, above=0)
+        widths = check_numbers("net_arch", net_arch, least=1, whole=True)
+        scales = check_numbers("distance_scales", distance_scales, above=0)
         self._words = {"limit": word_limit, "curvature": word_curvature}
         rows_of_env = self._as_vec_env(env)
         spaces: Mapping[str, Any] = rows_of_env.observation_space.spaces  # type: ignore[attr-defined]
@@ -86,12 +90,12 @@ class Sb3Agent(Agent):
             _warn_of_moving_goals(env)
         if issubclass(learner, OnPolicyAlgorithm) and "n_steps" in built and rows_of_env.num_envs == 1:
             built["n_steps"] *= self.rows
-        built["policy_kwargs"] |= {"net_arch": list(net_arch)}
         built["policy_kwargs"] |= {
+            "net_arch": widths,
             "features_extractor_class": ImageDistance,
             "features_extractor_kwargs": {
                 "goals": spaces[GOALS[0]].shape[0],
-                "scales": [check_number("distance_scales", scale, above=0) for scale in distance_scales],
+                "scales": scales,
             },
         }
         self._about = {
@@ -99,8 +103,8 @@ class Sb3Agent(Agent):
             "observation": {key: list(spaces[key].shape) for key in sorted(spaces)},
             "words": {"motors": motors, "limit": word_limit, "curvature": word_curvature},
             "networks": {
-                "net_arch": list(net_arch),
-                "distance_scales": list(distance_scales),
+                "net_arch": widths,
+                "distance_scales": scales,
                 **settings.get("policy_kwargs", {}),
             },
         }
