@@ -1,15 +1,12 @@
 """Scoring an agent on held-out trials, without changing it."""
 
-import random
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import gymnasium
-import numpy as np
 
+from agents.base.random_state import random_state_preserved
 from calfree_gym.envs.stereo_arms import LOOK_SECONDS
 
 THRESHOLDS_PX = (2, 4, 8, 16)
@@ -128,7 +125,7 @@ def evaluate(agent: Predictor, env: gymnasium.Env[Any, Any], trials: int, seed: 
     Returns:
         One record a trial, in order.
     """
-    with _random_state_preserved():
+    with random_state_preserved():
         return [_make_trial(agent, env, trial, seed if trial == 0 else None) for trial in range(trials)]
 
 
@@ -144,18 +141,3 @@ def _make_trial(agent: Predictor, env: gymnasium.Env[Any, Any], trial: int, seed
         meter.add(info)
         over = terminated or truncated
     return meter.record()
-
-
-@contextmanager
-def _random_state_preserved() -> Iterator[None]:
-    torch = sys.modules.get("torch")
-    python_state = random.getstate()
-    numpy_state = np.random.get_state()  # noqa: NPY002
-    torch_state = torch.get_rng_state() if torch else None
-    try:
-        yield
-    finally:
-        random.setstate(python_state)
-        np.random.set_state(numpy_state)  # noqa: NPY002
-        if torch:
-            torch.set_rng_state(torch_state)

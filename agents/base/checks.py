@@ -38,14 +38,25 @@ def check_number(
         ValueError: It is none; says what is allowed.
     """
     right_kind = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
-    if right_kind and value > above and least <= value <= most and (math.isfinite(value) or not finite):
+    infinite = right_kind and not isinstance(value, Integral) and not math.isfinite(value)
+    if right_kind and value > above and least <= value <= most and not (infinite and finite):
         return value
     bounds = [f"above {above:g}"] if above > -math.inf else []
     bounds += [f"{least:g} or more"] if least > -math.inf else []
     bounds += [f"at most {most:g}"] if most < math.inf else []
-    infinite = right_kind and not math.isfinite(value)
     kind = "a whole number" if whole else "a finite number" if infinite and finite else "a number"
     raise ValueError(f"{name} is {value!r}; it must be {', '.join([kind, *bounds])}")
+
+
+def check_numbers(name: str, values: Any, **bounds: Any) -> list[Any]:
+    """Returns a setting that is a list (or tuple) of numbers, each within the bounds of `check_number`.
+
+    Raises:
+        ValueError: It is none; says what is allowed.
+    """
+    if not isinstance(values, list | tuple):
+        raise ValueError(f"{name} is {values!r}; it must be a list of numbers")
+    return [check_number(name, value, **bounds) for value in values]
 
 
 def check_one_of(name: str, value: Any, known: Iterable[str]) -> None:

@@ -11,6 +11,7 @@ import gymnasium as gym
 from safetensors import safe_open
 from safetensors.torch import save_file
 
+from agents.base.checks import check_number
 from agents.base.observation import STANDARD_KEYS
 from agents.neural.recurrent_servo.network import RecurrentServoNetwork
 
@@ -18,6 +19,7 @@ KEPT = Path(__file__).parent / "weights.safetensors"
 """The network that comes with the code."""
 _HEADER = "calfree"
 _KIND = "recurrent_servo"
+_FIELDS = ("observation_format", "hidden", "num_timesteps", "training")
 
 
 def observation_format(observations: Any, actions: Any) -> dict[str, list[int]]:
@@ -63,17 +65,33 @@ def load_network(
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except Exception as error:  # what is raised on a damaged file depends on where the damage is
         raise ValueError(f"{path} is damaged or no safetensors file: {error!r}") from error
+    if not isinstance(header, dict):
+        raise ValueError(f"{path} is damaged: its header is {header!r:.80}; it must be a mapping")
     if header.get("kind") != _KIND:
         raise ValueError(f"{path} holds {header.get('kind', 'no known agent')}; this agent is {_KIND}")
+    if missing := [name for name in _FIELDS if name not in header]:
+        raise ValueError(f"{path} is damaged: its header has no {', '.join(missing)}")
+    try:
+        hidden = check_number("hidden", header["hidden"], least=1, whole=True)
+        recurrent = tensors.get("unit.weight_hh")
+        if recurrent is None or recurrent.shape != (3 * hidden, hidden):
+            raise ValueError(
+                f"hidden is {hidden}, but its unit.weight_hh is {getattr(recurrent, 'shape', None)}"
+            )
+        motions = check_number("num_timesteps", header["num_timesteps"], least=0, whole=True)
+        if not isinstance(header["training"], dict):
+            raise ValueError(f"training is {header['training']!r:.80}; it must be a mapping")
+    except ValueError as error:
+        raise ValueError(f"{path} is damaged: {error}") from error
     saved = header["observation_format"]
     if saved != dict(shapes):
         raise ValueError(
             f"{path} is of a network with the observation format {saved}; here it is {dict(shapes)}: "
             "it acts where the keys and shapes are the same, with as many motors"
         )
-    network = RecurrentServoNetwork(saved["words"][0], header["hidden"])
     try:
+        network = RecurrentServoNetwork(saved["words"][0], hidden)
         network.load_state_dict(tensors)
     except RuntimeError as error:
         raise ValueError(f"{path} is damaged: {error}") from error
-    return network, header["training"], header["num_timesteps"]
+    return network, header["training"], motions

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Self
 
@@ -18,15 +19,16 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr, recursive_setattr
-from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.utils import set_random_seed, should_collect_more_steps
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from agents.base.agent import Agent, Callback
-from agents.base.checks import check_number
+from agents.base.checks import check_number, check_numbers
 from agents.base.observation import RawObservation
 from agents.base.prior_knowledge import PriorKnowledge
+from agents.base.random_state import OwnRandomState
 from agents.neural.sb3.algorithms import algorithm_of, built_settings, policy_name
-from agents.neural.sb3.files import Saved, read, write
+from agents.neural.sb3.files import Saved, check_tensor, read, write
 from agents.neural.sb3.inputs import GOALS, FlatObservations, ImageDistance, flattened
 from calfree_gym.sb3 import as_sb3_env
 from calfree_gym.wrappers import ScaledWords, VectorScaledWords, scaled_words
@@ -38,7 +40,7 @@ class Sb3Agent(Agent):
     Args:
         env: The environment, whose reward is what is learned from; or a batched one with SAME_STEP autoreset,
             whose rows stand in one world: their motions are summed.
-        seed: Of the networks and the exploration.
+        seed: Of the networks and the exploration; the caller's global generators stay as they are.
         algorithm: A dotted name, such as "sb3_contrib.CrossQ".
         word_limit: The largest word, see `calfree_gym.wrappers.ScaledWords`.
         word_curvature: Above 1, small words get finer.
@@ -74,6 +76,10 @@ class Sb3Agent(Agent):
         super().__init__(env, seed)  # type: ignore[arg-type]
         learner = algorithm_of(algorithm)
         self.rows = check_number("rows", rows, least=1, whole=True)
+        check_number("word_limit", word_limit, above=0, most=1)
+        check_number("word_curvature", word_curvature, above=0)
+        widths = check_numbers("net_arch", net_arch, least=1, whole=True)
+        scales = check_numbers("distance_scales", distance_scales, above=0)
         self._words = {"limit": word_limit, "curvature": word_curvature}
         rows_of_env = self._as_vec_env(env)
         spaces: Mapping[str, Any] = rows_of_env.observation_space.spaces  # type: ignore[attr-defined]
@@ -84,12 +90,12 @@ class Sb3Agent(Agent):
             _warn_of_moving_goals(env)
         if issubclass(learner, OnPolicyAlgorithm) and "n_steps" in built and rows_of_env.num_envs == 1:
             built["n_steps"] *= self.rows
-        built["policy_kwargs"] |= {"net_arch": list(net_arch)}
         built["policy_kwargs"] |= {
+            "net_arch": widths,
             "features_extractor_class": ImageDistance,
             "features_extractor_kwargs": {
                 "goals": spaces[GOALS[0]].shape[0],
-                "scales": [check_number("distance_scales", scale, above=0) for scale in distance_scales],
+                "scales": scales,
             },
         }
         self._about = {
@@ -97,22 +103,24 @@ class Sb3Agent(Agent):
             "observation": {key: list(spaces[key].shape) for key in sorted(spaces)},
             "words": {"motors": motors, "limit": word_limit, "curvature": word_curvature},
             "networks": {
-                "net_arch": list(net_arch),
-                "distance_scales": list(distance_scales),
+                "net_arch": widths,
+                "distance_scales": scales,
                 **settings.get("policy_kwargs", {}),
             },
         }
         torch.set_num_threads(1)
-        set_random_seed(seed)  # given to the learner, it would draw another world too
-        try:
-            self._model: Any = learner(
-                policy=policy_name(learner, not self._by_key),
-                env=rows_of_env if self._by_key else FlatObservations(rows_of_env),
-                device="cpu",
-                **built,
-            )
-        except AssertionError as error:
-            raise ValueError(f"{algorithm}: {error}") from error
+        self._random_state = OwnRandomState()
+        with self._random_state.swapped_in():
+            set_random_seed(seed)  # given to the learner, it would draw another world too
+            try:
+                self._model: Any = learner(
+                    policy=policy_name(learner, not self._by_key),
+                    env=rows_of_env if self._by_key else FlatObservations(rows_of_env),
+                    device="cpu",
+                    **built,
+                )
+            except AssertionError as error:
+                raise ValueError(f"{algorithm}: {error}") from error
         self._model.action_space.seed(seed)
         self._model.set_logger(Logger(folder=None, output_formats=[]))  # else it logs to a folder of its own
         self._warm_up = getattr(self._model, "learning_starts", 0)
@@ -132,11 +140,16 @@ class Sb3Agent(Agent):
     ) -> tuple[NDArray[np.float32], Any]:
         """See `Agent`. The state is that of recurrent networks, else None."""
         inputs = dict(observation) if self._by_key else flattened(observation)
-        actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
+        with nullcontext() if deterministic else self._random_state.swapped_in():
+            actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
         return scaled_words(actions, **self._words), state
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
-        """See `Agent`. Motions after the last whole rollout, or `train_freq`, teach nothing.
+        """See `Agent`. Rows make whole steps: the motions are rounded down to a multiple of their number.
+
+        Updates come after each whole rollout, or `train_freq`. Motions after the last whole one teach nothing
+        on-policy. Off-policy they go into the replay buffer, but for the last of each row, and bring about
+        no update. Where `callback` ends it, that is as after a broken rollout.
 
         Raises:
             ValueError: Fewer motions than the environment has rows.
@@ -144,15 +157,17 @@ class Sb3Agent(Agent):
         rows = self._model.n_envs
         if total_timesteps < rows:
             raise ValueError(f"learn got {total_timesteps} motions; its {rows} rows make {rows} at once")
+        total_timesteps -= total_timesteps % rows
         self._model._last_obs = None  # each call starts with a new trial
         if self._by_key:
             with warnings.catch_warnings(action="ignore"):
                 self._model.replay_buffer.truncate_last_trajectory()
-        self._model.learn(
-            total_timesteps,
-            callback=_Translated(self, self.num_timesteps + total_timesteps, callback),
-            reset_num_timesteps=self.num_timesteps == 0,
-        )
+        with self._random_state.swapped_in():
+            self._model.learn(
+                total_timesteps,
+                callback=_Translated(self, self.num_timesteps + total_timesteps, callback),
+                reset_num_timesteps=self.num_timesteps == 0,
+            )
         return self
 
     def save(self, path: str | Path) -> None:
@@ -189,16 +204,19 @@ class Sb3Agent(Agent):
                     f"{path} holds a learner with {what} {saved.about.get(what)}; this one has {ours}"
                 )
         before = copy.deepcopy(self._model.get_parameters())
+        variables = self._model._get_torch_save_params()[1]
         try:
+            for name in variables:
+                check_tensor(name, saved.variables[name], recursive_getattr(self._model, name))
             self._model.set_parameters(saved.parameters, exact_match=True)
-            for name in self._model._get_torch_save_params()[1]:
-                recursive_setattr(self._model, f"{name}.data", saved.variables[name].data)
         except (ValueError, KeyError, RuntimeError, AttributeError, TypeError) as error:
             self._model.set_parameters(before)
             raise ValueError(
                 f"{path} holds {', '.join(sorted(saved.parameters))} that do not fit this learner, "
                 f"{self._about}: {str(error)[:300]}"
             ) from error
+        for name in variables:
+            recursive_setattr(self._model, f"{name}.data", saved.variables[name].data)
         self.num_timesteps = self._model.num_timesteps = saved.motions
         self._model._n_updates = saved.updates
         if hasattr(self._model, "learning_starts"):
@@ -207,7 +225,7 @@ class Sb3Agent(Agent):
 
 
 class _Translated(BaseCallback):
-    """Keeps the agent's count of motions, calls its callback after each, and ends where they are all made."""
+    """Keeps the agent's count of motions, calls its callback after each, and breaks a rollout at the end."""
 
     def __init__(self, agent: Agent, end: int, callback: Callback | None) -> None:
         super().__init__()
@@ -216,7 +234,17 @@ class _Translated(BaseCallback):
     def _on_step(self) -> bool:
         self._agent.num_timesteps = self.num_timesteps
         goes_on = self._callback is None or self._callback(self._agent)
-        return goes_on and self.num_timesteps + self.model.n_envs <= self._end
+        return goes_on and (self.num_timesteps < self._end or not self._within_rollout())
+
+    def _within_rollout(self) -> bool:
+        """Whether the algorithm would make another motion before it updates its networks and can end."""
+        now = self.locals
+        if "n_rollout_steps" in now:
+            return bool(now["n_steps"] + 1 < now["n_rollout_steps"])
+        if "num_collected_steps" not in now:
+            return True
+        episodes = now["num_collected_episodes"] + int(np.sum(now["dones"]))
+        return should_collect_more_steps(now["train_freq"], now["num_collected_steps"], episodes)
 
 
 def _warn_of_moving_goals(env: Any) -> None:

@@ -29,6 +29,17 @@ ALGORITHMS: dict[str, Algorithm] = {
     if isclass(found := getattr(module, name)) and issubclass(found, BaseAlgorithm)
 }
 """By dotted name, such as "sb3_contrib.CrossQ"."""
+_BOUNDS: dict[str, dict[str, Any]] = {
+    "gamma": {"least": 0, "most": 1},
+    "learning_rate": {"above": 0},
+    "batch_size": {"least": 1, "whole": True},
+    "buffer_size": {"least": 1, "whole": True},
+    "n_steps": {"least": 1, "whole": True},
+    "n_epochs": {"least": 1, "whole": True},
+    "gradient_steps": {"least": -1, "whole": True},
+    "learning_starts": {"least": 0, "whole": True},
+}
+"""Of settings that several algorithms share, which stable-baselines3 itself does not check."""
 
 
 def algorithm_of(name: str) -> Algorithm:
@@ -56,17 +67,33 @@ def built_settings(settings: Mapping[str, Any], motors: int) -> dict[str, Any]:
         ValueError: One of them is not allowed.
     """
     built = dict(settings)
+    for name, bounds in _BOUNDS.items():
+        if name in built and not callable(built[name]):  # a learning rate may be a schedule
+            check_number(name, built[name], **bounds)
+    if "train_freq" in built:
+        built["train_freq"] = _train_freq(built["train_freq"])
     if isinstance(name := built.get("replay_buffer_class"), str):
         check_one_of("replay_buffer_class", name, _BUFFERS)
         built["replay_buffer_class"] = _BUFFERS[name]
     if "action_noise" in built and built["action_noise"] is not None:
         sigma = check_number("action_noise", built["action_noise"], least=0)
         built["action_noise"] = NormalActionNoise(np.zeros(motors), np.full(motors, sigma))
-    policy = dict(built.get("policy_kwargs") or {})
+    policy = built.get("policy_kwargs") or {}
+    if not isinstance(policy, Mapping):
+        raise ValueError(f"policy_kwargs is {policy!r}; it must be a mapping")
+    policy = dict(policy)
     if isinstance(name := policy.get("activation_fn"), str):
         check_one_of("activation_fn", name, torch.nn.modules.activation.__all__)
         policy["activation_fn"] = getattr(torch.nn, name)
     return built | {"policy_kwargs": policy}
+
+
+def _train_freq(value: Any) -> tuple[int, str]:
+    """A number of steps, or one with its unit, which YAML gives as a list."""
+    count, unit = value if isinstance(value, list | tuple) and len(value) == 2 else (value, "step")
+    check_number("train_freq", count, least=1, whole=True)
+    check_one_of("the unit of train_freq", unit, ("step", "episode"))
+    return int(count), unit
 
 
 def policy_name(algorithm: Algorithm, flat: bool) -> str:

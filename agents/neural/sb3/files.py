@@ -7,9 +7,11 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import torch
+
+from agents.base.checks import check_number
 
 _HEADER, _PARAMETERS = "calfree.json", "parameters.pt"
 _VERSION = 1
@@ -60,7 +62,7 @@ def read(path: str | Path, trusted: bool = False) -> Saved:
             entries = {name: archive.read(name) for name in archive.namelist()}
     except FileNotFoundError:
         raise
-    except (BadZipFile, OSError, NotImplementedError, RuntimeError) as error:
+    except Exception as error:  # what is raised on a damaged file depends on where the damage is
         raise ValueError(f"{path} is damaged or no saved learner: {error!r}") from error
     header = _header(path, entries)
     found = {
@@ -78,10 +80,22 @@ def read(path: str | Path, trusted: bool = False) -> Saved:
         variables = found.pop(_VARIABLES, None) or {}
         parameters = {name.removesuffix(".pth"): tensors for name, tensors in found.items()}
     saved = Saved(about, motions, updates, parameters, variables)
-    for name, kind in (("motions", int), ("updates", int), ("parameters", dict), ("variables", dict)):
-        if not isinstance(getattr(saved, name), kind):
-            raise ValueError(f"{path} is damaged: its {name} are no {kind.__name__}")
+    try:
+        check_number("motions", motions, least=0, whole=True)
+        check_number("updates", updates, least=0, whole=True)
+        for what, tensors in (("parameters", parameters), ("variables", variables)):
+            if not isinstance(tensors, dict) or not all(isinstance(name, str) for name in tensors):
+                raise ValueError(f"{what} are {tensors!r:.80}; they must be a mapping of names")
+    except ValueError as error:
+        raise ValueError(f"{path} is damaged: {error}") from error
     return saved
+
+
+def check_tensor(name: str, saved: Any, ours: torch.Tensor) -> None:
+    """Raises ValueError where what was saved is no finite tensor of the same shape and type as ours."""
+    fits = isinstance(saved, torch.Tensor) and saved.shape == ours.shape and saved.dtype == ours.dtype
+    if not fits or not torch.isfinite(saved).all():
+        raise ValueError(f"{name} is {saved!r:.80}; it must be finite, {ours.dtype}, of {ours.shape}")
 
 
 def _header(path: str | Path, entries: Mapping[str, bytes]) -> dict[str, Any]:
@@ -98,8 +112,10 @@ def _header(path: str | Path, entries: Mapping[str, bytes]) -> dict[str, Any]:
             raise ValueError(f"its version is {header['calfree']}, this code reads {_VERSION}")
         if ours and not {"about", "motions", "updates"} <= header.keys():
             raise ValueError(f"{_HEADER} holds {', '.join(header)}")
+        if ours and not isinstance(header["about"], dict):
+            raise ValueError(f"about is {header['about']!r:.80}; it must be a mapping")
         return {**header}
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise ValueError(f"{path} is damaged: {error!r}") from error
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Self
 
 import gymnasium as gym
@@ -111,7 +112,7 @@ class SelfTaughtAgent(ProcedureAgent):
         )
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
-        """See `Agent`. What it draws follows from `seed` and the motions before: saved agents learn alike."""
+        """See `Agent`. Its draws follow from `seed` and the motions before: with both, agents learn alike."""
         self._rng = np.random.default_rng([self.seed, self.num_timesteps])
         return super().learn(total_timesteps, callback)
 
@@ -159,10 +160,16 @@ class SelfTaughtAgent(ProcedureAgent):
             self.replay.reverse(change.signs, change.since)
             self.model.reverse(change.signs)
 
+    def load(self, path: str | Path) -> Self:
+        """See `ProcedureAgent`."""
+        super().load(path)
+        self.changes = []
+        return self
+
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
-        return f"{type(self).__name__}({self.model!r}, {self.schedule!r}, seed={self.seed})"
+        """See `ProcedureAgent`. The seed is left out: what was learned by one serves any other."""
+        return f"{type(self).__name__}({self.model!r}, {self.schedule!r})"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""

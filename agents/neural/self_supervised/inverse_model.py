@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from agents.base.checks import check_number, checked_array
+from agents.base.checks import check_number, check_numbers, checked_array
 from agents.base.observation import Array
 from agents.neural.self_supervised.replay import SENSORS, Pairs
 
@@ -58,10 +58,7 @@ class InverseModel:
         matrix: bool,
         knows_registers: bool,
     ) -> None:
-        if not isinstance(hidden, list | tuple):
-            raise ValueError(f"hidden is {hidden!r}; it must be a list of widths, such as [64, 64]")
-        for width in hidden:
-            check_number("hidden", width, least=1, whole=True)
+        check_numbers("hidden", hidden, least=1, whole=True)
         check_number("learning_rate", learning_rate, above=0)
         self.motors = motors
         self._described = f"hidden={tuple(hidden)}, learning_rate={learning_rate:g}"

@@ -1,9 +1,13 @@
 """recurrent_servo: its agent, the file of its weights, and its training."""
 
+import json
+
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.torch import save_file
 
 import agents
 from agents.base.prior_knowledge import PriorKnowledge
@@ -103,13 +107,41 @@ def test_damaged_and_foreign_files(servo, tmp_path):
     torch.save({"weights": torch.zeros(3)}, path)
     with pytest.raises(ValueError, match="damaged or no safetensors"):
         servo.load(path)
-    from safetensors.torch import save_file
-
     save_file({"weights": torch.zeros(3)}, path)
     with pytest.raises(ValueError, match="holds no known agent; this agent is recurrent_servo"):
         servo.load(path)
     with pytest.raises(FileNotFoundError):
         servo.load(tmp_path / "nowhere.safetensors")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ([1], r"damaged: its header is \[1\]; it must be a mapping"),
+        ({"hidden": None}, "damaged: its header has no hidden"),
+        ({"training": None, "num_timesteps": None}, "no num_timesteps, training"),
+        ({"hidden": "x"}, "damaged: hidden is 'x'; it must be a whole number, 1 or more"),
+        ({"hidden": 3}, "damaged: hidden is 3, but its unit.weight_hh is"),
+        ({"hidden": 10**9}, "damaged: hidden is 1000000000"),
+        ({"num_timesteps": -1}, "damaged: num_timesteps is -1"),
+        ({"training": "x"}, "damaged: training is 'x'; it must be a mapping"),
+        ({"observation_format": 3}, "with the observation format 3; here it is"),
+    ],
+    ids=str,
+)
+def test_a_header_that_is_wrong_is_told_and_changes_nothing(servo, tmp_path, change, message):
+    with safe_open(KEPT, "pt") as file:
+        header = json.loads(file.metadata()["calfree"])
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    if isinstance(change, dict):
+        changed = {name: value for name, value in (header | change).items() if value is not None}
+    else:
+        changed = change
+    path, before = tmp_path / "weights.safetensors", servo._network
+    save_file(tensors, path, {"calfree": json.dumps(changed)})
+    with pytest.raises(ValueError, match=rf"weights.safetensors.*{message}"):
+        servo.load(path)
+    assert servo._network is before
 
 
 def test_derivatives_are_those_of_the_image_points():

@@ -1,42 +1,21 @@
-"""The adapter of stable-baselines3: algorithms by name, networks' inputs, rows, files that run nothing."""
+"""The adapter of stable-baselines3: algorithms by name, networks' inputs, rows."""
 
-import io
 import os
-import pickle
 import tempfile
-import zipfile
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
-import stable_baselines3
 import torch
 import yaml
-from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env import DummyVecEnv
 
 import agents
 from agents.neural.sb3.inputs import ImageDistance, flattened
 from agents.registry import SB3
-from tests.agents.neural.quick import QUICK
+from tests.agents.neural.sb3_learners import make, rows_of_one_world
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "agents"
-
-
-def make(name="sac", env=None, **settings):
-    env = env or gym.make("CalFree/ReachDense-v0", dynamics="kinematic", camera_mount="stand")
-    return agents.make(name, env, **{**QUICK[name], **settings})
-
-
-def rows_of_one_world(rows=4):
-    return gym.make_vec(
-        "CalFree/ReachDense-v0",
-        num_envs=rows,
-        dynamics="kinematic",
-        world="nominal",
-        autoreset_mode=AutoresetMode.SAME_STEP,
-    )
 
 
 @pytest.mark.parametrize(
@@ -60,6 +39,23 @@ def rows_of_one_world(rows=4):
         ({"policy_kwargs": {"activation_fn": "Silu"}}, "activation_fn is 'Silu'.*allowed: .*SiLU"),
         ({"action_noise": -1}, "action_noise is -1"),
         ({"distance_scales": [0]}, "distance_scales is 0"),
+        ({"distance_scales": 3}, "distance_scales is 3; it must be a list of numbers"),
+        ({"net_arch": "abc"}, "net_arch is 'abc'; it must be a list of numbers"),
+        ({"net_arch": [0]}, "net_arch is 0; it must be a whole number, 1 or more"),
+        ({"word_limit": "a"}, "word_limit is 'a'; it must be a number, above 0, at most 1"),
+        ({"word_curvature": float("inf")}, "word_curvature is inf; it must be a finite number"),
+        ({"policy_kwargs": 3}, "policy_kwargs is 3; it must be a mapping"),
+        ({"gamma": "x"}, "gamma is 'x'; it must be a number, 0 or more, at most 1"),
+        ({"gamma": 5}, "gamma is 5"),
+        ({"learning_rate": 0}, "learning_rate is 0; it must be a number, above 0"),
+        ({"learning_rate": "3e-4"}, "learning_rate is '3e-4'"),
+        ({"batch_size": 0}, "batch_size is 0; it must be a whole number, 1 or more"),
+        ({"buffer_size": 0}, "buffer_size is 0"),
+        ({"gradient_steps": -2}, "gradient_steps is -2; it must be a whole number, -1 or more"),
+        ({"learning_starts": -1}, "learning_starts is -1"),
+        ({"train_freq": 0}, "train_freq is 0"),
+        ({"train_freq": [1, "trial"]}, "unit of train_freq is 'trial'.*allowed: step, episode"),
+        ({"algorithm": "stable_baselines3.PPO", "n_steps": 0}, "n_steps is 0"),
         ({"rows": 0}, "rows is 0"),
         (
             {"algorithm": "sb3_contrib.CrossQ", "replay_buffer_class": "HerReplayBuffer"},
@@ -123,18 +119,6 @@ def test_a_recurrent_network_remembers_within_a_trial_and_not_beyond():
     np.testing.assert_array_equal(first, again)
 
 
-@pytest.mark.parametrize("name", ["ppo", "recurrent_ppo", "sac"])
-def test_rows_learn_together_and_their_motions_are_summed(name):
-    agent, seen = make(name, rows_of_one_world(4)), []
-    before = [parameter.clone() for parameter in agent._model.policy.parameters()]
-    agent.learn(211, callback=lambda progress: seen.append(progress.num_timesteps) or True)
-    assert seen == list(range(4, 212, 4))
-    after = agent._model.policy.parameters()
-    assert any(not torch.equal(*pair) for pair in zip(before, after, strict=True))
-    with pytest.raises(ValueError, match="got 3 motions; its 4 rows make 4 at once"):
-        agent.learn(3)
-
-
 def test_a_rollout_is_as_long_in_one_environment_as_in_rows():
     settings = {"rows": 4, "n_steps": 5, "batch_size": 10}
     assert make("ppo", **settings)._model.n_steps == 20
@@ -163,99 +147,3 @@ def test_learning_leaves_no_folders_behind(tmp_path, monkeypatch):
         agent.save(tmp_path / "agent.zip")
         make(name).load(tmp_path / "agent.zip").learn(30)
     assert os.listdir(tmp_path) == ["agent.zip"]
-
-
-def test_files_of_other_learners_are_refused(tmp_path):
-    saved = tmp_path / "sac.zip"
-    make().save(saved)
-    for name, settings, message in (
-        ("td3", {}, "algorithm stable_baselines3.SAC; this one has stable_baselines3.TD3"),
-        ("sac", {"word_limit": 0.77}, r"'limit': [\d.]+.*this one has .*'limit': 0.77"),
-        ("sac", {"net_arch": [17]}, r"'net_arch': \[16\].*this one has .*'net_arch': \[17\]"),
-        ("sac", {"distance_scales": []}, "'distance_scales'.*this one has"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            make(name, **settings).load(saved)
-    more = gym.make("CalFree/ReachDense-v0", tell=("joint_angles",))
-    with pytest.raises(ValueError, match=r"'observation': \[7\].*this one has .*'joint_angles': \[5\]"):
-        make(env=more).load(saved)
-    saved.write_bytes(saved.read_bytes()[:200])
-    with pytest.raises(ValueError, match="damaged or no saved learner"):
-        make().load(saved)
-    with zipfile.ZipFile(saved, "w") as archive:
-        archive.writestr("readme.txt", "nothing")
-    with pytest.raises(ValueError, match=r"holds readme.txt; a saved learner holds calfree.json"):
-        make().load(saved)
-    with pytest.raises(FileNotFoundError):
-        make().load(tmp_path / "nowhere.zip")
-
-
-class Bomb:
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return Path.touch, (Path(self.path),)
-
-
-@pytest.mark.parametrize("form", ["ours", "foreign", "bare"])
-def test_a_malicious_file_executes_nothing(form, tmp_path):
-    """Pickles in every place where one could stand; `trusted` proves that they are live."""
-    saved, crater = tmp_path / "agent.zip", tmp_path / "crater"
-    agent = make()
-    payload = io.BytesIO()
-    torch.save({"parameters": Bomb(crater), "variables": {}}, payload)
-    entries = {"ours": ("calfree.json", "parameters.pt"), "foreign": ("data", "policy.pth")}
-    if form == "bare":
-        saved.write_bytes(pickle.dumps(Bomb(crater)))
-    else:
-        agent.save(saved)
-        with zipfile.ZipFile(saved) as archive:
-            header = archive.read("calfree.json")
-        with zipfile.ZipFile(saved, "w") as archive:
-            archive.writestr(entries[form][0], header)
-            archive.writestr(entries[form][1], payload.getvalue())
-    message = "damaged or no saved learner" if form == "bare" else r"load\(path, trusted=True\)"
-    with pytest.raises(ValueError, match=message):
-        agent.load(saved)
-    assert not crater.exists()
-    if form != "bare":
-        with pytest.raises(ValueError, match=r"damaged|do not fit"):
-            agent.load(saved, trusted=True)
-        assert crater.exists()
-
-
-def test_a_file_of_stable_baselines3_itself_loads_without_its_pickles(tmp_path):
-    """Its `data` holds pickled objects among the JSON; a broken one there harms nothing."""
-    saved = tmp_path / "foreign.zip"
-    env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", world="nominal")
-    foreign = stable_baselines3.SAC(
-        "MultiInputPolicy", DummyVecEnv([lambda: env]), policy_kwargs={"net_arch": [16]}, learning_starts=5
-    )
-    foreign.set_logger(stable_baselines3.common.logger.Logger(None, []))
-    foreign.learn(20).save(saved)
-    agent = make(distance_scales=[], word_limit=1.0).load(saved)
-    assert agent.num_timesteps == 20
-    observation, _ = env.reset(seed=1)
-    words = foreign.predict(observation, deterministic=True)[0]
-    np.testing.assert_allclose(agent.predict(observation)[0], words, atol=1e-6)
-    with pytest.raises(ValueError, match=r"do not fit this learner.*stable_baselines3.SAC"):
-        make().load(saved)
-    with pytest.raises(ValueError, match=r"do not fit this learner.*stable_baselines3.TD3"):
-        make("td3", distance_scales=[]).load(saved)
-
-
-def test_a_refused_file_changes_nothing(tmp_path):
-    make("td3", distance_scales=[]).save(tmp_path / "td3.zip")
-    agent = make(distance_scales=[])
-    before = [parameter.clone() for parameter in agent._model.policy.parameters()]
-    with zipfile.ZipFile(tmp_path / "td3.zip") as archive:
-        entries = {name: archive.read(name) for name in archive.namelist()}
-    header = entries["calfree.json"].replace(b"stable_baselines3.TD3", b"stable_baselines3.SAC")
-    with zipfile.ZipFile(tmp_path / "liar.zip", "w") as archive:
-        archive.writestr("calfree.json", header)
-        archive.writestr("parameters.pt", entries["parameters.pt"])
-    with pytest.raises(ValueError, match=r"this one has|do not fit"):
-        agent.load(tmp_path / "liar.zip")
-    for old, new in zip(before, agent._model.policy.parameters(), strict=True):
-        assert torch.equal(old, new)

@@ -84,6 +84,28 @@ def test_a_loaded_agent_learns_on_as_the_saved_one(linear, name, tmp_path):
         np.testing.assert_array_equal(again.arrays()[key], array, key)
 
 
+@pytest.mark.parametrize("name", ["self_supervised", "cooperstock_milios"])
+def test_what_one_seed_learned_serves_another(linear, name, tmp_path):
+    settings = {**QUICK, "random_motions": 20}
+    agent, _ = linear(name, motions=60, settings=settings)
+    agent.save(tmp_path / "agent.npz")
+    other = agents.make(name, LinearWorld(), seed=7, **settings).load(tmp_path / "agent.npz")
+    for key, array in agent.arrays().items():
+        np.testing.assert_array_equal(other.arrays()[key], array, key)
+    assert other.learn(5).num_timesteps == 65
+
+
+def test_changes_are_those_since_it_was_loaded(linear, tmp_path):
+    agent, _ = linear(motions=60)
+    agent.save(tmp_path / "agent.npz")
+    (tmp_path / "damaged.npz").write_bytes(b"nothing")
+    agent.changes.append((50, None))
+    with pytest.raises(ValueError, match="damaged"):
+        agent.load(tmp_path / "damaged.npz")
+    assert agent.changes == [(50, None)]
+    assert agent.load(tmp_path / "agent.npz").changes == []
+
+
 def test_a_trial_that_is_cut_off_teaches_what_was_seen_and_no_more(linear):
     agent, env = linear(motions=45)
     for _ in range(10):

@@ -1,0 +1,160 @@
+"""Files of the adapter of stable-baselines3: none runs anything, and one that is refused changes nothing."""
+
+import io
+import json
+import pickle
+import zipfile
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import stable_baselines3
+import torch
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from tests.agents.neural.sb3_learners import make, weights
+
+
+def test_files_of_other_learners_are_refused(tmp_path):
+    saved = tmp_path / "sac.zip"
+    make().save(saved)
+    for name, settings, message in (
+        ("td3", {}, "algorithm stable_baselines3.SAC; this one has stable_baselines3.TD3"),
+        ("sac", {"word_limit": 0.77}, r"'limit': [\d.]+.*this one has .*'limit': 0.77"),
+        ("sac", {"net_arch": [17]}, r"'net_arch': \[16\].*this one has .*'net_arch': \[17\]"),
+        ("sac", {"distance_scales": []}, "'distance_scales'.*this one has"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make(name, **settings).load(saved)
+    more = gym.make("CalFree/ReachDense-v0", tell=("joint_angles",))
+    with pytest.raises(ValueError, match=r"'observation': \[7\].*this one has .*'joint_angles': \[5\]"):
+        make(env=more).load(saved)
+    saved.write_bytes(saved.read_bytes()[:200])
+    with pytest.raises(ValueError, match="damaged or no saved learner"):
+        make().load(saved)
+    with zipfile.ZipFile(saved, "w") as archive:
+        archive.writestr("readme.txt", "nothing")
+    with pytest.raises(ValueError, match=r"holds readme.txt; a saved learner holds calfree.json"):
+        make().load(saved)
+    with pytest.raises(FileNotFoundError):
+        make().load(tmp_path / "nowhere.zip")
+
+
+class Bomb:
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (Path(self.path),)
+
+
+@pytest.mark.parametrize("form", ["ours", "foreign", "bare"])
+def test_a_malicious_file_executes_nothing(form, tmp_path):
+    """Pickles in every place where one could stand; `trusted` proves that they are live."""
+    saved, crater = tmp_path / "agent.zip", tmp_path / "crater"
+    agent = make()
+    payload = io.BytesIO()
+    torch.save({"parameters": Bomb(crater), "variables": {}}, payload)
+    entries = {"ours": ("calfree.json", "parameters.pt"), "foreign": ("data", "policy.pth")}
+    if form == "bare":
+        saved.write_bytes(pickle.dumps(Bomb(crater)))
+    else:
+        agent.save(saved)
+        with zipfile.ZipFile(saved) as archive:
+            header = archive.read("calfree.json")
+        with zipfile.ZipFile(saved, "w") as archive:
+            archive.writestr(entries[form][0], header)
+            archive.writestr(entries[form][1], payload.getvalue())
+    message = "damaged or no saved learner" if form == "bare" else r"load\(path, trusted=True\)"
+    with pytest.raises(ValueError, match=message):
+        agent.load(saved)
+    assert not crater.exists()
+    if form != "bare":
+        with pytest.raises(ValueError, match=r"damaged|do not fit"):
+            agent.load(saved, trusted=True)
+        assert crater.exists()
+
+
+def test_a_file_of_stable_baselines3_itself_loads_without_its_pickles(tmp_path):
+    """Its `data` holds pickled objects among the JSON; a broken one there harms nothing."""
+    saved = tmp_path / "foreign.zip"
+    env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", world="nominal")
+    foreign = stable_baselines3.SAC(
+        "MultiInputPolicy", DummyVecEnv([lambda: env]), policy_kwargs={"net_arch": [16]}, learning_starts=5
+    )
+    foreign.set_logger(stable_baselines3.common.logger.Logger(None, []))
+    foreign.learn(20).save(saved)
+    agent = make(distance_scales=[], word_limit=1.0).load(saved)
+    assert agent.num_timesteps == 20
+    observation, _ = env.reset(seed=1)
+    words = foreign.predict(observation, deterministic=True)[0]
+    np.testing.assert_allclose(agent.predict(observation)[0], words, atol=1e-6)
+    with pytest.raises(ValueError, match=r"do not fit this learner.*stable_baselines3.SAC"):
+        make().load(saved)
+    with pytest.raises(ValueError, match=r"do not fit this learner.*stable_baselines3.TD3"):
+        make("td3", distance_scales=[]).load(saved)
+
+
+def altered(path, header=None, parameters=None, variables=None):
+    """Rewrites a saved learner with parts of its header or tensors replaced; bytes stand for the header."""
+    with zipfile.ZipFile(path) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    if not isinstance(header, bytes):
+        header = json.dumps(json.loads(entries["calfree.json"]) | (header or {})).encode()
+    tensors = torch.load(io.BytesIO(entries["parameters.pt"]), weights_only=True)
+    tensors["parameters"] = (tensors["parameters"] | parameters) if parameters else tensors["parameters"]
+    tensors["variables"] = (tensors["variables"] | variables) if variables else tensors["variables"]
+    content = io.BytesIO()
+    torch.save(tensors, content)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("calfree.json", header)
+        archive.writestr("parameters.pt", content.getvalue())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"header": b"[" * 200_000}, "damaged: RecursionError"),
+        ({"header": b"[1]"}, "damaged"),
+        ({"header": {"motions": -5}}, "damaged: motions is -5; it must be a whole number, 0 or more"),
+        ({"header": {"motions": True}}, "damaged: motions is True"),
+        ({"header": {"updates": "x"}}, "damaged: updates is 'x'"),
+        ({"header": {"about": [1]}}, r"damaged: .*about is \[1\]; it must be a mapping"),
+        ({"header": {"about": None}}, "damaged: .*about is None"),
+        ({"parameters": {3: {}}}, "damaged: parameters are .*mapping of names"),
+        ({"parameters": {"policy": {"x": torch.zeros(1)}}}, "do not fit this learner"),
+        ({"variables": {"log_ent_coef": torch.zeros(7)}}, "log_ent_coef is tensor.*it must be finite"),
+        ({"variables": {"log_ent_coef": torch.full((1,), torch.nan)}}, "log_ent_coef is tensor"),
+        ({"variables": {"log_ent_coef": 3}}, "log_ent_coef is 3"),
+    ],
+    ids=lambda value: str(value)[:60],
+)
+def test_an_altered_file_is_told_and_changes_nothing(tmp_path, change, message):
+    other, agent, path = make(seed=1), make(), tmp_path / "sac.zip"
+    with torch.no_grad():
+        other._model.log_ent_coef += 1
+    other.save(path)
+    altered(path, **change)
+    before, coefficient = weights(agent), agent._model.log_ent_coef.clone()
+    with pytest.raises(ValueError, match=rf"sac.zip.*{message}"):
+        agent.load(path)
+    assert torch.equal(before, weights(agent))
+    assert torch.equal(coefficient, agent._model.log_ent_coef)
+    assert agent.num_timesteps == 0
+
+
+def test_a_refused_file_changes_nothing(tmp_path):
+    make("td3", distance_scales=[]).save(tmp_path / "td3.zip")
+    agent = make(distance_scales=[])
+    before = [parameter.clone() for parameter in agent._model.policy.parameters()]
+    with zipfile.ZipFile(tmp_path / "td3.zip") as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    header = entries["calfree.json"].replace(b"stable_baselines3.TD3", b"stable_baselines3.SAC")
+    with zipfile.ZipFile(tmp_path / "liar.zip", "w") as archive:
+        archive.writestr("calfree.json", header)
+        archive.writestr("parameters.pt", entries["parameters.pt"])
+    with pytest.raises(ValueError, match=r"this one has|do not fit"):
+        agent.load(tmp_path / "liar.zip")
+    for old, new in zip(before, agent._model.policy.parameters(), strict=True):
+        assert torch.equal(old, new)

@@ -1,0 +1,109 @@
+"""Learning of the adapter of stable-baselines3: motions counted, kept, and followed by updates."""
+
+import random
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from tests.agents.neural.sb3_learners import make, rows_of_one_world, weights
+
+
+@pytest.mark.parametrize("name", ["ppo", "recurrent_ppo", "sac"])
+def test_rows_learn_together_and_their_motions_are_summed(name):
+    agent, seen = make(name, rows_of_one_world(4)), []
+    before = [parameter.clone() for parameter in agent._model.policy.parameters()]
+    agent.learn(211, callback=lambda progress: seen.append(progress.num_timesteps) or True)
+    assert seen == list(range(4, 212, 4))
+    after = agent._model.policy.parameters()
+    assert any(not torch.equal(*pair) for pair in zip(before, after, strict=True))
+    with pytest.raises(ValueError, match="got 3 motions; its 4 rows make 4 at once"):
+        agent.learn(3)
+
+
+@pytest.mark.parametrize("name", ["ppo", "recurrent_ppo"])
+@pytest.mark.parametrize("rows", [1, 4])
+def test_every_whole_rollout_teaches_however_motions_are_divided(name, rows):
+    rollout = 20 * rows
+    divided, at_once = (make(name, rows_of_one_world(4) if rows == 4 else None) for _ in range(2))
+    for updates in (2, 4, 6):  # epochs
+        before = weights(divided)
+        divided.learn(rollout)
+        assert not torch.equal(before, weights(divided))
+        assert divided._model._n_updates == updates
+    at_once.learn(3 * rollout)
+    assert at_once._model._n_updates == 6
+    assert divided.num_timesteps == at_once.num_timesteps == 3 * rollout
+    before = weights(divided)
+    divided.learn(rollout - 1)
+    assert torch.equal(before, weights(divided))
+
+
+@pytest.mark.parametrize("rows", [1, 4])
+def test_off_policy_motions_in_parts_are_all_kept_and_teach(rows):
+    settings = {"train_freq": 4, "learning_starts": 0, "gradient_steps": 2}
+    agent = make("sac", rows_of_one_world(4) if rows == 4 else None, **settings)
+    for part in range(1, 21):
+        agent.learn(4 * rows)
+        assert agent._model.replay_buffer.pos == 4 * part
+        assert agent._model._n_updates == 2 * part
+    agent.learn(3 * rows)
+    assert agent._model.replay_buffer.pos == 82
+    assert agent._model._n_updates == 40
+
+
+@pytest.mark.parametrize(("name", "setting"), [("ppo", {}), ("sac", {"train_freq": 4}), ("sac", {})])
+def test_any_number_of_motions_is_never_exceeded(name, setting):
+    for rows in (1, 4):
+        env = rows_of_one_world(4) if rows == 4 else None
+        agent, made = make(name, env, **setting), 0
+        for asked in (4, 5, 19, 20, 21, 39, 41, 80):
+            seen = []
+            agent.learn(
+                asked, callback=lambda progress, seen=seen: seen.append(progress.num_timesteps) or True
+            )
+            assert seen == list(range(made + rows, made + asked + 1, rows))
+            made = seen[-1]
+            assert agent.num_timesteps == agent._model.num_timesteps == made
+
+
+def test_where_updates_wait_for_a_whole_trial_its_last_motion_is_kept():
+    env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", max_episode_steps=6, tolerance_px=0.001)
+    agent = make("sac", env, train_freq=(1, "episode"), learning_starts=0)
+    agent.learn(12)
+    assert agent._model.replay_buffer.pos == 12
+    assert agent._model._n_updates == 2
+
+
+def global_draws():
+    return random.random(), np.random.random(), torch.rand(1).item()  # noqa: NPY002
+
+
+@pytest.mark.parametrize("name", ["sac", "ppo"])
+def test_the_callers_generators_stay_and_learning_follows_from_the_seed_alone(name):
+    learned = []
+    for caller in (1, 2):
+        env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", world="nominal")
+        env.reset(seed=5)
+
+        def seed_all(caller=caller):
+            random.seed(caller)
+            np.random.seed(caller)  # noqa: NPY002
+            torch.manual_seed(caller)
+
+        seed_all()
+        expected = global_draws()
+        seed_all()
+        agent = make(name, env, seed=3)
+        assert global_draws() == expected
+        seed_all()
+        agent.learn(60)
+        assert global_draws() == expected
+        seed_all()
+        observation, _ = env.reset()
+        words = agent.predict(observation, deterministic=False)[0]
+        assert global_draws() == expected
+        learned.append((weights(agent), words))
+    assert torch.equal(learned[0][0], learned[1][0])
+    np.testing.assert_array_equal(learned[0][1], learned[1][1])
