@@ -78,13 +78,13 @@ def built_settings(settings: Mapping[str, Any], motors: int) -> dict[str, Any]:
     if "action_noise" in built and built["action_noise"] is not None:
         sigma = check_number("action_noise", built["action_noise"], least=0)
         built["action_noise"] = NormalActionNoise(np.zeros(motors), np.full(motors, sigma))
-    policy = built.get("policy_kwargs") or {}
-    if not isinstance(policy, Mapping):
-        raise ValueError(f"policy_kwargs is {policy!r}; it must be a mapping")
-    policy = dict(policy)
-    if isinstance(name := policy.get("activation_fn"), str):
-        check_one_of("activation_fn", name, torch.nn.modules.activation.__all__)
-        policy["activation_fn"] = getattr(torch.nn, name)
+    given = built.get("policy_kwargs") or {}
+    if not isinstance(given, Mapping):
+        raise ValueError(f"policy_kwargs is {given!r}; it must be a mapping")
+    policy = dict(given)
+    if isinstance(activation := policy.get("activation_fn"), str):
+        check_one_of("activation_fn", activation, torch.nn.modules.activation.__all__)
+        policy["activation_fn"] = getattr(torch.nn, activation)
     return built | {"policy_kwargs": policy}
 
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from agents.base.agent import Callback
 from agents.base.checks import check_number, checked_array
 from agents.base.observation import Array, Observation
-from agents.base.prior_knowledge import PriorKnowledge
 from agents.base.procedure import Procedure, ProcedureAgent
 from agents.base.storage import prefixed, under
 from agents.neural.self_supervised.change_detector import ChangeDetector, Judged
@@ -74,7 +73,6 @@ class SelfTaughtAgent(ProcedureAgent):
         seed: Of random words and batches.
     """
 
-    prior_knowledge = frozenset({PriorKnowledge.WORD_LIMIT})  # `random_extent`; all else is relative
     TOLERATED = 3.0
     """A doubtful pair has half of its weight where its error is this many times the median of errors before
     the change: so a change that was none costs little. Not tuned."""
