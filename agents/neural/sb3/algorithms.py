@@ -72,9 +72,9 @@ def built_settings(settings: Mapping[str, Any], motors: int) -> dict[str, Any]:
             check_number(name, built[name], **bounds)
     if "train_freq" in built:
         built["train_freq"] = _train_freq(built["train_freq"])
-    if isinstance(name := built.get("replay_buffer_class"), str):
-        check_one_of("replay_buffer_class", name, _BUFFERS)
-        built["replay_buffer_class"] = _BUFFERS[name]
+    if isinstance(buffer := built.get("replay_buffer_class"), str):
+        check_one_of("replay_buffer_class", buffer, _BUFFERS)
+        built["replay_buffer_class"] = _BUFFERS[buffer]
     if "action_noise" in built and built["action_noise"] is not None:
         sigma = check_number("action_noise", built["action_noise"], least=0)
         built["action_noise"] = NormalActionNoise(np.zeros(motors), np.full(motors, sigma))
