@@ -39,7 +39,9 @@ class Sb3Agent(Agent):
 
     Args:
         env: The environment, whose reward is what is learned from; or a batched one with SAME_STEP autoreset,
-            whose rows stand in one world: their motions are summed.
+            whose motions are summed. Its rows should stand in one world, which is not checked: where `world`
+            names a distribution of different worlds, each row has its own, and a policy without memory
+            learns none of them.
         seed: Of the networks and the exploration; the caller's global generators stay as they are.
         algorithm: A dotted name, such as "sb3_contrib.CrossQ".
         word_limit: The largest word, see `calfree_gym.wrappers.ScaledWords`.

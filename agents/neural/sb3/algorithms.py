@@ -67,9 +67,9 @@ def built_settings(settings: Mapping[str, Any], motors: int) -> dict[str, Any]:
         ValueError: One of them is not allowed.
     """
     built = dict(settings)
-    for name, bounds in _BOUNDS.items():
-        if name in built and not callable(built[name]):  # a learning rate may be a schedule
-            check_number(name, built[name], **bounds)
+    for setting, bounds in _BOUNDS.items():
+        if setting in built and not callable(built[setting]):  # a learning rate may be a schedule
+            check_number(setting, built[setting], **bounds)
     if "train_freq" in built:
         built["train_freq"] = _train_freq(built["train_freq"])
     if isinstance(buffer := built.get("replay_buffer_class"), str):
