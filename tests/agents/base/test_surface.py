@@ -100,13 +100,16 @@ def test_batched_observations_get_the_words_of_single_ones(name):
     observations, _ = batch.reset(seed=20)
     singles = [environment(name, "Reach") for _ in range(3)]
     now = [env.reset(seed=20 + i)[0] for i, env in enumerate(singles)]
-    state, states = None, [None] * 3
+    state, states, over = None, [None] * 3, [False] * 3
     for _ in range(5):
         words, state = agent.predict(observations, state)
         for i, env in enumerate(singles):
+            if over[i]:  # its row of the batch begins another trial
+                continue
             single, states[i] = agent.predict(now[i], states[i])
             np.testing.assert_array_equal(words[i], single)
-            now[i], *_ = env.step(single)
+            now[i], _, terminated, truncated, _ = env.step(single)
+            over[i] = terminated or truncated
         observations, *_ = batch.step(words)
 
 
