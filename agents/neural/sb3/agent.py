@@ -243,8 +243,6 @@ class _Translated(BaseCallback):
         now = self.locals
         if "n_rollout_steps" in now:
             return bool(now["n_steps"] + 1 < now["n_rollout_steps"])
-        if "num_collected_steps" not in now:
-            return True
         episodes = now["num_collected_episodes"] + int(np.sum(now["dones"]))
         return should_collect_more_steps(now["train_freq"], now["num_collected_steps"], episodes)
 
