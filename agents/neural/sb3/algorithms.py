@@ -14,6 +14,8 @@ from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from agents.base.checks import check_number, check_one_of
 
@@ -26,9 +28,9 @@ ALGORITHMS: dict[str, Algorithm] = {
     f"{module.__name__}.{name}": found
     for module in (stable_baselines3, sb3_contrib)
     for name in module.__all__
-    if isclass(found := getattr(module, name)) and issubclass(found, BaseAlgorithm)
+    if isclass(found := getattr(module, name)) and issubclass(found, OnPolicyAlgorithm | OffPolicyAlgorithm)
 }
-"""By dotted name, such as "sb3_contrib.CrossQ"."""
+"""By dotted name, such as "sb3_contrib.CrossQ": those that learn by gradients."""
 _BOUNDS: dict[str, dict[str, Any]] = {
     "gamma": {"least": 0, "most": 1},
     "learning_rate": {"above": 0},
