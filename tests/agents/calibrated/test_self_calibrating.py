@@ -98,7 +98,7 @@ def test_it_reaches_in_wild_worlds_beginning_with_nothing(mount):
     for seed in range(3020, 3035):
         env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic")
         records += evaluate(agents.make("self_calibrating", env, camera_mount=mount), env, 1, seed)
-    assert np.mean([record.success for record in records]) >= 0.93
+    assert np.mean([record.rendezvous for record in records]) >= 0.93
     assert np.median([record.motions for record in records]) <= 9
 
 
@@ -118,14 +118,14 @@ def held_out_records(mount, seeds, trials):
 
 def test_after_sixty_motions_it_reaches_at_once(mount):
     records = held_out_records(mount, range(3040, 3042), trials=8)
-    assert np.mean([record.success for record in records]) >= 0.93
+    assert np.mean([record.rendezvous for record in records]) >= 0.93
     assert np.mean([record.motions for record in records]) <= 2
 
 
 @pytest.mark.slow
 def test_after_sixty_motions_it_reaches_at_once_in_many_worlds(mount):
     records = held_out_records(mount, range(3050, 3080), trials=5)
-    assert np.mean([record.success for record in records]) >= 0.95
+    assert np.mean([record.rendezvous for record in records]) >= 0.95
     assert np.median([record.motions for record in records]) <= 2
 
 
