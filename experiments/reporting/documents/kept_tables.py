@@ -107,12 +107,12 @@ def _held_out(scenario: str, rows: pd.DataFrame) -> Table:
             f"`{agent}`",
             must_know,
             *(
-                f"{percent(numbers[agent, moment, share])}; {number(numbers[agent, moment, middle])}"
+                f"{_tight(numbers[agent, moment, share])}; {number(numbers[agent, moment, middle])}"
                 if (agent, moment, share) in numbers
                 else "–"
                 for moment in moments
             ),
-            percent(numbers[agent, moments[-1], SUCCESS]),
+            _tight(numbers[agent, moments[-1], SUCCESS]),
         ]
         for agent, must_know in known.items()
     ]
@@ -123,6 +123,11 @@ def _held_out(scenario: str, rows: pd.DataFrame) -> Table:
         f"{moments[-1]}: {SUCCESS}",
     ]
     return Table(scenario, f"Scenario {scenario}", pd.DataFrame(lines, columns=columns))
+
+
+def _tight(share: Estimate) -> str:
+    """A share with its interval where there is little room."""
+    return percent(share).replace(" %", "%")
 
 
 def _checkpoints(scenario: str, rows: pd.DataFrame) -> Table:

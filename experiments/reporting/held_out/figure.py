@@ -17,7 +17,7 @@ from experiments.reporting.finished_suite import (
 from experiments.reporting.held_out.estimates import Curve
 from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
 
-_ROOM_FOR_WORDS = 2  # labels side by side above a panel
+_ROOM_FOR_WORDS = 1  # labels above a panel
 
 
 def learning_curves(
