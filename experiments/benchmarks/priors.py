@@ -178,7 +178,7 @@ def motions(
     agent = agents.make(name, AlteredSenses(recorder, altered), seed=world, **required.settings | told)
     cap = config.max_episode_steps
     records = learn_trials(agent, recorder, trials)
-    return np.array([record.motions if record.rendezvous else cap for record in records], float)
+    return np.array([record.motions_per_reach(cap) for record in records], float)
 
 
 def effect(name: str, word: PriorKnowledge, worlds: int = 6, trials: int = 6) -> tuple[float, float]:
@@ -230,10 +230,11 @@ def priors(worlds: int = 6, trials: int = 6) -> Iterator[Table]:
     rows = []
     for name in measured():
         row: dict[str, Any] = {"agent": name}
+        known = declared(name)
         for word in ALTERATIONS:
             held, contradicted = effect(name, word, worlds, trials)
             row.setdefault("motions", held)
-            row[word.value] = f"{contradicted / held:.2f}{' (declared)' if word in declared(name) else ''}"
+            row[word.value] = f"{contradicted / held:.2f}{' (declared)' if word in known else ''}"
         rows.append(row)
     alterations = "; ".join(f"{word.value}: {each.what}" for word, each in ALTERATIONS.items())
     yield Table(

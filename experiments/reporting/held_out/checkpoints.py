@@ -7,9 +7,10 @@ import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, FinishedSuite, few_worlds
+from experiments.reporting.held_out.estimates import worst_and_bounds
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, number, percent
-from experiments.statistics import SHARE, Estimate, mean, over_worlds
+from experiments.statistics import Estimate, mean, over_worlds
 
 _STEPS = np.array([step * 10**power for power in range(8) for step in (1, 2, 5)])
 """Motions since the beginning, or since a perturbation; the first checkpoint after each is shown."""
@@ -82,13 +83,13 @@ def scores(own: pd.DataFrame, measure: str, at: Checkpoint) -> pd.Series:
 def checkpoint_section(finished: FinishedSuite, scenario: ScenarioConfig, rows: pd.DataFrame) -> Section:
     """Rendezvous, success and motions per reach of all agents at some checkpoints, as a table."""
     worlds, held_out = finished.suite.worlds, with_clocks(rows)
-    shown, cap = shown_checkpoints(held_out), float(scenario.env.max_episode_steps)
+    shown = shown_checkpoints(held_out)
     lines, summary = [], []
     for agent in (agent.label for agent in finished.suite.agents):
         own = held_out[held_out["agent"] == agent]
         failed = worlds - rows.loc[rows["agent"] == agent, "world"].nunique()
         for measure, (name, form) in _FORMS.items():
-            worst, bounds = (cap, (1.0, cap)) if measure == MOTIONS else (0.0, SHARE)
+            worst, bounds = worst_and_bounds(measure, scenario)
             cells = []
             for at, when in shown.items():
                 values = np.append(scores(own, measure, at).to_numpy(float), [worst] * failed)

@@ -125,8 +125,7 @@ def _curve(
     mine: pd.DataFrame, phase: str, axis: str, measure: str, worlds: int, scenario: ScenarioConfig
 ) -> Curve:
     """Runs brought onto one axis: where a run has no value of its own, its last one holds."""
-    cap = float(scenario.env.max_episode_steps)
-    worst, bounds = (cap, (1.0, cap)) if measure == MOTIONS else (0.0, SHARE)
+    worst, bounds = worst_and_bounds(measure, scenario)
     of_phase = mine[mine["phase"] == phase]
     if of_phase.empty:
         motions = np.array([0.0, scenario.most_motions] if mine.empty else [])
@@ -135,6 +134,12 @@ def _curve(
     finished = table.ffill(axis=1).bfill(axis=1).to_numpy(dtype=float)
     failed = np.full((worlds - mine["world"].nunique(), len(table.columns)), worst)
     return Curve(table.columns.to_numpy(dtype=float), np.vstack([finished, failed]), bounds)
+
+
+def worst_and_bounds(measure: str, scenario: ScenarioConfig) -> tuple[float, tuple[float, float]]:
+    """What a failed run counts as in a measure, and the lowest and the highest value that a run can have."""
+    cap = float(scenario.env.max_episode_steps)
+    return (cap, (1.0, cap)) if measure == MOTIONS else (0.0, SHARE)
 
 
 def moments(rows: pd.DataFrame, agent: str, worlds: int, cap: int) -> dict[str, Moment]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from experiments.config.suite import ScenarioConfig
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, FinishedSuite, few_worlds
+from experiments.reporting.held_out.checkpoints import with_clocks
 from experiments.reporting.held_out.estimates import LAST, held_out_curve, last_checkpoints
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, number, percent
@@ -45,27 +46,22 @@ def times_to_good(rows: pd.DataFrame, agent: str, worlds: int) -> dict[str, Time
         By the stretch of the lifetime: both of shape (worlds,), and the latest time that was looked at;
         a stretch that no run came to is left out.
     """
-    mine = rows[(rows["agent"] == agent) & (rows["phase"] == "eval")]
-    since = mine["motions_since_perturbation"].astype("Float64").to_numpy(dtype=float, na_value=np.nan)
-    mine = mine.assign(since=since, began=mine["lifetime_motions"] - since)
-    perturbed = mine[mine["began"].notna()]
-    first = perturbed[perturbed["began"] == perturbed["world"].map(perturbed.groupby("world")["began"].min())]
-    stretches = ((mine[mine["began"].isna()], "lifetime_motions"), (first, "since"))
+    mine = with_clocks(rows[rows["agent"] == agent])
     failed = worlds - mine["world"].nunique()
     return {
-        name: _first_good(of_stretch, clock, failed)
-        for name, (of_stretch, clock) in zip(_STRETCHES, stretches, strict=True)
-        if len(of_stretch)
+        name: _first_good(of_stretch, failed)
+        for stretch, name in enumerate(_STRETCHES)
+        if len(of_stretch := mine[mine["stretch"] == stretch])
     }
 
 
-def _first_good(rows: pd.DataFrame, clock: str, failed: int) -> Times:
-    shares = rows.groupby(["world", clock])[RENDEZVOUS].mean().reset_index()
-    backwards = shares.sort_values(clock, ascending=False)
+def _first_good(rows: pd.DataFrame, failed: int) -> Times:
+    shares = rows.groupby(["world", "clock"])[RENDEZVOUS].mean().reset_index()
+    backwards = shares.sort_values("clock", ascending=False)
     shares["later"] = backwards.groupby("world")[RENDEZVOUS].transform(lambda own: own.expanding().mean())
     lasting = shares[(shares[RENDEZVOUS] >= GOOD) & (shares["later"] >= GOOD)]
-    good = lasting.groupby("world")[clock].min()
-    last = shares.groupby("world")[clock].max()
+    good = lasting.groupby("world")["clock"].min()
+    last = shares.groupby("world")["clock"].max()
     times = good.reindex(last.index).fillna(last).to_numpy(dtype=float)
     reached = last.index.isin(good.index)
     latest = float(last.max())
