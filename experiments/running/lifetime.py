@@ -12,7 +12,44 @@ MOST_MOTIONS = 1_000
 """Motions that `learn_trials` allows for in a trial: it stops by trials, unless trials are longer."""
 
 
-class LifetimeRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
+class LifetimeCounts:
+    """What is counted in a lifetime, of one arm or of rows.
+
+    Attributes:
+        motions: Lifetime motions.
+        records: Of the trials that have ended. A trial cut off by a reset has none.
+        perturbations: Lifetime motions made before each, index of the trial that it met, and what it was.
+    """
+
+    motions: int
+    records: list[TrialRecord]
+    perturbations: list[tuple[int, int, dict[str, Any]]]
+
+    def _count_from_zero(self) -> None:
+        self.motions, self.records, self.perturbations = 0, [], []
+
+    @property
+    def trials(self) -> int:
+        """How many trials have ended."""
+        return len(self.records)
+
+    @property
+    def since_perturbation(self) -> int | None:
+        """Motions since the last perturbation, the one it preceded included; None before any."""
+        return self.motions - self.perturbations[-1][0] if self.perturbations else None
+
+
+def refuse_options(options: dict[str, Any] | None) -> None:
+    """Raises where a reset of a run gets options.
+
+    Raises:
+        ValueError: They are given.
+    """
+    if options:
+        raise ValueError(f"reset got options {options!r}; a run's trials are fixed, it takes none")
+
+
+class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
     """Counts every motion in the environment, where no agent can miscount it.
 
     The world belongs to the run: the first reset is seeded with `seed`, and a seed that an agent
@@ -23,11 +60,8 @@ class LifetimeRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     one. So it makes no difference whether an agent resets at once after a trial or only when it goes on.
 
     Attributes:
-        motions: Lifetime motions.
-        records: Of the trials that have ended. A trial cut off by a reset has none.
         world: The world in which the last motion was made (at first: the world to begin in).
-        perturbations: All up to the last motion: lifetime motions made before it, index of the trial
-            that it met, and what it was.
+        motions, records, perturbations: See `LifetimeCounts`; all up to the last motion.
 
     Args:
         env: The agent's environment, with its schedule of perturbations.
@@ -44,21 +78,9 @@ class LifetimeRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         self._on_trial = on_trial
         self._trial = 0
-        self.motions = 0
-        self.records: list[TrialRecord] = []
-        self.perturbations: list[tuple[int, int, dict[str, Any]]] = []
+        self._count_from_zero()
         self._begin(*env.reset(seed=seed))
         self._note(())
-
-    @property
-    def trials(self) -> int:
-        """How many trials have ended."""
-        return len(self.records)
-
-    @property
-    def since_perturbation(self) -> int | None:
-        """Motions since the last perturbation, the one it preceded included; None before any."""
-        return self.motions - self.perturbations[-1][0] if self.perturbations else None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -68,8 +90,7 @@ class LifetimeRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         Raises:
             ValueError: Options are given.
         """
-        if options:
-            raise ValueError(f"reset got options {options!r}; a run's trials are fixed, it takes none")
+        refuse_options(options)
         if self._meter.motions:
             self._trial += 1
             self._begin(*self.env.reset())

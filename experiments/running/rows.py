@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from calfree_gym.perturbations.application import PerturbationScheduler
 from experiments.config.suite import EnvironmentConfig
 from experiments.evaluation import TrialMeter, TrialRecord
+from experiments.running.lifetime import LifetimeCounts, refuse_options
 
 _CLOCKS = ("trial", "motion")
 
 
-class RowsRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
+class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
     """`LifetimeRecorder` for an agent that learns from rows: a batched environment with SAME_STEP autoreset.
 
     The world is the one that any agent meets under this seed, and perturbations are drawn as in its single
@@ -26,10 +27,8 @@ class RowsRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
     their ended trials, have reached it. Row 0 meets the objects that a single environment would.
 
     Attributes:
-        motions: Lifetime motions of all rows.
-        records: Of the trials that have ended, numbered in this order.
         world: The world in which the last motion was made (at first: the world to begin in).
-        perturbations: As of `LifetimeRecorder`.
+        motions, records, perturbations: See `LifetimeCounts`; of all rows, trials numbered as they ended.
 
     Args:
         config: The environment.
@@ -57,22 +56,10 @@ class RowsRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         self._applied = dict.fromkeys(_CLOCKS, -1)
         self._on_trial = on_trial
         self._moved = False
-        self.motions = 0
-        self.records: list[TrialRecord] = []
-        self.perturbations: list[tuple[int, int, dict[str, Any]]] = []
+        self._count_from_zero()
         self._apply_due("trial")
         self._first = self.env.reset(seed=seed)
         self._meters = [self._meter(row, self._first[1]) for row in range(rows)]
-
-    @property
-    def trials(self) -> int:
-        """How many trials have ended."""
-        return len(self.records)
-
-    @property
-    def since_perturbation(self) -> int | None:
-        """Motions since the last perturbation; None before any."""
-        return self.motions - self.perturbations[-1][0] if self.perturbations else None
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begins a trial in every row, unless none has moved yet. A trial cut off has no record.
@@ -80,8 +67,7 @@ class RowsRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         Raises:
             ValueError: Options are given.
         """
-        if options:
-            raise ValueError(f"reset got options {options!r}; a run's trials are fixed, it takes none")
+        refuse_options(options)
         if self._moved:
             self._moved = False
             self._first = self.env.reset()
