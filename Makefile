@@ -10,7 +10,7 @@ venv: $(STAMP)
 $(STAMP): constraints.txt pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-		-c constraints.txt -e '.[agents,experiments,dev]'
+		-c constraints.txt -e '.[agents,experiments,cluster,dev]'
 	touch $@
 
 lint: venv
