@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from agents.adaptation.adaptive_knowledge import AdaptiveKnowledge
 from agents.base.checks import check_flag, check_number, checked_array
-from agents.base.observation import POINTS, Array, Observation
+from agents.base.observation import POINTS, Array, Observation, RawObservation
 from agents.base.procedure import Procedure
 from agents.base.storage import with_present_names
 from agents.jacobian import distance_jacobian
-from agents.knowledge.interface import Knowledge
+from agents.knowledge.interface import Knowledge, Recall
 from agents.perception import ObservationFilter, Observing
 from agents.servo.redundancy import solve
 from agents.servo.servo_agent import Servo, ServoAgent
@@ -96,8 +96,8 @@ class LearningServo(ServoAgent):
         self, knowledge: Knowledge, home: Observation, filter_: ObservationFilter, findings: Findings
     ) -> Observing:
         """Moves at once to the registers that are recalled; back where that loses a point from view."""
-        recall = knowledge.recall(home.object)
-        if recall is None or recall.deviation_px > self.jump_px:
+        recall = self._recall(knowledge, home)
+        if recall is None:
             return home
         after = yield recall.registers - home.registers
         as_seen = after.points - home.points
@@ -106,6 +106,28 @@ class LearningServo(ServoAgent):
         if not after.visible.all():
             after = yield home.registers - after.registers
         return after
+
+    def expected_px(self, first: RawObservation) -> float | None:
+        """How far off it expects to be after its first motion, told before that motion is made.
+
+        Args:
+            first: What a trial begins with.
+
+        Returns:
+            The standard deviation in the worse image, in pixels; None where it knows too little to move at
+            once, or does not see the object.
+        """
+        home = Observation.of(first)
+        knowledge = self.adaptation.knowledge_for(home.gripper)
+        if knowledge is None or not home.visible.all():
+            return None
+        recall = self._recall(knowledge, home)
+        return None if recall is None else recall.deviation_px
+
+    def _recall(self, knowledge: Knowledge, home: Observation) -> Recall | None:
+        """What it remembers of the object's place, if that is sure enough to move there at once."""
+        recall = knowledge.recall(home.object)
+        return None if recall is None or recall.deviation_px > self.jump_px else recall
 
     def learn_trial(self, findings: Findings, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`."""

@@ -75,6 +75,7 @@ class TimedPredictor:
 
     def __init__(self, agent: Predictor, times: CpuTimes):
         self.agent = agent
+        self.expected_px = getattr(agent, "expected_px", None)
         self._times = times
 
     def predict(self, *arguments: Any, **options: Any) -> tuple[Any, Any]:

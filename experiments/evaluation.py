@@ -1,7 +1,7 @@
 """Scoring an agent on held-out trials, without changing it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import gymnasium
@@ -39,6 +39,7 @@ class TrialRecord:
         error_px: True image error at the end: the larger of both cameras', in pixels of 512.
         distance_mm: True distance of gripper and object at the end, in millimetres.
         motions_to: For 2, 4, 8 and 16 px: the first motion within it, or None if there was none.
+        expected_px: How far off the agent expected to be after its first motion, where it told so before.
     """
 
     trial: int
@@ -49,6 +50,7 @@ class TrialRecord:
     error_px: float
     distance_mm: float
     motions_to: Mapping[int, int | None]
+    expected_px: float | None = None
 
     def motions_per_reach(self, cap: int) -> int:
         """Its motions; those of a trial without a rendezvous count as the cap."""
@@ -117,7 +119,8 @@ def evaluate(agent: Predictor, env: gymnasium.Env[Any, Any], trials: int, seed: 
     knowledge, and global random states are restored afterwards.
 
     Args:
-        agent: Anything with `predict`; its state is threaded through each trial.
+        agent: Anything with `predict`; its state is threaded through each trial. Where it has `expected_px`,
+            that is asked with the first observation.
         env: A reach environment with a time limit. It is reset with `seed` once, then without.
         trials: How many trials to make.
         seed: Seeds the objects and the noise (and the world, where `env` draws worlds).
@@ -134,10 +137,12 @@ def _make_trial(agent: Predictor, env: gymnasium.Env[Any, Any], trial: int, seed
     if "truth" not in info:
         raise ValueError("evaluate scores by info['truth']: make the environment with truth=True")
     meter = TrialMeter(env, trial, info)
+    tell = getattr(agent, "expected_px", None)
+    expected = tell(observation) if tell else None
     state, over = None, False
     while not over:
         words, state = agent.predict(observation, state=state, deterministic=True)
         observation, _, terminated, truncated, info = env.step(words)
         meter.add(info)
         over = terminated or truncated
-    return meter.record()
+    return replace(meter.record(), expected_px=expected)

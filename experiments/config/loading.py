@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from calfree_gym.errors import near_misses
 from experiments.config.overrides import with_overrides
 from experiments.config.requirements import requirements
-from experiments.config.suite import Suite
+from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
 from experiments.errors import ConfigError
 
 
@@ -99,12 +99,14 @@ def _unbuildable(suite: Suite) -> list[str]:
             scenario.env.make(scenario.perturbations).close()
         except ValueError as error:
             wrong[f"scenarios.{i}.env"] = f"{error}"
-    for env in [scenario.env for scenario in suite.scenarios] + [sweep.env for sweep in suite.sweeps]:
-        for j, agent in enumerate(suite.agents):
+    parts: tuple[ScenarioConfig | SweepConfig, ...] = (*suite.scenarios, *suite.sweeps)
+    for part in parts:
+        for agent in suite.agents_in(part):
             try:
-                requirements(agent, env)
+                requirements(agent, part.env)
             except Exception as error:  # whatever a library raises at a setting that it cannot use
-                wrong[f"agents.{j}.settings"] = f"found {_short(agent.settings)}: {error}"
+                where = f"agents.{suite.agents.index(agent)}.settings"
+                wrong[where] = f"found {_short(agent.settings)}: {error}"
     return [f"{where}: {what}" for where, what in wrong.items()]
 
 

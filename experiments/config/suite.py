@@ -75,14 +75,28 @@ class EnvironmentConfig(Model):
         return gymnasium.make_vec(self.id, num_envs=rows, autoreset_mode="Disabled", **arguments)
 
 
+class EvaluationConfig(Model):
+    """Held-out trials, every this many lifetime motions and right after a perturbation."""
+
+    every: int = Field(gt=0)
+    trials: int = Field(gt=0)
+
+
 class ScenarioConfig(Model):
-    """Every agent's lifetime: where, for how many motions or trials, and how the world is perturbed."""
+    """A lifetime: where, for how many motions or trials, and how the world is perturbed.
+
+    Attributes:
+        agents: Labels of those that take part; all of the suite where none is given.
+        evaluation: Its own, where it is not the suite's.
+    """
 
     name: Name
     env: EnvironmentConfig
     motions: int | None = Field(None, gt=0)
     trials: int | None = Field(None, gt=0, validate_default=True)
     perturbations: tuple[dict[str, Any], ...] = Field((), strict=False)
+    evaluation: EvaluationConfig | None = None
+    agents: tuple[Name, ...] | None = Field(None, min_length=1, strict=False)
 
     @field_validator("trials")
     @classmethod
@@ -119,13 +133,18 @@ class ScenarioConfig(Model):
 
 
 class SweepConfig(Model):
-    """One setting of one perturbation, varied: what every agent reaches at each value, without learning."""
+    """One setting of one perturbation, varied: what agents reach at each value, without learning.
+
+    Attributes:
+        agents: Labels of those that take part; all of the suite where none is given.
+    """
 
     name: Name
     env: EnvironmentConfig
     do: dict[str, Any]
     vary: str
     over: tuple[int | float, ...] = Field(min_length=1, strict=False)
+    agents: tuple[Name, ...] | None = Field(None, min_length=1, strict=False)
 
     @field_validator("do")
     @classmethod
@@ -160,13 +179,6 @@ class SweepConfig(Model):
         return ({"at": {"trial": 0}, "do": {**self.do, self.vary: value}},)
 
 
-class EvaluationConfig(Model):
-    """Held-out trials, every this many lifetime motions and right after a perturbation."""
-
-    every: int = Field(gt=0)
-    trials: int = Field(gt=0)
-
-
 class AgentConfig(Model):
     """An agent by name, or a name alone, with its settings; `label` tells apart two of the same name."""
 
@@ -190,7 +202,7 @@ class AgentConfig(Model):
 
 
 class Suite(Model):
-    """A question, and the runs that answer it: every agent in every scenario and sweep, in every world."""
+    """A question, and the runs that answer it: agents in scenarios and sweeps, each in every world."""
 
     name: Name
     question: str
@@ -220,8 +232,19 @@ class Suite(Model):
 
     @field_validator("agents")
     @classmethod
-    def _distinct_agents(cls, value: tuple[AgentConfig, ...]) -> tuple[AgentConfig, ...]:
-        _distinct([agent.label for agent in value], "label")
+    def _distinct_and_known(
+        cls, value: tuple[AgentConfig, ...], info: ValidationInfo
+    ) -> tuple[AgentConfig, ...]:
+        labels = [agent.label for agent in value]
+        _distinct(labels, "label")
+        for part in (*info.data.get("scenarios", ()), *info.data.get("sweeps", ())):
+            for label in part.agents or ():
+                if label not in labels:
+                    hint = near_misses(label, labels)
+                    raise ValueError(
+                        f"{part.name!r} names the agent {label!r}, which is not here{hint}; "
+                        f"allowed: {', '.join(labels)}"
+                    )
         return value
 
     @field_validator("evaluation")
@@ -230,13 +253,22 @@ class Suite(Model):
         cls, value: EvaluationConfig | None, info: ValidationInfo
     ) -> EvaluationConfig | None:
         for scenario in info.data.get("scenarios", ()):
+            evaluation = scenario.evaluation or value
             at_most = "" if scenario.motions is not None else "at most "
             lifetime = f"scenario {scenario.name!r} has {at_most}{scenario.most_motions} motions"
-            if value is None and scenario.motions is not None:
+            if evaluation is None and scenario.motions is not None:
                 raise ValueError(f"{lifetime}: only lifetimes counted in trials need no held-out trials")
-            if value is not None and value.every > scenario.most_motions:
-                raise ValueError(f"evaluation.every is {value.every}; {lifetime}")
+            if evaluation is not None and evaluation.every > scenario.most_motions:
+                raise ValueError(f"evaluation.every is {evaluation.every}; {lifetime}")
         return value
+
+    def agents_in(self, part: ScenarioConfig | SweepConfig) -> tuple[AgentConfig, ...]:
+        """Those that take part in a scenario or sweep, in the order of the suite."""
+        return tuple(a for a in self.agents if part.agents is None or a.label in part.agents)
+
+    def evaluation_of(self, scenario: ScenarioConfig) -> EvaluationConfig | None:
+        """When agents are evaluated in a scenario, if ever."""
+        return scenario.evaluation or self.evaluation
 
 
 def _distinct(values: list[str], key: str) -> None:

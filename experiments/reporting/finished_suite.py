@@ -15,6 +15,7 @@ from experiments.running.plan import LifetimeRun, Run, runs_of
 from experiments.running.results_folder import (
     DONE,
     SUITE,
+    TIMINGS,
     VERSIONS,
     folder_of,
     is_done,
@@ -61,6 +62,11 @@ class FinishedSuite:
         """What the finished runs of an agent say about themselves."""
         return [self.outcomes[run.id] for run in self.runs if run.agent == agent and run.id in self.outcomes]
 
+    def timings_of(self, agent: AgentConfig) -> list[dict[str, Any]]:
+        """What the finished runs of an agent took."""
+        mine = [run.id for run in self.runs if run.agent == agent and run.id in self.outcomes]
+        return [read_json(folder_of(self.out, run) / TIMINGS) for run in mine]
+
     def must_know(self, agent: AgentConfig) -> str:
         """The privileged observations of an agent, and what it is built on."""
         for outcome in self.outcomes_of(agent):
@@ -79,7 +85,7 @@ def read_finished(out: Path) -> FinishedSuite:
     done = {folder: run for run in runs if is_done(folder := folder_of(out, run.id))}
     for folder in list(done)[:1]:
         refuse_foreign(out, suite, read_json(folder / VERSIONS))
-    outcomes = {run.id: _outcome(folder) for folder, run in done.items()}
+    outcomes = {run.id: read_json(folder / DONE) for folder, run in done.items()}
     trial_log.compact(done, out / RESULTS)
     return FinishedSuite(
         out, suite, command, runs, outcomes, _versions(out, runs), pd.read_parquet(out / RESULTS)
@@ -94,18 +100,6 @@ def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
             for name, version in read_json(made_by).items():
                 found.setdefault(name, set()).add(version)
     return {name: ", ".join(sorted(versions)) for name, versions in found.items()}
-
-
-def _outcome(folder: Path) -> dict[str, Any]:
-    """What a finished run says about itself, older ones too.
-
-    "told" was the name of its privileged observations; what an agent is built on was not recorded.
-    """
-    outcome: dict[str, Any] = read_json(folder / DONE)
-    if "told" in outcome:
-        outcome["privileged"] = outcome.pop("told")
-    outcome.setdefault("prior_knowledge", ["not recorded"])
-    return outcome
 
 
 def with_cost(results: pd.DataFrame, scenario: ScenarioConfig | SweepConfig) -> pd.DataFrame:
@@ -156,7 +150,7 @@ def where_it_stands(finished: FinishedSuite, scenario: ScenarioConfig | SweepCon
         if suite.worlds >= ENOUGH_WORLDS
         else "thin lines: single worlds; no ranking is claimed"
     )
-    known = "; ".join(f"{agent.label}: {finished.must_know(agent)}" for agent in suite.agents)
+    known = "; ".join(f"{agent.label}: {finished.must_know(agent)}" for agent in suite.agents_in(scenario))
     return (
         f"Tolerance {scenario.env.tolerance_px:g} px of 512. {suite.worlds} worlds, {trials}; lines: "
         f"all worlds; {drawn}.\nBuilt on, beyond observations: {known}."
@@ -179,7 +173,11 @@ def perturbations_met(finished: FinishedSuite, scenario: ScenarioConfig, of: str
     """
     met: dict[tuple[str, int], list[int]] = {}
     for spec in finished.runs:
-        if isinstance(spec, LifetimeRun) and spec.scenario == scenario and spec.id in finished.outcomes:
+        if (
+            isinstance(spec, LifetimeRun)
+            and spec.scenario.name == scenario.name
+            and spec.id in finished.outcomes
+        ):
             seen: Counter[str] = Counter()
             for motions, trials, perturbation in finished.outcomes[spec.id]["perturbations"]:
                 what = _in_words(perturbation, scenario)

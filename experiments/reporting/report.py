@@ -35,9 +35,8 @@ def write_report(out: Path) -> Path:
     """
     finished = read_finished(out)
     sections = [_failures(finished)] if finished.unfinished else []
-    evaluation = finished.suite.evaluation
     for scenario in finished.suite.scenarios:
-        if evaluation:
+        if evaluation := finished.suite.evaluation_of(scenario):
             sections += scenario_sections(finished, scenario, evaluation)
         if scenario.trials:
             sections.append(trial_section(finished, scenario))
@@ -72,15 +71,15 @@ def _failures(finished: FinishedSuite) -> Section:
 def _agents(finished: FinishedSuite) -> Section:
     rows = []
     for agent in finished.suite.agents:
-        mine = finished.outcomes_of(agent)
+        times = finished.timings_of(agent)
         rows.append(
             [
                 agent.label,
                 agent.name,
                 finished.must_know(agent),
                 json.dumps(agent.settings) if agent.settings else "defaults",
-                f"{sum(outcome['wall_seconds'] for outcome in mine):,.0f}",
-                *(_milliseconds(mine, what) for what in ("decision", "learning")),
+                f"{sum(of_run['wall_seconds'] for of_run in times):,.0f}",
+                *(_milliseconds(times, what) for what in ("decision", "learning")),
             ]
         )
     columns = ["agent", "kind", "what it must know", "settings", "computing (s)"]
@@ -94,9 +93,9 @@ def _agents(finished: FinishedSuite) -> Section:
     )
 
 
-def _milliseconds(outcomes: list[dict[str, Any]], what: str) -> str:
-    """The median over runs; older runs say nothing of it."""
-    found = [outcome[CPU][what] for outcome in outcomes if what in outcome.get(CPU, {})]
+def _milliseconds(timings: list[dict[str, Any]], what: str) -> str:
+    """The median over runs; an agent that learns nothing has no time for it."""
+    found = [of_run[CPU][what] for of_run in timings if what in of_run[CPU]]
     return f"{1000 * median(found):.2g}" if found else "–"
 
 

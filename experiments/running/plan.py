@@ -44,7 +44,8 @@ class LifetimeRun(Run):
     """One lifetime: an agent in a scenario in one world.
 
     Attributes:
-        scenario: The environment, the length, and how the world is perturbed.
+        scenario: The environment, the length, and how the world is perturbed; who else takes part is no
+            part of it, and the evaluation stands apart.
         evaluation: When it is evaluated on held-out trials, if ever.
         world: Index of the world; the same for all agents that are compared in it.
         world_seed: Seeds the world, its objects and its noise.
@@ -99,15 +100,15 @@ def _lifetimes(suite: Suite) -> list[LifetimeRun]:
     return [
         LifetimeRun(
             agent=agent,
-            scenario=scenario,
-            evaluation=suite.evaluation,
+            scenario=scenario.model_copy(update={"agents": None, "evaluation": None}),
+            evaluation=suite.evaluation_of(scenario),
             world=world,
             world_seed=_seed(suite.seed, _WORLD, world),
             evaluation_seed=_seed(suite.seed, _EVALUATION, world),
             agent_seed=_seed(suite.seed, _AGENT, world),
         )
         for scenario in suite.scenarios
-        for agent in suite.agents
+        for agent in suite.agents_in(scenario)
         for world in range(suite.worlds)
     ]
 
@@ -116,12 +117,12 @@ def _sweeps(suite: Suite) -> list[SweepRun]:
     return [
         SweepRun(
             agent=agent,
-            sweep=sweep,
+            sweep=sweep.model_copy(update={"agents": None}),
             world_seeds=tuple(_seed(suite.seed, _WORLD, world) for world in range(suite.worlds)),
             agent_seed=_seed(suite.seed, _AGENT, 0),
         )
         for sweep in suite.sweeps
-        for agent in suite.agents
+        for agent in suite.agents_in(sweep)
     ]
 
 

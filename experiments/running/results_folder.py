@@ -19,6 +19,7 @@ SPEC = "run.json"
 VERSIONS = "versions.json"
 LOG = "log.txt"
 DONE = "DONE.json"
+TIMINGS = "timings.json"
 FAILED = "FAILED.json"
 
 PATIENCE = 10.0

@@ -6,7 +6,7 @@ from typing import Any
 
 import agents
 from experiments.config.requirements import requirements
-from experiments.cpu_time import CPU, CpuTimes, TimedPredictor
+from experiments.cpu_time import CpuTimes, TimedPredictor
 from experiments.evaluation import evaluate
 from experiments.running.plan import SweepRun
 from experiments.running.trial_log import TrialLog
@@ -15,17 +15,20 @@ _POINTS = 4
 """Visibility flags at the head of `observation`: gripper left, right, object left, right."""
 
 
-def run_sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
+def run_sweep(run: SweepRun, folder: Path, times: CpuTimes) -> dict[str, Any]:
     """Makes the trials of a sweep, and logs each into `folder`.
 
     At every value the agent is made afresh, and learns nothing. A trial is in view where its first
     observation shows gripper and object to both cameras, whatever the agent then does.
 
+    Args:
+        run: The sweep.
+        folder: Of the run.
+        times: Counts CPU seconds.
+
     Returns:
-        What the run says about itself: the agent's privileged observations, what it is built on, and CPU
-        seconds a motion.
+        What the run says about itself: the agent's privileged observations, and what it is built on.
     """
-    times = CpuTimes()
     config = run.sweep
     privileged, settings, _, known = requirements(run.agent, config.env)
     trials, of = run.work
@@ -42,11 +45,7 @@ def run_sweep(run: SweepRun, folder: Path) -> dict[str, Any]:
             env.close()
             made = i * len(run.world_seeds)
             print(f"{of} {made}/{trials}: {reached} reached at {config.vary} {value:g}", flush=True)
-    return {
-        "privileged": list(privileged),
-        "prior_knowledge": list(known),
-        CPU: times.a_motion(learned=0),
-    }
+    return {"privileged": list(privileged), "prior_knowledge": list(known)}
 
 
 def _in_view(observation: Mapping[str, Any]) -> bool:

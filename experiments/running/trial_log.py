@@ -33,6 +33,7 @@ SCHEMA = pa.schema(
         ("error_px", pa.float64()),
         ("distance_mm", pa.float64()),
         *((f"motions_to_{threshold}", pa.int64()) for threshold in THRESHOLDS_PX),
+        ("expected_px", pa.float64()),  # after the first motion, as told before; null where nothing is told
     ]
 )
 
@@ -77,6 +78,7 @@ class TrialLog:
             "error_px": record.error_px,
             "distance_mm": record.distance_mm,
             **{f"motions_to_{px}": motion for px, motion in record.motions_to.items()},
+            "expected_px": record.expected_px,
             **columns,
         }
         self._file.write(json.dumps(row) + "\n")

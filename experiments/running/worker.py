@@ -17,7 +17,7 @@ from experiments.cpu_time import CPU, CpuTimes, TimedPredictor
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import LifetimeRun, SweepRun
-from experiments.running.results_folder import DONE, SPEC, write_json
+from experiments.running.results_folder import DONE, SPEC, TIMINGS, write_json
 from experiments.running.rows import RowsRecorder
 from experiments.running.sweep_trials import run_sweep
 from experiments.running.tensorboard_curves import Curves
@@ -94,14 +94,18 @@ def print_progress(spec: LifetimeRun, recorder: Recorder, more: str = "") -> Non
     print(f"{of} {getattr(recorder, of)}/{length}{more}", flush=True)
 
 
-def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
+def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[str, Any], int]:
     """Makes one agent's lifetime in its scenario, and logs every trial into `folder`.
 
+    Args:
+        spec: The run.
+        folder: Of the run.
+        times: Counts CPU seconds.
+
     Returns:
-        What the run says about itself: the agent's privileged observations, what it is built on, how its
-        world was perturbed, and CPU seconds a motion.
+        What the run says about itself: the agent's privileged observations, what it is built on, and how
+        its world was perturbed. And the motions from which it learned.
     """
-    times = CpuTimes()
     with TrialLog(folder) as log, closing(Curves(folder)) as curves:
 
         def log_trial(record: TrialRecord) -> None:
@@ -134,12 +138,12 @@ def run_lifetime(spec: LifetimeRun, folder: Path) -> dict[str, Any]:
             raise RuntimeError(f"{spec.agent.name} made {getattr(recorder, of)} {of}; it was given {length}")
         if checkpoints:
             checkpoints.finish(agent)
-    return {
+    outcome = {
         "privileged": list(privileged),
         "prior_knowledge": list(known),
         "perturbations": recorder.perturbations,
-        CPU: times.a_motion(learned=recorder.motions),
     }
+    return outcome, recorder.motions
 
 
 def _recorder(
@@ -154,12 +158,19 @@ def _recorder(
 
 
 def main(folder: Path) -> None:
-    """Makes the run that `folder` describes; DONE.json is the last thing to appear in it."""
+    """Makes the run that `folder` describes; DONE.json is the last thing to appear in it.
+
+    But for what it took, which stands in timings.json, a run leaves the same in each repetition.
+    """
     kinds: TypeAdapter[LifetimeRun | SweepRun] = TypeAdapter(LifetimeRun | SweepRun)
     run = kinds.validate_json((folder / SPEC).read_text(encoding="utf-8"))
-    start = time.monotonic()
-    outcome = run_sweep(run, folder) if isinstance(run, SweepRun) else run_lifetime(run, folder)
-    outcome["wall_seconds"] = round(time.monotonic() - start, 1)
+    start, times = time.monotonic(), CpuTimes()
+    if isinstance(run, SweepRun):
+        outcome, learned = run_sweep(run, folder, times), 0
+    else:
+        outcome, learned = run_lifetime(run, folder, times)
+    wall = round(time.monotonic() - start, 1)
+    write_json(folder / TIMINGS, {"wall_seconds": wall, CPU: times.a_motion(learned)})
     write_json(folder / DONE, outcome)
 
 

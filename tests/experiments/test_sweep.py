@@ -11,6 +11,7 @@ from experiments.__main__ import main
 from experiments.config.loading import load
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, EnvironmentConfig, Suite, SweepConfig
+from experiments.cpu_time import CpuTimes
 from experiments.errors import ConfigError
 from experiments.reporting.sweep.estimates import points
 from experiments.reporting.sweep.figure import sweep_figure
@@ -36,7 +37,7 @@ def rows_of(tmp_path):
     def make(data):
         found = {}
         for run in runs_of(Suite.model_validate(data)):
-            sweep.run_sweep(run, tmp_path)
+            sweep.run_sweep(run, tmp_path, CpuTimes())
             lines = (tmp_path / "trials.jsonl").read_text().splitlines()
             found[run.agent.label] = pd.DataFrame([json.loads(line) for line in lines])
         return found

@@ -49,7 +49,7 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
     """Motions and robot seconds per reach against trials, and the table of their blocks."""
     measures = (MOTIONS, *map(seconds_at, LOOKS), SUCCESS, RENDEZVOUS)
     suite, cap = finished.suite, scenario.env.max_episode_steps
-    labels = tuple(agent.label for agent in suite.agents)
+    labels = tuple(agent.label for agent in suite.agents_in(scenario))
     costs = trial_costs(with_cost(finished.results, scenario), scenario)
     fine = edges_of(scenario, FINE)
     figure = trial_curves(

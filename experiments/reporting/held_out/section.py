@@ -43,7 +43,7 @@ def scenario_sections(
     """Learning curves and moments; agents compared; errors at the end; motions to a threshold."""
     rows = with_cost(finished.results, scenario)
     suite, cap = finished.suite, scenario.env.max_episode_steps
-    labels = tuple(agent.label for agent in suite.agents)
+    labels = tuple(agent.label for agent in suite.agents_in(scenario))
     found = {label: moments(rows, label, suite.worlds, cap) for label in labels}
     sections = [_curves_and_moments(finished, scenario, evaluation, rows, found)]
     if any("at the end" in of_agent for of_agent in found.values()):

@@ -72,7 +72,7 @@ def threshold_section(finished: FinishedSuite, scenario: ScenarioConfig, rows: p
     """Motions to the threshold, and medians over the last checkpoints."""
     worlds = finished.suite.worlds
     lines, summary = [], []
-    labels = [agent.label for agent in finished.suite.agents]
+    labels = [agent.label for agent in finished.suite.agents_in(scenario)]
     found_times = {label: times_to_good(rows, label, worlds) for label in labels}
     horizons = {
         name: max(of[name][2] for of in found_times.values() if name in of)

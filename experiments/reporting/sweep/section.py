@@ -44,9 +44,12 @@ _HOW_TO_READ = (
 
 def sweep_sections(finished: FinishedSuite) -> list[Section]:
     """Where there are several sweeps, all in one figure; then each with its curves and a table."""
-    sweeps, labels = finished.suite.sweeps, [agent.label for agent in finished.suite.agents]
+    suite, sweeps = finished.suite, finished.suite.sweeps
     curves = {
-        sweep.name: {label: points(finished.results, sweep, label, finished.suite.worlds) for label in labels}
+        sweep.name: {
+            agent.label: points(finished.results, sweep, agent.label, suite.worlds)
+            for agent in suite.agents_in(sweep)
+        }
         for sweep in sweeps
     }
 

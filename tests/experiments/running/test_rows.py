@@ -8,6 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from experiments.config.suite import EnvironmentConfig, Suite
+from experiments.cpu_time import CpuTimes
 from experiments.evaluation import TrialRecord
 from experiments.running import worker
 from experiments.running.lifetime import LifetimeRecorder
@@ -56,7 +57,7 @@ def test_rows_meet_the_worlds_and_perturbations_of_a_servo(suite_data, tmp_path,
     monkeypatch.setattr(worker, "LifetimeRecorder", watched(LifetimeRecorder))
     monkeypatch.setattr(worker, "RowsRecorder", watched(RowsRecorder))
     for spec in runs_of(Suite.model_validate(suite_data)):
-        outcome = worker.run_lifetime(spec, tmp_path)
+        outcome, _ = worker.run_lifetime(spec, tmp_path, CpuTimes())
         rows = [json.loads(line) for line in (tmp_path / "trials.jsonl").read_text().splitlines()]
         train = [row for row in rows if row["phase"] == "train"]
         assert [row["trial"] for row in train] == list(range(len(train)))
@@ -164,7 +165,7 @@ def test_lifetimes_counted_in_trials_have_exactly_as_many(suite_data, tmp_path):
     suite_data |= {"worlds": 1, "agents": [PPO]}
     suite_data["scenarios"][0] |= {"trials": 6, "motions": None, "perturbations": []}
     (spec,) = runs_of(Suite.model_validate(suite_data))
-    worker.run_lifetime(spec, tmp_path)
+    worker.run_lifetime(spec, tmp_path, CpuTimes())
     rows = [json.loads(line) for line in (tmp_path / "trials.jsonl").read_text().splitlines()]
     assert [row["trial"] for row in rows if row["phase"] == "train"] == list(range(6))
 

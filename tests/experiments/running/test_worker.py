@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.config.suite import Suite
+from experiments.cpu_time import CpuTimes
 from experiments.running import worker
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import runs_of
@@ -53,7 +54,7 @@ def run_all(suite_data, tmp_path, monkeypatch):
         )
         rows = []
         for spec in runs:
-            worker.run_lifetime(spec, tmp_path)
+            worker.run_lifetime(spec, tmp_path, CpuTimes())
             lines = (tmp_path / "trials.jsonl").read_text().splitlines()
             rows.append([json.loads(line) for line in lines])
         return list(zip(runs, recorders, rows, strict=True))
