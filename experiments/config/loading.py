@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from calfree_gym.errors import near_misses
 from experiments.config.overrides import with_overrides
 from experiments.config.requirements import requirements
-from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
+from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 
 
@@ -40,9 +40,9 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
     data = read_yaml(path)
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
-    data = with_overrides(_with_settings_files(data, path.parent), overrides)
+    data = with_overrides(_with_other_files(data, path.parent), overrides)
     try:
-        suite = Suite.model_validate(_with_settings_files(data, path.parent))
+        suite = Suite.model_validate(_with_other_files(data, path.parent))
     except ValidationError as error:
         wrong = [_describe(details) for details in _own_errors(error)]
     else:
@@ -79,10 +79,14 @@ def _place(error: yaml.YAMLError) -> str:
     return f", line {mark.line + 1}, column {mark.column + 1}: is not valid YAML: {what}"
 
 
-def _with_settings_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    if not isinstance(data.get("agents"), list):
-        return data
-    return {**data, "agents": [_with_settings_file(agent, folder) for agent in data["agents"]]}
+def _with_other_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The plain values with those of the files that they name."""
+    read = dict(data)
+    if isinstance(data.get("agents"), list):
+        read["agents"] = [_with_settings_file(agent, folder) for agent in data["agents"]]
+    if isinstance(data.get("claims"), str):
+        read["claims"] = read_yaml(folder / data["claims"])
+    return read
 
 
 def _with_settings_file(agent: Any, folder: Path) -> Any:
@@ -99,8 +103,7 @@ def _unbuildable(suite: Suite) -> list[str]:
             scenario.env.make(scenario.perturbations).close()
         except ValueError as error:
             wrong[f"scenarios.{i}.env"] = f"{error}"
-    parts: tuple[ScenarioConfig | SweepConfig, ...] = (*suite.scenarios, *suite.sweeps)
-    for part in parts:
+    for part in suite.parts:
         for agent in suite.agents_in(part):
             try:
                 requirements(agent, part.env)

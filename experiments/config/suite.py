@@ -1,10 +1,10 @@
 """What is compared with what: a suite, read from YAML into frozen models."""
 
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import gymnasium
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import agents
 import calfree_gym
@@ -12,20 +12,8 @@ from calfree_gym.errors import near_misses
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations import TYPES, parse_perturbation, parse_schedule
 from calfree_gym.world import DISTRIBUTIONS
-
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
-
-
-def _one_of(found: str, allowed: tuple[str, ...]) -> str:
-    if found in allowed:
-        return found
-    raise ValueError(f"unknown{near_misses(found, allowed)}; allowed: {', '.join(allowed)}")
-
-
-class Model(BaseModel):
-    """A frozen value that knows all its keys."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+from experiments.config.claims import Claim, Moment
+from experiments.config.model import Model, Name, one_of
 
 
 class EnvironmentConfig(Model):
@@ -44,17 +32,17 @@ class EnvironmentConfig(Model):
     @field_validator("id")
     @classmethod
     def _known_id(cls, value: str) -> str:
-        return _one_of(value, tuple(k for k in gymnasium.registry if k.startswith("CalFree/")))
+        return one_of(value, tuple(k for k in gymnasium.registry if k.startswith("CalFree/")))
 
     @field_validator("world")
     @classmethod
     def _known_world(cls, value: str) -> str:
-        return _one_of(value, tuple(DISTRIBUTIONS))
+        return one_of(value, tuple(DISTRIBUTIONS))
 
     @field_validator("camera_mount")
     @classmethod
     def _known_mount(cls, value: str) -> str:
-        return _one_of(value, calfree_gym.MOUNTS)
+        return one_of(value, calfree_gym.MOUNTS)
 
     def make(
         self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()
@@ -162,7 +150,7 @@ class SweepConfig(Model):
         numbers = tuple(name for name, setting in settings.items() if not setting.names)
         if value in do:
             raise ValueError(f"do gives {value} already")
-        return _one_of(value, tuple(name for name in numbers if name not in do))
+        return one_of(value, tuple(name for name in numbers if name not in do))
 
     @field_validator("over")
     @classmethod
@@ -184,7 +172,7 @@ class AgentConfig(Model):
 
     name: str
     label: Name
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="before")
     @classmethod
@@ -198,11 +186,14 @@ class AgentConfig(Model):
     @field_validator("name")
     @classmethod
     def _known_name(cls, value: str) -> str:
-        return _one_of(value, agents.names())
+        return one_of(value, agents.names())
 
 
 class Suite(Model):
-    """A question, and the runs that answer it: agents in scenarios and sweeps, each in every world."""
+    """A question, and the runs that answer it: agents in scenarios and sweeps, each in every world.
+
+    In a file `claims` is the name of another one, relative to it.
+    """
 
     name: Name
     question: str
@@ -212,6 +203,7 @@ class Suite(Model):
     sweeps: tuple[SweepConfig, ...] = Field((), strict=False, validate_default=True)
     evaluation: EvaluationConfig | None = EvaluationConfig(every=1_000, trials=20)
     agents: tuple[AgentConfig, ...] = Field(min_length=1, strict=False)
+    claims: tuple[Claim, ...] = Field((), strict=False, validate_default=True)
 
     @field_validator("scenarios")
     @classmethod
@@ -262,6 +254,28 @@ class Suite(Model):
                 raise ValueError(f"evaluation.every is {evaluation.every}; {lifetime}")
         return value
 
+    @field_validator("claims")
+    @classmethod
+    def _about_this_suite(cls, value: tuple[Claim, ...], info: ValidationInfo) -> tuple[Claim, ...]:
+        if {"scenarios", "sweeps", "agents"} <= info.data.keys():
+            parts = {part.name: part for part in (*info.data["scenarios"], *info.data["sweeps"])}
+            labels = tuple(agent.label for agent in info.data["agents"])
+            for i, claim in enumerate(value):
+                for j, moment in claim.moments():
+                    where = f"claims.{i}.criteria.{j} ({claim.name})"
+                    try:
+                        part = parts[one_of(moment.scenario, tuple(parts))]
+                        one_of(moment.agent, part.agents or labels)
+                        _check_trials(moment, part)
+                    except ValueError as error:
+                        raise ValueError(f"{where}: {moment.scenario}, {moment.agent}: {error}") from None
+        return value
+
+    @property
+    def parts(self) -> tuple[ScenarioConfig | SweepConfig, ...]:
+        """Scenarios and sweeps."""
+        return (*self.scenarios, *self.sweeps)
+
     def agents_in(self, part: ScenarioConfig | SweepConfig) -> tuple[AgentConfig, ...]:
         """Those that take part in a scenario or sweep, in the order of the suite."""
         return tuple(a for a in self.agents if part.agents is None or a.label in part.agents)
@@ -269,6 +283,21 @@ class Suite(Model):
     def evaluation_of(self, scenario: ScenarioConfig) -> EvaluationConfig | None:
         """When agents are evaluated in a scenario, if ever."""
         return scenario.evaluation or self.evaluation
+
+
+def _check_trials(moment: Moment, part: ScenarioConfig | SweepConfig) -> None:
+    """Raises ValueError where a scenario or sweep has no such trials."""
+    if isinstance(part, SweepConfig):
+        if moment.value not in part.over:
+            raise ValueError(f"found value {moment.value}; allowed: {', '.join(f'{v:g}' for v in part.over)}")
+        return
+    length, of = part.length
+    if moment.value is not None:
+        raise ValueError("value is of sweeps; allowed: trials, motions")
+    if moment.trials and of == "trials" and moment.trials[1] > length:
+        raise ValueError(f"found trials up to {moment.trials[1]}; allowed: up to {length}")
+    if moment.motions is not None and moment.motions > part.most_motions:
+        raise ValueError(f"found {moment.motions} motions; allowed: up to {part.most_motions}")
 
 
 def _distinct(values: list[str], key: str) -> None:

@@ -11,6 +11,8 @@ import yaml
 
 from experiments.cpu_time import CPU
 from experiments.reporting.by_trial.section import trial_section
+from experiments.reporting.claims.section import claims_section
+from experiments.reporting.claims.verdicts import judge
 from experiments.reporting.finished_suite import FinishedSuite, read_finished
 from experiments.reporting.held_out.section import scenario_sections
 from experiments.reporting.pages import Section, html_page, markdown_page
@@ -35,6 +37,8 @@ def write_report(out: Path) -> Path:
     """
     finished = read_finished(out)
     sections = [_failures(finished)] if finished.unfinished else []
+    if finished.suite.claims:
+        sections.append(claims_section(judge(finished.results, finished.suite)))
     for scenario in finished.suite.scenarios:
         if evaluation := finished.suite.evaluation_of(scenario):
             sections += scenario_sections(finished, scenario, evaluation)

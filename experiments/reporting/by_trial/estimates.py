@@ -59,15 +59,27 @@ def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:
 def trial_costs(rows: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
     """The agents' own trials, of the rows of `with_cost`, in robot seconds per reach too.
 
-    There is a column for each look time. A trial without a rendezvous counts as going on to the cap at its
-    own pace.
+    There is a column for each look time.
     """
     mine = rows[rows["phase"] == "train"].copy()
-    to_the_cap = scenario.env.max_episode_steps / mine["motions"]
-    longer = to_the_cap.where(mine[RENDEZVOUS] == 0, 1.0)
     for look in LOOKS:
-        mine[seconds_at(look)] = longer * robot_seconds_at(look, mine[SECONDS], mine["motions"])
+        mine[seconds_at(look)] = seconds_per_reach(mine, scenario.env.max_episode_steps, look)
     return mine
+
+
+def seconds_per_reach(rows: pd.DataFrame, cap: int, look: float) -> "pd.Series[float]":
+    """Robot seconds of each trial, of the rows of `with_cost`.
+
+    A trial without a rendezvous counts as going on to the cap at its own pace.
+    """
+    longer = (cap / rows["motions"]).where(rows[RENDEZVOUS] == 0, 1.0)
+    seconds: pd.Series[float] = longer * robot_seconds_at(look, rows[SECONDS], rows["motions"])
+    return seconds
+
+
+def slowest_seconds(cap: int, look: float) -> float:
+    """Robot seconds of `cap` motions, and of the way home, each a full turn: the most that a reach counts."""
+    return (cap + 1) * (look + 2 * np.pi / JOINT_SPEED)
 
 
 def blocks(costs: pd.DataFrame, agent: str, measure: str, worlds: int, edges: Array, cap: int) -> Blocks:
@@ -83,7 +95,7 @@ def blocks(costs: pd.DataFrame, agent: str, measure: str, worlds: int, edges: Ar
         cap: Motions after which a trial has failed.
     """
     shares = measure in (SUCCESS, RENDEZVOUS)
-    slowest = {seconds_at(look): (cap + 1) * (look + 2 * np.pi / JOINT_SPEED) for look in LOOKS}
+    slowest = {seconds_at(look): slowest_seconds(cap, look) for look in LOOKS}
     most = float(cap) if measure == MOTIONS else slowest.get(measure, 1.0)
     worst, bounds = (0.0, SHARE) if shares else (most, (1.0 if measure == MOTIONS else 0.0, most))
     mine = costs[costs["agent"] == agent]

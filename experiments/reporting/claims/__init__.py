@@ -1,0 +1,1 @@
+"""Claims of the paper: what was measured, and the verdicts."""
