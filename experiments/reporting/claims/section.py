@@ -21,12 +21,12 @@ _MEASURES = {
 }
 _HOW_TO_READ = (
     "Claims and thresholds stand in the configuration, and were committed before the results. Each "
-    "number is a mean over worlds with its 95 % interval over worlds; where two are compared, the "
-    "paired difference in the same worlds. Confirmed: the whole interval passes. Not confirmed: it "
-    "wholly fails. Mixed: neither, or the tests of a claim differ. Success: the true error at the end "
-    "is within the tolerance. Rendezvous: the last observation was. Motions a reach: without a "
-    "rendezvous the cap. A run that failed counts as worst; a world whose lifetime was over before is "
-    "left out."
+    "number has its 95 % interval over worlds: shares are means over worlds, motions and seconds "
+    "medians over worlds of each world's mean; where two are compared, it is the mean of the paired "
+    "differences in the same worlds. Confirmed: the whole interval passes. Not confirmed: it wholly "
+    "fails. Mixed: neither, or the tests of a claim differ. Success: the true error at the end is "
+    "within the tolerance. Rendezvous: the last observation was. Motions a reach: without a rendezvous "
+    "the cap. A run that failed counts as worst; a world whose lifetime was over before is left out."
 )
 
 
