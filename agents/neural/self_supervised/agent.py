@@ -69,7 +69,8 @@ class SelfTaughtAgent(ProcedureAgent):
         model: Not trained yet.
         schedule: How it spends its motions.
         consecutive: Whether only consecutive observations teach, or all pairs of a trial.
-        adapts: Whether a trial's own motions correct the network, and changes of the world are told.
+        detector: Tells changes of the world; then a trial's own motions also correct the network. Without one
+            the world is taken to stay as it is.
         seed: Of random words and batches.
     """
 
@@ -83,15 +84,15 @@ class SelfTaughtAgent(ProcedureAgent):
         model: InverseModel,
         schedule: Schedule,
         consecutive: bool,
-        adapts: bool,
+        detector: ChangeDetector | None,
         seed: int,
     ) -> None:
         super().__init__(env, seed)
         torch.set_num_threads(1)
         self.model, self.schedule = model, schedule
         self.replay = Replay(model.motors, schedule.capacity)
-        self._consecutive, self._adapts = consecutive, adapts
-        self.detector = ChangeDetector(model.motors)
+        self._consecutive = consecutive
+        self.detector = detector
         self._usual_error = 1.0
         self.changes: list[tuple[int, Array | None]] = []
         self._trials = 0
@@ -104,10 +105,8 @@ class SelfTaughtAgent(ProcedureAgent):
     def procedure(self, first: Observation, findings: Reach) -> Procedure:
         """See `ProcedureAgent`. Random words follow from the object, so that `predict` is deterministic."""
         rng = np.random.default_rng([self.seed, *np.frombuffer(first.object.tobytes(), np.uint32)])
-        schedule = self.schedule
-        return reach(
-            first, findings, self.model, rng, schedule.patience, schedule.random_extent, self._adapts
-        )
+        schedule, corrects = self.schedule, self.detector is not None
+        return reach(first, findings, self.model, rng, schedule.patience, schedule.random_extent, corrects)
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
         """See `Agent`. Its draws follow from `seed` and the motions before: with both, agents learn alike."""
@@ -135,18 +134,18 @@ class SelfTaughtAgent(ProcedureAgent):
             if not self.model.ready:
                 return
         seen = before.visible.all() and after.visible.all()
-        if self._adapts and seen and (after.registers != before.registers).any():
-            self._judge(Pairs.of(before, after))
+        if self.detector and seen and (after.registers != before.registers).any():
+            self._judge(self.detector, Pairs.of(before, after))
         steps = self.schedule.updates
         pairs = self.replay.sample(steps * self.schedule.batch, self._rng, self._consecutive)
         self.model.train(pairs, steps, self._usual_error)
 
-    def _judge(self, motion: Pairs) -> None:
+    def _judge(self, detector: ChangeDetector, motion: Pairs) -> None:
         """Judges by a motion whether the replay is still true, and doubts or mends what is not."""
         made, said, size = self.model.judge(motion)
-        usual_error = self.detector.usual_error()
+        usual_error = detector.usual_error()
         judged = Judged(made[0], said[0], float(size[0]), self.replay.added, self._trials)
-        change = self.detector.observe(judged)
+        change = detector.observe(judged)
         if change is None:
             return
         self.changes.append((self.num_timesteps, change.signs))
@@ -174,7 +173,7 @@ class SelfTaughtAgent(ProcedureAgent):
         return {
             **prefixed("model", self.model.arrays()),
             **prefixed("replay", self.replay.arrays()),
-            **prefixed("detector", self.detector.arrays()),
+            **(prefixed("detector", self.detector.arrays()) if self.detector else {}),
             "trials": np.array(self._trials),
             "usual_error": np.array(self._usual_error),
         }
@@ -184,6 +183,7 @@ class SelfTaughtAgent(ProcedureAgent):
         trials = int(checked_array(arrays, "trials", ()))
         usual_error = float(checked_array(arrays, "usual_error", ()))
         self.replay.restore(under("replay", arrays))
-        self.detector.restore(under("detector", arrays))
+        if self.detector:
+            self.detector.restore(under("detector", arrays))
         self.model.restore(under("model", arrays))
         self._trials, self._usual_error = trials, usual_error

@@ -63,4 +63,4 @@ class CooperstockMilios(SelfTaughtAgent):
             knows_registers=False,
         )
         schedule = Schedule(random_motions, random_extent, exploration, patience, updates, batch, capacity)
-        super().__init__(env, model, schedule, consecutive=True, adapts=False, seed=seed)
+        super().__init__(env, model, schedule, consecutive=True, detector=None, seed=seed)

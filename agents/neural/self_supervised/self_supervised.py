@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium as gym
 
 from agents.neural.self_supervised.agent import Schedule, SelfTaughtAgent
+from agents.neural.self_supervised.change_detector import ChangeDetector
 from agents.neural.self_supervised.inverse_model import InverseModel
 
 
@@ -73,4 +74,6 @@ class SelfSupervised(SelfTaughtAgent):
             knows_registers=True,
         )
         schedule = Schedule(random_motions, random_extent, exploration, patience, updates, batch, capacity)
-        super().__init__(env, model, schedule, consecutive=False, adapts=True, seed=seed)
+        super().__init__(
+            env, model, schedule, consecutive=False, detector=ChangeDetector(model.motors), seed=seed
+        )
