@@ -1,4 +1,4 @@
-"""The command line: `python -m experiments {validate,run,status,report,benchmark,...} ...`."""
+"""The command line: `python -m experiments {validate,run,merge,status,report,benchmark,...} ...`."""
 
 import argparse
 import shlex
@@ -10,6 +10,8 @@ from typing import Any
 
 from experiments.config.loading import load
 from experiments.errors import ConfigError
+from experiments.execution.options import add_run_options, command_of, executor_of
+from experiments.execution.part import WHOLE
 from experiments.running.plan import runs_of
 
 BENCHMARKS = (
@@ -41,6 +43,8 @@ def main(arguments: list[str] | None = None) -> int:
             return _validate(options.config, options.set)
         if options.command == "run":
             return _run(options)
+        if options.command == "merge":
+            return _merge(options.parts, options.out)
         if options.command == "status":
             return _status(options.folder)
         if options.command == "benchmark":
@@ -76,9 +80,10 @@ def _parser() -> argparse.ArgumentParser:
             metavar="KEY=VALUE",
             help="replace a value of the configuration, such as scenarios.0.motions=200 (repeatable)",
         )
-    run.add_argument("--out", type=Path, required=True, help="folder for the results")
-    run.add_argument("--jobs", type=_positive, default=1, help="runs at a time (default: 1)")
-    run.add_argument("--fail-fast", action="store_true", help="stop at the first run that fails")
+    add_run_options(run)
+    merge = commands.add_parser("merge", help="gather the parts of a suite (run --part), and report")
+    merge.add_argument("parts", type=Path, nargs="+", metavar="PART", help="results folder of a part")
+    merge.add_argument("--out", type=Path, required=True, help="folder for the whole")
     status = commands.add_parser("status", help="show how far the runs in a results folder are")
     status.add_argument("folder", type=Path)
     report = commands.add_parser("report", help="write the report of a results folder again")
@@ -115,12 +120,6 @@ def _add_benchmark(commands: Any) -> None:
     )
 
 
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"found {text!r}; must be a whole number, 1 or more")
-    return int(text)
-
-
 def _validate(config: Path, overrides: list[str]) -> int:
     suite = load(config, overrides)
     parts = ((len(suite.agents), "agent"), (len(suite.scenarios), "scenario"), (len(suite.sweeps), "sweep"))
@@ -136,25 +135,47 @@ def _validate(config: Path, overrides: list[str]) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    config, out, jobs = options.config, options.out, options.jobs
-    suite = load(config, options.set)
-    from experiments.running.progress import display
-    from experiments.running.runner import Runner
+    suite = load(options.config, options.set)
+    from experiments.execution.progress import display
+    from experiments.execution.runner import Runner
 
-    words = ["python", "-m", "experiments", "run", str(config), "--out", str(out), "--jobs", str(jobs)]
-    words += [word for override in options.set for word in ("--set", override)]
+    executor = executor_of(options)
     with display() as shown:
-        failed = Runner(suite, out, shown, options.fail_fast).run(jobs, shlex.join(words))
+        runner = Runner(
+            suite,
+            options.out,
+            executor,
+            shown,
+            retries=options.retries,
+            fail_fast=options.fail_fast,
+            part=options.part,
+        )
+        failed = runner.run(command_of(options))
+    if options.part == WHOLE:
+        _report(options.out)
+    else:
+        print(f"part {options.part} is in {options.out}; `merge` makes the whole of all parts")
+    return _unfinished(failed)
+
+
+def _merge(parts: list[Path], out: Path) -> int:
+    from experiments.execution.merge import merge
+
+    words = ["python", "-m", "experiments", "merge", *map(str, parts), "--out", str(out)]
+    missing = merge(parts, out, shlex.join(words))
     _report(out)
-    if failed:
-        print(f"{len(failed)} runs FAILED or did not finish: {', '.join(failed)}", file=sys.stderr)
-        return 1
-    return 0
+    return _unfinished(missing)
+
+
+def _unfinished(runs: list[str]) -> int:
+    if runs:
+        print(f"{len(runs)} runs FAILED or did not finish: {', '.join(runs)}", file=sys.stderr)
+    return 1 if runs else 0
 
 
 def _status(folder: Path) -> int:
+    from experiments.execution.status import status
     from experiments.reporting.tables import Table, show
-    from experiments.running.status import status
 
     found = status(folder)
     show([Table("status", str(folder), found.runs, note=f"{found.counts}\nmade by: {found.command}")])

@@ -47,6 +47,7 @@ LAYERS = {
         "cpu_time",
         "experiments",
         "running",
+        "execution",
         "statistics",
         "reporting",
         "benchmarks",

@@ -23,7 +23,7 @@ TIMINGS = "timings.json"
 FAILED = "FAILED.json"
 
 PATIENCE = 10.0
-"""Seconds in which the workers of a runner that was killed are given up for dead."""
+"""Seconds in which a runner that was killed has let go of the folder."""
 
 
 def folder_of(out: Path, run: str) -> Path:
@@ -70,11 +70,8 @@ def read_suite(out: Path) -> tuple[Suite, str]:
 
 
 @contextmanager
-def locked(out: Path) -> Iterator[int]:
-    """Holds the folder for one runner and its workers, who inherit the lock.
-
-    Yields:
-        The descriptor to hand to workers: the lock lasts until the last of them has ended.
+def locked(out: Path) -> Iterator[None]:
+    """Holds the folder for one runner, until that has ended, however it ends.
 
     Raises:
         ConfigError: Another runner is still at work there.
@@ -88,13 +85,13 @@ def locked(out: Path) -> Iterator[int]:
                     f"{out}: another runner is at work here; wait for it, or give another --out"
                 )
             time.sleep(0.1)
-        yield descriptor
+        yield
     finally:
         os.close(descriptor)
 
 
 def at_work(out: Path) -> bool:
-    """Whether a runner, or a worker that it left behind, is at work in the folder."""
+    """Whether a runner is at work in the folder."""
     if not (out / LOCK).exists():
         return False
     descriptor = os.open(out / LOCK, os.O_RDWR)
@@ -129,7 +126,7 @@ def refuse_foreign(out: Path, suite: Suite, versions: dict[str, str]) -> None:
     if foreign := [folder.name for folder in finished if folder.name not in known]:
         raise ConfigError(
             f"{out} holds {len(foreign)} finished runs that this configuration does not have: "
-            f"{_some(foreign)}{_changed(out, suite)}. Give another --out, or delete {out}"
+            f"{_some(foreign)}{changed(out, suite)}. Give another --out, or delete {out}"
         )
     for folder in finished:
         made_by = read_json(folder / VERSIONS)
@@ -145,8 +142,8 @@ def refuse_foreign(out: Path, suite: Suite, versions: dict[str, str]) -> None:
             )
 
 
-def _changed(out: Path, suite: Suite) -> str:
-    """Which keys differ from the configuration that was run there last, if it is known."""
+def changed(out: Path, suite: Suite) -> str:
+    """In brackets, which keys differ from the configuration that was run there last, if it is known."""
     if not (out / SUITE).exists():
         return ""
     then, now = _leaves(read_json(out / SUITE)["suite"]), _leaves(suite.model_dump(mode="json"))

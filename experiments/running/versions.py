@@ -26,6 +26,7 @@ WHAT_MAKES_A_RESULT = (
     "experiments/config/suite.py",
     "experiments/cpu_time.py",
     "experiments/evaluation.py",
+    "experiments/running/body.py",
     "experiments/running/lifetime.py",
     "experiments/running/plan.py",
     "experiments/running/rows.py",

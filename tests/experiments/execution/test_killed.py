@@ -21,6 +21,7 @@ def command(config, out):
 def digests(out):
     """Hashes of all results, byte by byte; what they took is left out."""
     found = {}
+    assert not (out / "runs" / ".attempts").exists()
     for path in [*sorted(out.glob("runs/*/*")), out / "results.parquet", out / "report.md"]:
         text = path.read_bytes()
         if path.name.startswith("events.") or path.name == "timings.json":

@@ -1,24 +1,35 @@
 """Showing how far the runs are: bars on a terminal, plain lines elsewhere."""
 
+import os
 import re
 import sys
+from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-_DONE = re.compile(r"^(?:motions|trials) (\d+)/")
+from experiments.running.results_folder import LOG
+
+_DONE = re.compile(r"^(?:motions|trials) (\d+)/", re.MULTILINE)
+_TAIL = 10_000
+"""Bytes at the end of a log in which a line of progress is looked for."""
 
 
-def done_by(line: str) -> int | None:
-    """How much of its work a run has done when it prints a line, if the line says so."""
-    match = _DONE.match(line)
-    return int(match[1]) if match else None
+def made_in(folder: Path) -> int:
+    """How much of its work a run says it has done, in its log."""
+    try:
+        with (folder / LOG).open("rb") as log:
+            log.seek(max(0, log.seek(0, os.SEEK_END) - _TAIL))
+            found = _DONE.findall(log.read().decode(errors="replace"))
+    except FileNotFoundError:
+        return 0
+    return int(found[-1]) if found else 0
 
 
 class Display(Protocol):
-    """Shows what the runner does; safe to call from several threads."""
+    """Shows what the runner does."""
 
     def __enter__(self) -> Self:
         """Begins to show."""
@@ -37,8 +48,8 @@ class Display(Protocol):
     def start(self, run: str, amount: int, of: str) -> None:
         """A run begins its work: this many motions, or trials."""
 
-    def line(self, run: str, line: str) -> None:
-        """A run has printed a line."""
+    def made(self, run: str, amount: int) -> None:
+        """A run has done so much of its work."""
 
     def end(self, run: str, outcome: str) -> None:
         """A run is over."""
@@ -61,8 +72,8 @@ class Lines:
         """Says that a run begins."""
         self.say(f"{run}: started, {amount:,} {of}")
 
-    def line(self, run: str, line: str) -> None:
-        """Keeps quiet: the run's log has its lines."""
+    def made(self, run: str, amount: int) -> None:
+        """Keeps quiet: the run's log tells it."""
 
     def end(self, run: str, outcome: str) -> None:
         """Says how a run ended."""
@@ -98,10 +109,9 @@ class Bars:
         """Adds a bar."""
         self._bars[run] = self._progress.add_task(run, total=amount, of=of)
 
-    def line(self, run: str, line: str) -> None:
-        """Moves a bar, if the line says how far the run is."""
-        if (done := done_by(line)) is not None:
-            self._progress.update(self._bars[run], completed=done)
+    def made(self, run: str, amount: int) -> None:
+        """Moves a bar."""
+        self._progress.update(self._bars[run], completed=amount)
 
     def end(self, run: str, outcome: str) -> None:
         """Turns a bar into a line."""

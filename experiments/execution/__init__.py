@@ -1,0 +1,1 @@
+"""Suites carried out: here, on a Dask cluster, on Slurm, and in parts that are merged."""

@@ -1,0 +1,95 @@
+"""Runs made by the workers of a Dask cluster."""
+
+import time
+from collections.abc import Sequence
+from concurrent.futures import CancelledError
+from pathlib import Path
+from typing import Any
+
+from distributed import Client, wait
+from distributed.scheduler import KilledWorker
+
+from experiments.errors import ConfigError
+from experiments.execution.attempt import LOST, attempt
+
+CONNECT_WITHIN = 5.0
+"""Seconds in which a scheduler must answer."""
+
+
+class DaskCluster:
+    """See `Executor`. A worker makes as many attempts at a time as it has threads.
+
+    Dask itself hands an attempt whose worker was killed to another worker, three times (`allowed-failures`
+    of the scheduler), before the attempt counts as lost.
+
+    Args:
+        address: Of the scheduler, such as `tcp://192.168.0.10:8786`.
+        patience: Seconds without any worker after which the cluster counts as gone.
+
+    Raises:
+        ConfigError: No scheduler answers there.
+    """
+
+    def __init__(self, address: str, patience: float):
+        self._address = address
+        self._patience = patience
+        self._seen = time.monotonic()
+        self._attempts: dict[Any, Path] = {}
+        try:
+            self._client = Client(address, timeout=CONNECT_WITHIN, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise ConfigError(
+                f"--cluster {address}: no Dask scheduler answers within {CONNECT_WITHIN:g} s ({error}); "
+                "allowed: the address that `dask scheduler` prints, such as tcp://192.168.0.10:8786"
+            ) from error
+
+    def start(self, orders: Sequence[Path]) -> None:
+        """See `Executor`."""
+        self._refuse_gone()
+        for order in orders:
+            self._attempts[self._client.submit(attempt, str(order.resolve()), pure=False)] = order
+
+    def ended(self, seconds: float) -> list[tuple[Path, int]]:
+        """See `Executor`."""
+        try:
+            over = wait(list(self._attempts), seconds, "FIRST_COMPLETED").done
+        except TimeoutError:
+            over = ()
+        except CancelledError:
+            raise self._gone("its scheduler went away") from None
+        self._refuse_gone()
+        return [(self._attempts.pop(future), self._exit_code(future)) for future in over]
+
+    def close(self) -> None:
+        """See `Executor`."""
+        self._attempts.clear()
+        self._client.close(timeout=CONNECT_WITHIN)
+
+    def _exit_code(self, future: Any) -> int:
+        try:
+            return int(future.result())
+        except KilledWorker:
+            return LOST
+        except CancelledError:
+            raise self._gone("its scheduler went away") from None
+        except (ConfigError, OSError):
+            raise
+        except Exception as error:
+            raise ConfigError(
+                f"a worker of {self._address} cannot make runs ({error!r}); it must be started in this "
+                "repository's folder, with the same packages"
+            ) from error
+
+    def _refuse_gone(self) -> None:
+        if self._client.status != "running":
+            raise self._gone("its scheduler went away")
+        if self._client.scheduler_info()["workers"]:
+            self._seen = time.monotonic()
+        elif time.monotonic() - self._seen > self._patience:
+            raise self._gone(f"no worker for {self._patience:g} s")
+
+    def _gone(self, what: str) -> ConfigError:
+        return ConfigError(
+            f"the cluster at {self._address} is gone: {what}. What has finished is kept; the same command "
+            "makes the rest, here (without --cluster) or on another cluster"
+        )

@@ -1,0 +1,178 @@
+"""Carrying out a suite: finished runs skipped, lost ones made again, one crash fails one run."""
+
+import time
+from contextlib import closing
+from pathlib import Path
+
+from experiments.config.suite import Suite
+from experiments.errors import ConfigError
+from experiments.execution.executor import Executor
+from experiments.execution.orders import (
+    begin,
+    clear,
+    discard,
+    newest_attempt,
+    place,
+    target_of,
+    withdraw,
+    write_order,
+)
+from experiments.execution.part import WHOLE, Part
+from experiments.execution.progress import Display, made_in
+from experiments.running.plan import Run, runs_of
+from experiments.running.results_folder import (
+    FAILED,
+    LOG,
+    SUITE,
+    folder_of,
+    is_done,
+    locked,
+    refuse_foreign,
+    write_json,
+)
+from experiments.running.versions import commit, versions
+
+_LOOK_EVERY = 1.0
+"""Seconds in which is shown how far the runs are."""
+SEEN_WITHIN = 60.0
+"""Seconds in which one machine sees what another has moved; NFS may remember as long what a folder held."""
+
+
+class Runner:
+    """Carries out the runs of one suite into one folder.
+
+    Args:
+        suite: What to run.
+        out: The folder.
+        executor: Where the runs are made.
+        display: Shows what happens.
+        retries: How many times a run is made again whose worker was lost; one that failed is not.
+        fail_fast: Whether the first failed run stops the others.
+        part: Which of the suite's runs to make.
+    """
+
+    def __init__(
+        self,
+        suite: Suite,
+        out: Path,
+        executor: Executor,
+        display: Display,
+        *,
+        retries: int = 0,
+        fail_fast: bool = False,
+        part: Part = WHOLE,
+    ):
+        self._suite = suite
+        self._out = out
+        self._executor = executor
+        self._display = display
+        self._retries = retries
+        self._fail_fast = fail_fast
+        self._part = part
+        self._orders: dict[Path, Run] = {}
+        self._losses: dict[Path, int] = {}
+        self._shown: dict[Path, float] = {}
+
+    def run(self, command: str) -> list[str]:
+        """Makes all runs that are not finished yet.
+
+        Args:
+            command: What the user typed, for the report.
+
+        Returns:
+            The ids of the runs that failed, or that a failed one stopped.
+
+        Raises:
+            ConfigError: Another runner is at work in the folder, results of other code or of another
+                configuration are there, or the machines went away; what has finished stays.
+            OSError: The folder cannot be written; what has finished stays.
+        """
+        runs = self._part.of_runs(runs_of(self._suite))
+        self._out.mkdir(parents=True, exist_ok=True)
+        with locked(self._out), closing(self._executor):
+            here = versions()
+            refuse_foreign(self._out, self._suite, here)
+            about = {"suite": self._suite.model_dump(mode="json"), "command": command, "commit": commit()}
+            write_json(self._out / SUITE, about | {"part": str(self._part)})
+            clear(self._out)
+            pending = [spec for spec in runs if not is_done(folder_of(self._out, spec.id))]
+            self._display.say(f"{len(runs)} runs, {len(runs) - len(pending)} of them finished already")
+            try:
+                self._orders = {write_order(self._out, spec, here): spec for spec in pending}
+                self._executor.start(list(self._orders))
+                while self._orders:
+                    for order, exit_code in self._executor.ended(_LOOK_EVERY):
+                        self._over(order, exit_code)
+                    self._show()
+                clear(self._out)
+            finally:
+                self._stop()
+        return [spec.id for spec in runs if not is_done(folder_of(self._out, spec.id))]
+
+    def _over(self, order: Path, exit_code: int) -> None:
+        """An attempt has ended: its run is finished, is to be made again, or has failed."""
+        if order not in self._orders:  # stopped
+            return
+        if exit_code == 0:
+            self._wait_for(target_of(order))
+            discard(order)
+            self._end(order, "done in")
+            return
+        if exit_code < 0:
+            self._losses[order] = self._losses.get(order, 0) + 1
+            if self._losses[order] <= self._retries:
+                again = f"made again ({self._losses[order]} of {self._retries} times)"
+                self._display.say(f"{order.name}: its worker was lost (signal {-exit_code}); {again}")
+                self._executor.start([order])
+                return
+        self._fail(order, exit_code)
+        if self._fail_fast:
+            self._stop()
+
+    def _fail(self, order: Path, exit_code: int) -> None:
+        """Makes the last attempt the run's result, with how it ended."""
+        attempt = newest_attempt(order) or begin(order)
+        lost = f"its worker was lost {self._losses[order]} times" if exit_code < 0 else ""
+        with (attempt / LOG).open("a", encoding="utf-8") as log:
+            log.write(f"{lost}\n" if lost else "")
+        lines = (attempt / LOG).read_text(encoding="utf-8").splitlines()[-20:]
+        write_json(attempt / FAILED, {"exit_code": exit_code, "log_tail": lines})
+        place(attempt)
+        discard(order)
+        tail = "\n".join(f"    {line}" for line in lines)
+        self._end(order, "FAILED after", f", exit code {exit_code}:\n{tail}\n    ({target_of(order) / LOG})")
+
+    def _stop(self) -> None:
+        """Ends all attempts, wherever they are made."""
+        for order in list(self._orders):
+            withdraw(order)
+            if order in self._shown:
+                self._end(order, "stopped after")
+        self._orders.clear()
+
+    def _show(self) -> None:
+        for order, spec in self._orders.items():
+            if attempt := newest_attempt(order):
+                if order not in self._shown:
+                    self._shown[order] = time.monotonic()
+                    self._display.start(spec.id, *spec.work)
+                self._display.made(spec.id, made_in(attempt))
+
+    def _end(self, order: Path, how: str, more: str = "") -> None:
+        spec = self._orders.pop(order)
+        if order not in self._shown:  # over before it was seen
+            self._display.start(spec.id, *spec.work)
+        wall = time.monotonic() - self._shown.get(order, time.monotonic())
+        self._display.end(spec.id, f"{how} {wall:.0f} s{more}")
+
+    def _wait_for(self, folder: Path) -> None:
+        """Waits until this machine sees, too, what an attempt on another one has moved there."""
+        begun = time.monotonic()
+        while not is_done(folder):
+            if time.monotonic() - begun > SEEN_WITHIN:
+                raise ConfigError(
+                    f"{folder} was made, but is not seen on this machine: --out must be a folder on a file "
+                    "system that all machines share, under the same path"
+                )
+            list(folder.parent.iterdir())  # makes NFS look anew
+            time.sleep(0.1)
