@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from distributed import Client, wait
+from distributed.comm import get_address_host_port
 from distributed.scheduler import KilledWorker
 
 from experiments.errors import ConfigError
@@ -36,8 +37,9 @@ class DaskCluster:
         self._seen = time.monotonic()
         self._attempts: dict[Any, Path] = {}
         try:
-            self._client = Client(address, timeout=CONNECT_WITHIN, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
+            get_address_host_port(address)
+            self._client = Client(address, timeout=CONNECT_WITHIN)
+        except (OSError, ValueError) as error:
             raise ConfigError(
                 f"--cluster {address}: no Dask scheduler answers within {CONNECT_WITHIN:g} s ({error}); "
                 "allowed: the address that `dask scheduler` prints, such as tcp://192.168.0.10:8786"

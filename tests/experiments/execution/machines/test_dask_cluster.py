@@ -1,0 +1,138 @@
+"""Runs on a Dask cluster: workers that are killed, and clusters that go away."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.experiments.execution.machines.conftest import results
+
+REPOSITORY = Path(__file__).parents[4]
+
+
+def test_workers_killed_at_some_moments_change_nothing(run, finished_once, cluster, tmp_path):
+    kill_workers(run, finished_once, cluster, tmp_path, kills=3)
+
+
+@pytest.mark.slow
+def test_workers_killed_at_twenty_moments_change_nothing(run, finished_once, cluster, tmp_path):
+    kill_workers(run, finished_once, cluster, tmp_path, kills=20)
+
+
+def kill_workers(run, finished_once, cluster, tmp_path, kills):
+    """Makes the suite anew until so many workers were killed while it was made."""
+    rng, wanted, killed = random.Random(0), results(finished_once), 0
+    while killed < kills:
+        over = threading.Event()
+        moments = [rng.uniform(0.5, 4.0) for _ in range(3)]
+
+        def kill(moments=moments, over=over):
+            count = 0
+            for moment in moments:
+                if over.wait(moment):
+                    break
+                pid = rng.choice([pid for nanny in cluster.workers.values() if (pid := nanny.pid)])
+                os.kill(pid, signal.SIGKILL)
+                count += 1
+            return count
+
+        out = tmp_path / str(killed)
+        counts = []
+        thread = threading.Thread(target=lambda kill=kill, counts=counts: counts.append(kill()))
+        thread.start()
+        try:
+            assert run(out, "--cluster", cluster.scheduler_address) == 0
+        finally:
+            over.set()
+            thread.join()
+        killed += counts[0]
+        assert results(out) == wanted
+
+
+@pytest.fixture
+def scheduler(tmp_path):
+    """A scheduler that can be killed, and its address."""
+    file = tmp_path / "scheduler.json"
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard"]
+    process = start([*command, "--scheduler-file", str(file)])
+    yield process, file
+    process.kill()
+    process.wait()
+
+
+def start(command):
+    return subprocess.Popen(
+        command, cwd=REPOSITORY, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+
+
+def address_of(file):
+    while not file.exists() or not file.read_text():
+        time.sleep(0.05)
+    return json.loads(file.read_text())["address"]
+
+
+def test_a_cluster_that_goes_away_is_one_error_and_the_rest_is_made_here(
+    run, finished_once, scheduler, tmp_path, capsys
+):
+    process, file = scheduler
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", "--nworkers", "1", "--nthreads", "1"]
+    address = address_of(file)
+    worker = start([*command, "--no-dashboard", "--death-timeout", "5", address])
+    out = tmp_path / "out"
+
+    def kill_after_the_first_run():
+        while not list(out.glob("runs/*/DONE.json")):
+            time.sleep(0.05)
+        process.kill()
+
+    thread = threading.Thread(target=kill_after_the_first_run, daemon=True)
+    thread.start()
+    try:
+        assert run(out, "--cluster", address) == 2
+    finally:
+        os.killpg(worker.pid, signal.SIGKILL)
+        worker.wait()
+    said = capsys.readouterr()
+    assert f"error: the cluster at {address} is gone: its scheduler went away" in said.err
+    assert "What has finished is kept" in said.err
+    done = len(list(out.glob("runs/*/DONE.json")))
+    assert done == 1
+    assert run(out) == 0
+    assert f"2 runs, 1 of them finished already" in capsys.readouterr().out
+    assert results(out) == results(finished_once)
+
+
+def test_a_cluster_without_workers_is_given_up(run, scheduler, tmp_path, capsys):
+    options = ("--cluster", address_of(scheduler[1]), "--cluster-patience", "1")
+    assert run(tmp_path / "out", *options) == 2
+    assert "is gone: no worker for 1 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("address", ["nowhere", "tcp://127.0.0.1:1", "carrier-pigeon://home:8786"])
+def test_a_wrong_address_is_one_error_and_touches_nothing(run, tmp_path, capsys, monkeypatch, address):
+    monkeypatch.setattr("experiments.execution.dask_cluster.CONNECT_WITHIN", 0.2)
+    assert run(tmp_path / "out", "--cluster", address) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"error: --cluster {address}: no Dask scheduler answers")
+    assert "allowed: the address that `dask scheduler` prints" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_package_is_named(run, tmp_path, capsys, monkeypatch):
+    for option, module in (("--cluster", "dask_cluster"), ("--slurm", "slurm")):
+        monkeypatch.delitem(sys.modules, f"experiments.execution.{module}", raising=False)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    monkeypatch.setitem(sys.modules, "submitit", None)
+    for options in (("--cluster", "tcp://127.0.0.1:1"), ("--slurm",)):
+        assert run(tmp_path / "out", *options) == 2
+        said = capsys.readouterr().err
+        assert f"error: {options[0]} needs" in said
+        assert "pip install '.[cluster]'" in said

@@ -1,0 +1,79 @@
+"""Runs as jobs, made by submitit's executor of this machine."""
+
+import os
+import random
+import signal
+import threading
+from pathlib import Path
+
+import pytest
+
+from tests.experiments.execution.machines.conftest import results
+
+HERE = ("--slurm", "--slurm-option", "cluster=local", "--slurm-option", "array_parallelism=2")
+
+
+def processes(word, out):
+    """Ids of processes whose command line holds a word and the folder."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            line = entry.read_bytes().decode(errors="replace")
+        except OSError:
+            continue
+        if word in line and str(out) in line:
+            found.append(int(entry.parent.name))
+    return found
+
+
+def kill_jobs(run, finished_once, tmp_path, kills):
+    """Makes the suite anew until so many jobs or bodies were killed while it was made."""
+    rng, killed = random.Random(0), 0
+    while killed < kills:
+        out, over, count = tmp_path / str(killed), threading.Event(), []
+
+        def kill(out=out, over=over, count=count):
+            while len(count) < 3 and not over.wait(rng.uniform(0.5, 4.0)):
+                what = rng.choice(["submitit.core._submit", "submitit.local._local", "running.worker"])
+                if found := processes(what, out):
+                    os.kill(rng.choice(found), signal.SIGKILL)
+                    count.append(what)
+
+        thread = threading.Thread(target=kill)
+        thread.start()
+        try:
+            assert run(out, *HERE, "--retries", "4") == 0
+        finally:
+            over.set()
+            thread.join()
+        killed += len(count)
+        assert results(out) == results(finished_once)
+        assert not (out / "runs" / ".attempts").exists()
+
+
+def test_a_job_killed_at_some_moment_changes_nothing(run, finished_once, tmp_path):
+    kill_jobs(run, finished_once, tmp_path, kills=1)
+
+
+@pytest.mark.slow
+def test_jobs_killed_at_twenty_moments_change_nothing(run, finished_once, tmp_path):
+    kill_jobs(run, finished_once, tmp_path, kills=20)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--slurm", "--slurm-option", "speed=3"], "found 'speed'; allowed: account, array_parallelism"),
+        (["--slurm", "--slurm-option", "timeout_min=long"], "timeout_min=long: found 'long'; must be a number"),
+        (["--slurm", "--slurm-option", "cluster=moon"], "cluster=moon: allowed: slurm, local"),
+        (["--slurm-option", "mem_gb=4"], "--slurm-option: found without --slurm"),
+        (["--slurm"], 'Could not detect "srun"'),
+    ],
+    ids=lambda value: value[-1] if isinstance(value, list) else "",
+)
+def test_a_wrong_option_is_one_error(run, tmp_path, capsys, monkeypatch, options, said):
+    monkeypatch.setenv("PATH", "")
+    assert run(tmp_path / "out", *options) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert said in error
