@@ -2,7 +2,6 @@
 
 import socket
 import threading
-from contextlib import suppress
 from pathlib import Path
 
 from experiments.errors import ConfigError
@@ -38,19 +37,19 @@ def attempt(order: str) -> int:
             f"{socket.gethostname()} does not see {order}: --out must be a folder on a file system that all "
             "machines share, under the same path"
         )
+    exit_code = LOST
     try:
         folder = begin(Path(order))
-    except FileNotFoundError:
-        if (Path(order) / SPEC).exists():
-            raise
-        return LOST  # withdrawn
-    if other := _other_versions(folder):
-        (folder / LOG).write_text(f"{socket.gethostname()} has other versions: {other}\n", encoding="utf-8")
-        return _FAILED
-    exit_code = _follow(folder)
-    if exit_code == 0 and is_done(folder):
-        with suppress(FileNotFoundError):  # somebody cleared it away
+        if other := _other_versions(folder):
+            log = f"{socket.gethostname()} has other versions: {other}\n"
+            (folder / LOG).write_text(log, encoding="utf-8")
+            return _FAILED
+        exit_code = _follow(folder)
+        if exit_code == 0 and is_done(folder):
             place(folder)
+    except FileNotFoundError:
+        if (Path(order) / SPEC).exists():  # else it was withdrawn
+            raise
     return 0 if is_done(target_of(Path(order))) else exit_code or LOST
 
 

@@ -106,7 +106,7 @@ def test_a_cluster_that_goes_away_is_one_error_and_the_rest_is_made_here(
     done = len(list(out.glob("runs/*/DONE.json")))
     assert done == 1
     assert run(out) == 0
-    assert f"2 runs, 1 of them finished already" in capsys.readouterr().out
+    assert "2 runs, 1 of them finished already" in capsys.readouterr().out
     assert results(out) == results(finished_once)
 
 
@@ -127,7 +127,7 @@ def test_a_wrong_address_is_one_error_and_touches_nothing(run, tmp_path, capsys,
 
 
 def test_a_missing_package_is_named(run, tmp_path, capsys, monkeypatch):
-    for option, module in (("--cluster", "dask_cluster"), ("--slurm", "slurm")):
+    for module in ("dask_cluster", "slurm"):
         monkeypatch.delitem(sys.modules, f"experiments.execution.{module}", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     monkeypatch.setitem(sys.modules, "submitit", None)

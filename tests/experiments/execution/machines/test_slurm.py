@@ -64,7 +64,10 @@ def test_jobs_killed_at_twenty_moments_change_nothing(run, finished_once, tmp_pa
     ("options", "said"),
     [
         (["--slurm", "--slurm-option", "speed=3"], "found 'speed'; allowed: account, array_parallelism"),
-        (["--slurm", "--slurm-option", "timeout_min=long"], "timeout_min=long: found 'long'; must be a number"),
+        (
+            ["--slurm", "--slurm-option", "timeout_min=long"],
+            "timeout_min=long: found 'long'; must be a number",
+        ),
         (["--slurm", "--slurm-option", "cluster=moon"], "cluster=moon: allowed: slurm, local"),
         (["--slurm-option", "mem_gb=4"], "--slurm-option: found without --slurm"),
         (["--slurm"], 'Could not detect "srun"'),

@@ -1,0 +1,116 @@
+"""What the runner does when attempts are lost or fail, with machines that do as they are told."""
+
+import json
+import os
+
+import pytest
+
+from experiments.config.suite import Suite
+from experiments.execution.orders import begin, newest_attempt, place, target_of
+from experiments.execution.progress import Lines
+from experiments.execution.runner import Runner
+from experiments.execution.status import status
+from experiments.running.results_folder import DONE, LOG
+
+
+class Told:
+    """An executor whose attempts end at once, each run's with the codes it was told."""
+
+    def __init__(self, *codes):
+        self.codes = codes
+        self.started = []
+        self.over = []
+
+    def start(self, orders):
+        for order in orders:
+            code = self.codes[self.started.count(order)]
+            self.started.append(order)
+            attempt = begin(order)
+            (attempt / LOG).write_text(f"motions 40/90\nattempt {self.started.count(order)}\n")
+            if code == 0:
+                (attempt / DONE).write_text("{}")
+                place(attempt)
+            self.over.append((order, code))
+
+    def ended(self, seconds):
+        over, self.over = self.over, []
+        return over
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def make(suite_data, tmp_path):
+    """Makes one run with an executor."""
+
+    def make(executor, **options):
+        suite = Suite.model_validate(suite_data | {"worlds": 1, "agents": [{"name": "random"}]})
+        return Runner(suite, tmp_path / "out", executor, Lines(), **options).run("run")
+
+    return make
+
+
+@pytest.mark.parametrize("losses", [0, 1, 2])
+def test_a_run_whose_worker_was_lost_is_made_again(make, losses, capsys):
+    executor = Told(*[-9] * losses, 0)
+    assert make(executor, retries=2) == []
+    assert len(executor.started) == losses + 1
+    assert capsys.readouterr().out.count("its worker was lost (signal 9); made again") == losses
+
+
+def test_a_run_that_is_lost_too_often_has_failed(make, tmp_path):
+    executor = Told(-9, -9, -9, 0)
+    assert len(make(executor, retries=2)) == 1
+    (folder,) = (tmp_path / "out" / "runs").iterdir()
+    failure = json.loads((folder / "FAILED.json").read_text())
+    assert failure["exit_code"] == -9
+    assert failure["log_tail"] == ["motions 40/90", "attempt 3", "its worker was lost 3 times"]
+    assert status(tmp_path / "out").failed
+
+
+def test_a_run_whose_body_failed_is_not_made_again(make, tmp_path):
+    executor = Told(3, 0)
+    (failed,) = make(executor, retries=2)
+    assert len(executor.started) == 1
+    assert json.loads((tmp_path / "out/runs" / failed / "FAILED.json").read_text())["exit_code"] == 3
+    assert make(Told(0)) == []  # but at the next start
+
+
+def test_a_run_that_was_made_but_is_not_seen_here_names_the_cause(make, monkeypatch, capsys):
+    monkeypatch.setattr("experiments.execution.runner.SEEN_WITHIN", 0.0)
+    monkeypatch.setattr("tests.experiments.execution.test_retries.place", lambda attempt: None)
+    with pytest.raises(ValueError, match="all machines share"):
+        make(Told(0))
+
+
+def test_an_interrupted_attempt_shows_and_is_cleared_by_the_next_runner(make, tmp_path):
+    class Interrupted(Told):
+        def ended(self, seconds):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make(Interrupted(-2))
+    found = status(tmp_path / "out")
+    assert list(found.runs["state"]) == ["interrupted"]
+    assert list(found.runs["detail"]) == ["after 40 of 90 motions; begins anew"]
+    assert make(Told(0)) == []
+    assert os.listdir(tmp_path / "out/runs") == list(found.runs["run"])
+
+
+def test_the_second_of_two_attempts_is_thrown_away(make, tmp_path):
+    class Twice(Told):
+        def start(self, orders):
+            (order,) = orders
+            twin = begin(order)
+            super().start(orders)
+            self.first = (target_of(order) / LOG).read_text()
+            (twin / LOG).write_text("motions 90/90\n")
+            (twin / DONE).write_text("{}")
+            place(twin)
+            assert newest_attempt(order) is None
+
+    executor = Twice(0)
+    assert make(executor) == []
+    (folder,) = (tmp_path / "out" / "runs").iterdir()
+    assert (folder / LOG).read_text() == executor.first
