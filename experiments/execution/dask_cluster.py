@@ -24,7 +24,7 @@ class DaskCluster:
     of the scheduler), before the attempt counts as lost.
 
     Args:
-        address: Of the scheduler, such as `tcp://192.168.0.10:8786`.
+        address: Of the scheduler, such as `tcp://head:8786`.
         patience: Seconds without any worker after which the cluster counts as gone.
 
     Raises:
@@ -42,7 +42,7 @@ class DaskCluster:
         except (OSError, ValueError) as error:
             raise ConfigError(
                 f"--cluster {address}: no Dask scheduler answers within {CONNECT_WITHIN:g} s ({error}); "
-                "allowed: the address that `dask scheduler` prints, such as tcp://192.168.0.10:8786"
+                "allowed: the address that `dask scheduler` prints, such as tcp://head:8786"
             ) from error
 
     def start(self, orders: Sequence[Path]) -> None:

@@ -14,6 +14,7 @@ from experiments.running.results_folder import (
     DONE,
     SPEC,
     SUITE,
+    TIMINGS,
     VERSIONS,
     changed,
     folder_of,
@@ -99,7 +100,7 @@ def _broken(folder: Path) -> str:
     run: TypeAdapter[LifetimeRun | SweepRun] = TypeAdapter(LifetimeRun | SweepRun)
     name = ""
     try:
-        for name in (VERSIONS, DONE):
+        for name in (VERSIONS, DONE, TIMINGS):
             read_json(folder / name)
         name = SPEC
         if (found := run.validate_json((folder / SPEC).read_bytes()).id) != folder.name:

@@ -1,6 +1,5 @@
 """Two runs, what they make, compared byte by byte, and a Dask cluster of this machine."""
 
-import json
 import logging
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,20 +9,17 @@ import pytest
 from distributed import LocalCluster
 
 from experiments.__main__ import main
+from experiments.running.results_folder import TIMINGS
 
 
 def results(out: Path) -> dict[str, bytes]:
-    """All files of the servo's runs but those of times."""
-    files = [path for path in out.glob("runs/*servo*/*") if not path.name.startswith(("events.", "timings"))]
-    return {str(path.relative_to(out)): _without_times(path) for path in files}
-
-
-def _without_times(path: Path) -> bytes:
-    if path.name == "DONE.json":
-        done = json.loads(path.read_bytes())
-        del done["wall_seconds"], done["cpu_seconds_a_motion"]
-        return json.dumps(done).encode()
-    return path.read_bytes()
+    """All files of the servo's runs, but of times: timings.json, and TensorBoard's, which hold moments."""
+    files = [
+        path
+        for path in out.glob("runs/*servo*/*")
+        if path.name != TIMINGS and not path.name.startswith("events.")
+    ]
+    return {str(path.relative_to(out)): path.read_bytes() for path in files}
 
 
 @pytest.fixture
