@@ -109,7 +109,7 @@ class Slurm:
         """See `Executor`."""
         until = time.monotonic() + seconds
         while not (over := [job for job in self._jobs if self._is_over(job)]) and time.monotonic() < until:
-            time.sleep(0.1)
+            time.sleep(seconds / 4)
         found = [(self._jobs.pop(job), _exit_code(job)) for job in over]
         self._submit()
         return found

@@ -98,6 +98,25 @@ def test_an_interrupted_attempt_shows_and_is_cleared_by_the_next_runner(make, tm
     assert os.listdir(tmp_path / "out/runs") == list(found.runs["run"])
 
 
+def test_a_run_that_is_being_made_shows_wherever_it_is_made(make, tmp_path):
+    class Looked(Told):
+        def start(self, orders):
+            self.orders = list(orders)
+            self.found = [status(tmp_path / "out")]
+            begin(self.orders[0])
+            self.found.append(status(tmp_path / "out"))
+
+        def ended(self, seconds):
+            super().start(self.orders)
+            return super().ended(seconds)
+
+    executor = Looked(0)
+    assert make(executor) == []
+    assert [list(found.runs["state"]) for found in executor.found] == [["waiting"], ["running"]]
+    assert all("a runner is at work" in found.counts for found in executor.found)
+    assert list(status(tmp_path / "out").runs["state"]) == ["done"]
+
+
 def test_the_second_of_two_attempts_is_thrown_away(make, tmp_path):
     class Twice(Told):
         def start(self, orders):
