@@ -122,7 +122,7 @@ class Runner:
             self._losses[order] = self._losses.get(order, 0) + 1
             if self._losses[order] <= self._retries:
                 again = f"made again ({self._losses[order]} of {self._retries} times)"
-                self._display.say(f"{order.name}: its worker was lost (signal {-exit_code}); {again}")
+                self._display.say(f"{order.name}: its worker was lost (exit code {exit_code}); {again}")
                 self._executor.start([order])
                 return
         self._fail(order, exit_code)
@@ -135,7 +135,7 @@ class Runner:
         lost = f"its worker was lost {self._losses[order]} times" if exit_code < 0 else ""
         with (attempt / LOG).open("a", encoding="utf-8") as log:
             log.write(f"{lost}\n" if lost else "")
-        lines = (attempt / LOG).read_text(encoding="utf-8").splitlines()[-20:]
+        lines = (attempt / LOG).read_text(encoding="utf-8", errors="replace").splitlines()[-20:]
         write_json(attempt / FAILED, {"exit_code": exit_code, "log_tail": lines})
         place(attempt)
         discard(order)

@@ -56,7 +56,7 @@ def test_a_run_whose_worker_was_lost_is_made_again(make, losses, capsys):
     executor = Told(*[-9] * losses, 0)
     assert make(executor, retries=2) == []
     assert len(executor.started) == losses + 1
-    assert capsys.readouterr().out.count("its worker was lost (signal 9); made again") == losses
+    assert capsys.readouterr().out.count("its worker was lost (exit code -9); made again") == losses
 
 
 def test_a_run_that_is_lost_too_often_has_failed(make, tmp_path):

@@ -1,12 +1,10 @@
-"""Two runs, what they make, compared byte by byte, and a Dask cluster of this machine."""
+"""Two runs, and what they make, compared byte by byte."""
 
-import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from distributed import LocalCluster
 
 from experiments.__main__ import main
 from experiments.running.results_folder import TIMINGS
@@ -36,12 +34,3 @@ def run(write_config: Callable[[Any], Path], suite_data: dict[str, Any]) -> Call
         return main(["run", str(write_config(suite_data)), "--out", str(out), *map(str, options)])
 
     return run
-
-
-@pytest.fixture
-def cluster() -> Iterator[LocalCluster]:
-    """Two workers, in processes of their own."""
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
-    ) as cluster:
-        yield cluster

@@ -1,9 +1,7 @@
 """Runs on a Dask cluster: workers that are killed, and clusters that go away."""
 
 import json
-import os
 import random
-import signal
 import subprocess
 import sys
 import threading
@@ -17,6 +15,46 @@ from tests.experiments.execution.machines.conftest import results
 REPOSITORY = Path(__file__).parents[4]
 
 
+class Cluster:
+    """A scheduler and its workers, each a process that can be killed."""
+
+    def __init__(self, folder):
+        file = folder / "scheduler.json"
+        self.scheduler = start("scheduler", "--port", 0, "--no-dashboard", "--scheduler-file", file)
+        while not file.exists() or not file.read_text():
+            time.sleep(0.05)
+        self.address = json.loads(file.read_text())["address"]
+        self.workers = []
+
+    def add(self, workers=1):
+        for _ in range(workers):
+            self.workers.append(
+                start("worker", "--no-nanny", "--nthreads", 1, "--no-dashboard", self.address)
+            )
+
+    def kill_one(self, number):
+        worker = self.workers.pop(number)
+        worker.kill()
+        worker.wait()
+
+    def close(self):
+        for process in (self.scheduler, *self.workers):
+            process.kill()
+            process.wait()
+
+
+def start(what, *options):
+    command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *map(str, options)]
+    return subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    cluster = Cluster(tmp_path)
+    yield cluster
+    cluster.close()
+
+
 def test_workers_killed_at_some_moments_change_nothing(run, finished_once, cluster, tmp_path):
     kill_workers(run, finished_once, cluster, tmp_path, kills=3)
 
@@ -27,21 +65,22 @@ def test_workers_killed_at_twenty_moments_change_nothing(run, finished_once, clu
 
 
 def kill_workers(run, finished_once, cluster, tmp_path, kills):
-    """Makes the suite anew until so many workers were killed while it was made."""
+    """Makes the suite anew until so many workers were killed, and others came, while it was made."""
     rng, killed = random.Random(0), 0
+    cluster.add(workers=2)
     while killed < kills:
         out, over, count = tmp_path / str(killed), threading.Event(), []
 
         def kill(over=over, count=count):
             while len(count) < 3 and not over.wait(rng.uniform(0.5, 4.0)):
-                if pids := at_work(cluster):
-                    os.kill(rng.choice(pids), signal.SIGKILL)
-                    count.append(1)
+                cluster.kill_one(rng.randrange(2))
+                cluster.add()
+                count.append(1)
 
         thread = threading.Thread(target=kill)
         thread.start()
         try:
-            assert run(out, "--cluster", cluster.scheduler_address) == 0
+            assert run(out, "--cluster", cluster.address) == 0
         finally:
             over.set()
             thread.join()
@@ -50,68 +89,31 @@ def kill_workers(run, finished_once, cluster, tmp_path, kills):
         assert not (out / "runs" / ".attempts").exists()
 
 
-def at_work(cluster):
-    """Ids of the workers that are not just starting: a nanny gives up where that fails."""
-    there = cluster.scheduler.workers
-    return [nanny.pid for nanny in cluster.workers.values() if nanny.worker_address in there]
-
-
-@pytest.fixture
-def scheduler(tmp_path):
-    """A scheduler that can be killed, and its address."""
-    file = tmp_path / "scheduler.json"
-    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard"]
-    process = start([*command, "--scheduler-file", str(file)])
-    yield process, file
-    process.kill()
-    process.wait()
-
-
-def start(command):
-    return subprocess.Popen(
-        command, cwd=REPOSITORY, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    )
-
-
-def address_of(file):
-    while not file.exists() or not file.read_text():
-        time.sleep(0.05)
-    return json.loads(file.read_text())["address"]
-
-
 def test_a_cluster_that_goes_away_is_one_error_and_the_rest_is_made_here(
-    run, finished_once, scheduler, tmp_path, capsys
+    run, finished_once, cluster, tmp_path, capsys
 ):
-    process, file = scheduler
-    command = [sys.executable, "-m", "distributed.cli.dask_worker", "--nworkers", "1", "--nthreads", "1"]
-    address = address_of(file)
-    worker = start([*command, "--no-dashboard", "--death-timeout", "5", address])
+    cluster.add()
     out = tmp_path / "out"
 
     def kill_after_the_first_run():
         while not list(out.glob("runs/*/DONE.json")):
             time.sleep(0.05)
-        process.kill()
+        cluster.scheduler.kill()
 
     thread = threading.Thread(target=kill_after_the_first_run, daemon=True)
     thread.start()
-    try:
-        assert run(out, "--cluster", address) == 2
-    finally:
-        os.killpg(worker.pid, signal.SIGKILL)
-        worker.wait()
+    assert run(out, "--cluster", cluster.address) == 2
     said = capsys.readouterr()
-    assert f"error: the cluster at {address} is gone: its scheduler went away" in said.err
+    assert f"error: the cluster at {cluster.address} is gone: its scheduler went away" in said.err
     assert "What has finished is kept" in said.err
-    done = len(list(out.glob("runs/*/DONE.json")))
-    assert done == 1
+    assert len(list(out.glob("runs/*/DONE.json"))) == 1
     assert run(out) == 0
     assert "2 runs, 1 of them finished already" in capsys.readouterr().out
     assert results(out) == results(finished_once)
 
 
-def test_a_cluster_without_workers_is_given_up(run, scheduler, tmp_path, capsys):
-    options = ("--cluster", address_of(scheduler[1]), "--cluster-patience", "1")
+def test_a_cluster_without_workers_is_given_up(run, cluster, tmp_path, capsys):
+    options = ("--cluster", cluster.address, "--cluster-patience", "1")
     assert run(tmp_path / "out", *options) == 2
     assert "is gone: no worker for 1 s" in capsys.readouterr().err
 
