@@ -60,6 +60,43 @@ def test_jobs_killed_at_twenty_moments_change_nothing(run, finished_once, tmp_pa
     kill_jobs(run, finished_once, tmp_path, kills=20)
 
 
+STAND_INS = {
+    "sbatch": """
+        cat $1 >> {log}
+        last=$(grep -o 'array=0-[0-9]*' $1 | grep -o '[0-9]*$')
+        for i in $(seq 0 $last); do
+            ( export SLURM_JOB_ID=7$i SLURM_ARRAY_JOB_ID=7 SLURM_ARRAY_TASK_ID=$i SLURM_PROCID=0
+              export SLURM_LOCALID=0 SLURM_NODEID=0 SLURM_NTASKS=1 SLURM_JOB_NUM_NODES=1
+              bash $1 ) > /dev/null 2>&1 &
+        done
+        echo Submitted batch job 7""",
+    "srun": """
+        while [[ $1 == --* ]]; do [[ $1 == --unbuffered ]] && shift || shift 2; done
+        exec "$@" """,
+    "sacct": """
+        echo 'JobID|State|NodeList'
+        for i in 0 1; do echo "7_$i|RUNNING|here"; done""",
+}
+"""Slurm's commands, as submitit calls them, for one array whose jobs all begin at once."""
+
+
+@pytest.mark.slow
+def test_runs_are_one_array_with_the_options(run, finished_once, tmp_path, monkeypatch):
+    log = tmp_path / "log"
+    for name, text in STAND_INS.items():
+        (tmp_path / name).write_text("#!/bin/bash\n" + text.replace("{log}", str(log)))
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    options = ("partition=long", "timeout_min=60", "mem_gb=4", "array_parallelism=1")
+    options = [word for option in options for word in ("--slurm-option", option)]
+    assert run(tmp_path / "out", "--slurm", *options) == 0
+    assert results(tmp_path / "out") == results(finished_once)
+    script = log.read_text()
+    assert script.count("#SBATCH --array=") == 1
+    for option in ("--array=0-1%1", "--partition=long", "--time=60", "--mem=4GB"):
+        assert f"#SBATCH {option}\n" in script
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
