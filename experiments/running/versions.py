@@ -22,6 +22,7 @@ WHAT_MAKES_A_RESULT = (
     "calfree_gym",
     "agents",
     "configs/agents",
+    "experiments/config/model.py",
     "experiments/config/requirements.py",
     "experiments/config/suite.py",
     "experiments/cpu_time.py",
