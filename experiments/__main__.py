@@ -1,4 +1,4 @@
-"""The command line: `python -m experiments {validate,run,status,report,benchmark,...} ...`."""
+"""The command line: `python -m experiments {validate,run,status,report,tune,...} ...`."""
 
 import argparse
 import shlex
@@ -45,6 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
             return _status(options.folder)
         if options.command == "benchmark":
             return _benchmark(options)
+        if options.command == "tune":
+            return _tune(options)
         if options.command == "picture":
             return _picture(options.table, options.out)
         if options.command == "results-tables":
@@ -67,7 +69,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
     validate = commands.add_parser("validate", help="check a configuration")
     run = commands.add_parser("run", help="carry out a configuration, and report")
-    for command in (validate, run):
+    tune = commands.add_parser("tune", help="seek better settings of agents, as a configuration says")
+    for command in (validate, run, tune):
         command.add_argument("config", type=Path)
         command.add_argument(
             "--set",
@@ -76,8 +79,11 @@ def _parser() -> argparse.ArgumentParser:
             metavar="KEY=VALUE",
             help="replace a value of the configuration, such as scenarios.0.motions=200 (repeatable)",
         )
-    run.add_argument("--out", type=Path, required=True, help="folder for the results")
-    run.add_argument("--jobs", type=_positive, default=1, help="runs at a time (default: 1)")
+    for command, what in ((run, "runs"), (tune, "agents")):
+        command.add_argument("--out", type=Path, required=True, help="folder for the results")
+        command.add_argument("--jobs", type=_positive, default=1, help=f"{what} at a time (default: 1)")
+    tune.add_argument("--agent", nargs="+", default=[], metavar="NAME", help="these alone")
+    tune.add_argument("--write", action="store_true", help="write better settings into configs/agents")
     run.add_argument("--fail-fast", action="store_true", help="stop at the first run that fails")
     status = commands.add_parser("status", help="show how far the runs in a results folder are")
     status.add_argument("folder", type=Path)
@@ -150,6 +156,15 @@ def _run(options: argparse.Namespace) -> int:
         print(f"{len(failed)} runs FAILED or did not finish: {', '.join(failed)}", file=sys.stderr)
         return 1
     return 0
+
+
+def _tune(options: argparse.Namespace) -> int:
+    from experiments.tuning.command import tune
+    from experiments.tuning.loading import load_tuning
+
+    config = load_tuning(options.config, options.set)
+    failed = tune(config, options.out, options.agent, options.jobs, options.write)
+    return 1 if failed else 0
 
 
 def _status(folder: Path) -> int:

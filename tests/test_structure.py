@@ -49,6 +49,7 @@ LAYERS = {
         "running",
         "statistics",
         "reporting",
+        "tuning",
         "benchmarks",
         "__main__",
     ],
