@@ -10,14 +10,14 @@ import optuna
 from experiments.errors import ConfigError
 from experiments.reporting.tables import show
 from experiments.running.results_folder import locked, write_whole
-from experiments.running.versions import commit, versions
+from experiments.running.versions import REPOSITORY, commit, versions
 from experiments.tuning.config import TuningConfig
 from experiments.tuning.processes import LostError, Processes
 from experiments.tuning.results import SETTINGS, settings_file, write_agent, write_tables
 from experiments.tuning.tuner import DefaultsFailError, Tuner
 
 STUDIES = "studies"
-_MAKES_A_TRY = tuple(f"experiments/tuning/{name}.py" for name in ("objective", "study", "worker"))
+_MAKES_A_TRY = tuple(f"experiments/tuning/{name}.py" for name in ("objective", "study", "tuner", "worker"))
 
 
 def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bool) -> list[str]:
@@ -81,9 +81,7 @@ def _offer(found: dict[str, Any], write: bool) -> None:
     text = settings_file(found)
     if write:
         write_whole(path, text)
-        _say(f"{path}: written")
-    else:
-        _say(f"--write puts this into {path}:\n{text}")
+    _say(f"{path.relative_to(REPOSITORY)}{'' if write else ', which --write writes'}:\n{text}")
 
 
 def _say(text: str) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
+from experiments.errors import ConfigError
 from experiments.reporting.tables import Table, number
 from experiments.running.results_folder import read_json, write_json, write_whole
 from experiments.running.versions import REPOSITORY
@@ -50,6 +51,9 @@ def settings_file(found: dict[str, Any], folder: Path = SETTINGS) -> str:
     Args:
         found: What `Tuner.tune` returned.
         folder: Where the present file may be.
+
+    Raises:
+        ConfigError: One of the settings stands there over several lines.
     """
     name, settings = found["agent"]["name"], found["settings"]
     path = folder / f"{name}.yaml"
@@ -66,7 +70,7 @@ def settings_file(found: dict[str, Any], folder: Path = SETTINGS) -> str:
             text += f"{line}\n"
     text = f"{head}\n{text}"
     if yaml.safe_load(text) != wanted:
-        raise ValueError(f"{path} gives {', '.join(settings)} over several lines: change it by hand")
+        raise ConfigError(f"{path} gives {', '.join(settings)} over several lines: change it by hand")
     return text
 
 

@@ -107,12 +107,12 @@ class Tuner:
         tries, minutes = self._study.tries, self._config.cpu_minutes
         if len(tries) >= self._config.tries:
             return f"{len(tries)} tries"
-        if tries and tries[-1].state == "out of time":
-            return f"{minutes:g} CPU minutes: they ran out within try {len(tries) - 1}"
         made = [each.cpu_seconds for each in tries if each.state != "repeated"]
-        if made and sum(made) + np.mean(made) > 60 * minutes:
-            return f"{minutes:g} CPU minutes: another try would exceed them"
-        return None
+        if not made or sum(made) + np.mean(made) <= 60 * minutes:
+            return None
+        if tries[-1].state == "out of time":
+            return f"{minutes:g} CPU minutes: they ran out within try {len(tries) - 1}"
+        return f"{minutes:g} CPU minutes: another try would exceed them"
 
     def _try(self) -> None:
         k, left = len(self._study.tries), 60 * self._config.cpu_minutes

@@ -5,6 +5,7 @@ import json
 import pytest
 import yaml
 
+from experiments.errors import ConfigError
 from experiments.reporting.documents.kept_tables import tables_named
 from experiments.tuning.config import TuningConfig
 from experiments.tuning.results import SETTINGS, settings_file, write_agent, write_tables
@@ -63,5 +64,5 @@ def test_better_settings_replace_those_in_a_file_and_leave_the_rest_of_it():
 
 def test_a_setting_over_several_lines_is_named(tmp_path):
     (tmp_path / "sac.yaml").write_text("gamma:\n  0.5\n")
-    with pytest.raises(ValueError, match="gamma over several lines"):
+    with pytest.raises(ConfigError, match="gamma over several lines"):
         settings_file(published("sac", {"gamma": 0.3}), tmp_path)

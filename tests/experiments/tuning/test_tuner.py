@@ -74,6 +74,7 @@ def test_what_takes_longer_than_it_was_expected_to_is_stopped_within(tune):
     assert found["cpu_minutes"] == 1.5
     assert "ran out within try" in found["stopped_by"]
     assert tune(processes, cpu_minutes=1.5) == found
+    assert len(tune(processes, cpu_minutes=10)["tries"]) > len(found["tries"])
 
 
 def test_the_first_try_alone_is_too_dear(tune):
