@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import partial
-from inspect import signature
+from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +67,7 @@ def _learning_servo(
     on_change: str = "keep",
     **settings: Any,
 ) -> Agent:
-    own = _own_settings(KNOWLEDGE[knowledge])
+    own = _own_settings(knowledge)
     remembered = KNOWLEDGE[knowledge](
         env.action_space.shape[0],  # type: ignore[index]
         **{name: settings.pop(name) for name in own if name in settings},
@@ -75,8 +75,9 @@ def _learning_servo(
     return LearningServo(env, remembered, make_servo(servo, settings), seed, jump_px, every_look, on_change)
 
 
-def _own_settings(knowledge: Callable[..., Knowledge]) -> tuple[str, ...]:
-    return tuple(name for name in signature(knowledge).parameters if name != "motors")
+def _own_settings(knowledge: str) -> dict[str, Any]:
+    settings = _named_settings(KNOWLEDGE[knowledge])
+    return {name: default for name, default in settings.items() if name != "motors"}
 
 
 def _sb3(env: Environment, seed: int = 0, **settings: Any) -> Agent:
@@ -85,14 +86,13 @@ def _sb3(env: Environment, seed: int = 0, **settings: Any) -> Agent:
     return Sb3Agent(env, seed, **settings)
 
 
-def _sb3_settings(given: Mapping[str, Any]) -> tuple[str, ...]:
+def _sb3_settings(given: Mapping[str, Any]) -> dict[str, Any]:
     """The adapter's own settings, and those of the algorithm that is given."""
     from agents.neural.sb3.agent import Sb3Agent
     from agents.neural.sb3.algorithms import algorithm_of, settings_of
 
     own = _named_settings(Sb3Agent)
-    algorithm = given.get("algorithm", signature(Sb3Agent).parameters["algorithm"].default)
-    return tuple(dict.fromkeys((*own, *settings_of(algorithm_of(algorithm)))))
+    return settings_of(algorithm_of(given.get("algorithm", own["algorithm"]))) | own
 
 
 def tuned_settings(name: str) -> dict[str, Any]:
@@ -178,9 +178,7 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
     Raises:
         ValueError: An unknown name, with the near misses, or a setting that is not allowed.
     """
-    if name not in _MAKERS:
-        hint = near_misses(name, _MAKERS)
-        raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(_MAKERS)}")
+    _check_name(name)
     shape = getattr(env.action_space, "shape", None)
     if shape is None or (len(shape) != 1 and _MAKERS[name] is not _sb3):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
@@ -198,6 +196,24 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
         raise ValueError(f"agent {name!r}: {error}") from error
 
 
+def default_settings(name: str, **given: Any) -> dict[str, Any]:
+    """What `make(name, env, **given)` makes an agent with; settings without a default only if given.
+
+    Raises:
+        ValueError: An unknown name, with the near misses.
+    """
+    _check_name(name)
+    chosen = _defaults(name, given) | given
+    settings = _settings_of(name, chosen) | chosen
+    return {setting: value for setting, value in settings.items() if value is not Parameter.empty}
+
+
+def _check_name(name: str) -> None:
+    if name not in _MAKERS:
+        hint = near_misses(name, _MAKERS)
+        raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(_MAKERS)}")
+
+
 def _defaults(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """An agent's own defaults; only `unified_servo` has an estimator."""
     if name in SB3:
@@ -208,8 +224,11 @@ def _defaults(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     return defaults
 
 
-def _settings_of(name: str, given: Mapping[str, Any]) -> tuple[str, ...]:
-    """The settings that an agent takes; a learning servo's depend on the knowledge and servo `given`."""
+def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings that an agent takes, with their defaults (`Parameter.empty`, where there is none).
+
+    A learning servo's depend on the knowledge and servo `given`.
+    """
     if _MAKERS[name] is _sb3:
         try:
             return _sb3_settings(given)
@@ -221,12 +240,12 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> tuple[str, ...]:
         return _named_settings(AGENTS[name])
     named = _named_settings(_MAKERS[name])
     if name in SERVOS:
-        return ("seed", *_fields(name))
+        return {"seed": named["seed"], **_fields(name)}
     if name not in KNOWLEDGE and name != "learning_servo":
         return named
     chosen = {"servo": "unified_servo", "knowledge": "memory", **given}
     if name in KNOWLEDGE:
-        named = tuple(setting for setting in named if setting != "knowledge")
+        named.pop("knowledge")
         chosen["knowledge"] = name
     for setting, known in (("knowledge", KNOWLEDGE), ("servo", SERVOS)):
         if chosen[setting] not in known:
@@ -234,13 +253,13 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> tuple[str, ...]:
                 f"agent {name!r}: {setting} is {chosen[setting]!r}{near_misses(chosen[setting], known)}; "
                 f"allowed: {', '.join(known)}"
             )
-    return (*named, *_own_settings(KNOWLEDGE[chosen["knowledge"]]), *_fields(chosen["servo"]))
+    return named | _own_settings(chosen["knowledge"]) | _fields(chosen["servo"])
 
 
-def _named_settings(maker: Callable[..., Agent]) -> tuple[str, ...]:
+def _named_settings(maker: Callable[..., Any]) -> dict[str, Any]:
     parameters = signature(maker).parameters.values()
-    return tuple(p.name for p in parameters if p.kind is not p.VAR_KEYWORD and p.name != "env")
+    return {p.name: p.default for p in parameters if p.kind is not p.VAR_KEYWORD and p.name != "env"}
 
 
-def _fields(servo: str) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(SERVOS[servo]))
+def _fields(servo: str) -> dict[str, Any]:
+    return {field.name: field.default for field in fields(SERVOS[servo])}

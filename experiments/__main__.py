@@ -1,4 +1,4 @@
-"""The command line: `python -m experiments {validate,run,merge,status,report,benchmark,...} ...`."""
+"""The command line: `python -m experiments {validate,run,merge,status,report,tune,...} ...`."""
 
 import argparse
 import shlex
@@ -10,7 +10,7 @@ from typing import Any
 
 from experiments.config.loading import load
 from experiments.errors import ConfigError
-from experiments.execution.options import add_run_options, command_of, executor_of
+from experiments.execution.options import add_run_options, add_tune_options, command_of, executor_of
 from experiments.execution.part import WHOLE
 from experiments.running.plan import runs_of
 
@@ -49,6 +49,8 @@ def main(arguments: list[str] | None = None) -> int:
             return _status(options.folder)
         if options.command == "benchmark":
             return _benchmark(options)
+        if options.command == "tune":
+            return _tune(options)
         if options.command == "picture":
             return _picture(options.table, options.out)
         if options.command == "results-tables":
@@ -71,7 +73,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
     validate = commands.add_parser("validate", help="check a configuration")
     run = commands.add_parser("run", help="carry out a configuration, and report")
-    for command in (validate, run):
+    tune = commands.add_parser("tune", help="seek better settings of agents, as a configuration says")
+    for command in (validate, run, tune):
         command.add_argument("config", type=Path)
         command.add_argument(
             "--set",
@@ -81,6 +84,7 @@ def _parser() -> argparse.ArgumentParser:
             help="replace a value of the configuration, such as scenarios.0.motions=200 (repeatable)",
         )
     add_run_options(run)
+    add_tune_options(tune)
     merge = commands.add_parser("merge", help="gather the parts of a suite (run --part), and report")
     merge.add_argument("parts", type=Path, nargs="+", metavar="PART", help="results folder of a part")
     merge.add_argument("--out", type=Path, required=True, help="folder for the whole")
@@ -171,6 +175,15 @@ def _unfinished(runs: list[str]) -> int:
     if runs:
         print(f"{len(runs)} runs FAILED or did not finish: {', '.join(runs)}", file=sys.stderr)
     return 1 if runs else 0
+
+
+def _tune(options: argparse.Namespace) -> int:
+    from experiments.tuning.command import tune
+    from experiments.tuning.loading import load_tuning
+
+    config = load_tuning(options.config, options.set)
+    failed = tune(config, options.out, options.agent, options.jobs, options.write)
+    return 1 if failed else 0
 
 
 def _status(folder: Path) -> int:

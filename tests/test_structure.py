@@ -50,6 +50,7 @@ LAYERS = {
         "execution",
         "statistics",
         "reporting",
+        "tuning",
         "benchmarks",
         "__main__",
     ],

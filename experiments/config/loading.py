@@ -1,8 +1,8 @@
-"""Reading a suite from a YAML file, with errors that say where, what and what else."""
+"""Reading a YAML file into frozen models, with errors that say where, what and what else."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -12,6 +12,8 @@ from experiments.config.overrides import with_overrides
 from experiments.config.requirements import requirements
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
+
+Config = TypeVar("Config", bound=BaseModel)
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -37,19 +39,36 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
     Raises:
         ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
     """
+    return load_as(Suite, path, overrides, _unbuildable)
+
+
+def load_as(
+    model: type[Config], path: Path, overrides: Sequence[str], wrong_in: Callable[[Config], dict[str, str]]
+) -> Config:
+    """Reads a configuration of some kind.
+
+    Args:
+        model: The kind.
+        path: A YAML file. The `settings` in a list of `agents` may name YAML files, relative to this one.
+        overrides: Values to put in place of those in the file, such as "worlds=2".
+        wrong_in: What is wrong in a configuration whose keys and values are allowed, by the path of the key.
+
+    Raises:
+        ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
+    """
     data = read_yaml(path)
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
     data = with_overrides(_with_other_files(data, path.parent), overrides)
     try:
-        suite = Suite.model_validate(_with_other_files(data, path.parent))
+        config = model.model_validate(_with_other_files(data, path.parent))
     except ValidationError as error:
-        wrong = [_describe(details) for details in _own_errors(error)]
+        wrong = [_describe(details, model) for details in _own_errors(error)]
     else:
-        wrong = _unbuildable(suite)
+        wrong = [f"{where}: {what}" for where, what in wrong_in(config).items()]
     if wrong:
         raise ConfigError("\n".join([f"{path}:", *(f"  {line}" for line in wrong)]))
-    return suite
+    return config
 
 
 def read_yaml(path: Path) -> Any:
@@ -95,7 +114,7 @@ def _with_settings_file(agent: Any, folder: Path) -> Any:
     return agent
 
 
-def _unbuildable(suite: Suite) -> list[str]:
+def _unbuildable(suite: Suite) -> dict[str, str]:
     """What is wrong with environments and settings, found by building each once."""
     wrong = {}
     for i, scenario in enumerate(suite.scenarios):
@@ -110,7 +129,7 @@ def _unbuildable(suite: Suite) -> list[str]:
             except Exception as error:  # whatever a library raises at a setting that it cannot use
                 where = f"agents.{suite.agents.index(agent)}.settings"
                 wrong[where] = f"found {_short(agent.settings)}: {error}"
-    return [f"{where}: {what}" for where, what in wrong.items()]
+    return wrong
 
 
 def _short(value: Any) -> str:
@@ -125,13 +144,13 @@ def _own_errors(error: ValidationError) -> list[dict[str, Any]]:
     return [details for details in found if details["loc"] not in within]
 
 
-def _describe(error: dict[str, Any]) -> str:
+def _describe(error: dict[str, Any], config: type[BaseModel]) -> str:
     where = ".".join(str(part) for part in error["loc"])
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "missing":
         return f"{where}: missing"
     if error["type"] == "extra_forbidden":
-        allowed = _siblings(error["loc"])
+        allowed = _siblings(error["loc"], config)
         hint = near_misses(error["loc"][-1], allowed)
         return f"{where}: unknown key{hint}; allowed: {', '.join(allowed)}"
     if message.startswith(f"{error['loc'][-1]}."):  # it has a path of its own, further in
@@ -139,16 +158,18 @@ def _describe(error: dict[str, Any]) -> str:
     return f"{where}: found {_short(error['input'])}: {message}"
 
 
-def _siblings(location: tuple[str | int, ...]) -> list[str]:
+def _siblings(location: tuple[str | int, ...], config: type[BaseModel]) -> list[str]:
     """The keys that are allowed beside the one at `location`."""
-    model: type[BaseModel] = Suite
+    annotation: Any = config
     for part in location[:-1]:
-        if isinstance(part, str):
-            model = _model_in(model.model_fields[part].annotation)
-    return list(model.model_fields)
+        model = _model_in(annotation)
+        inside_model = isinstance(part, str) and get_origin(annotation) is not dict
+        annotation = model.model_fields[str(part)].annotation if inside_model else model
+    return list(_model_in(annotation).model_fields)
 
 
 def _model_in(annotation: Any) -> type[BaseModel]:
+    """The model that a type is, or contains."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next(_model_in(argument) for argument in get_args(annotation) if argument is not ...)
+    return next(_model_in(part) for part in get_args(annotation) if part not in (..., str, type(None)))

@@ -24,3 +24,15 @@ def one_of(found: str, allowed: tuple[str, ...]) -> str:
     if found in allowed:
         return found
     raise ValueError(f"unknown{near_misses(found, allowed)}; allowed: {', '.join(allowed)}")
+
+
+def distinct(values: list[str], key: str) -> None:
+    """Raises ValueError where a value stands twice.
+
+    Args:
+        values: Of one key in the items of a list.
+        key: For the message.
+    """
+    twice = sorted({value for value in values if values.count(value) > 1})
+    if twice:
+        raise ValueError(f"{key} {', '.join(twice)} stands twice; give each its own {key}")

@@ -13,7 +13,7 @@ from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations import TYPES, parse_perturbation, parse_schedule
 from calfree_gym.world import DISTRIBUTIONS
 from experiments.config.claims import Claim, Moment
-from experiments.config.model import Model, Name, one_of
+from experiments.config.model import Model, Name, distinct, one_of
 
 
 class EnvironmentConfig(Model):
@@ -208,7 +208,7 @@ class Suite(Model):
     @field_validator("scenarios")
     @classmethod
     def _distinct_scenarios(cls, value: tuple[ScenarioConfig, ...]) -> tuple[ScenarioConfig, ...]:
-        _distinct([scenario.name for scenario in value], "name")
+        distinct([scenario.name for scenario in value], "name")
         return value
 
     @field_validator("sweeps")
@@ -219,7 +219,7 @@ class Suite(Model):
         scenarios = info.data.get("scenarios")
         if scenarios == () == value:
             raise ValueError("there is nothing to run: neither scenarios nor sweeps are given")
-        _distinct([part.name for part in scenarios or ()] + [sweep.name for sweep in value], "name")
+        distinct([part.name for part in scenarios or ()] + [sweep.name for sweep in value], "name")
         return value
 
     @field_validator("agents")
@@ -228,7 +228,7 @@ class Suite(Model):
         cls, value: tuple[AgentConfig, ...], info: ValidationInfo
     ) -> tuple[AgentConfig, ...]:
         labels = [agent.label for agent in value]
-        _distinct(labels, "label")
+        distinct(labels, "label")
         for part in (*info.data.get("scenarios", ()), *info.data.get("sweeps", ())):
             for label in part.agents or ():
                 if label not in labels:
@@ -298,9 +298,3 @@ def _check_trials(moment: Moment, part: ScenarioConfig | SweepConfig) -> None:
         raise ValueError(f"found trials up to {moment.trials[1]}; allowed: up to {length}")
     if moment.motions is not None and moment.motions > part.most_motions:
         raise ValueError(f"found {moment.motions} motions; allowed: up to {part.most_motions}")
-
-
-def _distinct(values: list[str], key: str) -> None:
-    twice = sorted({value for value in values if values.count(value) > 1})
-    if twice:
-        raise ValueError(f"{key} {', '.join(twice)} stands twice; give each its own {key}")

@@ -47,6 +47,14 @@ def add_run_options(run: argparse.ArgumentParser) -> None:
     )
 
 
+def add_tune_options(tune: argparse.ArgumentParser) -> None:
+    """Adds them to the command."""
+    tune.add_argument("--out", type=Path, required=True, help="folder for the results")
+    tune.add_argument("--jobs", type=_positive, default=1, help="agents at a time (default: 1)")
+    tune.add_argument("--agent", nargs="+", default=[], metavar="NAME", help="these alone")
+    tune.add_argument("--write", action="store_true", help="write better settings into configs/agents")
+
+
 def command_of(options: argparse.Namespace) -> str:
     """What the user typed, with defaults left out that change nothing."""
     words = ["python", "-m", "experiments", "run", str(options.config), "--out", str(options.out)]

@@ -96,6 +96,11 @@ def runs_of(suite: Suite) -> list[Run]:
     return [*_lifetimes(suite), *_sweeps(suite)]
 
 
+def world_seeds(suite_seed: int, worlds: int) -> tuple[int, ...]:
+    """What seeds the worlds of a suite, in their order."""
+    return tuple(_seed(suite_seed, _WORLD, world) for world in range(worlds))
+
+
 def _lifetimes(suite: Suite) -> list[LifetimeRun]:
     return [
         LifetimeRun(
@@ -118,7 +123,7 @@ def _sweeps(suite: Suite) -> list[SweepRun]:
         SweepRun(
             agent=agent,
             sweep=sweep.model_copy(update={"agents": None}),
-            world_seeds=tuple(_seed(suite.seed, _WORLD, world) for world in range(suite.worlds)),
+            world_seeds=world_seeds(suite.seed, suite.worlds),
             agent_seed=_seed(suite.seed, _AGENT, 0),
         )
         for sweep in suite.sweeps

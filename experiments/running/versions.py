@@ -38,9 +38,13 @@ WHAT_MAKES_A_RESULT = (
 _KINDS = ("*.py", "*.xml", "*.yaml")
 
 
-def versions() -> dict[str, str]:
-    """Versions of Python, of the packages that results depend on, and of our own code."""
-    found = {"code": _code(), "python": platform.python_version()}
+def versions(also: tuple[str, ...] = ()) -> dict[str, str]:
+    """Versions of Python, of the packages that results depend on, and of our own code.
+
+    Args:
+        also: More of our sources on which these results depend.
+    """
+    found = {"code": _code(also), "python": platform.python_version()}
     for package in PACKAGES:
         try:
             found[package] = version(package)
@@ -60,10 +64,10 @@ def commit() -> str:
     return head.stdout.strip() + "+" * bool(changed.stdout.strip()) or "unknown"
 
 
-def _code() -> str:
+def _code(also: tuple[str, ...]) -> str:
     """A hash over all our sources that can change a result; commits would miss edits."""
     digest = hashlib.sha256()
-    for root in WHAT_MAKES_A_RESULT:
+    for root in (*WHAT_MAKES_A_RESULT, *also):
         path = REPOSITORY / root
         files = [path] if path.is_file() else [file for kind in _KINDS for file in path.rglob(kind)]
         for file in sorted(files):

@@ -174,12 +174,12 @@ def main(folder: Path) -> None:
     write_json(folder / DONE, outcome)
 
 
-def _end_with_the_runner() -> None:
-    """Ends this process at once when the runner that holds the other end of its input is gone."""
+def end_with_the_parent() -> None:
+    """Ends this process at once when the one that holds the other end of its input is gone."""
     sys.stdin.read()
     os._exit(1)
 
 
 if __name__ == "__main__":
-    threading.Thread(target=_end_with_the_runner, daemon=True).start()
+    threading.Thread(target=end_with_the_parent, daemon=True).start()
     main(Path(sys.argv[1]))

@@ -54,9 +54,10 @@ def algorithm_of(name: str) -> Algorithm:
     return ALGORITHMS[name]
 
 
-def settings_of(algorithm: Algorithm) -> tuple[str, ...]:
-    """The settings that an algorithm takes."""
-    return tuple(name for name in signature(algorithm.__init__).parameters if name not in _OURS)
+def settings_of(algorithm: Algorithm) -> dict[str, Any]:
+    """The settings that an algorithm takes, with their defaults (`Parameter.empty`, where there is none)."""
+    parameters = signature(algorithm.__init__).parameters
+    return {name: parameter.default for name, parameter in parameters.items() if name not in _OURS}
 
 
 def built_settings(settings: Mapping[str, Any], motors: int) -> dict[str, Any]:

@@ -9,9 +9,10 @@ from experiments.config.loading import load
 from experiments.errors import ConfigError
 
 CONFIGS = Path(__file__).parents[3] / "configs"
+SUITES = sorted(path for path in CONFIGS.glob("*.yaml") if "\nquestion:" in path.read_text())
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.name)
+@pytest.mark.parametrize("path", SUITES, ids=lambda path: path.name)
 def test_every_shipped_configuration_is_valid(path):
     load(path)
 

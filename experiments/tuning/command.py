@@ -1,0 +1,88 @@
+"""`python -m experiments tune`: several agents, one after the other or side by side."""
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import optuna
+
+from experiments.errors import ConfigError
+from experiments.reporting.tables import show
+from experiments.running.results_folder import locked, write_whole
+from experiments.running.versions import REPOSITORY, commit, versions
+from experiments.tuning.config import TuningConfig
+from experiments.tuning.processes import LostError, Processes
+from experiments.tuning.results import SETTINGS, settings_file, write_agent, write_tables
+from experiments.tuning.tuner import DefaultsFailError, Tuner
+
+STUDIES = "studies"
+_MAKES_A_TRY = tuple(f"experiments/tuning/{name}.py" for name in ("objective", "study", "tuner", "worker"))
+
+
+def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bool) -> list[str]:
+    """Tunes agents, and writes what came of it.
+
+    Args:
+        config: What is tuned.
+        out: The folder; what stands there is gone on with.
+        names: Of agents; all, where none is given.
+        jobs: How many agents are tuned at a time. The tries of one follow each other, as each learns from
+            those before it.
+        write: Whether to write the settings that beat the default ones into configs/agents, or to print them.
+
+    Returns:
+        The agents whose tuning failed.
+
+    Raises:
+        ConfigError: An agent is not tuned here, another process is at work in the folder, or it holds tries
+            of other code or of another configuration.
+    """
+    try:
+        agents = config.only(names).agents if names else config.agents
+    except ValueError as error:
+        raise ConfigError(f"--agent: {error}") from None
+    (out / STUDIES).mkdir(parents=True, exist_ok=True)
+    with locked(out):
+        processes = Processes()
+        made_by = {**versions(_MAKES_A_TRY), "optuna": optuna.__version__}
+        about = (made_by, commit())
+        tuners = [Tuner(config, agent, out / STUDIES, processes, *about, _say) for agent in agents]
+        pool = ThreadPoolExecutor(jobs)
+        try:
+            found = list(pool.map(lambda tuner: _tuned(tuner, out), tuners))
+        except BaseException:
+            processes.stop()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+        show(write_tables(out, config))
+    for each in found:
+        if each and each["choice"] == "tuned":
+            _offer(each, write)
+    return [agent.name for agent, each in zip(agents, found, strict=True) if each is None]
+
+
+def _tuned(tuner: Tuner, out: Path) -> dict[str, Any] | None:
+    """What became of an agent; None where its tuning failed, which stops no other."""
+    try:
+        found = tuner.tune()
+    except (DefaultsFailError, LostError) as error:
+        print(f"{tuner.name}: FAILED: {error}", file=sys.stderr)
+        return None
+    write_agent(out, found)
+    _say(f"{tuner.name}: {found['choice']} settings, stopped by {found['stopped_by']}")
+    return found
+
+
+def _offer(found: dict[str, Any], write: bool) -> None:
+    """Writes or prints the settings that beat the default ones."""
+    path = SETTINGS / f"{found['agent']['name']}.yaml"
+    text = settings_file(found)
+    if write:
+        write_whole(path, text)
+    _say(f"{path.relative_to(REPOSITORY)}{'' if write else ', which --write writes'}:\n{text}")
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)

@@ -1,0 +1,202 @@
+"""What is tuned, where, and within which ranges: read from YAML into frozen models."""
+
+import math
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+
+import agents
+from experiments.config.model import Model, distinct, one_of
+from experiments.config.suite import AgentConfig, EvaluationConfig, ScenarioConfig, Suite
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError("it must be a finite number")
+    return value
+
+
+Number = Annotated[int | float, BeforeValidator(_finite)]
+
+
+class RangeConfig(Model):
+    """The numbers that a setting may have; whole ones, where both ends are whole.
+
+    Attributes:
+        low: The least.
+        high: The largest.
+        log: Whether factors count, and not differences.
+    """
+
+    low: Number
+    high: Number
+    log: bool = False
+
+    @field_validator("high")
+    @classmethod
+    def _above_low(cls, value: float, info: ValidationInfo) -> float:
+        if "low" in info.data and not value > info.data["low"]:
+            raise ValueError(f"it must be above low, {info.data['low']}")
+        return value
+
+    @field_validator("log")
+    @classmethod
+    def _of_positive_numbers(cls, value: bool, info: ValidationInfo) -> bool:
+        if value and info.data.get("low", 1) <= 0:
+            raise ValueError(f"low is {info.data['low']}, and only positive numbers have logarithms")
+        return value
+
+    @property
+    def whole(self) -> bool:
+        """Whether the numbers are whole."""
+        return isinstance(self.low, int) and isinstance(self.high, int)
+
+    def __contains__(self, value: Any) -> bool:
+        number = isinstance(value, int if self.whole else int | float) and not isinstance(value, bool)
+        return number and self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g}" + (", by factors" if self.log else "")
+
+
+class TunedAgentConfig(Model):
+    """An agent, and what is varied of it.
+
+    Attributes:
+        name: As `agents.make` knows it.
+        scenario: In which of the scenarios it lives.
+        settings: What is not varied, and is not as by default either.
+        ranges: Of numbers, by setting.
+        choices: Of other settings.
+    """
+
+    name: str
+    scenario: str
+    settings: dict[str, Any] = Field({})
+    ranges: dict[str, RangeConfig] = Field({})
+    choices: dict[str, list[Any]] = Field({}, validate_default=True)
+
+    @field_validator("name")
+    @classmethod
+    def _known_name(cls, value: str) -> str:
+        return one_of(value, agents.names())
+
+    @field_validator("choices")
+    @classmethod
+    def _something_varied_once(
+        cls, value: dict[str, list[Any]], info: ValidationInfo
+    ) -> dict[str, list[Any]]:
+        ranges, settings = info.data.get("ranges", {}), info.data.get("settings", {})
+        if not value and not ranges and "ranges" in info.data:
+            raise ValueError("nothing is varied: neither ranges nor choices are given")
+        for name, found in value.items():
+            if name in ranges:
+                raise ValueError(f"choices.{name}: ranges has it too")
+            if len(found) < 2:
+                raise ValueError(f"choices.{name} has {len(found)}: there must be two or more")
+        if twice := (ranges.keys() | value.keys()) & settings.keys():
+            raise ValueError(f"settings gives {', '.join(sorted(twice))} already")
+        return value
+
+    def defaults(self) -> dict[str, Any]:
+        """What the varied settings are by default; those that the agent does not have are missing."""
+        known = agents.default_settings(self.name, **self.settings)
+        return {name: known[name] for name in (*self.ranges, *self.choices) if name in known}
+
+
+class TuningScenarioConfig(ScenarioConfig):
+    """Lifetimes in which settings are judged, in so many worlds.
+
+    Attributes:
+        evaluation: When the agent is scored on held-out trials.
+        worlds: In which each try is made.
+        check_worlds: Other ones, in which the best settings are compared with the default ones.
+    """
+
+    evaluation: EvaluationConfig
+    worlds: int = Field(gt=0)
+    check_worlds: int = Field(gt=1)
+
+    @field_validator("agents")
+    @classmethod
+    def _named_by_agents(cls, value: tuple[str, ...] | None) -> None:
+        if value is not None:
+            raise ValueError("here each agent names its scenario")
+
+    @field_validator("evaluation")
+    @classmethod
+    def _within_every_lifetime(cls, value: EvaluationConfig, info: ValidationInfo) -> EvaluationConfig:
+        if {"env", "motions", "trials"} <= info.data.keys():
+            length = info.data["motions"] or info.data["trials"] * info.data["env"].max_episode_steps
+            if value.every > length:
+                raise ValueError(
+                    f"evaluation.every is {value.every}; lifetimes have at most {length} motions"
+                )
+        return value
+
+
+class TuningConfig(Model):
+    """Which agents are tuned, and what for each of them is allowed at most.
+
+    Attributes:
+        seed: Of all worlds; no suite has the same.
+        tries: Settings tried, the default ones included.
+        cpu_minutes: That all tries of an agent may take.
+    """
+
+    seed: int = Field(ge=0)
+    tries: int = Field(20, gt=0)
+    cpu_minutes: float = Field(20, gt=0)
+    scenarios: tuple[TuningScenarioConfig, ...] = Field(min_length=1, strict=False)
+    agents: tuple[TunedAgentConfig, ...] = Field(min_length=1, strict=False)
+
+    @field_validator("scenarios")
+    @classmethod
+    def _distinct_scenarios(cls, value: tuple[TuningScenarioConfig, ...]) -> tuple[TuningScenarioConfig, ...]:
+        distinct([scenario.name for scenario in value], "name")
+        return value
+
+    @field_validator("agents")
+    @classmethod
+    def _each_in_a_scenario(
+        cls, value: tuple[TunedAgentConfig, ...], info: ValidationInfo
+    ) -> tuple[TunedAgentConfig, ...]:
+        distinct([agent.name for agent in value], "name")
+        if "scenarios" in info.data:
+            names = tuple(scenario.name for scenario in info.data["scenarios"])
+            for i, agent in enumerate(value):
+                try:
+                    one_of(agent.scenario, names)
+                except ValueError as error:
+                    raise ValueError(f"agents.{i}.scenario: found {agent.scenario!r}: {error}") from None
+        return value
+
+    def only(self, names: list[str]) -> "TuningConfig":
+        """The same for some of its agents.
+
+        Raises:
+            ValueError: One of them is not tuned here.
+        """
+        for name in names:
+            one_of(name, tuple(agent.name for agent in self.agents))
+        chosen = tuple(agent for agent in self.agents if agent.name in names)
+        return self.model_copy(update={"agents": chosen})
+
+    def scenario_of(self, agent: TunedAgentConfig) -> TuningScenarioConfig:
+        """Where it is tuned."""
+        return next(scenario for scenario in self.scenarios if scenario.name == agent.scenario)
+
+    def suite(self, agent: TunedAgentConfig, settings: dict[str, Any]) -> Suite:
+        """The agent with some settings in all worlds of its scenario: first those of tries, then others."""
+        scenario = self.scenario_of(agent)
+        own = scenario.model_dump(exclude={"worlds", "check_worlds"})
+        return Suite(
+            name="tuning",
+            question="",
+            seed=self.seed,
+            worlds=scenario.worlds + scenario.check_worlds,
+            scenarios=(ScenarioConfig.model_validate(own),),
+            sweeps=(),
+            claims=(),
+            agents=(AgentConfig(name=agent.name, label=agent.name, settings=agent.settings | settings),),
+        )

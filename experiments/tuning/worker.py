@@ -1,0 +1,75 @@
+"""Some lifetimes in a process of their own: `python -m experiments.tuning.worker`, told on its input."""
+
+import os
+import sys
+import threading
+import time
+import traceback
+from contextlib import redirect_stdout
+
+from experiments.config.model import Model
+from experiments.running.plan import LifetimeRun
+from experiments.running.worker import end_with_the_parent
+from experiments.tuning.objective import motions_per_reach
+
+OVER_BUDGET = 75
+"""Exit code where CPU time ran out."""
+
+
+class Request(Model):
+    """What a worker reads from the first line of its input.
+
+    Attributes:
+        runs: The lifetimes to make, one after the other.
+        cpu_seconds: The CPU time that it may take, that of starting included; None: any.
+    """
+
+    runs: tuple[LifetimeRun, ...]
+    cpu_seconds: float | None
+
+
+class Report(Model):
+    """What a worker writes after each lifetime, on a line: its value, or its error.
+
+    Attributes:
+        value: Of the objective.
+        error: What it failed with.
+        cpu_seconds: Of the process up to now, user and system.
+    """
+
+    value: float | None = None
+    error: str | None = None
+    cpu_seconds: float
+
+
+def main() -> None:
+    """Makes the lifetimes, and reports each; all that they print goes where errors go."""
+    request = Request.model_validate_json(sys.stdin.readline())
+    threading.Thread(target=end_with_the_parent, daemon=True).start()
+    if request.cpu_seconds is not None:
+        threading.Thread(target=_end_after, args=(request.cpu_seconds,), daemon=True).start()
+    out = sys.stdout
+    with redirect_stdout(sys.stderr):
+        for run in request.runs:
+            print(_report(run).model_dump_json(), file=out, flush=True)
+
+
+def _report(run: LifetimeRun) -> Report:
+    """Makes a lifetime."""
+    value, failed = None, None
+    try:
+        value = motions_per_reach(run)
+    except Exception as error:  # whatever an agent raises with these settings
+        traceback.print_exc()
+        failed = f"{type(error).__name__}: {error}"
+    return Report(value=value, error=failed, cpu_seconds=time.process_time())
+
+
+def _end_after(cpu_seconds: float) -> None:
+    while (left := cpu_seconds - time.process_time()) > 0:
+        time.sleep(left)  # it has one thread that works: CPU time does not pass faster
+    os._exit(OVER_BUDGET)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,114 @@
+"""`python -m experiments tune`, with real agents in real processes."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from experiments.__main__ import main
+from experiments.running.plan import runs_of
+from experiments.running.versions import REPOSITORY
+from experiments.tuning.config import TuningConfig
+from experiments.tuning.processes import LostError, OverBudgetError, Processes
+
+
+def command(config, out):
+    words = [sys.executable, "-m", "experiments", "tune", str(config), "--out", str(out)]
+    return [
+        *words,
+        "--set",
+        "tries=2",
+        "--set",
+        "scenarios.0.worlds=1",
+        "--set",
+        "scenarios.0.check_worlds=2",
+    ]
+
+
+def start(config, out):
+    return subprocess.Popen(
+        command(config, out), cwd=REPOSITORY, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+def without_times(path):
+    """What is published, without CPU times."""
+    found = json.loads(path.read_text())
+    for each in found["tries"]:
+        del each["cpu_seconds"]
+    for each in (found, found["check"] or found):
+        each.pop("cpu_minutes", None)
+    del found["tables"]
+    return found
+
+
+def test_killed_it_goes_on_where_it_was(tuning_data, write_config, tmp_path):
+    config, out = write_config(tuning_data), tmp_path / "out"
+    process = start(config, out)
+    next(line for line in process.stdout if "try 0" in line)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not (out / "unified_servo.json").exists()
+    done = subprocess.run(command(config, out), cwd=REPOSITORY, check=True, capture_output=True, text=True)
+    assert "try 0" not in done.stdout
+    assert "try 1" in done.stdout
+    published = json.loads((out / "unified_servo.json").read_text())
+    assert 0 < published["cpu_minutes"] < 1
+    assert published["tries"][0]["worlds"] != published["tries"][1]["worlds"]
+    assert f"{published['tries'][0]['objective']:.2f}" in (out / "choices.md").read_text()
+
+
+@pytest.mark.slow
+def test_killed_at_any_moment_it_ends_with_the_same(tuning_data, write_config, tmp_path):
+    config, undisturbed = write_config(tuning_data), tmp_path / "undisturbed"
+    begun = time.monotonic()
+    subprocess.run(command(config, undisturbed), cwd=REPOSITORY, check=True, capture_output=True)
+    whole = time.monotonic() - begun
+    rng = random.Random(0)
+    for k in range(8):
+        process, out = start(config, tmp_path / f"out{k}"), tmp_path / f"out{k}"
+        try:
+            process.wait(rng.uniform(0.1, whole))
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        subprocess.run(command(config, out), cwd=REPOSITORY, check=True, capture_output=True)
+        assert without_times(out / "unified_servo.json") == without_times(undisturbed / "unified_servo.json")
+
+
+@pytest.fixture
+def runs(tuning_data):
+    """Lifetimes of minutes."""
+    tuning_data["scenarios"][0]["motions"] = 1_000_000
+    config = TuningConfig.model_validate(tuning_data)
+    return tuple(runs_of(config.suite(config.agents[0], {})))
+
+
+def test_a_process_ends_when_its_cpu_time_does(runs, tmp_path):
+    with (tmp_path / "lock").open("w") as lock, pytest.raises(OverBudgetError):
+        list(Processes(lock.fileno()).reports(runs, 0.5, tmp_path / "log.txt"))
+
+
+def test_a_process_that_is_stopped_says_nothing_about_its_settings(runs, tmp_path):
+    with (tmp_path / "lock").open("w") as lock:
+        processes = Processes(lock.fileno())
+        processes.stop()
+        with pytest.raises(LostError):
+            list(processes.reports(runs, None, tmp_path / "log.txt"))
+
+
+def test_user_errors_are_one_message(tuning_data, write_config, tmp_path, capsys):
+    config = write_config(tuning_data)
+    words = ["tune", str(config), "--out", str(tmp_path / "out")]
+    assert main([*words, "--agent", "unified_serwo"]) == 2
+    assert "--agent: unknown (did you mean unified_servo?); allowed: unified_servo" in capsys.readouterr().err
+    assert main([*words, "--set", "tires=3"]) == 2
+    assert "tires: unknown key (did you mean tries?)" in capsys.readouterr().err
+    (tmp_path / "out").write_text("a file")
+    assert main(words) == 2
+    assert capsys.readouterr().err.startswith("error: ")

@@ -1,0 +1,119 @@
+"""Ranges are checked before anything is tried, and no world is that of a suite."""
+
+import re
+from pathlib import Path
+
+import gymnasium
+import pytest
+import yaml
+
+import agents
+from experiments.config.loading import read_yaml
+from experiments.config.suite import Suite
+from experiments.errors import ConfigError
+from experiments.running.plan import runs_of
+from experiments.tuning.config import RangeConfig, TunedAgentConfig, TuningConfig
+from experiments.tuning.loading import load_tuning
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+RANGE = ("agents", 0, "ranges", "damping")
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return load_tuning(CONFIGS / "tuning.yaml")
+
+
+def spoil(data, path, value):
+    *parents, last = path
+    for key in parents:
+        data = data[key]
+    data[last] = value
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "where", "said"),
+    [
+        (("agents", 0, "name"), "unified_serwo", "agents.0.name", "did you mean unified_servo"),
+        (("agents", 0, "scenario"), "amed", "agents.0.scenario: found 'amed'", "did you mean aimed"),
+        (("agents", 0, "ranges"), {"dampin": {"low": 0.1, "high": 1.0}}, "agents.0.ranges.dampin", "damping"),
+        ((*RANGE, "high"), 0.0001, "agents.0.ranges.damping.high: found 0.0001", "above low, 0.001"),
+        ((*RANGE, "high"), "1", "agents.0.ranges.damping.high: found '1'", "a finite number"),
+        ((*RANGE, "hihg"), 1.0, "agents.0.ranges.damping.hihg: unknown key", "mean high?); allowed: low"),
+        ((*RANGE, "low"), 0.0, "agents.0.ranges.damping.log", "only positive numbers have logarithms"),
+        ((*RANGE, "low"), 0.06, "agents.0.ranges.damping", "the default 0.05 is no number from 0.06 to 1"),
+        (RANGE, {"low": -1.0, "high": 1.0}, "agents.0.ranges.damping.low: found -1.0", "damping"),
+        (RANGE, {"low": 0, "high": 1}, "agents.0.ranges.damping", "the default 0.05 is no whole number"),
+        (("agents", 0, "ranges"), {}, "agents.0.choices", "neither ranges nor choices"),
+        (("agents", 0, "choices"), {"damping": [1, 2]}, "agents.0.choices.damping", "ranges has it too"),
+        (("agents", 0, "choices"), {"estimator": ["rls"]}, "agents.0.choices.estimator", "two or more"),
+        (("agents", 0, "choices"), {"estimator": ["rls", "local"]}, "agents.0.choices.estimator", "'kalman'"),
+        (("agents", 0, "choices"), {"estimator": ["kalman", "x"]}, "agents.0.choices.estimator.1", "rls"),
+        (("agents", 0, "settings"), {"damping": 0.1}, "agents.0.choices", "settings gives damping already"),
+        (("agents", 0, "settings"), {"dampin": 0.1}, "agents.0.settings", "did you mean damping"),
+        (("agents",), [], "agents", "at least 1"),
+        (("tries",), 0, "tries", "greater than 0"),
+        (("cpu_minute",), 3, "cpu_minute: unknown key (did you mean cpu_minutes?)", "allowed: seed, tries"),
+        (("scenarios", 0, "agents"), ["sac"], "scenarios.0.agents", "each agent names its scenario"),
+        (("scenarios", 0, "worlds"), 0, "scenarios.0.worlds", "greater than 0"),
+        (("scenarios", 0, "evaluation", "every"), 91, "scenarios.0.evaluation.every is 91", "at most 90"),
+        (("scenarios", 0, "perturbations", 0, "at"), {"motion": 90}, "scenarios.0.perturbations.0", "never"),
+    ],
+)
+def test_errors_say_where_what_and_what_else(tuning_data, write_config, path, value, where, said):
+    spoil(tuning_data, path, value)
+    with pytest.raises(ConfigError) as error:
+        load_tuning(write_config(tuning_data))
+    assert f"\n  {where}" in str(error.value)
+    assert said in str(error.value)
+    assert str(error.value).count("\n") == 1
+
+
+def test_worlds_of_a_suite_beside_it_are_refused(tuning_data, suite_data, write_config, tmp_path):
+    config = write_config(tuning_data)
+    (tmp_path / "quick.yaml").write_text(yaml.safe_dump(suite_data | {"seed": 7, "worlds": 1}))
+    with pytest.raises(ConfigError, match=r"seed: found 7: it gives worlds of quick\.yaml"):
+        load_tuning(config)
+    load_tuning(config, ["seed=8"])
+
+
+def test_no_world_of_tuning_is_that_of_a_suite(shipped):
+    def world(seed):
+        env.reset(seed=seed)
+        return env.unwrapped.world.camera_position.tobytes()
+
+    somewhere = {"name": "s", "env": shipped.scenarios[0].env.model_dump(), "motions": 1000}
+    tested = set()
+    for data in (read_yaml(path) for path in sorted(CONFIGS.glob("*.yaml"))):
+        if "worlds" in data:
+            size = {"seed": data.get("seed", 0), "worlds": data["worlds"]}
+            plain = {"name": "s", "question": "", "scenarios": [somewhere], "agents": ["random"]}
+            tested |= {run.world_seed for run in runs_of(Suite.model_validate(plain | size))}
+    assert len(tested) >= 100
+    seeds = set()
+    for agent in shipped.agents:
+        own = [run.world_seed for run in runs_of(shipped.suite(agent, agent.defaults()))]
+        assert len(set(own)) == len(own)  # so none is one of tries and of the check
+        seeds |= set(own)
+    assert not seeds & tested
+    env = gymnasium.make("CalFree/Reach-v0", world="wild", dynamics="kinematic")
+    assert not {world(seed) for seed in seeds} & {world(seed) for seed in tested}
+
+
+def test_all_agents_are_tuned_alike(shipped):
+    assert (shipped.tries, shipped.cpu_minutes) == (20, 20)
+    for agent in shipped.agents:
+        scenario = shipped.scenario_of(agent)
+        assert 2 <= len(agent.ranges) + len(agent.choices) <= 5
+        assert [event["do"]["type"] for event in scenario.perturbations] == ["camera_aim"]
+        assert scenario.env == shipped.scenarios[0].env
+
+
+def test_the_page_names_every_key_and_every_agent_that_is_not_tuned(shipped):
+    text = (CONFIGS.parent / "docs" / "tuning.md").read_text()
+    keys = {key for model in (TuningConfig, TunedAgentConfig, RangeConfig) for key in model.model_fields}
+    for key in keys | {"worlds", "check_worlds"}:
+        assert re.search(rf"`([\w.]+\.)?{key}(: true)?`", text), key
+    told = {"learning_servo", "gaussian_process", "sb3"}  # other names of what is tuned
+    for name in set(agents.names()) - {agent.name for agent in shipped.agents} - told:
+        assert f"`{name}`" in text, name
