@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
             return _picture(options.table, options.out)
         if options.command == "results-tables":
             return _results_tables(options.check)
-        return _report(options.folder)
+        return _report(options.source, options.out)
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -81,8 +81,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--fail-fast", action="store_true", help="stop at the first run that fails")
     status = commands.add_parser("status", help="show how far the runs in a results folder are")
     status.add_argument("folder", type=Path)
-    report = commands.add_parser("report", help="write the report of a results folder again")
-    report.add_argument("folder", type=Path)
+    report = commands.add_parser("report", help="write the report of results again")
+    report.add_argument("source", type=Path, help="results folder, or the results.parquet of one")
+    report.add_argument("--out", type=Path, help="folder for the report (default: where the results stand)")
     _add_benchmark(commands)
     picture = commands.add_parser("picture", help="draw what a saved grid_table has learned")
     picture.add_argument("table", type=Path, help="file that grid_table.save wrote")
@@ -145,7 +146,7 @@ def _run(options: argparse.Namespace) -> int:
     words += [word for override in options.set for word in ("--set", override)]
     with display() as shown:
         failed = Runner(suite, out, shown, options.fail_fast).run(jobs, shlex.join(words))
-    _report(out)
+    _report(out, out)
     if failed:
         print(f"{len(failed)} runs FAILED or did not finish: {', '.join(failed)}", file=sys.stderr)
         return 1
@@ -161,10 +162,12 @@ def _status(folder: Path) -> int:
     return 1 if found.failed else 0
 
 
-def _report(folder: Path) -> int:
+def _report(source: Path, out: Path | None) -> int:
     from experiments.reporting.report import write_report
+    from experiments.reporting.results_file import gather, read_finished
 
-    print(f"report: {write_report(folder)}")
+    results = gather(source) if source.is_dir() or not source.suffix else source
+    print(f"report: {write_report(read_finished(results, out or results.parent))}")
     return 0
 
 

@@ -13,7 +13,7 @@ from experiments.reporting.finished_suite import (
     few_worlds,
     where_it_stands,
 )
-from experiments.reporting.pages import Section, SummaryRow, summary_row
+from experiments.reporting.pages import Drawing, Section, SummaryRow, summary_row
 from experiments.reporting.style import save
 from experiments.reporting.sweep.estimates import Point, points
 from experiments.reporting.sweep.figure import sweep_figure
@@ -53,7 +53,7 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
         for sweep in sweeps
     }
 
-    def drawn(name: str, *of: SweepConfig) -> dict[str, str]:
+    def drawn(name: str, *of: SweepConfig) -> dict[str, Drawing]:
         said = where_it_stands(finished, of[0], "one trial in each at each value")
         return {name: save(sweep_figure(of, curves, said), finished.out / "figures", name)}
 
