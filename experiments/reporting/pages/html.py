@@ -15,7 +15,8 @@ h1 + p { font-size: 1.15rem; color: #444; margin-top: .3rem; }
 h2 { line-height: 1.25; margin-top: 2.5rem; }
 a { color: #00539b; }
 nav ul { columns: 18rem; font-size: .9rem; }
-.short li { margin-bottom: .6rem; }
+.short ul { padding-left: 1.1rem; }
+.short > ul > li { margin-bottom: .6rem; }
 .box { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid #ddd; vertical-align: top; }
@@ -83,11 +84,11 @@ def _anchor(index: int, section: Section) -> str:
 
 
 def _short(named: _Named) -> str:
-    points = [
-        f"<li>{_link(anchor, section)}: {escape(' '.join(section.said))}</li>"
-        for anchor, section in named
-        if section.said
-    ]
+    points = []
+    for anchor, section in named:
+        if section.said:
+            lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in section.said)
+            points.append(f"<li>{_link(anchor, section)}\n<ul>{lines}</ul></li>")
     lines = "\n".join(points)
     return f'<section class="short">\n<h2>In short</h2>\n<ul>\n{lines}\n</ul>\n</section>' if points else ""
 

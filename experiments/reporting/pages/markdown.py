@@ -8,7 +8,10 @@ from experiments.reporting.pages.section import Section
 def markdown_page(title: str, question: str, sections: Sequence[Section]) -> str:
     """The same as the HTML page; the figures are linked."""
     parts = [f"# {title}", question]
-    if points := [f"- **{section.title}**: {' '.join(section.said)}" for section in sections if section.said]:
+    points = [
+        "\n    - ".join([f"- **{section.title}**", *section.said]) for section in sections if section.said
+    ]
+    if points:
         parts += ["## In short", "\n".join(points)]
     for section in sections:
         parts.append(f"## {section.title}")

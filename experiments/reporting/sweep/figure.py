@@ -43,9 +43,8 @@ def sweep_figure(
             row, column = 2 * (i // across), i % across
             success, motions = grid[row, column], grid[row + 1, column]
             _column(success, motions, sweep, curves[sweep.name])
-            if column == 0:
-                success.set_ylabel("success rate (%)")
-                motions.set_ylabel("motions of trials with a rendezvous")
+            success.set_ylabel("success rate (%)")
+            motions.set_ylabel("motions of trials with a rendezvous")
         legend_below(figure, grid.flat, said, columns=5 if across > 1 else 3)
     return figure
 
