@@ -1,8 +1,9 @@
 """Who was best, in sentences made from the numbers: what stands at the head of a report.
 
 An agent is best by its mean over worlds. Another is told apart from it where the 95 % interval of their
-paired difference over worlds leaves 0 out; many are compared, and no interval is wider for it. With few worlds
-nobody is best. Nobody ever is who is told where to go, or who moves at random: they are ceiling and floor.
+paired difference over worlds leaves 0 out; many are compared, and no interval is wider for it. With few
+worlds nobody is best. Nobody ever is who is told where to go, or who moves at random: they are ceiling
+and floor.
 """
 
 from collections.abc import Mapping, Sequence

@@ -19,7 +19,7 @@ nav ul { columns: 18rem; font-size: .9rem; }
 .short > ul > li { margin-bottom: .6rem; }
 .box { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid #ddd; vertical-align: top; }
+th, td { text-align: left; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid #ddd; vertical-align: top; }
 td { white-space: nowrap; }
 td.words { white-space: normal; min-width: 16rem; }
 th:first-child, td:first-child { position: sticky; left: 0; background: #fff; }
@@ -43,7 +43,9 @@ pre { background: #f5f5f5; padding: .8rem; overflow-x: auto; font-size: .85rem; 
   h2 { margin-top: 1.2rem; break-after: avoid; }
   figure, tr { break-inside: avoid; }
   .box, .panels > div { overflow: visible; }
-  .panels svg { min-width: 0 !important; }
+  .panels { flex-wrap: nowrap; }
+  .panels > div, .panels svg { min-width: 0 !important; }
+  .legend, .note { font-size: 8pt; }
   table { font-size: 6.5pt; width: 100%; }
   th, td { padding: .15rem .4rem .15rem 0; }
   td, td.words { white-space: normal; min-width: 0; }
