@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.reporting.by_trial.estimates import LOOKS, Blocks, seconds_at
 from experiments.reporting.finished_suite import ENOUGH_WORLDS, MOTIONS, Perturbation
-from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
+from experiments.reporting.pages.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
 from experiments.statistics import Array, interquartile_mean
 
 _ROOM_FOR_WORDS = 5  # labels side by side above the panels

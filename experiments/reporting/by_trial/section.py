@@ -30,7 +30,7 @@ from experiments.reporting.finished_suite import (
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.pages.headline import in_words
-from experiments.reporting.style import save
+from experiments.reporting.pages.style import save
 from experiments.reporting.tables import Table, number, percent
 from experiments.statistics import Array, interquartile_mean
 

@@ -11,7 +11,7 @@ from experiments.evaluation import THRESHOLDS_PX
 from experiments.reporting.finished_suite import ENOUGH_WORLDS, FinishedSuite, few_worlds
 from experiments.reporting.held_out.estimates import Moment
 from experiments.reporting.pages import Section, summary_row
-from experiments.reporting.style import STYLE, draw_band, legend_below, line_of, save
+from experiments.reporting.pages.style import STYLE, draw_band, legend_below, line_of, save
 from experiments.reporting.tables import Table, percent
 from experiments.statistics import Estimate, performance_profile
 

@@ -21,7 +21,7 @@ from experiments.reporting.held_out.profile import profile_section
 from experiments.reporting.held_out.thresholds import threshold_section
 from experiments.reporting.pages import Section, SummaryRow, summary_row
 from experiments.reporting.pages.headline import in_words
-from experiments.reporting.style import save
+from experiments.reporting.pages.style import save
 from experiments.reporting.tables import Table, number, percent
 
 _MOMENTS = ("before", "right after", "at the end")

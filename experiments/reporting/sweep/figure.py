@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator, PercentFormatter
 
 from experiments.config.suite import SweepConfig
-from experiments.reporting.style import GREY, STYLE, draw_band, legend_below, line_of
+from experiments.reporting.pages.style import GREY, STYLE, draw_band, legend_below, line_of
 from experiments.reporting.sweep.estimates import Point
 from experiments.statistics import Estimate
 

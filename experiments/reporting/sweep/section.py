@@ -15,7 +15,7 @@ from experiments.reporting.finished_suite import (
 )
 from experiments.reporting.pages import Drawing, Section, SummaryRow, summary_row
 from experiments.reporting.pages.headline import in_words
-from experiments.reporting.style import save
+from experiments.reporting.pages.style import save
 from experiments.reporting.sweep.estimates import Point, points, rendezvous_shares
 from experiments.reporting.sweep.figure import sweep_figure
 from experiments.reporting.tables import Table, number, percent

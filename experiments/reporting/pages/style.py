@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from experiments.reporting.pages import Drawing
+from experiments.reporting.pages.section import Drawing
 
 # Okabe and Ito's palette, distinct for all kinds of colour vision; markers and dashes are distinct in grey.
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
