@@ -44,7 +44,7 @@ def write_report(finished: FinishedSuite) -> Path:
         if scenario.trials:
             sections.append(trial_section(finished, scenario))
     sections += sweep_sections(finished)
-    sections += [_agents(finished), _versions(finished), _provenance(finished)]
+    sections += [agents_section(finished), _versions(finished), _provenance(finished)]
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
     title, question = finished.suite.name, finished.suite.question
@@ -69,7 +69,8 @@ def _failures(finished: FinishedSuite) -> Section:
     )
 
 
-def _agents(finished: FinishedSuite) -> Section:
+def agents_section(finished: FinishedSuite) -> Section:
+    """What each agent must know, how it was set, and what it took to compute."""
     rows = []
     for agent in finished.suite.agents:
         mine = finished.timings[finished.timings["run"].isin(finished.runs_of(agent))]
