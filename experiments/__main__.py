@@ -142,7 +142,7 @@ def _run(options: argparse.Namespace) -> int:
     from experiments.running.progress import display
     from experiments.running.runner import Runner
 
-    words = ["python", "-m", "experiments", "run", str(config), "--out", str(out), "--jobs", str(jobs)]
+    words = ["python", "-m", "experiments", "run", str(config), "--out", "DIR"]  # in any
     words += [word for override in options.set for word in ("--set", override)]
     with display() as shown:
         failed = Runner(suite, out, shown, options.fail_fast).run(jobs, shlex.join(words))

@@ -24,7 +24,7 @@ class FinishedSuite:
     Attributes:
         out: Where its report stands.
         suite: What was run.
-        command: What the user typed.
+        command: What makes it, in any folder and on any number of processes.
         runs: All runs of the suite.
         outcomes: What the finished ones say about themselves, by their ids; perturbations in words.
         failures: The last lines that failed ones printed, by their ids.
