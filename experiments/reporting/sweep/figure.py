@@ -34,7 +34,7 @@ def sweep_figure(
     down = math.ceil(len(sweeps) / across)
     with plt.rc_context({**STYLE, "axes.titlepad": 6}):
         figure = plt.figure(
-            figsize=(3.5 * across if across > 1 else 8, 5.4 * down + 0.8), layout="constrained"
+            figsize=(3.5 * across if across > 1 else 5, 5.4 * down + 0.8), layout="constrained"
         )
         grid = figure.subplots(2 * down, across, squeeze=False)
         for panel in grid.flat:
@@ -45,7 +45,7 @@ def sweep_figure(
             _column(success, motions, sweep, curves[sweep.name])
             success.set_ylabel("success rate (%)")
             motions.set_ylabel("motions of trials with a rendezvous")
-        legend_below(figure, grid.flat, said, columns=5 if across > 1 else 3)
+        legend_below(figure, grid.flat, said, columns=5 if across > 1 else 2)
     return figure
 
 
