@@ -60,7 +60,7 @@ def profile_section(
 
 def _figure(title: str, ends: dict[str, Moment], worlds: int, said: str) -> Figure:
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(5.2, 4.6), layout="constrained")
+        figure, axes = plt.subplots(figsize=(5, 5.6), layout="constrained")
         for index, (agent, moment) in enumerate(ends.items()):
             profile = performance_profile(moment.errors_px, FINE_PX, np.random.default_rng(0))
             line = {**line_of(index), "marker": ""}

@@ -44,8 +44,8 @@ def sweep_figure(
             success, motions = grid[row, column], grid[row + 1, column]
             _column(success, motions, sweep, curves[sweep.name])
             success.set_ylabel("success rate (%)")
-            motions.set_ylabel("motions of trials with a rendezvous")
-        legend_below(figure, grid.flat, said, columns=5 if across > 1 else 2)
+            motions.set_ylabel("motions of trials\nwith a rendezvous")
+        legend_below(figure, grid.flat, said, columns=across + 1)
     return figure
 
 
