@@ -1,7 +1,6 @@
 """The command line: `python -m experiments {validate,run,merge,status,report,tune,...} ...`."""
 
 import argparse
-import shlex
 import sys
 from collections import Counter
 from collections.abc import Iterable
@@ -55,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
             return _picture(options.table, options.out)
         if options.command == "results-tables":
             return _results_tables(options.check)
-        return _report(options.folder)
+        return _report(options.source, options.out)
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -90,8 +89,9 @@ def _parser() -> argparse.ArgumentParser:
     merge.add_argument("--out", type=Path, required=True, help="folder for the whole")
     status = commands.add_parser("status", help="show how far the runs in a results folder are")
     status.add_argument("folder", type=Path)
-    report = commands.add_parser("report", help="write the report of a results folder again")
-    report.add_argument("folder", type=Path)
+    report = commands.add_parser("report", help="write the report of results again")
+    report.add_argument("source", type=Path, help="results folder, or the results.parquet of one")
+    report.add_argument("--out", type=Path, help="folder for the report (default: where the results stand)")
     _add_benchmark(commands)
     picture = commands.add_parser("picture", help="draw what a saved grid_table has learned")
     picture.add_argument("table", type=Path, help="file that grid_table.save wrote")
@@ -156,7 +156,7 @@ def _run(options: argparse.Namespace) -> int:
         )
         failed = runner.run(command_of(options))
     if options.part == WHOLE:
-        _report(options.out)
+        _report(options.out, options.out)
     else:
         print(f"part {options.part} is in {options.out}; `merge` makes the whole of all parts")
     return _unfinished(failed)
@@ -165,9 +165,8 @@ def _run(options: argparse.Namespace) -> int:
 def _merge(parts: list[Path], out: Path) -> int:
     from experiments.execution.merge import merge
 
-    words = ["python", "-m", "experiments", "merge", *map(str, parts), "--out", str(out)]
-    missing = merge(parts, out, shlex.join(words))
-    _report(out)
+    missing = merge(parts, out)
+    _report(out, out)
     return _unfinished(missing)
 
 
@@ -195,10 +194,12 @@ def _status(folder: Path) -> int:
     return 1 if found.failed else 0
 
 
-def _report(folder: Path) -> int:
+def _report(source: Path, out: Path | None) -> int:
     from experiments.reporting.report import write_report
+    from experiments.reporting.results_file import gather, read_finished
 
-    print(f"report: {write_report(folder)}")
+    results = gather(source) if source.is_dir() or not source.suffix else source
+    print(f"report: {write_report(read_finished(results, out or results.parent))}")
     return 0
 
 

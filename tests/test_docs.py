@@ -3,6 +3,7 @@
 import ast
 import inspect
 import re
+import shutil
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -99,6 +100,19 @@ def test_pages_load_nothing_from_elsewhere(site):
         loads = Page(path).loads
         assert loads
         assert not [address for address in loads if re.match("(https?:)?//", address)], path
+
+
+def test_the_search_needs_no_server(site):
+    """Opened from a file, a page gets the index as a script, and the search's code runs in a frame."""
+    assert (site / "search" / "search_index.js").read_text().startswith("var __index = {")
+    for path in site.glob("*.html"):
+        assert any(address.endswith("iframe-worker.js") for address in Page(path).loads), path
+    if not (browser := shutil.which("chromium")):
+        pytest.skip("no chromium")
+    words = [browser, "--headless=new", "--no-sandbox", "--virtual-time-budget=10000", "--dump-dom"]
+    address = f"{(site / 'index.html').as_uri()}?q=perturbation"
+    shown = subprocess.run([*words, address], capture_output=True, text=True, timeout=120).stdout
+    assert re.search(r'md-search-result__meta">\d+ matching documents<', shown)
 
 
 def test_environments_page_is_the_docstrings(site):

@@ -15,8 +15,7 @@ import calfree_gym
 from agents.base.prior_knowledge import in_order
 from calfree_gym.envs.goal import PRIVILEGED
 from experiments.evaluation import TrialRecord, evaluate
-from experiments.reporting.prior_knowledge import must_know
-from experiments.reporting.tables import Table, beside
+from experiments.reporting.tables import Table, beside, must_know
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 from experiments.statistics import mean_share, median, over_trials, over_worlds, quantile
 

@@ -31,13 +31,12 @@ _RESULT = (SPEC, VERSIONS, TRIALS, DONE)
 """Files that are the same whenever and wherever a run is made."""
 
 
-def merge(parts: Sequence[Path], out: Path, command: str) -> list[str]:
+def merge(parts: Sequence[Path], out: Path) -> list[str]:
     """Copies the finished runs of all parts into one folder; all is checked before anything is copied.
 
     Args:
         parts: Results folders of the same suite, made by the same code.
         out: Where to gather them; may hold some already.
-        command: What the user typed, for the report.
 
     Returns:
         The ids of the runs that none of them has finished.
@@ -47,7 +46,7 @@ def merge(parts: Sequence[Path], out: Path, command: str) -> list[str]:
             different in another part.
         OSError: A folder cannot be read or written.
     """
-    suite, _ = read_suite(parts[0])
+    suite, command = read_suite(parts[0])
     runs = runs_of(suite)
     sources: dict[str, Path] = {}
     for part in [out, *parts] if (out / SUITE).exists() else parts:

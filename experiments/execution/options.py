@@ -56,19 +56,9 @@ def add_tune_options(tune: argparse.ArgumentParser) -> None:
 
 
 def command_of(options: argparse.Namespace) -> str:
-    """What the user typed, with defaults left out that change nothing."""
-    words = ["python", "-m", "experiments", "run", str(options.config), "--out", str(options.out)]
-    if options.cluster:
-        words += ["--cluster", options.cluster]
-    elif options.slurm:
-        words += ["--slurm"]
-    else:
-        words += ["--jobs", str(options.jobs)]
-    if options.part != WHOLE:
-        words += ["--part", str(options.part)]
-    for name, values in (("--slurm-option", options.slurm_option), ("--set", options.set)):
-        words += [word for value in values for word in (name, value)]
-    return shlex.join(words)
+    """The command that makes these results, into any folder and on any machine."""
+    words = ["python", "-m", "experiments", "run", str(options.config), "--out", "DIR"]
+    return shlex.join([*words, *(word for value in options.set for word in ("--set", value))])
 
 
 def executor_of(options: argparse.Namespace) -> Executor:

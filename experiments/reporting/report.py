@@ -3,39 +3,38 @@
 import hashlib
 import json
 from pathlib import Path
-from statistics import median
-from typing import Any
 
 import pandas as pd
 import yaml
 
-from experiments.cpu_time import CPU
 from experiments.reporting.by_trial.section import trial_section
 from experiments.reporting.claims.section import claims_section
 from experiments.reporting.claims.verdicts import judge
-from experiments.reporting.finished_suite import FinishedSuite, read_finished
+from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.held_out.section import scenario_sections
-from experiments.reporting.pages import Section, html_page, markdown_page
+from experiments.reporting.pages import Section
+from experiments.reporting.pages.html import html_page
+from experiments.reporting.pages.markdown import markdown_page
+from experiments.reporting.results_file import TIMES
 from experiments.reporting.sweep.section import sweep_sections
 from experiments.reporting.tables import Table
-from experiments.running.results_folder import FAILED, LOG, folder_of, read_json, write_whole
+from experiments.running.results_folder import LOG, folder_of, write_whole
 
 SUMMARY = "summary.csv"
 
 
-def write_report(out: Path) -> Path:
-    """Writes `results.parquet`, `summary.csv`, `report.html`, `report.md` and `figures/` into a folder.
+def write_report(finished: FinishedSuite) -> Path:
+    """Writes `summary.csv`, `report.html`, `report.md` and `figures/` into the suite's folder.
 
-    All are made from the finished runs of the suite that was run there last, so they are right also
-    where it was interrupted.
+    All are made from the finished runs alone, so they are right also where the suite was interrupted.
+
+    Args:
+        finished: The suite.
 
     Returns:
         The path of the HTML page.
-
-    Raises:
-        ConfigError: No suite was run in the folder, or its runs were made by different versions.
     """
-    finished = read_finished(out)
+    out = finished.out
     sections = [_failures(finished)] if finished.unfinished else []
     if finished.suite.claims:
         sections.append(claims_section(judge(finished.results, finished.suite)))
@@ -45,7 +44,8 @@ def write_report(out: Path) -> Path:
         if scenario.trials:
             sections.append(trial_section(finished, scenario))
     sections += sweep_sections(finished)
-    sections += [_agents(finished), _versions(finished), _provenance(finished)]
+    sections += [agents_section(finished), _versions(finished), _provenance(finished)]
+    out.mkdir(parents=True, exist_ok=True)
     write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
     title, question = finished.suite.name, finished.suite.question
     page = out / "report.html"
@@ -55,35 +55,33 @@ def write_report(out: Path) -> Path:
 
 
 def _failures(finished: FinishedSuite) -> Section:
-    unfinished = finished.unfinished
+    counted = "They count as no success and as the most motions, in every number and curve."
     tails = []
-    for spec in unfinished:
-        folder = folder_of(finished.out, spec.id)
-        report = folder / FAILED
-        tail = ["(never finished)"]
-        if report.exists():
-            tail = read_json(report)["log_tail"]
-        tails.append("\n".join([f"{spec.id}  ({folder / LOG})", *tail]))
+    for run in finished.unfinished:
+        log = folder_of(Path(), run.id) / LOG
+        tails.append("\n".join([f"{run.id}  ({log})", *finished.failures.get(run.id, ["(never finished)"])]))
     return Section(
-        title=f"{len(unfinished)} of {len(finished.runs)} runs FAILED or did not finish",
-        text="In every curve and table below they count as no success and as the most motions.",
+        title=f"{len(finished.unfinished)} of {len(finished.runs)} runs FAILED or did not finish",
+        said=(counted,),
+        text=counted,
         code="\n\n".join(tails),
         alarming=True,
     )
 
 
-def _agents(finished: FinishedSuite) -> Section:
+def agents_section(finished: FinishedSuite) -> Section:
+    """What each agent must know, how it was set, and what it took to compute."""
     rows = []
     for agent in finished.suite.agents:
-        times = finished.timings_of(agent)
+        mine = finished.timings[finished.timings["run"].isin(finished.runs_of(agent))]
         rows.append(
             [
                 agent.label,
                 agent.name,
                 finished.must_know(agent),
                 json.dumps(agent.settings) if agent.settings else "defaults",
-                f"{sum(of_run['wall_seconds'] for of_run in times):,.0f}",
-                *(_milliseconds(times, what) for what in ("decision", "learning")),
+                f"{mine['wall_seconds'].sum():,.0f}" if len(mine) else "–",
+                *(_milliseconds(mine[what]) for what in ("decision", "learning")),
             ]
         )
     columns = ["agent", "kind", "what it must know", "settings", "computing (s)"]
@@ -93,14 +91,15 @@ def _agents(finished: FinishedSuite) -> Section:
         title="What each agent must know",
         table=Table("agents", "Agents", frame),
         note="Computing: wall-clock time of all runs, with simulation and evaluation. Decision, learning: "
-        "CPU time a motion without the simulation, median over runs; learning includes the decision.",
+        "CPU time a motion without the simulation, median over runs; learning includes the decision. These "
+        f"three are of this repetition, and stand in {TIMES}; all other numbers are the same in each.",
     )
 
 
-def _milliseconds(timings: list[dict[str, Any]], what: str) -> str:
-    """The median over runs; an agent that learns nothing has no time for it."""
-    found = [of_run[CPU][what] for of_run in timings if what in of_run[CPU]]
-    return f"{1000 * median(found):.2g}" if found else "–"
+def _milliseconds(seconds: "pd.Series[float]") -> str:
+    """The median over runs."""
+    middle = seconds.astype(float).median()
+    return "–" if pd.isna(middle) else f"{1000 * middle:.2g}"
 
 
 def _versions(finished: FinishedSuite) -> Section:

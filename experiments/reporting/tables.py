@@ -1,6 +1,6 @@
 """A table: a DataFrame with a title and a note, on a terminal, as Markdown or as JSON."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -113,6 +113,16 @@ def beside(name: str, found: Estimate, form: str) -> dict[str, Any]:
     """
     limits = (_text(edge, form).removesuffix(" %") for edge in (found.low, found.high))
     return {name: found.value, f"{name}, 95 %": f"[{', '.join(limits)}]{' %' if form.endswith('%') else ''}"}
+
+
+def must_know(privileged: Sequence[str], prior_knowledge: Sequence[str]) -> str:
+    """What an agent must know beyond its observations, as one cell of a table.
+
+    Args:
+        privileged: Privileged observations by the names of `tell=`; they stand in back-quotes.
+        prior_knowledge: Words of `agents.base.prior_knowledge.PriorKnowledge`, in its order.
+    """
+    return ", ".join([*(f"`{observation}`" for observation in privileged), *prior_knowledge]) or "nothing"
 
 
 def _text(cell: Any, form: str) -> str:

@@ -1,4 +1,4 @@
-"""Results: one row a trial, written line by line as JSON and compacted to Parquet at the end."""
+"""One row a trial, written line by line as JSON; a suite's rows are gathered into one Parquet file."""
 
 import json
 import os
@@ -7,10 +7,8 @@ from types import TracebackType
 from typing import Any, Self
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from experiments.evaluation import THRESHOLDS_PX, TrialRecord
-from experiments.running.plan import Run
 
 TRIALS = "trials.jsonl"
 
@@ -83,15 +81,3 @@ class TrialLog:
         }
         self._file.write(json.dumps(row) + "\n")
         self._file.flush()
-
-
-def compact(folders: dict[Path, Run], target: Path) -> None:
-    """Gathers the curves of finished runs into one Parquet file, replaced as a whole."""
-    rows: list[dict[str, Any]] = []
-    for folder, spec in folders.items():
-        of_run = {"run": spec.id, **spec.where}
-        lines = (folder / TRIALS).read_text(encoding="utf-8").splitlines()
-        rows.extend(of_run | json.loads(line) for line in lines)
-    partial = target.with_suffix(".partial")
-    pq.write_table(pa.Table.from_pylist(rows, schema=SCHEMA), partial)
-    partial.replace(target)

@@ -155,7 +155,7 @@ def test_a_lifetime_in_trials_from_configuration_to_report(in_trials, write_conf
 
     page = (out / "report.html").read_text()
     assert "8 trials a lifetime" in page
-    assert page.count("<svg") == 1
+    assert page.count("<figure>") == 1
     assert "undo: camera_aim" in page
     assert (out / "figures" / "aimed-trials.png").exists()
     assert "<td>5–6</td><td>grid_table</td>" in page
@@ -173,6 +173,6 @@ def test_lifetimes_in_trials_may_have_held_out_trials_too(in_trials, write_confi
     results = pd.read_parquet(out / "results.parquet")
     assert len(results[results["phase"] == "train"]) == 8
     assert len(results[results["phase"] == "eval"]) >= 6
-    assert (out / "report.html").read_text().count("<svg") == 4
+    assert (out / "report.html").read_text().count("<figure>") == 4
     (log,) = out.glob("runs/*/log.txt")
     assert log.read_text().splitlines()[-1].startswith("trials 8/8: ")

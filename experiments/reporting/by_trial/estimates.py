@@ -31,7 +31,7 @@ class Blocks:
 
     Attributes:
         edges: Trials that have gone at the first block's beginning and at every block's end (blocks + 1,).
-        runs: The measure's mean over each block, in each run (runs, blocks).
+        runs: The measure's mean over each block, in the run of each world (worlds, blocks).
         bounds: The lowest and the highest value that a run can have.
     """
 
@@ -49,11 +49,15 @@ class Blocks:
 def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:
     """Where blocks of trials begin and end: `ends` after the beginning and each `at: {trial: n}`."""
     trials, _ = scenario.length
-    events = {e["at"]["trial"] for e in scenario.perturbations if "trial" in e.get("at", {})}
     found = {trials}
-    for start, stop in pairwise(sorted({0, trials, *events})):
+    for start, stop in pairwise(sorted({0, trials, *event_trials(scenario)})):
         found |= {start, *(start + end for end in ends if start + end < stop)}
     return np.array(sorted(found), float)
+
+
+def event_trials(scenario: ScenarioConfig) -> set[int]:
+    """The trials before which the schedule perturbs the world, each once."""
+    return {e["at"]["trial"] for e in scenario.perturbations if "trial" in e.get("at", {})}
 
 
 def trial_costs(rows: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
@@ -101,6 +105,6 @@ def blocks(costs: pd.DataFrame, agent: str, measure: str, worlds: int, edges: Ar
     mine = costs[costs["agent"] == agent]
     block = np.searchsorted(edges, mine["trial"], side="right") - 1
     found = mine.pivot_table(index="world", columns=block, values=measure, aggfunc="mean")
-    finished = found.reindex(columns=range(len(edges) - 1)).to_numpy(dtype=float)
-    failed = np.full((worlds - len(finished), len(edges) - 1), worst)
-    return Blocks(edges, np.vstack([finished, failed]), bounds)
+    runs = found.reindex(index=range(worlds), columns=range(len(edges) - 1))
+    runs.loc[~runs.index.isin(found.index)] = worst
+    return Blocks(edges, runs.to_numpy(dtype=float), bounds)

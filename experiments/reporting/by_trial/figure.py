@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.reporting.by_trial.estimates import LOOKS, Blocks, seconds_at
 from experiments.reporting.finished_suite import ENOUGH_WORLDS, MOTIONS, Perturbation
-from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
+from experiments.reporting.pages.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
 from experiments.statistics import Array, interquartile_mean
 
 _ROOM_FOR_WORDS = 5  # labels side by side above the panels
@@ -38,7 +38,7 @@ def trial_curves(
         said: Stands below the panels.
     """
     with plt.rc_context(STYLE):
-        figure, panels = plt.subplots(2, 1, figsize=(10, 8), sharex=True, layout="constrained")
+        figure, panels = plt.subplots(2, 1, figsize=(7, 8), sharex=True, layout="constrained")
         above, below = panels
         for index, agent in enumerate(agents):
             _draw(above, blocks_of(agent, MOTIONS), agent, index)
@@ -57,7 +57,7 @@ def trial_curves(
         _name_blocks(panels[1], edges)
         _name_events(panels[0], edges, perturbations)
         figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-        legend_below(figure, [panels[0]], said, columns=4)
+        legend_below(figure, [panels[0]], said, columns=3)
     return figure
 
 

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+import numpy as np
 import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
@@ -9,8 +10,10 @@ from experiments.reporting.by_trial.estimates import (
     COARSE,
     FINE,
     LOOKS,
+    Blocks,
     blocks,
     edges_of,
+    event_trials,
     seconds_at,
     trial_costs,
 )
@@ -26,9 +29,10 @@ from experiments.reporting.finished_suite import (
     with_cost,
 )
 from experiments.reporting.pages import Section, summary_row
-from experiments.reporting.style import save
+from experiments.reporting.pages.headline import in_words
+from experiments.reporting.pages.style import save
 from experiments.reporting.tables import Table, number, percent
-from experiments.statistics import interquartile_mean
+from experiments.statistics import Array, interquartile_mean
 
 _HOW_TO_READ = (
     "The agents' own trials, in which they learn. Every number: each world's mean over the trials of a "
@@ -65,12 +69,13 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
     band = f"robot seconds per reach, {LOOKS[0]:g} – {LOOKS[-1]:g} s a look"
     columns = ["trials", "agent", "motions per reach", "interquartile mean", band, "success", "rendezvous"]
     rows, summary = [], []
+    motions = {label: blocks(costs, label, MOTIONS, suite.worlds, coarse, cap) for label in labels}
     of_agent = {
         label: {
             measure: blocks(costs, label, measure, suite.worlds, coarse, cap).estimates()
             for measure in measures
         }
-        | {_IQM: blocks(costs, label, MOTIONS, suite.worlds, coarse, cap).estimates(interquartile_mean)}
+        | {_IQM: motions[label].estimates(interquartile_mean)}
         for label in labels
     }
     for i, (first, end) in enumerate(pairwise(coarse)):
@@ -94,9 +99,26 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
             ]
     return Section(
         title=f"Scenario {scenario.name}, trial by trial",
+        said=in_words(finished, scenario, MOTIONS, _decisive(scenario, coarse, motions)),
         text=about(suite, scenario),
         figures={name: save(figure, finished.out / "figures", name)},
         table=Table("by_trial", scenario.name, pd.DataFrame(rows, columns=columns)),
         note=_HOW_TO_READ,
         summary=summary,
     )
+
+
+def _decisive(
+    scenario: ScenarioConfig, edges: Array, motions: dict[str, Blocks]
+) -> dict[str, dict[str, "pd.Series[float]"]]:
+    """Each world's motions per reach in the blocks before and after the first event, and in the last one."""
+    shown = {len(edges) - 2: "at the end"}
+    if events := [event for event in event_trials(scenario) if event > 0]:
+        first = int(np.searchsorted(edges, min(events)))
+        shown = {first - 1: "before the first perturbation", first: "right after it"} | shown
+    return {
+        f"{when} (trials {span(edges[i], edges[i + 1])})": {
+            label: pd.Series(of_agent.runs[:, i]) for label, of_agent in motions.items()
+        }
+        for i, when in shown.items()
+    }

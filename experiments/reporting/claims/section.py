@@ -49,7 +49,7 @@ def claims_section(judged: Sequence[Judged]) -> Section:
     remarks = " ".join(f"{each.claim.words} {each.claim.remark}" for each in judged if each.claim.remark)
     return Section(
         title="The paper's claims",
-        text=in_words(judged),
+        said=(in_words(judged),),
         table=Table("claims", "Claims", pd.DataFrame(rows, columns=columns)),
         note=f"{_HOW_TO_READ} {remarks}".strip(),
         summary=summary,

@@ -14,9 +14,8 @@ from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, EnvironmentConfig
 from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS
-from experiments.reporting.prior_knowledge import must_know
 from experiments.reporting.report import SUMMARY
-from experiments.reporting.tables import Table, number, percent
+from experiments.reporting.tables import Table, must_know, number, percent
 from experiments.running.versions import REPOSITORY
 from experiments.statistics import Estimate
 

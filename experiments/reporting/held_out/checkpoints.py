@@ -85,7 +85,7 @@ def checkpoint_section(finished: FinishedSuite, scenario: ScenarioConfig, rows: 
     worlds, held_out = finished.suite.worlds, with_clocks(rows)
     shown = shown_checkpoints(held_out)
     lines, summary = [], []
-    for agent in (agent.label for agent in finished.suite.agents):
+    for agent in (agent.label for agent in finished.suite.agents_in(scenario)):
         own = held_out[held_out["agent"] == agent]
         failed = worlds - rows.loc[rows["agent"] == agent, "world"].nunique()
         for measure, (name, form) in _FORMS.items():

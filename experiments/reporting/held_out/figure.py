@@ -15,7 +15,7 @@ from experiments.reporting.finished_suite import (
     Perturbation,
 )
 from experiments.reporting.held_out.estimates import Curve
-from experiments.reporting.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
+from experiments.reporting.pages.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
 
 _ROOM_FOR_WORDS = 1  # labels above a panel
 

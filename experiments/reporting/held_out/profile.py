@@ -11,7 +11,7 @@ from experiments.evaluation import THRESHOLDS_PX
 from experiments.reporting.finished_suite import ENOUGH_WORLDS, FinishedSuite, few_worlds
 from experiments.reporting.held_out.estimates import Moment
 from experiments.reporting.pages import Section, summary_row
-from experiments.reporting.style import STYLE, draw_band, legend_below, line_of, save
+from experiments.reporting.pages.style import STYLE, draw_band, legend_below, line_of, save
 from experiments.reporting.tables import Table, percent
 from experiments.statistics import Estimate, performance_profile
 
@@ -60,7 +60,7 @@ def profile_section(
 
 def _figure(title: str, ends: dict[str, Moment], worlds: int, said: str) -> Figure:
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(7, 4.6), layout="constrained")
+        figure, axes = plt.subplots(figsize=(5, 5.6), layout="constrained")
         for index, (agent, moment) in enumerate(ends.items()):
             profile = performance_profile(moment.errors_px, FINE_PX, np.random.default_rng(0))
             line = {**line_of(index), "marker": ""}
@@ -75,7 +75,7 @@ def _figure(title: str, ends: dict[str, Moment], worlds: int, said: str) -> Figu
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
         axes.set_ylim(-0.03, 1.05)
         figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-        legend_below(figure, [axes], said, columns=3)
+        legend_below(figure, [axes], said, columns=2)
     return figure
 
 

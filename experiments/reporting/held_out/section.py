@@ -20,7 +20,8 @@ from experiments.reporting.held_out.figure import learning_curves
 from experiments.reporting.held_out.profile import profile_section
 from experiments.reporting.held_out.thresholds import threshold_section
 from experiments.reporting.pages import Section, SummaryRow, summary_row
-from experiments.reporting.style import save
+from experiments.reporting.pages.headline import in_words
+from experiments.reporting.pages.style import save
 from experiments.reporting.tables import Table, number, percent
 
 _MOMENTS = ("before", "right after", "at the end")
@@ -87,6 +88,7 @@ def _curves_and_moments(
     folder = finished.out / "figures"
     return Section(
         title=f"Scenario {scenario.name}",
+        said=_said(finished, scenario, found),
         text=about(suite, scenario),
         figures={
             f"{scenario.name}-{what}": save(figure, folder, f"{scenario.name}-{what}")
@@ -98,6 +100,19 @@ def _curves_and_moments(
     )
 
 
+def _said(
+    finished: FinishedSuite, scenario: ScenarioConfig, found: dict[str, dict[str, Moment]]
+) -> tuple[str, ...]:
+    scores = {
+        f"{name}{_MORE.get(name, '')}": {
+            label: of_agent[name].worlds[MOTIONS] for label, of_agent in found.items() if name in of_agent
+        }
+        for name in _MOMENTS
+    }
+    return in_words(finished, scenario, MOTIONS, {when: each for when, each in scores.items() if each})
+
+
+_MORE = {"before": " the first perturbation", "right after": " it"}
 _COLUMNS = (
     "agent",
     "when",

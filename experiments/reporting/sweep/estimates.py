@@ -1,5 +1,6 @@
 """From results.parquet to the points of a sweep's curves."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,24 @@ def points(results: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -
     rows = with_cost(results, sweep)
     cap = sweep.env.max_episode_steps
     return [_point(rows[rows["value"] == value], value, agent, worlds, cap) for value in sweep.over]
+
+
+def rendezvous_shares(
+    results: pd.DataFrame, sweep: SweepConfig, agent: str, values: Collection[float]
+) -> "pd.Series[float]":
+    """Each world's share of trials with a rendezvous, of those in view at some values.
+
+    Args:
+        results: All rows.
+        sweep: What they are about.
+        agent: Its label. A trial that it did not make, because its run failed, has none.
+        values: Of what is varied.
+    """
+    rows = with_cost(results, sweep)
+    in_view = rows[rows["in_view"].astype(bool) & rows["value"].isin(values)]
+    reached = in_view[RENDEZVOUS].where(in_view["agent"] == agent, 0.0)
+    trials = in_view.drop_duplicates(["world", "value"]).groupby("world").size()
+    return reached.groupby(in_view["world"]).sum() / trials
 
 
 def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int, cap: int) -> Point:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator, PercentFormatter
 
 from experiments.config.suite import SweepConfig
-from experiments.reporting.style import GREY, STYLE, draw_band, legend_below, line_of
+from experiments.reporting.pages.style import GREY, STYLE, draw_band, legend_below, line_of
 from experiments.reporting.sweep.estimates import Point
 from experiments.statistics import Estimate
 
@@ -34,7 +34,7 @@ def sweep_figure(
     down = math.ceil(len(sweeps) / across)
     with plt.rc_context({**STYLE, "axes.titlepad": 6}):
         figure = plt.figure(
-            figsize=(3.5 * across if across > 1 else 8, 5.4 * down + 0.8), layout="constrained"
+            figsize=(3.5 * across if across > 1 else 5, 5.4 * down + 0.8), layout="constrained"
         )
         grid = figure.subplots(2 * down, across, squeeze=False)
         for panel in grid.flat:
@@ -43,10 +43,9 @@ def sweep_figure(
             row, column = 2 * (i // across), i % across
             success, motions = grid[row, column], grid[row + 1, column]
             _column(success, motions, sweep, curves[sweep.name])
-            if column == 0:
-                success.set_ylabel("success rate (%)")
-                motions.set_ylabel("motions of trials with a rendezvous")
-        legend_below(figure, grid.flat, said, columns=5 if across > 1 else 3)
+            success.set_ylabel("success rate (%)")
+            motions.set_ylabel("motions of trials\nwith a rendezvous")
+        legend_below(figure, grid.flat, said, columns=across + 1)
     return figure
 
 

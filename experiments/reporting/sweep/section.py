@@ -13,9 +13,10 @@ from experiments.reporting.finished_suite import (
     few_worlds,
     where_it_stands,
 )
-from experiments.reporting.pages import Section, SummaryRow, summary_row
-from experiments.reporting.style import save
-from experiments.reporting.sweep.estimates import Point, points
+from experiments.reporting.pages import Drawing, Section, SummaryRow, summary_row
+from experiments.reporting.pages.headline import in_words
+from experiments.reporting.pages.style import save
+from experiments.reporting.sweep.estimates import Point, points, rendezvous_shares
 from experiments.reporting.sweep.figure import sweep_figure
 from experiments.reporting.tables import Table, number, percent
 
@@ -53,13 +54,14 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
         for sweep in sweeps
     }
 
-    def drawn(name: str, *of: SweepConfig) -> dict[str, str]:
+    def drawn(name: str, *of: SweepConfig) -> dict[str, Drawing]:
         said = where_it_stands(finished, of[0], "one trial in each at each value")
         return {name: save(sweep_figure(of, curves, said), finished.out / "figures", name)}
 
     each = [
         Section(
             title=f"Sweep {sweep.name}",
+            said=in_words(finished, sweep, RENDEZVOUS, _decisive(finished, sweep)),
             text=_about(finished, sweep),
             figures=drawn(sweep.name, sweep),
             table=_table(curves[sweep.name], sweep),
@@ -71,6 +73,17 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
     if len(sweeps) < 2:
         return each
     return [Section(title="All sweeps", figures=drawn(_ALL, *sweeps), note=_HOW_TO_READ_FIGURES), *each]
+
+
+def _decisive(finished: FinishedSuite, sweep: SweepConfig) -> dict[str, dict[str, "pd.Series[float]"]]:
+    """Each world's share of rendezvous over all values, and at the first and the last one."""
+    labels = [agent.label for agent in finished.suite.agents_in(sweep)]
+    chosen = {"over all values": sweep.over}
+    chosen |= {f"at {sweep.vary} {each:g}": (each,) for each in (sweep.over[0], sweep.over[-1])}
+    return {
+        when: {label: rendezvous_shares(finished.results, sweep, label, values) for label in labels}
+        for when, values in chosen.items()
+    }
 
 
 def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:

@@ -37,7 +37,7 @@ def test_from_configuration_to_report(finished, capsys):
 
     page = (out / "report.html").read_text()
     assert "<script" not in page
-    assert page.count("<svg") == 3
+    assert page.count("<figure>") == 3
     assert "Does &lt;it&gt; run?" in page
     assert "camera_aim (camera left, degrees 20)" in page
     assert "FAILED" not in page

@@ -2,12 +2,7 @@ import pandas as pd
 import pytest
 
 from experiments.config.suite import Suite
-from experiments.reporting.finished_suite import (
-    FinishedSuite,
-    Perturbation,
-    perturbations_met,
-    read_finished,
-)
+from experiments.reporting.finished_suite import FinishedSuite, Perturbation, perturbations_met
 from experiments.running.plan import runs_of
 
 
@@ -25,10 +20,10 @@ def test_perturbations_are_marked_where_the_runs_met_them(suite_data, tmp_path, 
     suite = Suite.model_validate(suite_data)
     runs = runs_of(suite)
     outcomes = {
-        spec.id: {"perturbations": [(motions, 0, {"type": "lens"}) for motions in of_run]}
+        spec.id: {"perturbations": [(motions, 0, "lens") for motions in of_run]}
         for spec, of_run in zip(runs, met, strict=False)
     }
-    finished = FinishedSuite(tmp_path, suite, "", runs, outcomes, {}, pd.DataFrame())
+    finished = FinishedSuite(tmp_path, suite, "", runs, outcomes, {}, {}, pd.DataFrame(), pd.DataFrame())
     assert perturbations_met(finished, suite.scenarios[0], "motions") == tuple(
         Perturbation(*s, "lens") for s in spans
     )
@@ -42,7 +37,7 @@ def test_a_summary_has_every_number_of_the_report(finished_once):
     assert len(moments) == 2 * 3 * 7
     assert set(summary["table"]) == {"held_out", "checkpoints", "profile", "threshold", "comparison"}
     assert summary[["config", "commit", "code", "mujoco"]].notna().all(axis=None)
-    results = read_finished(finished_once).results
+    results = pd.read_parquet(finished_once / "results.parquet")
     end = results[(results["agent"] == "unified_servo") & (results["lifetime_motions"] == 90)]
     of_end = moments[(moments["agent"] == "unified_servo") & (moments["moment"] == "at the end")]
     of_end = of_end.set_index("measure")

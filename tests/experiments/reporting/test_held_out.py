@@ -122,20 +122,13 @@ def test_a_lifetime_that_begins_perturbed_has_no_before(scenario):
     assert list(moments(rows, "servo", 1, CAP)) == ["right after", "at the end"]
 
 
-def test_rows_of_older_code_are_judged_by_what_it_noted(scenario):
-    """It noted no rendezvous, and 5 px was a success in noise: here the tolerance is 4."""
-    names = ["world", "motions", "success", "rendezvous", "error_px"]
-    rows = [
-        (0, 10, True, None, 5.0),
-        (0, CAP, False, None, 30.0),
-        (0, 12, True, None, 3.0),
-        (1, 20, False, True, 5.0),
-    ]
-    data = pd.DataFrame(rows, columns=names).assign(scenario=scenario.name)
-    found = with_cost(data, scenario)
-    assert list(found[SUCCESS]) == [0, 0, 1, 0]
-    assert list(found[RENDEZVOUS]) == [1, 0, 1, 1]
-    assert list(found[MOTIONS]) == [10, CAP, 12, 20]
+def test_a_trial_without_a_rendezvous_counts_as_the_cap(scenario):
+    rows = [(0, 10, True, True), (0, 12, False, True), (1, 20, True, False)]
+    data = pd.DataFrame(rows, columns=["world", "motions", "success", "rendezvous"])
+    found = with_cost(data.assign(scenario=scenario.name), scenario)
+    assert list(found[SUCCESS]) == [1, 0, 1]
+    assert list(found[RENDEZVOUS]) == [1, 1, 0]
+    assert list(found[MOTIONS]) == [10, 12, CAP]
 
 
 def test_differences_are_paired_by_world(perturbed_at_different_motions, scenario):

@@ -11,8 +11,7 @@ from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.reporting.documents import kept_tables, markers
 from experiments.reporting.documents.kept_tables import tables_named
-from experiments.reporting.prior_knowledge import must_know
-from experiments.reporting.tables import Table
+from experiments.reporting.tables import Table, must_know
 
 FRAME = pd.DataFrame({"agent": ["memory"], "success": [0.9876]})
 

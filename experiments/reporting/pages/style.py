@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Iterable
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,18 @@ import matplotlib
 matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
+from experiments.reporting.pages.section import Drawing
 
 # Okabe and Ito's palette, distinct for all kinds of colour vision; markers and dashes are distinct in grey.
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), "-.", (0, (3, 1, 1, 1, 1, 1)), "-", "--")
+_MARGIN = 0.05  # inches around a piece
 DARK_GREY, GREY = "#555555", "#8a8a8a"
 
 STYLE: Any = {
@@ -94,11 +100,50 @@ def legend_below(figure: Figure, panels: Iterable[Axes], said: str, columns: int
     )
 
 
-def save(figure: Figure, folder: Path, name: str) -> str:
-    """Writes a figure as PNG and SVG, and returns the SVG's text."""
+def save(figure: Figure, folder: Path, name: str) -> Drawing:
+    """Writes a figure as PNG and SVG, and returns it in the pieces of a page."""
     folder.mkdir(parents=True, exist_ok=True)
     with plt.rc_context(STYLE):
         figure.savefig(folder / f"{name}.png", dpi=160)
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+        found = _in_pieces(figure)
     plt.close(figure)
-    return (folder / f"{name}.svg").read_text(encoding="utf-8")
+    return found
+
+
+def _in_pieces(figure: Figure) -> Drawing:
+    """A drawn figure's columns of panels, one piece each, and the lines of its legend; takes it apart."""
+    figure.set_layout_engine("none")  # all stays where it was drawn
+    title, said = figure.get_suptitle(), ""
+    figure.suptitle("")
+    columns: dict[int, list[Axes]] = {}
+    for axes in figure.axes:
+        if axes.get_visible():
+            place = axes.get_subplotspec()
+            columns.setdefault(place.colspan.start if place else len(columns), []).append(axes)
+    legends = list(figure.legends)
+    for artist in (*figure.axes, *legends):
+        artist.set_visible(False)
+    panels = tuple(_piece(figure, column) for column in columns.values())
+    lines = []
+    for legend in legends:
+        said = " ".join(legend.get_title().get_text().splitlines())
+        handles: list[Any] = legend.legend_handles
+        for handle, text in zip(handles, legend.get_texts(), strict=True):
+            alone = figure.legend([handle], [""], handletextpad=0, borderpad=0.1)
+            alone.set_visible(False)
+            lines.append((_piece(figure, [alone]), text.get_text()))
+    return Drawing(title, panels, tuple(lines), said)
+
+
+def _piece(figure: Figure, artists: Iterable[Artist]) -> str:
+    """The SVG of some artists, all others being hidden."""
+    for artist in artists:
+        artist.set_visible(True)
+    around = Bbox.union([box for artist in artists if (box := artist.get_tightbbox())])
+    inches = around.transformed(figure.dpi_scale_trans.inverted()).padded(_MARGIN)
+    text = StringIO()
+    figure.savefig(text, format="svg", bbox_inches=inches, metadata={"Date": None})
+    for artist in artists:
+        artist.set_visible(False)
+    return text.getvalue()

@@ -1,0 +1,75 @@
+"""A part of a page: text, tables, figures and code."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from experiments.reporting.tables import Table
+from experiments.statistics import Estimate
+
+SummaryRow = dict[str, Any]
+"""A number of the report: scenario, table, agent, moment, measure, value, low, high and n."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A figure in pieces, which stand side by side where there is room, and else below each other.
+
+    Attributes:
+        title: Stands above.
+        panels: SVG texts, from left to right.
+        legend: An SVG text of each line or marker, and what it is.
+        said: How to read the figure.
+    """
+
+    title: str
+    panels: tuple[str, ...]
+    legend: tuple[tuple[str, str], ...]
+    said: str
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a page.
+
+    Attributes:
+        title: Heads it.
+        said: What it comes to, in sentences that stand at the head of the page.
+        text: Stands below the title.
+        figures: By the names of their files.
+        table: Stands below the figures.
+        note: How to read figures and table.
+        code: Stands at the end.
+        alarming: Whether the reader must see it first.
+        summary: The numbers of the table and their intervals, one a row; see `report.write_report`.
+    """
+
+    title: str
+    said: tuple[str, ...] = ()
+    text: str = ""
+    figures: dict[str, Drawing] = field(default_factory=dict)
+    table: Table | None = None
+    note: str = ""
+    code: str = ""
+    alarming: bool = False
+    summary: list[SummaryRow] = field(default_factory=list)
+
+
+def summary_row(
+    scenario: str, table: str, agent: str, moment: str, measure: str, found: Estimate | float | None, n: int
+) -> SummaryRow:
+    """A number of the report with its interval, if it has one.
+
+    Args:
+        scenario: Name of the scenario or sweep.
+        table: Which of the report's tables: "held_out", "by_trial" or "sweep".
+        agent: The agent's label.
+        moment: When: "before", trials "1–25", or the value of what a sweep varies.
+        measure: What was measured.
+        found: None where there is no number.
+        n: How many trials or worlds the number is of.
+    """
+    value, low, high = (
+        (found.value, found.low, found.high) if isinstance(found, Estimate) else (found, None, None)
+    )
+    where = {"scenario": scenario, "table": table, "agent": agent, "moment": moment, "measure": measure}
+    return where | {"value": value, "low": low, "high": high, "n": n}

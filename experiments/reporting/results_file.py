@@ -1,0 +1,248 @@
+"""`results.parquet`: the rows of a suite's finished runs and, in its metadata, all else that a report needs.
+
+The report is made from this file alone; only times, which differ in each repetition, stand beside it in a
+file of their own.
+
+Errors are rounded up to hundredths of a pixel: what was within a whole number of pixels stays within it, and
+nothing else comes in. Millimetres and seconds are rounded to tenths. That is far finer than worlds differ,
+and makes the file some nine times smaller.
+"""
+
+import base64
+import json
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import ValidationError
+
+from calfree_gym.perturbations.undo import Undo
+from experiments.config.suite import ScenarioConfig, Suite
+from experiments.cpu_time import CPU
+from experiments.errors import ConfigError
+from experiments.reporting.finished_suite import FinishedSuite
+from experiments.running.plan import LifetimeRun, Run, runs_of
+from experiments.running.results_folder import (
+    DONE,
+    FAILED,
+    SUITE,
+    TIMINGS,
+    VERSIONS,
+    folder_of,
+    is_done,
+    read_json,
+    read_suite,
+    refuse_foreign,
+    write_whole,
+)
+from experiments.running.trial_log import SCHEMA, TRIALS
+
+RESULTS, TIMES = "results.parquet", "timings.csv"
+MOST_OWN_TRIALS = 10_000
+"""Of a lifetime counted in motions: of more, every k-th is kept. They are drawn, in means of many trials, and
+stand in no table; held-out trials do."""
+_METADATA = "calfree"
+_VERSION = 1
+_FINENESS = {"error_px": 100, "expected_px": 100, "distance_mm": 10, "robot_seconds": 10}
+"""Steps in a unit."""
+_COUNTERS = ("lifetime_motions", "motions_since_perturbation", "trial")
+"""Columns that grow from row to row by little."""
+
+
+def gather(out: Path) -> Path:
+    """Gathers the finished runs of a folder into `results.parquet`, and their times into `timings.csv`.
+
+    Returns:
+        The path of the Parquet file.
+
+    Raises:
+        ConfigError: No suite was run in the folder, or its runs are damaged or of different versions.
+    """
+    suite, command = read_suite(out)
+    runs = runs_of(suite)
+    done = [run for run in runs if is_done(folder_of(out, run.id))]
+    for run in done[:1]:
+        refuse_foreign(out, suite, read_json(folder_of(out, run.id) / VERSIONS))
+    about = {
+        "version": _VERSION,
+        "suite": suite.model_dump(mode="json"),
+        "command": command,
+        "versions": _versions(out, runs),
+        "outcomes": {run.id: _outcome(folder_of(out, run.id), run) for run in done},
+        "failures": {
+            run.id: read_json(report)["log_tail"]
+            for run in runs
+            if (report := folder_of(out, run.id) / FAILED).exists()
+        },
+    }
+    rows = [row for run in done for row in _rows(folder_of(out, run.id), run)]
+    _write(rows, about, out / RESULTS)
+    write_whole(out / TIMES, _times(out, done).to_csv(index=False))
+    return out / RESULTS
+
+
+def read_finished(results: Path, out: Path) -> FinishedSuite:
+    """Reads a Parquet file that `gather` wrote, and the times that stand beside it, if any.
+
+    Args:
+        results: The Parquet file.
+        out: Where the report will stand.
+
+    Raises:
+        ConfigError: There is no such file, it is damaged, or it was made by other code.
+    """
+    about, rows = _read(results)
+    try:
+        suite = Suite.model_validate(about["suite"])
+        runs = runs_of(suite)
+        known = {run.id for run in runs}
+        if foreign := sorted({*about["outcomes"], *about["failures"], *rows["run"]} - known):
+            raise ConfigError(
+                f"{results} holds the run {foreign[0]}, which its own suite does not have: {_OTHER}"
+            )
+        times = results.with_name(TIMES)
+        timings = pd.read_csv(times) if times.exists() else pd.DataFrame(columns=_TIMED)
+        return FinishedSuite(
+            out=out,
+            suite=suite,
+            command=about["command"],
+            runs=runs,
+            outcomes=about["outcomes"],
+            failures=about["failures"],
+            versions=about["versions"],
+            results=rows,
+            timings=timings[timings["run"].isin(known)],
+        )
+    except (KeyError, ValidationError) as error:
+        raise ConfigError(f"{results} cannot be read: {error}: {_OTHER}") from None
+
+
+_OTHER = "it was made by other code; make its report with that code"
+_TIMED = ("run", "wall_seconds", "decision", "learning")
+
+
+def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
+    """The commit, and what else made the runs; several versions where they differ."""
+    found: dict[str, set[str]] = {"commit": {read_json(out / SUITE)["commit"]}}
+    for run in runs:
+        made_by = folder_of(out, run.id) / VERSIONS
+        if made_by.exists():
+            for name, version in read_json(made_by).items():
+                found.setdefault(name, set()).add(version)
+    return {name: ", ".join(sorted(versions)) for name, versions in found.items()}
+
+
+def _outcome(folder: Path, run: Run) -> dict[str, Any]:
+    """What a finished run says about itself, its perturbations in words."""
+    outcome: dict[str, Any] = read_json(folder / DONE)
+    if isinstance(run, LifetimeRun):
+        outcome["perturbations"] = [
+            (motions, trials, _in_words(perturbation, run.scenario))
+            for motions, trials, perturbation in outcome["perturbations"]
+        ]
+    return outcome
+
+
+def _in_words(perturbation: dict[str, Any], scenario: ScenarioConfig) -> str:
+    """A perturbation as in the schedule, without what it drew (which differs from world to world)."""
+    schedule = scenario.perturbations
+    if perturbation["type"] == Undo.type:
+        return f"undo: {_named(schedule[perturbation['event']]['do'])}"
+    given = (entry for entry in schedule if "do" in entry)
+    entry = next((e for e in given if e["do"].items() <= perturbation.items()), {"do": perturbation})
+    drift = "drift" in {**entry, **entry.get("at", {})}
+    return ("drift: " if drift else "") + _named(entry["do"])
+
+
+def _named(perturbation: dict[str, Any]) -> str:
+    given = ", ".join(f"{key} {_short(value)}" for key, value in perturbation.items() if key != "type")
+    return f"{perturbation['type']} ({given})" if given else str(perturbation["type"])
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _rows(folder: Path, run: Run) -> list[dict[str, Any]]:
+    """A run's trials, as its log has them."""
+    path = folder / TRIALS
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = [json.loads(line) for line in lines]
+    except (FileNotFoundError, ValueError) as error:
+        raise ConfigError(f"{path} is damaged ({error}): delete {folder}, and run the suite again") from None
+    of_run = {"run": run.id, **run.where}
+    return [of_run | row for row in (_thinned(rows) if _counts_motions(run) else rows)]
+
+
+def _counts_motions(run: Run) -> bool:
+    return isinstance(run, LifetimeRun) and run.scenario.motions is not None
+
+
+def _thinned(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    own = sum(row["phase"] == "train" for row in rows)
+    every = -(-own // MOST_OWN_TRIALS)
+    return [row for row in rows if row["phase"] != "train" or row["trial"] % every == 0]
+
+
+def _times(out: Path, done: list[Run]) -> pd.DataFrame:
+    """Seconds of each finished run, one a row."""
+    found = [(run.id, read_json(path)) for run in done if (path := folder_of(out, run.id) / TIMINGS).exists()]
+    rows = [{"run": run, "wall_seconds": each["wall_seconds"], **each[CPU]} for run, each in found]
+    return pd.DataFrame(rows, columns=_TIMED)
+
+
+def _write(rows: list[dict[str, Any]], about: dict[str, Any], target: Path) -> None:
+    """Replaced as a whole. Metadata are not compressed by Parquet, and are by us."""
+    table = pa.Table.from_pylist(rows, schema=SCHEMA)
+    columns = [_compact(field, table[field.name]) for field in SCHEMA]
+    packed = base64.b64encode(zlib.compress(json.dumps(about).encode(), 9)).decode()
+    table = pa.table(columns, names=SCHEMA.names)
+    partial = target.with_suffix(".partial")
+    with pq.ParquetWriter(
+        partial,
+        table.schema,
+        compression="zstd",
+        compression_level=19,
+        use_dictionary=[name for name in SCHEMA.names if name not in _COUNTERS],
+        column_encoding=dict.fromkeys(_COUNTERS, "DELTA_BINARY_PACKED"),
+        store_schema=False,
+    ) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({_METADATA: packed})
+    partial.replace(target)
+
+
+def _compact(field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray | pa.Array:
+    if field.type == pa.int64():
+        return column.cast(pa.int32())
+    if steps := _FINENESS.get(field.name):
+        rounded = np.ceil if field.name.endswith("_px") else np.round
+        return pa.array(rounded(column.to_numpy() * steps) / steps, from_pandas=True)
+    return column
+
+
+def _read(results: Path) -> tuple[dict[str, Any], pd.DataFrame]:
+    """The metadata and the rows."""
+    try:
+        table = pq.read_table(results)
+    except FileNotFoundError:
+        raise ConfigError(f"{results}: there is no such file") from None
+    except (OSError, pa.ArrowException) as error:
+        raise ConfigError(f"{results} is damaged, or no Parquet file: {error}") from None
+    packed = (table.schema.metadata or {}).get(_METADATA.encode())
+    if packed is None:
+        raise ConfigError(f"{results} says nothing of a suite: {_OTHER}")
+    try:
+        about: dict[str, Any] = json.loads(zlib.decompress(base64.b64decode(packed)))
+    except (ValueError, zlib.error) as error:
+        raise ConfigError(f"{results} is damaged in what it says of its suite: {error}") from None
+    if about["version"] != _VERSION:
+        raise ConfigError(f"{results} has form {about['version']}; known is form {_VERSION}: {_OTHER}")
+    if missing := [name for name in SCHEMA.names if name not in table.column_names]:
+        raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {_OTHER}")
+    return about, table.to_pandas()
