@@ -52,6 +52,8 @@ def main(arguments: list[str] | None = None) -> int:
             return _tune(options)
         if options.command == "picture":
             return _picture(options.table, options.out)
+        if options.command == "keep":
+            return _keep(options.folder)
         if options.command == "results-tables":
             return _results_tables(options.check)
         return _report(options.source, options.out)
@@ -92,6 +94,8 @@ def _parser() -> argparse.ArgumentParser:
     report = commands.add_parser("report", help="write the report of results again")
     report.add_argument("source", type=Path, help="results folder, or the results.parquet of one")
     report.add_argument("--out", type=Path, help="folder for the report (default: where the results stand)")
+    keep = commands.add_parser("keep", help="copy what a finished suite came to into experiments/results")
+    keep.add_argument("folder", type=Path)
     _add_benchmark(commands)
     picture = commands.add_parser("picture", help="draw what a saved grid_table has learned")
     picture.add_argument("table", type=Path, help="file that grid_table.save wrote")
@@ -192,6 +196,14 @@ def _status(folder: Path) -> int:
     found = status(folder)
     show([Table("status", str(folder), found.runs, note=f"{found.counts}\nmade by: {found.command}")])
     return 1 if found.failed else 0
+
+
+def _keep(folder: Path) -> int:
+    from experiments.reporting.documents.keep import keep
+    from experiments.reporting.documents.kept_tables import KEPT
+
+    print(f"kept: {keep(folder, KEPT)}")
+    return 0
 
 
 def _report(source: Path, out: Path | None) -> int:

@@ -33,7 +33,8 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
     """Reads and validates a suite; every environment, and every agent in it, is built once.
 
     Args:
-        path: A YAML file. An agent's `settings` may name a YAML file, relative to this one.
+        path: A YAML file. An agent's `settings`, and `claims`, may name a YAML file, relative to this one;
+            `extends` names one beside it, whose keys it takes where it has none of its own.
         overrides: Values to put in place of those in the file, such as "worlds=2".
 
     Raises:
@@ -56,9 +57,7 @@ def load_as(
     Raises:
         ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
     """
-    data = read_yaml(path)
-    if not isinstance(data, dict):
-        raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
+    data = read_mapping(path)
     data = with_overrides(_with_other_files(data, path.parent), overrides)
     try:
         config = model.model_validate(_with_other_files(data, path.parent))
@@ -69,6 +68,21 @@ def load_as(
     if wrong:
         raise ConfigError("\n".join([f"{path}:", *(f"  {line}" for line in wrong)]))
     return config
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """The plain values in a YAML file, over those of the file that it extends."""
+    data = read_yaml(path)
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
+    extended = data.pop("extends", None)
+    if extended is None:
+        return data
+    if not isinstance(extended, str) or Path(extended).name != extended:
+        raise ConfigError(f"{path}: extends: found {extended!r}; allowed: the name of a file beside this one")
+    if (path.parent / extended).resolve() == path.resolve():
+        raise ConfigError(f"{path}: extends: found itself")
+    return {**read_mapping(path.parent / extended), **data}
 
 
 def read_yaml(path: Path) -> Any:

@@ -35,7 +35,7 @@ WHAT_MAKES_A_RESULT = (
     "experiments/running/trial_log.py",
     "experiments/running/worker.py",
 )
-_KINDS = ("*.py", "*.xml", "*.yaml")
+_KINDS = ("*.py", "*.safetensors", "*.xml", "*.yaml")
 
 
 def versions(also: tuple[str, ...] = ()) -> dict[str, str]:

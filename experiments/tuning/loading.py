@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from experiments.config.loading import load_as, read_yaml
+from experiments.config.loading import load_as, read_mapping, read_yaml
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig
 from experiments.running.plan import world_seeds
@@ -29,8 +29,10 @@ def seeds_of_suites(folder: Path) -> dict[int, str]:
     """What seeds the worlds of all suites in a folder, each with the name of a suite's file."""
     found: dict[int, str] = {}
     for path in sorted(folder.glob("*.yaml")):
-        data = read_yaml(path)
-        if isinstance(data, dict) and isinstance(data.get("worlds"), int):
+        if not isinstance(read_yaml(path), dict):
+            continue
+        data = read_mapping(path)
+        if isinstance(data.get("worlds"), int):
             found |= dict.fromkeys(world_seeds(data.get("seed", 0), data["worlds"]), path.name)
     return found
 

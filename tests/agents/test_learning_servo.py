@@ -163,3 +163,22 @@ def test_what_ended_late_is_remembered_where_it_ended(make_env):
     points = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 10 * IMAGE_UNIT], [0.0, 0.0]])
     last = Observation(points, np.ones(4, bool), np.array([0.1, 0.2, 0.3]))
     np.testing.assert_array_equal(agent._rendezvous(last), last.registers)
+
+
+def test_what_is_expected_of_the_first_motion_is_told_before(live, make_env):
+    """Nothing, where nothing is known; later, how far off its first motions do end up."""
+    env = make_env()
+    empty = agents.make("memory", env)
+    observation, _ = env.reset(seed=4)
+    assert empty.expected_px(observation) is None
+    agent = live("memory", make_env(), 4, motions=250)[0]
+    errors, expected = [], []
+    for trial in range(20):
+        observation, _ = env.reset(seed=4 if trial == 0 else None)
+        expected.append(agent.expected_px(observation))
+        words, _ = agent.predict(observation)
+        *_, info = env.step(words)
+        errors.append(info["truth"]["error_px"])
+    noise = 1.0  # of the object's points, in the worse image; it is no part of what is expected
+    assert np.median(errors) < 2 * np.median(expected) + noise
+    assert np.median(expected) < 4

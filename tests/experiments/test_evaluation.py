@@ -105,3 +105,14 @@ def test_without_the_truth_there_is_no_score():
     env = gym.make("CalFree/Reach-v0", truth=False)
     with pytest.raises(ValueError, match="make the environment with truth=True"):
         evaluate(agents.make("random", env), env, trials=1, seed=0)
+
+
+def test_what_an_agent_expects_is_asked_before_it_moves():
+    class Expecting(Halver):
+        def expected_px(self, first):
+            return 7.0 + len(first)
+
+    env = CountdownEnv()
+    first, _ = env.reset(seed=7)
+    assert [r.expected_px for r in evaluate(Expecting(), env, 3, 7)] == [7.0 + len(first)] * 3
+    assert evaluate(Halver(), env, 1, 7)[0].expected_px is None

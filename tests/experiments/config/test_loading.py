@@ -209,3 +209,38 @@ def test_a_file_that_was_cut_off_is_answered_in_one_message(suite_data, write_co
     except ConfigError as error:
         said = str(error)
     assert said.startswith(str(config))
+
+
+def test_a_file_takes_what_it_has_not_from_the_one_that_it_extends(suite_data, write_config, tmp_path):
+    write_config(suite_data)
+    (tmp_path / "more.yaml").write_text("extends: suite.yaml\nworlds: 7\n")
+    of_both = load(tmp_path / "more.yaml")
+    assert of_both.worlds == 7
+    assert of_both.model_copy(update={"worlds": 2}) == load(tmp_path / "suite.yaml")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nowhere.yaml", r"nowhere\.yaml: cannot be read"),
+        ("more.yaml", "extends: found itself"),
+        ("../suite.yaml", "allowed: the name of a file beside this one"),
+        (3, "found 3"),
+    ],
+)
+def test_a_file_that_cannot_be_extended_is_told(tmp_path, name, said):
+    (tmp_path / "more.yaml").write_text(yaml.safe_dump({"extends": name, "worlds": 7}))
+    with pytest.raises(ConfigError, match=said):
+        load(tmp_path / "more.yaml")
+
+
+def test_a_scenario_with_agents_that_are_not_there(suite_data, write_config):
+    suite_data["scenarios"][0]["agents"] = ["unified_serwo"]
+    with pytest.raises(ConfigError, match=r"'unified_serwo'.*did you mean unified_servo"):
+        load(write_config(suite_data))
+
+
+def test_a_scenario_whose_own_evaluation_comes_too_late(suite_data, write_config):
+    suite_data["scenarios"][0]["evaluation"] = {"every": 91, "trials": 2}
+    with pytest.raises(ConfigError, match=r"evaluation\.every is 91"):
+        load(write_config(suite_data))

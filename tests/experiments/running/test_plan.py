@@ -36,3 +36,20 @@ def test_the_order_of_settings_is_no_difference(suite_data):
     one = runs_of(Suite.model_validate(suite_data))
     suite_data["agents"] = [{"name": "random", "settings": {"b": 2, "a": 1}}]
     assert [run.id for run in one] == [run.id for run in runs_of(Suite.model_validate(suite_data))]
+
+
+def test_scenarios_have_agents_and_evaluations_of_their_own(suite_data):
+    (scenario,) = suite_data["scenarios"]
+    own = {**scenario, "name": "own", "agents": ["random"], "evaluation": {"every": 30, "trials": 1}}
+    suite_data["scenarios"].append(own)
+    runs = runs_of(Suite.model_validate(suite_data))
+    met = [(run.scenario.name, run.agent.label, run.evaluation.every) for run in runs if run.world == 0]
+    assert met == [("aimed", "random", 40), ("aimed", "unified_servo", 40), ("own", "random", 30)]
+
+
+def test_who_else_takes_part_is_no_part_of_a_run(suite_data):
+    few = {run.id for run in runs_of(Suite.model_validate(suite_data))}
+    suite_data["scenarios"][0]["agents"] = ["random"]
+    alone = {run.id for run in runs_of(Suite.model_validate(suite_data))}
+    suite_data["scenarios"][0]["evaluation"] = suite_data["evaluation"]
+    assert {run.id for run in runs_of(Suite.model_validate(suite_data))} == alone < few

@@ -15,8 +15,8 @@ MOVES_NO_NUMBER = {
 
 
 def sources(folder):
-    """Code, arms and tuned settings."""
-    return [file for kind in ("*.py", "*.xml", "*.yaml") for file in folder.rglob(kind)]
+    """Code, arms, trained weights and tuned settings."""
+    return [file for kind in ("*.py", "*.safetensors", "*.xml", "*.yaml") for file in folder.rglob(kind)]
 
 
 def imported_from(path, seen):
