@@ -3,7 +3,7 @@ BIN := .venv/bin
 STAMP := .venv/up-to-date
 JOBS ?= 2
 
-.PHONY: venv lint test test-all mutants compare docs results-tables
+.PHONY: venv lint test test-all mutants compare docs results results-tables
 
 venv: $(STAMP)
 
@@ -29,6 +29,24 @@ mutants: venv
 
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+# Every kept result anew, training and tuning apart. Started again, it goes on where it was.
+SUITES := paper others rivals learning robustness estimators
+BENCHMARKS := coverage sensitivity speed
+
+results: venv
+	for suite in $(SUITES); do \
+		$(BIN)/python -m experiments run configs/$$suite.yaml --out build/results/$$suite --jobs $(JOBS) \
+		&& $(BIN)/python -m experiments keep build/results/$$suite || exit 1; \
+	done
+	for part in $(BENCHMARKS); do \
+		test -f build/results/$$part.json \
+		|| $(BIN)/python -m experiments benchmark $$part --out build/results/$$part.json || exit 1; \
+	done
+	cp build/results/coverage.json experiments/results/coverage/coverage.json
+	cp build/results/sensitivity.json experiments/results/sensitivity/constants.json
+	cp build/results/speed.json experiments/results/speed/two_cores.json
+	$(BIN)/python -m experiments results-tables
 
 # Tables between markers in README.md and docs/, from the kept results in experiments/results.
 results-tables: venv

@@ -54,11 +54,17 @@ def versions(also: tuple[str, ...] = ()) -> dict[str, str]:
 
 
 def commit() -> str:
-    """The commit of our code, with a "+" where files differ from it; "unknown" outside a repository."""
+    """The commit of our code, with a "+" where files differ from it; "unknown" outside a repository.
+
+    Kept results are no code: they may differ, as where several are made anew one after the other.
+    """
     git = ["git", "-C", str(REPOSITORY)]
     try:
         head = subprocess.run([*git, "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True)
-        changed = subprocess.run([*git, "status", "--porcelain", "-uno"], capture_output=True, text=True)
+        code = [".", ":(exclude)experiments/results"]
+        changed = subprocess.run(
+            [*git, "status", "--porcelain", "-uno", "--", *code], capture_output=True, text=True
+        )
     except OSError:
         return "unknown"
     return head.stdout.strip() + "+" * bool(changed.stdout.strip()) or "unknown"
