@@ -90,16 +90,15 @@ def runs(tuning_data):
 
 
 def test_a_process_ends_when_its_cpu_time_does(runs, tmp_path):
-    with (tmp_path / "lock").open("w") as lock, pytest.raises(OverBudgetError):
-        list(Processes(lock.fileno()).reports(runs, 0.5, tmp_path / "log.txt"))
+    with pytest.raises(OverBudgetError):
+        list(Processes().reports(runs, 0.5, tmp_path / "log.txt"))
 
 
 def test_a_process_that_is_stopped_says_nothing_about_its_settings(runs, tmp_path):
-    with (tmp_path / "lock").open("w") as lock:
-        processes = Processes(lock.fileno())
-        processes.stop()
-        with pytest.raises(LostError):
-            list(processes.reports(runs, None, tmp_path / "log.txt"))
+    processes = Processes()
+    processes.stop()
+    with pytest.raises(LostError):
+        list(processes.reports(runs, None, tmp_path / "log.txt"))
 
 
 def test_user_errors_are_one_message(tuning_data, write_config, tmp_path, capsys):
