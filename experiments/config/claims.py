@@ -1,4 +1,4 @@
-"""What a paper claims, and how it is put to the test: read from YAML into frozen models."""
+"""What a paper claims or asks, and how it is put to the test: read from YAML into frozen models."""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -16,13 +16,15 @@ Measure = Literal["success", "rendezvous", "motions", "seconds", "first_motion",
 - seconds: robot seconds of a reach, where a look takes `look` seconds; without a rendezvous it goes on to the
   cap at its own pace.
 - first_motion: the true error after the first motion is within 4 px.
-- as_expected: the agent told before that its first motion would bring it within 16 px, and it did, or told
-  nothing of the kind, and it did not.
-- kept: of the held-out trials that took at most two motions at the moment `than`, the share that still do.
+- as_expected: of the held-out trials in which the agent told before how far off its first motion would end,
+  the share in which it was right about 16 px: within where it expected that, and not where it did not.
+- kept: of the held-out trials that took at most two motions at the time of `than`, the share that still do.
 """
+HELD_OUT = ("as_expected", "kept")
+"""Measures of held-out trials alone."""
 
 
-class Moment(Model):
+class TrialsOf(Model):
     """Trials of an agent: its own, held-out ones, or those at one value of a sweep.
 
     Attributes:
@@ -40,7 +42,7 @@ class Moment(Model):
     value: float | None = Field(None, strict=False)
 
     @model_validator(mode="after")
-    def _one_kind_of_trials(self) -> "Moment":
+    def _one_kind_of_trials(self) -> "TrialsOf":
         given = [name for name in ("trials", "motions", "value") if getattr(self, name) is not None]
         if len(given) != 1:
             found = " and ".join(given) or "none"
@@ -59,51 +61,58 @@ class Criterion(Model):
         than: If given, the number is by how much `of` differs from it, world by world.
         relative: Whether that is told as a share of what it is at `than`.
         look: Seconds that a look takes, for seconds.
-        at_least: The claim holds from this on.
-        at_most: The claim holds up to this.
+        above: The number must lie above this.
+        below: The number must lie below this.
     """
 
     measure: Measure
-    of: Moment
-    than: Moment | None = None
+    of: TrialsOf
+    than: TrialsOf | None = None
     relative: bool = False
     look: float | None = Field(None, gt=0, strict=False)
-    at_least: float | None = Field(None, strict=False)
-    at_most: float | None = Field(None, strict=False)
+    above: float | None = Field(None, strict=False)
+    below: float | None = Field(None, strict=False)
 
     @model_validator(mode="after")
     def _complete(self) -> "Criterion":
-        if (self.at_least is None) == (self.at_most is None):
-            raise ValueError("one of at_least and at_most is the threshold")
+        if (self.above is None) == (self.below is None):
+            raise ValueError("one of above and below is the threshold")
         if (self.measure == "seconds") != (self.look is not None):
             raise ValueError("seconds need look, the seconds that a look takes; other measures have none")
         if self.relative and self.than is None:
             raise ValueError("relative needs than, what it is relative to")
         if self.measure == "kept" and (self.than is None or self.relative):
-            raise ValueError("kept needs than, the earlier moment, and is a share already")
+            raise ValueError("kept needs than, the earlier trials, and is a share already")
+        if self.measure in HELD_OUT and any(each.motions is None for each in self.trials()):
+            raise ValueError(f"{self.measure} is of held-out trials: motions says which")
         return self
+
+    def trials(self) -> tuple[TrialsOf, ...]:
+        """All trials that it is about."""
+        return (self.of, self.than) if self.than else (self.of,)
 
 
 class Claim(Model):
-    """A claim of the paper.
+    """What the paper claims or asks.
 
     Attributes:
         name: Ours.
+        kind: A question is what the paper leaves open; its words are the answer that it suggests.
         section: Of the paper.
         words: The claim in our words.
-        tests: It is confirmed where all of them pass.
-        remark: What the tests do not show.
+        criteria: It is confirmed where all of them are met.
+        remark: What they do not show.
     """
 
     name: Name
+    kind: Literal["claim", "question"] = "claim"
     section: str
     words: str
     criteria: tuple[Criterion, ...] = Field(min_length=1, strict=False)
     remark: str = ""
 
-    def moments(self) -> Iterator[tuple[int, Moment]]:
-        """All moments that its tests are about, each with the test's index."""
+    def trials(self) -> Iterator[tuple[int, TrialsOf]]:
+        """All trials that it is about, each with the criterion's index."""
         for i, criterion in enumerate(self.criteria):
-            yield i, criterion.of
-            if criterion.than:
-                yield i, criterion.than
+            for each in criterion.trials():
+                yield i, each

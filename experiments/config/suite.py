@@ -12,7 +12,7 @@ from calfree_gym.errors import near_misses
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations import TYPES, parse_perturbation, parse_schedule
 from calfree_gym.world import DISTRIBUTIONS
-from experiments.config.claims import Claim, Moment
+from experiments.config.claims import Claim, TrialsOf
 from experiments.config.model import Model, Name, distinct, one_of
 
 
@@ -257,18 +257,20 @@ class Suite(Model):
     @field_validator("claims")
     @classmethod
     def _about_this_suite(cls, value: tuple[Claim, ...], info: ValidationInfo) -> tuple[Claim, ...]:
-        if {"scenarios", "sweeps", "agents"} <= info.data.keys():
-            parts = {part.name: part for part in (*info.data["scenarios"], *info.data["sweeps"])}
-            labels = tuple(agent.label for agent in info.data["agents"])
-            for i, claim in enumerate(value):
-                for j, moment in claim.moments():
+        distinct([claim.name for claim in value], "name")
+        if not {"scenarios", "sweeps", "agents", "evaluation"} <= info.data.keys():
+            return value
+        parts = {part.name: part for part in (*info.data["scenarios"], *info.data["sweeps"])}
+        labels = tuple(agent.label for agent in info.data["agents"])
+        for i, claim in enumerate(value):
+            for j, trials in claim.trials():
+                try:
+                    part = parts[one_of(trials.scenario, tuple(parts))]
+                    one_of(trials.agent, part.agents or labels)
+                    _check_trials(trials, part, info.data["evaluation"])
+                except ValueError as error:
                     where = f"claims.{i}.criteria.{j} ({claim.name})"
-                    try:
-                        part = parts[one_of(moment.scenario, tuple(parts))]
-                        one_of(moment.agent, part.agents or labels)
-                        _check_trials(moment, part)
-                    except ValueError as error:
-                        raise ValueError(f"{where}: {moment.scenario}, {moment.agent}: {error}") from None
+                    raise ValueError(f"{where}: {trials.scenario}, {trials.agent}: {error}") from None
         return value
 
     @property
@@ -285,16 +287,20 @@ class Suite(Model):
         return scenario.evaluation or self.evaluation
 
 
-def _check_trials(moment: Moment, part: ScenarioConfig | SweepConfig) -> None:
+def _check_trials(
+    trials: TrialsOf, part: ScenarioConfig | SweepConfig, evaluation: EvaluationConfig | None
+) -> None:
     """Raises ValueError where a scenario or sweep has no such trials."""
     if isinstance(part, SweepConfig):
-        if moment.value not in part.over:
-            raise ValueError(f"found value {moment.value}; allowed: {', '.join(f'{v:g}' for v in part.over)}")
+        if trials.value not in part.over:
+            raise ValueError(f"found value {trials.value}; allowed: {', '.join(f'{v:g}' for v in part.over)}")
         return
     length, of = part.length
-    if moment.value is not None:
+    if trials.value is not None:
         raise ValueError("value is of sweeps; allowed: trials, motions")
-    if moment.trials and of == "trials" and moment.trials[1] > length:
-        raise ValueError(f"found trials up to {moment.trials[1]}; allowed: up to {length}")
-    if moment.motions is not None and moment.motions > part.most_motions:
-        raise ValueError(f"found {moment.motions} motions; allowed: up to {part.most_motions}")
+    if trials.trials and of == "trials" and trials.trials[1] > length:
+        raise ValueError(f"found trials up to {trials.trials[1]}; allowed: up to {length}")
+    if trials.motions is not None and not (part.evaluation or evaluation):
+        raise ValueError("motions is of held-out trials, and it has none; allowed: trials")
+    if trials.motions is not None and trials.motions > part.most_motions:
+        raise ValueError(f"found {trials.motions} motions; allowed: up to {part.most_motions}")

@@ -13,8 +13,11 @@ from calfree_gym.errors import near_misses
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, EnvironmentConfig
 from experiments.errors import ConfigError
+from experiments.reporting.claims.section import claims_section, verdict_table
+from experiments.reporting.claims.verdicts import judge
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS
 from experiments.reporting.report import SUMMARY
+from experiments.reporting.results_file import RESULTS, read_finished
 from experiments.reporting.tables import Table, must_know, number, percent
 from experiments.running.versions import REPOSITORY
 from experiments.statistics import Estimate
@@ -64,10 +67,18 @@ def _read(path: Path) -> Iterator[tuple[Table, str]]:
     """The tables in a kept file, each with the commit that made it."""
     try:
         if path.suffix == ".csv":
-            summary = pd.read_csv(path, dtype={"moment": str}, keep_default_na=False, na_values=[""])
-            commit = str(summary["commit"].iloc[0])
+            text = {"moment": str, "commit": str}
+            summary = pd.read_csv(path, dtype=text, keep_default_na=False, na_values=[""])
+            commit = summary["commit"].iloc[0]
             for (scenario, kind), rows in summary.groupby(["scenario", "table"], sort=False):
-                yield _MAKERS[kind](str(scenario), rows), commit
+                if kind in _MAKERS:
+                    yield _MAKERS[kind](str(scenario), rows), commit
+            if "claims" in set(summary["table"]):
+                finished = read_finished(path.with_name(RESULTS), path.parent)
+                judged = judge(finished.results, finished.suite)
+                claims = claims_section(judged).table
+                assert claims is not None
+                yield from ((table, commit) for table in (verdict_table(judged), claims))
         else:
             kept = json.loads(path.read_text(encoding="utf-8"))
             for table in kept["tables"]:

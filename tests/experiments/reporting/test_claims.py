@@ -1,11 +1,14 @@
 """Claims, judged by results that were made up so that the verdict is known."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
 
-from experiments.config.claims import Claim, Criterion, Moment
+from experiments.config.claims import Claim, Criterion, TrialsOf
 from experiments.config.loading import load
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
@@ -22,6 +25,7 @@ def rng():
     return np.random.default_rng(5)
 
 
+CONFIGS = Path(__file__).parents[3] / "configs"
 ENV = {"id": "CalFree/Reach-v0", "world": "wild", "dynamics": "kinematic"}
 
 
@@ -70,14 +74,14 @@ def rows(agent, motions, scenario="home", phase="eval", lifetime_motions=0, **co
     return pd.DataFrame(found)
 
 
-def moment(agent="paper_servo", scenario="home", **when):
-    return Moment(agent=agent, scenario=scenario, **(when or {"motions": 0}))
+def trials_of(agent="paper_servo", scenario="home", **when):
+    return TrialsOf(agent=agent, scenario=scenario, **(when or {"motions": 0}))
 
 
 def test_a_share_is_the_mean_over_worlds_with_its_interval(rng):
     motions = np.where(rng.random((WORLDS, 10)) < 0.8, 7, CAP)
     found = measured(
-        rows("paper_servo", motions), suite(), Criterion(measure="rendezvous", of=moment(), at_least=0.5)
+        rows("paper_servo", motions), suite(), Criterion(measure="rendezvous", of=trials_of(), above=0.5)
     )
     expected = mean_share((motions < CAP).mean(axis=1), np.random.default_rng(0))
     assert found.estimate == expected
@@ -88,7 +92,7 @@ def test_differences_are_paired_over_worlds(rng):
     of_world = rng.integers(3, 30, (WORLDS, 1))
     mine, others = of_world + np.zeros((1, 4), int), of_world + 2 + rng.integers(0, 2, (WORLDS, 4))
     results = pd.concat([rows("paper_servo", mine), rows("unified_servo", others)])
-    test = Criterion(measure="motions", of=moment(), than=moment("unified_servo"), at_most=0)
+    test = Criterion(measure="motions", of=trials_of(), than=trials_of("unified_servo"), below=0)
     found = measured(results, suite(), test).estimate
     assert found == paired_difference(mine.mean(axis=1), others.mean(axis=1))
     assert found.high < -2  # although worlds differ by far more than that
@@ -111,30 +115,55 @@ def test_trials_are_chosen_by_number_checkpoint_or_value():
         ({"scenario": "aim", "value": 5}, 4),
     ):
         test = Criterion(
-            measure="motions", of=Moment(**{"agent": "paper_servo", "scenario": "home", **when}), at_most=1
+            measure="motions", of=TrialsOf(**{"agent": "paper_servo", "scenario": "home", **when}), below=1
         )
         assert measured(results, suite(), test).estimate.value == pytest.approx(expected)
 
 
-def test_failed_runs_count_as_worst():
-    some = rows("paper_servo", np.full((8, 3), 1))
-    for measure, expected in (("success", 0.4), ("motions", CAP)):
-        test = Criterion(measure=measure, of=moment(), at_least=0)
-        assert measured(some, suite(), test).estimate.value == pytest.approx(expected)
+def test_without_all_its_runs_there_is_no_number():
+    """On either side: it must not matter whom the missing runs would serve."""
+    whole, part = (rows("unified_servo", np.full((worlds, 3), 1)) for worlds in (WORLDS, WORLDS - 1))
+    criterion = Criterion(measure="success", of=trials_of("unified_servo"), above=0)
+    assert measured(whole, suite(), criterion) is not None
+    assert measured(part, suite(), criterion) is None
+    both = Criterion(measure="motions", of=trials_of("unified_servo"), than=trials_of(), below=0)
+    assert measured(whole, suite(), both) is None
+    assert measured(pd.concat([whole, rows("paper_servo", np.full((3, 3), 60))]), suite(), both) is None
+
+
+def test_the_papers_claims_need_results():
+    of = load(CONFIGS / "paper.yaml")
+    nothing = rows("nobody", np.empty((0, 0), int)).reindex(columns=rows("a", [[1]]).columns)
+    assert {each.verdict for each in judge(nothing, of)} == {Verdict.UNTESTED}
+
+
+def test_equal_agents_confirm_no_difference():
+    same = [rows(agent, np.full((WORLDS, 3), 7)) for agent in ("paper_servo", "unified_servo")]
+    faster = Criterion(measure="motions", of=trials_of(), than=trials_of("unified_servo"), below=0)
+    assert verdict_of(faster, measured(pd.concat(same), suite(), faster)) is Verdict.NOT_CONFIRMED
+
+
+def test_four_worlds_give_numbers_and_no_verdicts():
+    works = claim(Criterion(measure="rendezvous", of=trials_of(), above=0.1))
+    (judged,) = judge(rows("paper_servo", np.full((4, 5), 7)), suite([works.model_dump()], worlds=4))
+    assert judged.verdict is Verdict.UNTESTED
+    assert judged.found[0].estimate.value == pytest.approx(1)
 
 
 def test_what_was_expected_is_held_against_what_came():
-    came, expected = np.array([1, 1, 9, 9]), np.array([3.0, np.nan, 3.0, np.nan])
+    """Trials of which nothing was told are left out."""
+    came, expected = np.array([1, 1, 9, 9, 9]), np.array([3.0, 30.0, 3.0, 30.0, np.nan])
     results = rows("paper_servo", np.tile(came, (WORLDS, 1)), expected_px=0)
     results["expected_px"] = np.tile(expected, WORLDS)
-    test = Criterion(measure="as_expected", of=moment(), at_least=0.9)
-    assert measured(results, suite(), test).estimate.value == pytest.approx(0.5)
+    criterion = Criterion(measure="as_expected", of=trials_of(), above=0.9)
+    assert measured(results, suite(), criterion).estimate.value == pytest.approx(0.5)
+    assert measured(results.assign(expected_px=np.nan), suite(), criterion) is None
 
 
 def test_only_trials_that_were_quick_can_be_kept():
     then, now = np.tile([1, 2, 9, 9], (WORLDS, 1)), np.tile([2, 5, 1, 9], (WORLDS, 1))
     results = pd.concat([rows("paper_servo", then), rows("paper_servo", now, lifetime_motions=100)])
-    test = Criterion(measure="kept", of=moment(motions=100), than=moment(), at_least=0.9)
+    test = Criterion(measure="kept", of=trials_of(motions=100), than=trials_of(), above=0.9)
     assert measured(results, suite(), test).estimate.value == pytest.approx(0.5)
     never = pd.concat([rows("paper_servo", now * 0 + 9), rows("paper_servo", now, lifetime_motions=100)])
     assert measured(never, suite(), test) is None
@@ -143,24 +172,27 @@ def test_only_trials_that_were_quick_can_be_kept():
 def test_seconds_depend_on_the_look():
     results = rows("paper_servo", np.full((WORLDS, 3), 7), robot_seconds=40.0)  # eight looks of 4 s, and 8 s
     for look, expected in ((4, 40), (0.5, 12)):
-        test = Criterion(measure="seconds", of=moment(), look=look, at_most=1)
+        test = Criterion(measure="seconds", of=trials_of(), look=look, below=1)
         assert measured(results, suite(), test).estimate.value == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
     ("low", "high", "bound", "expected"),
     [
-        (0.96, 1.0, {"at_least": 0.95}, Verdict.CONFIRMED),
-        (0.9, 1.0, {"at_least": 0.95}, Verdict.MIXED),
-        (0.8, 0.94, {"at_least": 0.95}, Verdict.NOT_CONFIRMED),
-        (1.0, 2.0, {"at_most": 2.0}, Verdict.CONFIRMED),
-        (1.0, 2.1, {"at_most": 2.0}, Verdict.MIXED),
-        (2.1, 3.0, {"at_most": 2.0}, Verdict.NOT_CONFIRMED),
+        (0.96, 1.0, {"above": 0.95}, Verdict.CONFIRMED),
+        (0.9, 1.0, {"above": 0.95}, Verdict.MIXED),
+        (0.8, 0.94, {"above": 0.95}, Verdict.NOT_CONFIRMED),
+        (1.0, 1.9, {"below": 2.0}, Verdict.CONFIRMED),
+        (1.0, 2.1, {"below": 2.0}, Verdict.MIXED),
+        (2.0, 3.0, {"below": 2.0}, Verdict.NOT_CONFIRMED),
     ],
 )
 def test_the_whole_interval_decides(low, high, bound, expected):
-    test = Criterion(measure="success", of=moment(), **bound)
+    test = Criterion(measure="success", of=trials_of(), **bound)
     assert verdict_of(test, Measured(Estimate((low + high) / 2, low, high), WORLDS)) is expected
+
+
+OWN_TRIALS = {"agent": "paper_servo", "scenario": "home", "trials": [1, 2]}
 
 
 def claim(*criteria, name="a_claim"):
@@ -178,16 +210,16 @@ def claim(*criteria, name="a_claim"):
     ],
 )
 def test_a_claim_is_as_good_as_its_tests(verdicts, expected):
-    test = Criterion(measure="success", of=moment(), at_least=0.5)
+    test = Criterion(measure="success", of=trials_of(), above=0.5)
     assert Judged(claim(test, test), (None, None), tuple(map(Verdict, verdicts))).verdict is expected
 
 
 def test_the_report_says_which_claims_stand():
-    works = claim(Criterion(measure="rendezvous", of=moment(), at_least=0.8), name="it_works")
+    works = claim(Criterion(measure="rendezvous", of=trials_of(), above=0.8), name="it_works")
     learns = claim(
-        Criterion(measure="motions", of=moment(motions=100), than=moment(), at_most=-1), name="it_learns"
+        Criterion(measure="motions", of=trials_of(motions=100), than=trials_of(), below=-1), name="it_learns"
     )
-    unseen = claim(Criterion(measure="success", of=moment("unified_servo"), at_least=0.5), name="unseen")
+    unseen = claim(Criterion(measure="success", of=trials_of("unified_servo"), above=0.5), name="unseen")
     of = suite([each.model_dump() for each in (works, learns, unseen)])
     results = pd.concat(
         [
@@ -197,12 +229,16 @@ def test_the_report_says_which_claims_stand():
         ]
     )
     judged = judge(results, of)
-    assert [each.verdict for each in judged] == ["confirmed", "not confirmed", "not confirmed"]
-    said = in_words(judged)
-    assert "3 claims" in said
-    assert "1 is confirmed (it works)" in said
+    assert [each.verdict for each in judged] == ["confirmed", "not confirmed", "untested"]
+    (said,) = in_words(judged)
+    assert said == (
+        "Of 3 claims of the paper 1 is confirmed (it works); 1 is not confirmed (it learns); "
+        "1 is untested (unseen)."
+    )
+    asks = [replace(each, claim=each.claim.model_copy(update={"kind": "question"})) for each in judged[:1]]
+    assert in_words([*judged[1:], *asks])[1] == "Of 1 questions of the paper 1 is confirmed (it works)."
     section = claims_section(judged)
-    assert [row[2] for row in section.table.rows] == ["confirmed", "not confirmed", "not confirmed"]
+    assert [row[3] for row in section.table.rows] == ["confirmed", "not confirmed", "untested"]
     assert "rendezvous" in described(works.criteria[0])
     assert len(section.summary) == 3
 
@@ -219,13 +255,17 @@ def test_the_report_says_which_claims_stand():
         ({"of": {"agent": "paper_servo", "scenario": "home", "trials": [3, 2]}}, "first and the last"),
         ({"measure": "speed"}, "measure"),
         ({"measure": "seconds"}, "look"),
-        ({"at_most": 0.9}, "at_least"),
+        ({"below": 0.9}, "above"),
         ({"relative": True}, "relative"),
         ({"measure": "kept"}, "kept"),
+        (
+            {"measure": "as_expected", "of": {"agent": "paper_servo", "scenario": "home", "trials": [1, 2]}},
+            "held-out",
+        ),
     ],
 )
 def test_wrong_claims_are_told(tmp_path, test, said):
-    whole = {"measure": "success", "of": moment().model_dump(exclude_none=True), "at_least": 0.5, **test}
+    whole = {"measure": "success", "of": trials_of().model_dump(exclude_none=True), "above": 0.5, **test}
     (tmp_path / "claims.yaml").write_text(
         yaml.safe_dump([{"name": "c", "section": "1", "words": "w", "criteria": [whole]}])
     )
