@@ -1,13 +1,14 @@
 """Runs made by the workers of a Dask cluster."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from distributed import Client, wait
-from distributed.comm import get_address_host_port
+from distributed.comm import CommClosedError, get_address_host_port
 from distributed.scheduler import KilledWorker
 
 from experiments.errors import ConfigError
@@ -47,20 +48,20 @@ class DaskCluster:
 
     def start(self, orders: Sequence[Path]) -> None:
         """See `Executor`."""
-        self._refuse_gone()
-        for order in orders:
-            self._attempts[self._client.submit(attempt, str(order.resolve()), pure=False)] = order
+        with self._connected():
+            self._refuse_gone()
+            for order in orders:
+                self._attempts[self._client.submit(attempt, str(order.resolve()), pure=False)] = order
 
     def ended(self, seconds: float) -> list[tuple[Path, int]]:
         """See `Executor`."""
-        try:
-            over = wait(list(self._attempts), seconds, "FIRST_COMPLETED").done
-        except TimeoutError:
-            over = ()
-        except CancelledError:
-            raise self._gone("its scheduler went away") from None
-        self._refuse_gone()
-        return [(self._attempts.pop(future), self._exit_code(future)) for future in over]
+        with self._connected():
+            try:
+                over = wait(list(self._attempts), seconds, "FIRST_COMPLETED").done
+            except TimeoutError:
+                over = ()
+            self._refuse_gone()
+            return [(self._attempts.pop(future), self._exit_code(future)) for future in over]
 
     def close(self) -> None:
         """See `Executor`."""
@@ -72,15 +73,21 @@ class DaskCluster:
             return int(future.result())
         except KilledWorker:
             return LOST
-        except CancelledError:
-            raise self._gone("its scheduler went away") from None
-        except (ConfigError, OSError):
+        except (CancelledError, ConfigError, OSError):
             raise
         except Exception as error:
             raise ConfigError(
                 f"a worker of {self._address} cannot make runs ({error!r}); it must be started in this "
                 "repository's folder, with the same packages"
             ) from error
+
+    @contextmanager
+    def _connected(self) -> Iterator[None]:
+        """Raises where the scheduler goes away meanwhile."""
+        try:
+            yield
+        except (CancelledError, CommClosedError):
+            raise self._gone("its scheduler went away") from None
 
     def _refuse_gone(self) -> None:
         if self._client.status != "running":

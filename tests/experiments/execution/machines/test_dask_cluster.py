@@ -66,13 +66,15 @@ def test_workers_killed_at_twenty_moments_change_nothing(run, finished_once, clu
 
 def kill_workers(run, finished_once, cluster, tmp_path, kills):
     """Makes the suite anew until so many workers were killed, and others came, while it was made."""
-    rng, killed = random.Random(0), 0
+    rng, killed, tries = random.Random(0), 0, 0
     cluster.add(workers=2)
     while killed < kills:
-        out, over, count = tmp_path / str(killed), threading.Event(), []
+        tries += 1
+        assert tries <= 10 + kills, "the suite is over before anything is killed"
+        out, over, count = tmp_path / str(tries), threading.Event(), []
 
         def kill(over=over, count=count):
-            while len(count) < 3 and not over.wait(rng.uniform(0.5, 4.0)):
+            while len(count) < 3 and not over.wait(rng.uniform(0.2, 2.0)):
                 cluster.kill_one(rng.randrange(2))
                 cluster.add()
                 count.append(1)

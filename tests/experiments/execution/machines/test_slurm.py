@@ -28,12 +28,14 @@ def processes(word, out):
 
 def kill_jobs(run, finished_once, tmp_path, kills):
     """Makes the suite anew until so many jobs or bodies were killed while it was made."""
-    rng, killed = random.Random(0), 0
+    rng, killed, tries = random.Random(0), 0, 0
     while killed < kills:
-        out, over, count = tmp_path / str(killed), threading.Event(), []
+        tries += 1
+        assert tries <= 10 + kills, "the suite is over before anything is killed"
+        out, over, count = tmp_path / str(tries), threading.Event(), []
 
         def kill(out=out, over=over, count=count):
-            while len(count) < 3 and not over.wait(rng.uniform(0.5, 4.0)):
+            while len(count) < 3 and not over.wait(rng.uniform(0.2, 2.0)):
                 what = rng.choice(["submitit.core._submit", "submitit.local._local", "running.worker"])
                 if found := processes(what, out):
                     os.kill(rng.choice(found), signal.SIGKILL)
