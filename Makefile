@@ -39,8 +39,9 @@ results: venv
 		$(BIN)/python -m experiments run configs/$$suite.yaml --out build/results/$$suite --jobs $(JOBS) \
 		&& $(BIN)/python -m experiments keep build/results/$$suite || exit 1; \
 	done
+	commit=$$($(BIN)/python -c 'from experiments.running.versions import commit; print(commit())') && \
 	for part in $(BENCHMARKS); do \
-		test -f build/results/$$part.json \
+		grep -qs "\"commit\": \"$$commit\"" build/results/$$part.json \
 		|| $(BIN)/python -m experiments benchmark $$part --out build/results/$$part.json || exit 1; \
 	done
 	cp build/results/coverage.json experiments/results/coverage/coverage.json

@@ -27,6 +27,7 @@ from experiments.running.results_folder import (
     folder_of,
     is_done,
     locked,
+    read_json,
     refuse_foreign,
     write_json,
 )
@@ -92,10 +93,11 @@ class Runner:
         with locked(self._out), closing(self._executor):
             here = versions()
             refuse_foreign(self._out, self._suite, here)
-            about = {"suite": self._suite.model_dump(mode="json"), "command": command, "commit": commit()}
+            pending = [spec for spec in runs if not is_done(folder_of(self._out, spec.id))]
+            about = {"suite": self._suite.model_dump(mode="json"), "command": command}
+            about["commit"] = commit() if pending else self._commit_before()
             write_json(self._out / SUITE, about | {"part": str(self._part)})
             clear(self._out)
-            pending = [spec for spec in runs if not is_done(folder_of(self._out, spec.id))]
             self._display.say(f"{len(runs)} runs, {len(runs) - len(pending)} of them finished already")
             try:
                 self._orders = {write_order(self._out, spec, here): spec for spec in pending}
@@ -108,6 +110,11 @@ class Runner:
             finally:
                 self._stop()
         return [spec.id for spec in runs if not is_done(folder_of(self._out, spec.id))]
+
+    def _commit_before(self) -> str:
+        """The commit that made what is finished, as far as it is known."""
+        before = self._out / SUITE
+        return str(read_json(before).get("commit", "unknown")) if before.exists() else "unknown"
 
     def _over(self, order: Path, exit_code: int) -> None:
         """An attempt has ended: its run is finished, is to be made again, or has failed."""

@@ -35,6 +35,8 @@ WHAT_MAKES_A_RESULT = (
     "experiments/running/trial_log.py",
     "experiments/running/worker.py",
 )
+MAKES_REPORTS = ("calfree_gym", "agents", "experiments", ":(exclude)experiments/results", "configs")
+"""Sources of results and reports, as git takes them; kept results are none."""
 _KINDS = ("*.py", "*.safetensors", "*.xml", "*.yaml")
 
 
@@ -54,16 +56,16 @@ def versions(also: tuple[str, ...] = ()) -> dict[str, str]:
 
 
 def commit() -> str:
-    """The commit of our code, with a "+" where files differ from it; "unknown" outside a repository.
+    """The commit of our code, with a "+" where its files differ or are new; "unknown" outside a repository.
 
-    Kept results are no code: they may differ, as where several are made anew one after the other.
+    Kept results and documents are no code: they may differ, as where several are made anew one after the
+    other.
     """
     git = ["git", "-C", str(REPOSITORY)]
     try:
         head = subprocess.run([*git, "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True)
-        code = [".", ":(exclude)experiments/results"]
         changed = subprocess.run(
-            [*git, "status", "--porcelain", "-uno", "--", *code], capture_output=True, text=True
+            [*git, "status", "--porcelain", "-uall", "--", *MAKES_REPORTS], capture_output=True, text=True
         )
     except OSError:
         return "unknown"

@@ -56,6 +56,17 @@ def test_from_configuration_to_report(finished, capsys):
     pd.testing.assert_frame_equal(results, again)  # the run that was made again is the same
 
 
+def test_what_is_finished_keeps_the_commit_that_made_it(finished, monkeypatch):
+    config, out = finished
+    made_by = json.loads((out / "suite.json").read_text())["commit"]
+    monkeypatch.setattr("experiments.execution.runner.commit", lambda: "later")
+    assert run(config, out) == 0
+    assert json.loads((out / "suite.json").read_text())["commit"] == made_by
+    shutil.rmtree(next(out.glob("runs/*unified_servo*")))
+    assert run(config, out) == 0
+    assert json.loads((out / "suite.json").read_text())["commit"] == "later"
+
+
 def test_results_of_other_code_are_named_and_refused(finished, capsys):
     config, out = finished
     folder = sorted(out.glob("runs/*"))[-1]

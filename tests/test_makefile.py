@@ -1,0 +1,48 @@
+"""`make results` makes nothing twice, and keeps nothing that other code has made."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+PYTHON = """#!/bin/sh
+if [ "$1" = -c ]; then echo "$COMMIT"; exit; fi
+echo "$3 $4" >> log
+if [ "$3" = benchmark ]; then echo "{\\"commit\\": \\"$COMMIT\\"}" > "$6"; fi
+"""
+"""Stands for the interpreter of `.venv`: answers which commit this is, and writes down what is to be made."""
+
+
+@pytest.fixture
+def made(tmp_path):
+    """What `make results` makes at a commit."""
+    shutil.copy(Path(__file__).parents[1] / "Makefile", tmp_path)
+    for folder in ("bin", "build/results", *(f"experiments/results/{each}" for each in KEPT)):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "bin" / "python").write_text(PYTHON)
+    (tmp_path / "bin" / "python").chmod(0o755)
+
+    def make(commit):
+        (tmp_path / "log").unlink(missing_ok=True)
+        command = ["make", "results", "BIN=bin", "SUITES=paper others", "--old-file=.venv/up-to-date"]
+        subprocess.run(command, cwd=tmp_path, env=os.environ | {"COMMIT": commit}, check=True)
+        return (tmp_path / "log").read_text().splitlines()
+
+    return make
+
+
+KEPT = ("coverage", "sensitivity", "speed")
+
+
+def test_results_are_made_once_for_each_commit(made):
+    suites = [
+        f"{verb} {where}/{suite}{end}"
+        for suite in ("paper", "others")
+        for verb, where, end in (("run", "configs", ".yaml"), ("keep", "build/results", ""))
+    ]
+    benchmarks = [f"benchmark {part}" for part in KEPT]
+    assert made("abc") == [*suites, *benchmarks, "results-tables "]
+    assert made("abc") == [*suites, "results-tables "]  # which go on where they were
+    assert made("abd") == [*suites, *benchmarks, "results-tables "]
