@@ -5,7 +5,9 @@ folder of its own in there. A finished one becomes `OUT/runs/ID` by one atomic r
 one run, such as one on a machine that was thought dead, never write into the same files.
 """
 
+import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from uuid import uuid4
 
@@ -13,6 +15,8 @@ from experiments.running.plan import Run
 from experiments.running.results_folder import SPEC, VERSIONS, folder_of, is_done, write_json, write_whole
 
 _ATTEMPTS = ".attempts"
+_NOT_BEGUN = 0
+"""When an order was changed last that no attempt has touched, in ns: no clock says so."""
 
 
 def order_of(out: Path, run: str) -> Path:
@@ -32,7 +36,16 @@ def write_order(out: Path, spec: Run, versions: dict[str, str]) -> Path:
     order.mkdir(parents=True)
     write_json(order / VERSIONS, versions)
     write_whole(order / SPEC, spec.model_dump_json(indent=2))
+    os.utime(order, ns=(_NOT_BEGUN, _NOT_BEGUN))
     return order
+
+
+def is_begun(order: Path) -> bool:
+    """Whether any attempt at an order has begun: its folder was changed since it was ordered."""
+    try:
+        return order.stat().st_mtime_ns != _NOT_BEGUN
+    except FileNotFoundError:
+        return False
 
 
 def withdraw(order: Path) -> None:
@@ -55,9 +68,15 @@ def begin(order: Path) -> Path:
 
 
 def newest_attempt(order: Path) -> Path | None:
-    """The attempt that began last."""
-    begun = [path for path in order.glob("*") if (path / SPEC).exists()]
-    return max(begun, key=lambda folder: (folder / SPEC).stat().st_mtime_ns, default=None)
+    """The attempt that began last; any may be moved to its place meanwhile."""
+    begun: dict[Path, int] = {}
+    try:
+        for folder in order.iterdir():
+            with suppress(FileNotFoundError, NotADirectoryError):
+                begun[folder] = (folder / SPEC).stat().st_mtime_ns
+    except FileNotFoundError:
+        return None
+    return max(begun, key=begun.__getitem__, default=None)
 
 
 def is_wanted(attempt: Path) -> bool:

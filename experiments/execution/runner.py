@@ -11,6 +11,7 @@ from experiments.execution.orders import (
     begin,
     clear,
     discard,
+    is_begun,
     newest_attempt,
     place,
     target_of,
@@ -159,7 +160,7 @@ class Runner:
 
     def _show(self) -> None:
         for order, spec in self._orders.items():
-            if attempt := newest_attempt(order):
+            if is_begun(order) and (attempt := newest_attempt(order)):
                 if order not in self._shown:
                     self._shown[order] = time.monotonic()
                     self._display.start(spec.id, *spec.work)

@@ -20,7 +20,7 @@ from experiments.reporting.sweep.section import sweep_sections
 from experiments.reporting.tables import Table
 from experiments.running.results_folder import LOG, folder_of, write_whole
 
-SUMMARY = "summary.csv"
+SUMMARY, PAGE, MARKDOWN = "summary.csv", "report.html", "report.md"
 
 
 def write_report(finished: FinishedSuite) -> Path:
@@ -48,9 +48,9 @@ def write_report(finished: FinishedSuite) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
     title, question = finished.suite.name, finished.suite.question
-    page = out / "report.html"
+    page = out / PAGE
     write_whole(page, html_page(title, question, sections))
-    write_whole(out / "report.md", markdown_page(title, question, sections))
+    write_whole(out / MARKDOWN, markdown_page(title, question, sections))
     return page
 
 

@@ -1,20 +1,23 @@
 """Keeping a suite's results in the repository: numbers, report and figures, small enough for it."""
 
+import shlex
 import shutil
 from pathlib import Path
 
 from PIL import Image
 
 from experiments.errors import ConfigError
-from experiments.reporting.report import SUMMARY, write_report
+from experiments.reporting.finished_suite import FinishedSuite
+from experiments.reporting.report import MARKDOWN, PAGE, write_report
 from experiments.reporting.results_file import RESULTS, TIMES, read_finished
+from experiments.running.versions import commit, versions
 
 COLOURS = 64
 """Of a kept figure. Choice: no difference is seen, and files are a third as large."""
 
 
 def keep(out: Path, kept: Path) -> Path:
-    """Copies what was made of a finished suite.
+    """Copies the numbers of a finished suite, and makes its report of them.
 
     Args:
         out: The results folder of the suite.
@@ -24,24 +27,52 @@ def keep(out: Path, kept: Path) -> Path:
         The suite's folder there.
 
     Raises:
-        ConfigError: Runs are missing, or files differed from the commit that the results name.
+        ConfigError: Runs are missing; the suite was changed by `--set`; files differed from the commit that
+            the results name, or differ now; other code made the results; the suite's name is that of kept
+            results of another kind.
     """
     finished = read_finished(out / RESULTS, out)
+    target = kept / finished.suite.name
+    _refuse(finished, target)
+    partial, old = (kept / f".{target.name}.{what}" for what in ("partial", "old"))
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    for name in (RESULTS, TIMES):
+        shutil.copyfile(out / name, partial / name)
+    write_report(read_finished(partial / RESULTS, partial))
+    (partial / PAGE).unlink()
+    for figure in sorted((partial / "figures").iterdir()):
+        if figure.suffix == ".png":
+            with Image.open(figure) as image:
+                small = image.convert("RGB").quantize(COLOURS)
+            small.save(figure, optimize=True)
+        else:
+            figure.unlink()
+    shutil.rmtree(old, ignore_errors=True)
+    if target.exists():
+        target.rename(old)
+    partial.rename(target)
+    shutil.rmtree(old, ignore_errors=True)
+    return target
+
+
+def _refuse(finished: FinishedSuite, target: Path) -> None:
+    out = finished.out
     if finished.unfinished:
         missing = ", ".join(run.id for run in finished.unfinished[:3])
         raise ConfigError(f"{out}: {len(finished.unfinished)} runs are not finished, such as {missing}")
-    commit = finished.versions["commit"]
-    if "+" in commit or commit == "unknown":
+    if "--set" in shlex.split(finished.command):
         raise ConfigError(
-            f"{out} was made by files that no commit has ({commit}); commit them, and run it again"
+            f"{out} is of a suite changed by --set ({finished.command}); run the file as it stands"
         )
-    write_report(finished)
-    target = kept / finished.suite.name
-    shutil.rmtree(target, ignore_errors=True)
-    (target / "figures").mkdir(parents=True)
-    for name in (RESULTS, TIMES, SUMMARY, "report.md"):
-        shutil.copyfile(out / name, target / name)
-    for figure in sorted((out / "figures").glob("*.png")):
-        with Image.open(figure) as image:
-            image.convert("RGB").quantize(COLOURS).save(target / "figures" / figure.name, optimize=True)
-    return target
+    made_by, here = finished.versions["commit"], commit()
+    for whose, found in ((f"{out} was made by", made_by), ("this report would be made by", here)):
+        if "+" in found or found == "unknown":
+            raise ConfigError(f"{whose} files that no commit has ({found}); commit them, and run it again")
+    if (code := finished.versions["code"]) != (now := versions()["code"]):
+        raise ConfigError(f"{out} was made by other code ({code}, here it is {now}); run it again")
+    if target.exists() and not (target / MARKDOWN).exists():
+        raise ConfigError(
+            f"{target} holds kept results that are no suite's ({MARKDOWN} is missing); give the suite another "
+            "name"
+        )

@@ -60,6 +60,7 @@ def test_what_is_finished_keeps_the_commit_that_made_it(finished, monkeypatch):
     config, out = finished
     made_by = json.loads((out / "suite.json").read_text())["commit"]
     monkeypatch.setattr("experiments.execution.runner.commit", lambda: "later")
+    monkeypatch.setattr("experiments.__main__._report", lambda source, out: None)
     assert run(config, out) == 0
     assert json.loads((out / "suite.json").read_text())["commit"] == made_by
     shutil.rmtree(next(out.glob("runs/*unified_servo*")))

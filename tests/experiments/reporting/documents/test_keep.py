@@ -6,44 +6,72 @@ import shutil
 import pytest
 from PIL import Image
 
+from experiments.__main__ import main
 from experiments.errors import ConfigError
+from experiments.reporting.documents import keep as module
 from experiments.reporting.documents.keep import keep
-from experiments.reporting.documents.kept_tables import tables_named
+from experiments.reporting.documents.kept_tables import KEPT, tables_named
 from experiments.reporting.results_file import gather
+
+COMMIT = "0123456789ab"
 
 
 @pytest.fixture
-def committed(finished_once, tmp_path):
-    """Finished results that are said to be made by a commit."""
-    out = shutil.copytree(finished_once, tmp_path / "out")
-    return said_to_be_of(out, "0123456789ab")
+def committed(finished_once, tmp_path, monkeypatch):
+    """Finished results that are said to be made by a commit, beside sources that are said to be of one."""
+    monkeypatch.setattr(module, "commit", lambda: "ba9876543210")
+    return said_to_be(shutil.copytree(finished_once, tmp_path / "out"), commit=COMMIT)
 
 
-def said_to_be_of(out, commit):
+def said_to_be(out, **what):
     about = json.loads((out / "suite.json").read_text())
-    (out / "suite.json").write_text(json.dumps({**about, "commit": commit}))
+    (out / "suite.json").write_text(json.dumps({**about, **what}))
     gather(out)
     return out
+
+
+def files(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
 def test_numbers_report_and_small_figures_are_kept(committed, tmp_path):
     kept = keep(committed, tmp_path / "kept")
     assert kept == tmp_path / "kept" / "tiny"
+    figures = [f"figures/aimed-{what}.png" for what in ("held-out", "profile", "training")]
+    assert files(kept) == [*figures, "report.md", "results.parquet", "summary.csv", "timings.csv"]
+    assert main(["report", str(committed)]) == 0
     for name in ("results.parquet", "summary.csv", "report.md", "timings.csv"):
         assert (kept / name).read_bytes() == (committed / name).read_bytes()
-    for figure in kept.glob("figures/*"):
-        assert figure.stat().st_size < 0.6 * (committed / "figures" / figure.name).stat().st_size
-        with Image.open(figure) as small, Image.open(committed / "figures" / figure.name) as large:
+    for name in figures:
+        assert (kept / name).stat().st_size < 0.6 * (committed / name).stat().st_size
+        with Image.open(kept / name) as small, Image.open(committed / name) as large:
             assert small.size == large.size
-    assert "0123456789ab" in tables_named("tiny/aimed", tmp_path / "kept")
+    assert COMMIT in tables_named("tiny/aimed", tmp_path / "kept")
 
 
 def test_what_was_kept_before_is_replaced(committed, tmp_path):
-    keep(committed, tmp_path / "kept")
-    stale = tmp_path / "kept" / "tiny" / "stale.csv"
-    stale.write_text("")
-    keep(committed, tmp_path / "kept")
-    assert not stale.exists()
+    for stale in (tmp_path / "kept" / "tiny" / "report.md", tmp_path / "kept" / ".tiny.partial" / "report.md"):
+        stale.parent.mkdir(parents=True)
+        stale.with_name("stale.csv").write_text("")
+        stale.write_text("stale")
+    (committed / "figures" / "of-an-earlier-report.png").write_bytes(b"")
+    kept = keep(committed, tmp_path / "kept")
+    assert not [name for name in files(kept) if "stale" in name or "earlier" in name]
+    assert (kept / "report.md").read_text() != "stale"
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["tiny"]
+
+
+def test_what_was_kept_before_stays_where_the_new_cannot_be_made(committed, tmp_path, monkeypatch):
+    def full(finished):
+        raise OSError("the disk is full")
+
+    kept = tmp_path / "kept" / "tiny" / "report.md"
+    kept.parent.mkdir(parents=True)
+    kept.write_text("of before")
+    monkeypatch.setattr(module, "write_report", full)
+    with pytest.raises(OSError, match="full"):
+        keep(committed, tmp_path / "kept")
+    assert kept.read_text() == "of before"
 
 
 def test_unfinished_results_are_not_kept(committed, tmp_path):
@@ -54,7 +82,36 @@ def test_unfinished_results_are_not_kept(committed, tmp_path):
         keep(committed, tmp_path / "kept")
 
 
-@pytest.mark.parametrize("commit", ["0123456789ab+", "unknown"])
-def test_results_of_no_commit_are_not_kept(committed, tmp_path, commit):
-    with pytest.raises(ConfigError, match="no commit has"):
-        keep(said_to_be_of(committed, commit), tmp_path / "kept")
+@pytest.mark.parametrize("commit", [f"{COMMIT}+", f"{COMMIT}, {COMMIT}+", "unknown"])
+def test_results_of_no_commit_are_not_kept(committed, tmp_path, commit, monkeypatch):
+    with pytest.raises(ConfigError, match=r"out was made by files that no commit has"):
+        keep(said_to_be(committed, commit=commit), tmp_path / "kept")
+    said_to_be(committed, commit=COMMIT)
+    monkeypatch.setattr(module, "commit", lambda: commit)
+    with pytest.raises(ConfigError, match="this report would be made by files that no commit has"):
+        keep(committed, tmp_path / "kept")
+
+
+def test_results_of_other_code_are_not_kept(committed, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "versions", lambda: {"code": "later"})
+    with pytest.raises(ConfigError, match=r"was made by other code \(\w{12}, here it is later\)"):
+        keep(committed, tmp_path / "kept")
+
+
+def test_a_changed_suite_is_not_kept(committed, tmp_path):
+    said_to_be(committed, command="python -m experiments run a.yaml --out DIR --set worlds=2")
+    with pytest.raises(ConfigError, match=r"changed by --set \(python .* worlds=2\)"):
+        keep(committed, tmp_path / "kept")
+
+
+def test_kept_results_of_another_kind_are_not_replaced(committed, tmp_path):
+    tables = tmp_path / "kept" / "tiny" / "choices.json"
+    tables.parent.mkdir(parents=True)
+    tables.write_text("{}")
+    with pytest.raises(ConfigError, match=r"holds kept results that are no suite's \(report\.md is missing"):
+        keep(committed, tmp_path / "kept")
+    assert tables.read_text() == "{}"
+
+
+def test_kept_rows_are_small_enough_for_a_repository():
+    assert sum(path.stat().st_size for path in KEPT.glob("*/results.parquet")) <= 5_000_000
