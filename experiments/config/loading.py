@@ -70,8 +70,16 @@ def load_as(
     return config
 
 
-def read_mapping(path: Path) -> dict[str, Any]:
-    """The plain values in a YAML file, over those of the file that it extends."""
+def read_mapping(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """The plain values in a YAML file, over those of the file that it extends.
+
+    Args:
+        path: The file.
+        above: Files that are read already, each of which extends the next one and the last of which this one.
+
+    Raises:
+        ConfigError: A file cannot be read, holds no mapping, or extends itself in the end.
+    """
     data = read_yaml(path)
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
@@ -80,9 +88,11 @@ def read_mapping(path: Path) -> dict[str, Any]:
         return data
     if not isinstance(extended, str) or Path(extended).name != extended:
         raise ConfigError(f"{path}: extends: found {extended!r}; allowed: the name of a file beside this one")
-    if (path.parent / extended).resolve() == path.resolve():
-        raise ConfigError(f"{path}: extends: found itself")
-    return {**read_mapping(path.parent / extended), **data}
+    below, chain = path.parent / extended, (*above, path)
+    if below.resolve() in (each.resolve() for each in chain):
+        circle = " -> ".join(each.name for each in (*chain, below))
+        raise ConfigError(f"{path}: extends: found a circle, {circle}")
+    return {**read_mapping(below, chain), **data}
 
 
 def read_yaml(path: Path) -> Any:

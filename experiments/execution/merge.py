@@ -17,6 +17,7 @@ from experiments.running.results_folder import (
     TIMINGS,
     VERSIONS,
     changed,
+    commit_of,
     folder_of,
     is_done,
     locked,
@@ -49,7 +50,8 @@ def merge(parts: Sequence[Path], out: Path) -> list[str]:
     suite, command = read_suite(parts[0])
     runs = runs_of(suite)
     sources: dict[str, Path] = {}
-    for part in [out, *parts] if (out / SUITE).exists() else parts:
+    folders = [out, *parts] if (out / SUITE).exists() else parts
+    for part in folders:
         if read_suite(part)[0] != suite:
             raise ConfigError(f"{part} is of another configuration than {parts[0]}{changed(part, suite)}")
         for folder in _finished(part):
@@ -69,7 +71,7 @@ def merge(parts: Sequence[Path], out: Path) -> list[str]:
     with locked(out):
         refuse_foreign(out, suite, made_by)
         clear(out)
-        commits = sorted({read_json(part / SUITE).get("commit", "unknown") for part in parts})
+        commits = sorted({commit for folder in folders for commit in commit_of(folder).split(", ")})
         about = {"suite": suite.model_dump(mode="json"), "command": command, "commit": ", ".join(commits)}
         write_json(out / SUITE, about)
         for run, folder in sources.items():

@@ -7,6 +7,7 @@ from pathlib import Path
 from experiments.errors import ConfigError
 from experiments.execution.executor import Executor
 from experiments.execution.part import WHOLE, Part
+from experiments.running.versions import REPOSITORY
 
 
 def add_run_options(run: argparse.ArgumentParser) -> None:
@@ -56,8 +57,14 @@ def add_tune_options(tune: argparse.ArgumentParser) -> None:
 
 
 def command_of(options: argparse.Namespace) -> str:
-    """The command that makes these results, into any folder and on any machine."""
-    words = ["python", "-m", "experiments", "run", str(options.config), "--out", "DIR"]
+    """The command that makes these results, into any folder and on any machine.
+
+    A configuration of the repository is named from its root, any other one by its bare name.
+    """
+    config = options.config.resolve()
+    inside = config.is_relative_to(REPOSITORY)
+    name = config.relative_to(REPOSITORY).as_posix() if inside else config.name
+    words = ["python", "-m", "experiments", "run", name, "--out", "DIR"]
     return shlex.join([*words, *(word for value in options.set for word in ("--set", value))])
 
 

@@ -25,10 +25,10 @@ from experiments.running.results_folder import (
     FAILED,
     LOG,
     SUITE,
+    commit_of,
     folder_of,
     is_done,
     locked,
-    read_json,
     refuse_foreign,
     write_json,
 )
@@ -96,7 +96,7 @@ class Runner:
             refuse_foreign(self._out, self._suite, here)
             pending = [spec for spec in runs if not is_done(folder_of(self._out, spec.id))]
             about = {"suite": self._suite.model_dump(mode="json"), "command": command}
-            about["commit"] = commit() if pending else self._commit_before()
+            about["commit"] = commit() if pending else commit_of(self._out)
             write_json(self._out / SUITE, about | {"part": str(self._part)})
             clear(self._out)
             self._display.say(f"{len(runs)} runs, {len(runs) - len(pending)} of them finished already")
@@ -111,11 +111,6 @@ class Runner:
             finally:
                 self._stop()
         return [spec.id for spec in runs if not is_done(folder_of(self._out, spec.id))]
-
-    def _commit_before(self) -> str:
-        """The commit that made what is finished, as far as it is known."""
-        before = self._out / SUITE
-        return str(read_json(before).get("commit", "unknown")) if before.exists() else "unknown"
 
     def _over(self, order: Path, exit_code: int) -> None:
         """An attempt has ended: its run is finished, is to be made again, or has failed."""

@@ -29,9 +29,9 @@ from experiments.running.plan import LifetimeRun, Run, runs_of
 from experiments.running.results_folder import (
     DONE,
     FAILED,
-    SUITE,
     TIMINGS,
     VERSIONS,
+    commit_of,
     folder_of,
     is_done,
     read_json,
@@ -104,8 +104,7 @@ def read_finished(results: Path, out: Path) -> FinishedSuite:
             raise ConfigError(
                 f"{results} holds the run {foreign[0]}, which its own suite does not have: {_OTHER}"
             )
-        times = results.with_name(TIMES)
-        timings = pd.read_csv(times) if times.exists() else pd.DataFrame(columns=_TIMED)
+        timings = _read_times(results.with_name(TIMES))
         return FinishedSuite(
             out=out,
             suite=suite,
@@ -127,7 +126,7 @@ _TIMED = ("run", "wall_seconds", "decision", "learning")
 
 def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
     """The commit, and what else made the runs; several versions where they differ."""
-    found: dict[str, set[str]] = {"commit": {read_json(out / SUITE)["commit"]}}
+    found: dict[str, set[str]] = {"commit": {commit_of(out)}}
     for run in runs:
         made_by = folder_of(out, run.id) / VERSIONS
         if made_by.exists():
@@ -196,6 +195,18 @@ def _times(out: Path, done: list[Run]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=_TIMED)
 
 
+def _read_times(path: Path) -> pd.DataFrame:
+    """What `_times` found, if it was written."""
+    if not path.exists():
+        return pd.DataFrame(columns=_TIMED)
+    try:
+        return pd.read_csv(path, usecols=_TIMED, dtype={name: str if name == "run" else float for name in _TIMED})
+    except ValueError as error:
+        raise ConfigError(
+            f"{path} is damaged ({error}): delete it, or make it anew by `report` of the results folder"
+        ) from None
+
+
 def _write(rows: list[dict[str, Any]], about: dict[str, Any], target: Path) -> None:
     """Replaced as a whole. Metadata are not compressed by Parquet, and are by us."""
     table = pa.Table.from_pylist(rows, schema=SCHEMA)
@@ -241,8 +252,8 @@ def _read(results: Path) -> tuple[dict[str, Any], pd.DataFrame]:
         about: dict[str, Any] = json.loads(zlib.decompress(base64.b64decode(packed)))
     except (ValueError, zlib.error) as error:
         raise ConfigError(f"{results} is damaged in what it says of its suite: {error}") from None
-    if about["version"] != _VERSION:
-        raise ConfigError(f"{results} has form {about['version']}; known is form {_VERSION}: {_OTHER}")
+    if (version := about.get("version")) != _VERSION:
+        raise ConfigError(f"{results} has form {version}; known is form {_VERSION}: {_OTHER}")
     if missing := [name for name in SCHEMA.names if name not in table.column_names]:
         raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {_OTHER}")
     return about, table.to_pandas()

@@ -9,9 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.running.plan import runs_of
+from experiments.running.versions import UNKNOWN
 
 SUITE = "suite.json"
 LOCK = ".lock"
@@ -60,13 +63,25 @@ def read_suite(out: Path) -> tuple[Suite, str]:
     """The suite that was run in a folder last, and the command that did it.
 
     Raises:
-        ConfigError: No suite was run there.
+        ConfigError: No suite was run there, or the file is damaged or of an earlier form.
     """
     try:
         about = read_json(out / SUITE)
+        return Suite.model_validate(about["suite"]), about["command"]
     except (FileNotFoundError, NotADirectoryError) as error:
         raise ConfigError(f"{out}: no results here ({error.filename} is missing)") from None
-    return Suite.model_validate(about["suite"]), about["command"]
+    except (KeyError, TypeError, ValueError) as error:
+        first = error.errors()[0] if isinstance(error, ValidationError) else {"loc": (), "msg": repr(error)}
+        what = ".".join(map(str, first["loc"])) + ": " * bool(first["loc"]) + first["msg"]
+        raise ConfigError(
+            f"{out / SUITE} is damaged, or of an earlier form ({what}); use the code that made it, or run the "
+            "suite again with another --out"
+        ) from None
+
+
+def commit_of(out: Path) -> str:
+    """The commit that made what is finished in a folder; several where parts were merged."""
+    return str(read_json(out / SUITE).get("commit", UNKNOWN)) if (out / SUITE).exists() else UNKNOWN
 
 
 @contextmanager

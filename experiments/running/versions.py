@@ -7,6 +7,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+UNKNOWN = "unknown"
+"""The commit of code that is in no repository."""
 
 PACKAGES = (
     "gymnasium",
@@ -68,8 +70,8 @@ def commit() -> str:
             [*git, "status", "--porcelain", "-uall", "--", *MAKES_REPORTS], capture_output=True, text=True
         )
     except OSError:
-        return "unknown"
-    return head.stdout.strip() + "+" * bool(changed.stdout.strip()) or "unknown"
+        return UNKNOWN
+    return head.stdout.strip() + "+" * bool(changed.stdout.strip()) or UNKNOWN
 
 
 def _code(also: tuple[str, ...]) -> str:

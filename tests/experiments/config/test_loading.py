@@ -223,13 +223,16 @@ def test_a_file_takes_what_it_has_not_from_the_one_that_it_extends(suite_data, w
     ("name", "said"),
     [
         ("nowhere.yaml", r"nowhere\.yaml: cannot be read"),
-        ("more.yaml", "extends: found itself"),
+        ("more.yaml", r"extends: found a circle, more\.yaml -> more\.yaml"),
+        ("other.yaml", r"third\.yaml: extends: found a circle, more.* -> other.* -> third.* -> other\.yaml"),
         ("../suite.yaml", "allowed: the name of a file beside this one"),
         (3, "found 3"),
     ],
 )
 def test_a_file_that_cannot_be_extended_is_told(tmp_path, name, said):
     (tmp_path / "more.yaml").write_text(yaml.safe_dump({"extends": name, "worlds": 7}))
+    (tmp_path / "other.yaml").write_text("extends: third.yaml")
+    (tmp_path / "third.yaml").write_text("extends: other.yaml")
     with pytest.raises(ConfigError, match=said):
         load(tmp_path / "more.yaml")
 

@@ -10,8 +10,10 @@ import pytest
 from experiments.__main__ import main
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
+from experiments.execution.merge import merge as gather_runs
 from experiments.execution.part import Part
 from experiments.running.plan import runs_of
+from experiments.running.results_folder import commit_of
 
 
 @pytest.mark.parametrize("of", [1, 2, 3, 4])
@@ -72,6 +74,15 @@ def test_merged_parts_are_the_whole(parts, finished_once, tmp_path, capsys):
     assert files(out) == files(finished_once)
     assert main(["status", str(out)]) == 0
     assert "4 runs: 4 done" in capsys.readouterr().out
+
+
+def test_the_whole_names_all_commits_that_made_it(parts, tmp_path):
+    for part, commit in zip(parts, ("111111111111", "222222222222"), strict=True):
+        about = json.loads((part / "suite.json").read_text())
+        (part / "suite.json").write_text(json.dumps(about | {"commit": commit}))
+        gather_runs([part], tmp_path / "out")
+    gather_runs([parts[0]], tmp_path / "out")
+    assert commit_of(tmp_path / "out") == "111111111111, 222222222222"
 
 
 def test_a_part_shows_and_makes_its_own_runs(parts, write_config, suite_data, finished_once, capsys):

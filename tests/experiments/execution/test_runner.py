@@ -1,15 +1,20 @@
 """The runner, from a YAML file to the report, with real agents in real processes."""
 
+import argparse
 import errno
 import json
 import os
+import re
 import shutil
+from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from experiments.__main__ import main
+from experiments.execution.options import command_of
 from experiments.running.results_folder import locked
+from experiments.running.versions import REPOSITORY
 
 UNIQUE_PER_RUN = ["run", "phase", "lifetime_motions", "trial"]
 
@@ -217,6 +222,36 @@ def test_a_full_disk_loses_nothing(suite_data, write_config, tmp_path, capsys, m
     monkeypatch.setattr(os, "fsync", real)
     assert run(config, out) == 0
     assert f"4 runs, {done} of them finished already" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ('{"suite": {"name": "a", "runs": 3}, "command": "c"}', r"earlier form \(question: Field required\)"),
+        ('{"command": "c"}', r"earlier form \(KeyError\('suite'\)\)"),
+        ('{"suite"', "is damaged"),
+    ],
+)
+def test_a_folder_of_earlier_code_is_one_message(tmp_path, capsys, text, what):
+    (tmp_path / "suite.json").write_text(text)
+    for command in (["status"], ["report"], ["merge", "--out", str(tmp_path / "out")]):
+        assert main([*command, str(tmp_path)]) == 2
+        said = capsys.readouterr().err
+        assert re.search(what, said)
+        assert f"{tmp_path / 'suite.json'} is damaged, or of an earlier form" in said
+        assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("config", "named"),
+    [
+        (REPOSITORY / "configs" / "paper.yaml", "configs/paper.yaml"),
+        (Path("/somewhere/else/mine.yaml"), "mine.yaml"),
+    ],
+)
+def test_the_command_names_no_folder_of_this_machine(config, named):
+    options = argparse.Namespace(config=config, set=["worlds=2"])
+    assert command_of(options) == f"python -m experiments run {named} --out DIR --set worlds=2"
 
 
 def test_user_errors_are_one_message(capsys, tmp_path):

@@ -147,6 +147,15 @@ def test_a_file_without_a_column_is_refused(parquet, tmp_path):
         read_finished(parquet, tmp_path)
 
 
+@pytest.mark.parametrize(
+    "text", ["", "run,wall_seconds,decision\na,1,2\n", "run,wall_seconds,decision,learning\na,1,2,soon\n"]
+)
+def test_damaged_times_are_refused(parquet, tmp_path, text):
+    (tmp_path / "timings.csv").write_text(text)
+    with pytest.raises(ConfigError, match=r"timings\.csv is damaged .* delete it, or make it anew"):
+        read_finished(parquet, tmp_path)
+
+
 def test_a_run_whose_log_is_damaged_is_named(finished, capsys):
     _, out = finished
     (log, *_) = sorted(out.glob("runs/*/trials.jsonl"))
