@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
-from experiments.reporting.tables import must_know
+from experiments.reporting.tables import counted, must_know
 from experiments.running.plan import LifetimeRun, Run
 
 SUCCESS, RENDEZVOUS, MOTIONS, SECONDS = "success", "rendezvous", "motions_per_reach", "robot_seconds"
@@ -59,6 +59,11 @@ class FinishedSuite:
         return "unknown: no run finished"
 
 
+def places(suite: Suite, part: ScenarioConfig | SweepConfig) -> dict[str, int]:
+    """The labels of a part's agents, each with its place in the suite, which gives its colour everywhere."""
+    return {agent.label: suite.agents.index(agent) for agent in suite.agents_in(part)}
+
+
 def with_cost(results: pd.DataFrame, scenario: ScenarioConfig | SweepConfig) -> pd.DataFrame:
     """The rows of one scenario or sweep, with motions per reach.
 
@@ -75,7 +80,7 @@ def few_worlds(suite: Suite) -> str:
     if suite.worlds >= ENOUGH_WORLDS:
         return ""
     return (
-        f" With {suite.worlds} worlds, fewer than {ENOUGH_WORLDS}, no ranking of agents is claimed: the thin "
+        f" With {counted(suite.worlds, 'world')}, fewer than {ENOUGH_WORLDS}, no ranking of agents is claimed: the thin "
         "lines of the figures are single worlds."
     )
 
@@ -87,7 +92,7 @@ def about(suite: Suite, scenario: ScenarioConfig) -> str:
     return (
         f"{env.id}, {env.world} worlds, cameras on the {env.camera_mount}, tolerance "
         f"{env.tolerance_px:g} px, {env.dynamics} dynamics, at most {env.max_episode_steps} "
-        f"motions a trial, {length:,} {of} a lifetime, {suite.worlds} worlds, the same "
+        f"motions a trial, {length:,} {of} a lifetime, {counted(suite.worlds, 'world')}, the same "
         f"for every agent." + few_worlds(suite)
     )
 
@@ -102,7 +107,7 @@ def where_it_stands(finished: FinishedSuite, scenario: ScenarioConfig | SweepCon
     )
     known = "; ".join(f"{agent.label}: {finished.must_know(agent)}" for agent in suite.agents_in(scenario))
     return (
-        f"Tolerance {scenario.env.tolerance_px:g} px of 512. {suite.worlds} worlds, {trials}; lines: "
+        f"Tolerance {scenario.env.tolerance_px:g} px of 512. {counted(suite.worlds, 'world')}, {trials}; lines: "
         f"all worlds; {drawn}.\nBuilt on, beyond observations: {known}."
     )
 

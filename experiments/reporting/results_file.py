@@ -200,7 +200,9 @@ def _read_times(path: Path) -> pd.DataFrame:
     if not path.exists():
         return pd.DataFrame(columns=_TIMED)
     try:
-        return pd.read_csv(path, usecols=_TIMED, dtype={name: str if name == "run" else float for name in _TIMED})
+        return pd.read_csv(
+            path, usecols=_TIMED, dtype={name: str if name == "run" else float for name in _TIMED}
+        )
     except ValueError as error:
         raise ConfigError(
             f"{path} is damaged ({error}): delete it, or make it anew by `report` of the results folder"

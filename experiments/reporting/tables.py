@@ -103,6 +103,11 @@ def number(estimate: Estimate, digits: int = 1) -> str:
     return f"{estimate.value:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
 
 
+def counted(amount: int, thing: str) -> str:
+    """So many things, such as "1 world" and "20 worlds"."""
+    return f"{amount:,} {thing}{'s' * (amount != 1)}"
+
+
 def beside(name: str, found: Estimate, form: str) -> dict[str, Any]:
     """A number and, as text in a column of its own, its interval.
 

@@ -13,8 +13,10 @@ from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, EnvironmentConfig, Suite, SweepConfig
 from experiments.cpu_time import CpuTimes
 from experiments.errors import ConfigError
+from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.sweep.estimates import points
 from experiments.reporting.sweep.figure import sweep_figure
+from experiments.reporting.sweep.section import sweep_sections
 from experiments.running import sweep_trials as sweep
 from experiments.running.plan import SweepRun, runs_of
 
@@ -215,7 +217,9 @@ def test_the_figure_shows_the_points():
         ("servo", 90.0, 1, False, True, 9),
     )
     swept = SweepConfig(**ROLL, over=(0, 90))
-    figure = sweep_figure([swept], {"roll": {"servo": points(data, swept, "servo", 2)}}, "2 worlds")
+    figure = sweep_figure(
+        [swept], {"roll": {"servo": points(data, swept, "servo", 2)}}, {"servo": 0}, "2 worlds"
+    )
     success, motions = figure.axes
     drawn = {line.get_label(): list(line.get_ydata()) for line in success.get_lines()}
     assert drawn == {"servo": [1, 0], "servo, its first motion": [0.5, 0]}
@@ -224,6 +228,26 @@ def test_the_figure_shows_the_points():
     assert "trials out of view" in [text.get_text() for text in legend.get_texts()]
     low, high = success.collections[0].get_datalim(success.transData).intervaly
     assert (low, high) == pytest.approx((0, 1))
+
+
+def test_an_agent_has_one_colour_in_all_sweeps(sweep_data, tmp_path, monkeypatch):
+    """Also where it is the third agent of one sweep and the first of another."""
+    labels = ["random", "unified_servo", "paper_servo"]
+    drawn = {label: set() for label in labels}
+
+    def save(figure, folder, name):
+        for line in (line for axes in figure.axes for line in axes.get_lines()):
+            drawn[line.get_label()].add((line.get_color(), line.get_linestyle(), line.get_marker()))
+
+    monkeypatch.setattr("experiments.reporting.sweep.section.save", save)
+    sweep_data["agents"] = labels
+    sweep_data["sweeps"] = [{**ROLL, "over": [0]}, {**AIM, "over": [0], "agents": labels[2:]}]
+    suite = Suite.model_validate(sweep_data)
+    rows = table(*((label, 0.0, world, True, True, 3) for label in labels for world in range(2)))
+    rows = pd.concat([rows.assign(scenario=name) for name in ("roll", "aim")])
+    sweep_sections(FinishedSuite(tmp_path, suite, "", runs_of(suite), {}, {}, {}, rows, pd.DataFrame()))
+    assert [len(lines) for lines in drawn.values()] == [1, 1, 1]
+    assert len(set.union(*drawn.values())) == 3
 
 
 def test_from_configuration_to_report(sweep_data, write_config, tmp_path, capsys):

@@ -20,6 +20,7 @@ from experiments.reporting.by_trial.estimates import (
     trial_costs,
 )
 from experiments.reporting.by_trial.figure import span, trial_curves
+from experiments.reporting.pages.style import line_of
 from experiments.reporting.finished_suite import MOTIONS, SUCCESS, Perturbation, with_cost
 
 AIM = {"at": {"trial": 4}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}
@@ -119,13 +120,14 @@ def test_the_figure_draws_each_block_in_its_middle_and_events_between_trials():
     figure = trial_curves(
         "s",
         lambda agent, measure: blocks(costs, agent, measure, 1, edges, 20),
-        ("servo",),
+        {"servo": 3},
         edges,
         [Perturbation(3, 3, "lens (k1 0.1)")],
         "20 worlds",
     )
     above, below = figure.axes
     alone, curve, event = above.lines
+    assert curve.get_color() == line_of(3)["color"]
     np.testing.assert_array_equal(alone.get_xydata(), curve.get_xydata())
     assert list(edges) == [0, 1, 3, 4, 6]
     np.testing.assert_array_equal(curve.get_xydata(), [[0.5, 6], [1.5, 4.5], [2.5, 3], [3.5, 1.5]])

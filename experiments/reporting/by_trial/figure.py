@@ -1,6 +1,6 @@
 """The learning curves of lifetimes counted in trials, on an axis whose blocks widen after each event."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
 import matplotlib.pyplot as plt
@@ -20,7 +20,7 @@ _ROOM_FOR_WORDS = 5  # labels side by side above the panels
 def trial_curves(
     title: str,
     blocks_of: Callable[[str, str], Blocks],
-    agents: tuple[str, ...],
+    places: Mapping[str, int],
     edges: Array,
     perturbations: Sequence[Perturbation],
     said: str,
@@ -32,7 +32,7 @@ def trial_curves(
     Args:
         title: Stands above both panels.
         blocks_of: From an agent's label and a measure to its blocks.
-        agents: The labels, in the order of their colours.
+        places: By each agent's label, which colour it has.
         edges: Where the blocks begin and end.
         perturbations: Marked where they fall, between trials.
         said: Stands below the panels.
@@ -40,7 +40,7 @@ def trial_curves(
     with plt.rc_context(STYLE):
         figure, panels = plt.subplots(2, 1, figsize=(7, 8), sharex=True, layout="constrained")
         above, below = panels
-        for index, agent in enumerate(agents):
+        for agent, index in places.items():
             _draw(above, blocks_of(agent, MOTIONS), agent, index)
             _draw_looks(below, [blocks_of(agent, seconds_at(look)) for look in LOOKS], agent, index)
         above.set_ylabel("motions per reach,\ninterquartile mean")

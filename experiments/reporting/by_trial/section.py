@@ -25,6 +25,7 @@ from experiments.reporting.finished_suite import (
     FinishedSuite,
     about,
     perturbations_met,
+    places,
     where_it_stands,
     with_cost,
 )
@@ -59,7 +60,7 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
     figure = trial_curves(
         f"{scenario.name}: the agents' own trials",
         lambda agent, measure: blocks(costs, agent, measure, suite.worlds, fine, cap),
-        labels,
+        places(suite, scenario),
         fine,
         perturbations_met(finished, scenario, "trials"),
         where_it_stands(finished, scenario, "the agents' own trials"),

@@ -1,6 +1,6 @@
 """The learning curves of held-out trials and of the agents' own."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
@@ -23,7 +23,7 @@ _ROOM_FOR_WORDS = 1  # labels above a panel
 def learning_curves(
     title: str,
     curve_of: Callable[[str, str], Curve],
-    agents: tuple[str, ...],
+    places: Mapping[str, int],
     cap: int,
     perturbations: tuple[Perturbation, ...],
     said: str,
@@ -33,7 +33,7 @@ def learning_curves(
     Args:
         title: Stands above the panels.
         curve_of: From an agent's label and a measure to its curve.
-        agents: The labels, in the order of their colours.
+        places: By each agent's label, which colour it has.
         cap: Motions after which a trial has failed.
         perturbations: Each is marked by a line, or by a span where runs were perturbed at different motions.
         said: Stands below the panels.
@@ -41,7 +41,7 @@ def learning_curves(
     with plt.rc_context(STYLE):
         figure, panels = plt.subplots(1, 3, figsize=(13, 4.7), layout="constrained")
         for axes, measure in zip(panels, (SUCCESS, RENDEZVOUS, MOTIONS), strict=True):
-            for index, agent in enumerate(agents):
+            for agent, index in places.items():
                 _draw(axes, curve_of(agent, measure), agent, index)
         left, middle, right = panels
         left.set_title("Success: true error within the tolerance")

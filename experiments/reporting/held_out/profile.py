@@ -8,7 +8,7 @@ from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter
 
 from experiments.config.suite import ScenarioConfig
 from experiments.evaluation import THRESHOLDS_PX
-from experiments.reporting.finished_suite import ENOUGH_WORLDS, FinishedSuite, few_worlds
+from experiments.reporting.finished_suite import ENOUGH_WORLDS, FinishedSuite, few_worlds, places
 from experiments.reporting.held_out.estimates import Moment
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.pages.style import STYLE, draw_band, legend_below, line_of, save
@@ -47,7 +47,8 @@ def profile_section(
             for px, share in zip(THRESHOLDS_PX, profile, strict=True)
         ]
     columns = ["agent", *(f"within {px} px" for px in THRESHOLDS_PX)]
-    figure = _figure(f"{scenario.name}: true errors at the end of held-out trials", ends, worlds, said)
+    title = f"{scenario.name}: true errors at the end of held-out trials"
+    figure = _figure(title, ends, places(finished.suite, scenario), worlds, said)
     return Section(
         title=f"Scenario {scenario.name}, errors at the end",
         text=f"Performance profiles.{few_worlds(finished.suite)}",
@@ -58,12 +59,12 @@ def profile_section(
     )
 
 
-def _figure(title: str, ends: dict[str, Moment], worlds: int, said: str) -> Figure:
+def _figure(title: str, ends: dict[str, Moment], places: dict[str, int], worlds: int, said: str) -> Figure:
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(5, 5.6), layout="constrained")
-        for index, (agent, moment) in enumerate(ends.items()):
+        for agent, moment in ends.items():
             profile = performance_profile(moment.errors_px, FINE_PX, np.random.default_rng(0))
-            line = {**line_of(index), "marker": ""}
+            line = {**line_of(places[agent]), "marker": ""}
             alone = (moment.errors_px[:, :, None] <= FINE_PX).mean(axis=1) if worlds < ENOUGH_WORLDS else ()
             draw_band(axes, FINE_PX, *_edges(profile), label=agent, line=line, alone=alone)
         axes.set_xscale("log")

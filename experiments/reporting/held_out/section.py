@@ -10,6 +10,7 @@ from experiments.reporting.finished_suite import (
     FinishedSuite,
     about,
     perturbations_met,
+    places,
     where_it_stands,
     with_cost,
 )
@@ -72,7 +73,7 @@ def _curves_and_moments(
     held_out = learning_curves(
         f"{scenario.name}: held-out trials, {evaluation.trials} at each checkpoint",
         lambda agent, measure: held_out_curve(rows, agent, measure, suite.worlds, scenario),
-        tuple(found),
+        places(suite, scenario),
         cap,
         perturbations,
         where_it_stands(finished, scenario, f"{evaluation.trials} held-out trials at each checkpoint"),
@@ -80,7 +81,7 @@ def _curves_and_moments(
     training = learning_curves(
         f"{scenario.name}: the agents' own trials, mean of each {width:,} motions",
         lambda agent, measure: training_curve(rows, agent, measure, suite.worlds, scenario, width),
-        tuple(found),
+        places(suite, scenario),
         cap,
         perturbations,
         where_it_stands(finished, scenario, "the agents' own trials"),

@@ -13,7 +13,7 @@ import pandas as pd
 
 from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
 from experiments.reporting.finished_suite import ENOUGH_WORLDS, MOTIONS, FinishedSuite
-from experiments.reporting.tables import number, percent
+from experiments.reporting.tables import counted, number, percent
 from experiments.statistics import (
     Estimate,
     mean,
@@ -54,7 +54,8 @@ def in_words(
     worlds = finished.suite.worlds
     if worlds < ENOUGH_WORLDS:
         points = [f"{_upper(when)}: {_points(scores, few)}." for when, scores in moments.items()]
-        return (f"With {worlds} worlds no ranking is claimed; means over worlds of {_NAMES[few]}.", *points)
+        head = f"With {counted(worlds, 'world')} no ranking is claimed; means over worlds of {_NAMES[few]}."
+        return (head, *points)
     said = []
     for when, scores in moments.items():
         ranked = {label: values for label, values in scores.items() if label not in beside}

@@ -19,7 +19,10 @@ _ACROSS = 4
 
 
 def sweep_figure(
-    sweeps: Sequence[SweepConfig], curves: Mapping[str, Mapping[str, list[Point]]], said: str
+    sweeps: Sequence[SweepConfig],
+    curves: Mapping[str, Mapping[str, list[Point]]],
+    places: Mapping[str, int],
+    said: str,
 ) -> Figure:
     """Success above, motions below, for each sweep; the share of trials out of view is a grey step.
 
@@ -27,7 +30,8 @@ def sweep_figure(
 
     Args:
         sweeps: From left to right, four in a row.
-        curves: By the sweep's name: by each agent's label, in the order of their colours, its points.
+        curves: By the sweep's name: by each agent's label, its points.
+        places: By each agent's label, which colour it has.
         said: Stands below the panels.
     """
     across = min(_ACROSS, len(sweeps))
@@ -42,19 +46,26 @@ def sweep_figure(
         for i, sweep in enumerate(sweeps):
             row, column = 2 * (i // across), i % across
             success, motions = grid[row, column], grid[row + 1, column]
-            _column(success, motions, sweep, curves[sweep.name])
+            _column(success, motions, sweep, curves[sweep.name], places)
             success.set_ylabel("success rate (%)")
             motions.set_ylabel("motions of trials\nwith a rendezvous")
         legend_below(figure, grid.flat, said, columns=across + 1)
     return figure
 
 
-def _column(success: Axes, motions: Axes, sweep: SweepConfig, found: Mapping[str, list[Point]]) -> None:
-    for index, (agent, points) in enumerate(found.items()):
-        _draw(success, [(p.value, p.success) for p in points], agent, index)
-        _draw(motions, [(p.value, p.among_reached) for p in points], agent, index)
+def _column(
+    success: Axes,
+    motions: Axes,
+    sweep: SweepConfig,
+    found: Mapping[str, list[Point]],
+    places: Mapping[str, int],
+) -> None:
+    for depth, (agent, points) in enumerate(found.items()):
+        line = line_of(places[agent])
+        _draw(success, [(p.value, p.success) for p in points], agent, line, depth)
+        _draw(motions, [(p.value, p.among_reached) for p in points], agent, line, depth)
         if any(p.at_once for p in points):
-            thin = {**line_of(index), "marker": "", "linewidth": 0.8}
+            thin = {**line, "marker": "", "linewidth": 0.8}
             success.plot(sweep.over, [p.at_once for p in points], label=f"{agent}, its first motion", **thin)
     out_of_view = [1 - p.trials / p.worlds for p in next(iter(found.values()))]
     if any(out_of_view):
@@ -71,14 +82,16 @@ def _column(success: Axes, motions: Axes, sweep: SweepConfig, found: Mapping[str
     motions.set_xlabel(_axis(sweep))
 
 
-def _draw(axes: Axes, curve: list[tuple[float, Estimate | None]], agent: str, index: int) -> None:
+def _draw(
+    axes: Axes, curve: list[tuple[float, Estimate | None]], agent: str, line: dict[str, Any], depth: int
+) -> None:
     """A line with its band; the first agents lie on top, with smaller markers, so that all are seen."""
     values = [value for value, _ in curve]
     middle, low, high = (
         [math.nan if found is None else getattr(found, edge) for _, found in curve]
         for edge in ("value", "low", "high")
     )
-    line = {**line_of(index), "markersize": 3 + 0.8 * index, "zorder": 10 - 0.1 * index}
+    line = {**line, "markersize": 3 + 0.8 * depth, "zorder": 10 - 0.1 * depth}
     draw_band(axes, values, middle, low, high, label=agent, line=line, alpha=0.15)
 
 

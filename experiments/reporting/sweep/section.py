@@ -11,6 +11,7 @@ from experiments.reporting.finished_suite import (
     SUCCESS,
     FinishedSuite,
     few_worlds,
+    places,
     where_it_stands,
 )
 from experiments.reporting.pages import Drawing, Section, SummaryRow, summary_row
@@ -18,7 +19,7 @@ from experiments.reporting.pages.headline import in_words
 from experiments.reporting.pages.style import save
 from experiments.reporting.sweep.estimates import Point, points, rendezvous_shares
 from experiments.reporting.sweep.figure import sweep_figure
-from experiments.reporting.tables import Table, number, percent
+from experiments.reporting.tables import Table, counted, number, percent
 
 _SHOWN = 5
 """Values that stand in the table; the figure has all."""
@@ -54,9 +55,12 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
         for sweep in sweeps
     }
 
+    places_of_all = {label: place for sweep in sweeps for label, place in places(suite, sweep).items()}
+
     def drawn(name: str, *of: SweepConfig) -> dict[str, Drawing]:
         said = where_it_stands(finished, of[0], "one trial in each at each value")
-        return {name: save(sweep_figure(of, curves, said), finished.out / "figures", name)}
+        figure = sweep_figure(of, curves, places_of_all, said)
+        return {name: save(figure, finished.out / "figures", name)}
 
     each = [
         Section(
@@ -95,7 +99,7 @@ def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
         f"{do['type']} ({', '.join(settings)}) before the first trial; {env.id}, {env.world} worlds, cameras "
         f"on the {env.camera_mount}, tolerance {env.tolerance_px:g} px, {env.dynamics} dynamics, at most "
         f"{env.max_episode_steps} motions. At each value every agent, without learning, makes one trial in "
-        f"each of {finished.suite.worlds} worlds, the same for all agents and values."
+        f"each of {counted(finished.suite.worlds, 'world')}, the same for all agents and values."
         + few_worlds(finished.suite)
     )
 

@@ -5,7 +5,15 @@ import threading
 import pytest
 
 from experiments.config.suite import Suite
-from experiments.execution.orders import begin, discard, is_begun, newest_attempt, place, target_of, write_order
+from experiments.execution.orders import (
+    begin,
+    discard,
+    is_begun,
+    newest_attempt,
+    place,
+    target_of,
+    write_order,
+)
 from experiments.running.plan import runs_of
 from experiments.running.results_folder import DONE
 

@@ -2,7 +2,14 @@ import pandas as pd
 import pytest
 
 from experiments.config.suite import Suite
-from experiments.reporting.finished_suite import FinishedSuite, Perturbation, perturbations_met
+from experiments.reporting.finished_suite import (
+    FinishedSuite,
+    Perturbation,
+    about,
+    few_worlds,
+    perturbations_met,
+    places,
+)
 from experiments.running.plan import runs_of
 
 
@@ -29,8 +36,24 @@ def test_perturbations_are_marked_where_the_runs_met_them(suite_data, tmp_path, 
     )
 
 
+def test_an_agent_has_the_same_place_in_each_scenario(suite_data):
+    suite_data["agents"] = ["random", "unified_servo", "paper_servo"]
+    (one,) = suite_data["scenarios"]
+    suite_data["scenarios"] = [one, {**one, "name": "other", "agents": ["paper_servo", "random"]}]
+    suite = Suite.model_validate(suite_data)
+    assert places(suite, suite.scenarios[0]) == {"random": 0, "unified_servo": 1, "paper_servo": 2}
+    assert places(suite, suite.scenarios[1]) == {"random": 0, "paper_servo": 2}
+
+
+def test_one_world_is_one_world(suite_data):
+    alone, two = (Suite.model_validate({**suite_data, "worlds": worlds}) for worlds in (1, 2))
+    assert few_worlds(alone).startswith(" With 1 world, fewer than 20,")
+    assert few_worlds(two).startswith(" With 2 worlds, fewer than 20,")
+    assert ", 1 world, the same for every agent" in about(alone, alone.scenarios[0])
+
+
 def test_a_summary_has_every_number_of_the_report(finished_once):
-    summary = pd.read_csv(finished_once / "summary.csv")
+    summary = pd.read_csv(finished_once / "summary.csv", dtype={"commit": str})
     moments = summary[summary["table"] == "held_out"]
     motions = {f"motions_per_reach{of}" for of in ("", "_iqm", "_worst_decile", "_among_reached")}
     assert set(moments["measure"]) == {"success", "rendezvous", "distance_mm", *motions}

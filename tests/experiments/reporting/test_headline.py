@@ -88,4 +88,6 @@ def test_of_shares_the_highest_is_best(said):
 def test_of_four_worlds_only_points_are_told_in_the_order_of_the_suite(said):
     head, points = said(4, MOTIONS, oracle=[1.0] * 4, unified_servo=[9.0] * 4, memory=[2.0] * 4)
     assert head == "With 4 worlds no ranking is claimed; means over worlds of motions a reach."
+    (head, _) = said(1, MOTIONS, memory=[2])
+    assert head == "With 1 world no ranking is claimed; means over worlds of motions a reach."
     assert points == "At the end: oracle 1.0, unified_servo 9.0, memory 2.0."

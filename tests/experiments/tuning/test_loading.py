@@ -8,12 +8,12 @@ import pytest
 import yaml
 
 import agents
-from experiments.config.loading import read_yaml
+from experiments.config.loading import read_mapping, read_yaml
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.running.plan import runs_of
 from experiments.tuning.config import RangeConfig, TunedAgentConfig, TuningConfig
-from experiments.tuning.loading import load_tuning
+from experiments.tuning.loading import load_tuning, seeds_of_suites
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 RANGE = ("agents", 0, "ranges", "damping")
@@ -84,12 +84,14 @@ def test_no_world_of_tuning_is_that_of_a_suite(shipped):
 
     somewhere = {"name": "s", "env": shipped.scenarios[0].env.model_dump(), "motions": 1000}
     tested = set()
-    for data in (read_yaml(path) for path in sorted(CONFIGS.glob("*.yaml"))):
+    suites = [path for path in sorted(CONFIGS.glob("*.yaml")) if isinstance(read_yaml(path), dict)]
+    for data in map(read_mapping, suites):
         if "worlds" in data:
             size = {"seed": data.get("seed", 0), "worlds": data["worlds"]}
             plain = {"name": "s", "question": "", "scenarios": [somewhere], "agents": ["random"]}
             tested |= {run.world_seed for run in runs_of(Suite.model_validate(plain | size))}
     assert len(tested) >= 100
+    assert tested == seeds_of_suites(CONFIGS).keys()
     seeds = set()
     for agent in shipped.agents:
         own = [run.world_seed for run in runs_of(shipped.suite(agent, agent.defaults()))]

@@ -50,7 +50,10 @@ def test_numbers_report_and_small_figures_are_kept(committed, tmp_path):
 
 
 def test_what_was_kept_before_is_replaced(committed, tmp_path):
-    for stale in (tmp_path / "kept" / "tiny" / "report.md", tmp_path / "kept" / ".tiny.partial" / "report.md"):
+    for stale in (
+        tmp_path / "kept" / "tiny" / "report.md",
+        tmp_path / "kept" / ".tiny.partial" / "report.md",
+    ):
         stale.parent.mkdir(parents=True)
         stale.with_name("stale.csv").write_text("")
         stale.write_text("stale")

@@ -55,7 +55,7 @@ def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
     of_report = [line.split(" | ") for line in report if line.startswith("| unified_servo | before")]
     rendezvous, _, middle = of_report[0][5:8]
     assert cells[2] == f"{rendezvous}; {middle}".replace(" %", "%")
-    commit = pd.read_csv(kept / "quick" / "summary.csv")["commit"][0]
+    commit = pd.read_csv(kept / "quick" / "summary.csv", dtype={"commit": str})["commit"][0]
     assert lines[-1] == f"*Made from `experiments/results/quick`, code of commit {commit}.*"
     text = tables_named("quick", kept)
     assert "| agent | 2 px | 4 px | 8 px | 16 px |" in text.replace(" | what it must know", "")
