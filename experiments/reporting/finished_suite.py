@@ -80,8 +80,8 @@ def few_worlds(suite: Suite) -> str:
     if suite.worlds >= ENOUGH_WORLDS:
         return ""
     return (
-        f" With {counted(suite.worlds, 'world')}, fewer than {ENOUGH_WORLDS}, no ranking of agents is claimed: the thin "
-        "lines of the figures are single worlds."
+        f" With {counted(suite.worlds, 'world')}, fewer than {ENOUGH_WORLDS}, no ranking of agents is claimed: "
+        "the thin lines of the figures are single worlds."
     )
 
 
@@ -107,8 +107,8 @@ def where_it_stands(finished: FinishedSuite, scenario: ScenarioConfig | SweepCon
     )
     known = "; ".join(f"{agent.label}: {finished.must_know(agent)}" for agent in suite.agents_in(scenario))
     return (
-        f"Tolerance {scenario.env.tolerance_px:g} px of 512. {counted(suite.worlds, 'world')}, {trials}; lines: "
-        f"all worlds; {drawn}.\nBuilt on, beyond observations: {known}."
+        f"Tolerance {scenario.env.tolerance_px:g} px of 512. {counted(suite.worlds, 'world')}, {trials}; "
+        f"lines: all worlds; {drawn}.\nBuilt on, beyond observations: {known}."
     )
 
 

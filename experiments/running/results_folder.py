@@ -71,11 +71,13 @@ def read_suite(out: Path) -> tuple[Suite, str]:
     except (FileNotFoundError, NotADirectoryError) as error:
         raise ConfigError(f"{out}: no results here ({error.filename} is missing)") from None
     except (KeyError, TypeError, ValueError) as error:
-        first = error.errors()[0] if isinstance(error, ValidationError) else {"loc": (), "msg": repr(error)}
-        what = ".".join(map(str, first["loc"])) + ": " * bool(first["loc"]) + first["msg"]
+        what = repr(error)
+        if isinstance(error, ValidationError):
+            first = error.errors()[0]
+            what = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
         raise ConfigError(
-            f"{out / SUITE} is damaged, or of an earlier form ({what}); use the code that made it, or run the "
-            "suite again with another --out"
+            f"{out / SUITE} is damaged, or of an earlier form ({what}); use the code that made it, or run "
+            "the suite again with another --out"
         ) from None
 
 

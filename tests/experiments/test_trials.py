@@ -20,8 +20,8 @@ from experiments.reporting.by_trial.estimates import (
     trial_costs,
 )
 from experiments.reporting.by_trial.figure import span, trial_curves
-from experiments.reporting.pages.style import line_of
 from experiments.reporting.finished_suite import MOTIONS, SUCCESS, Perturbation, with_cost
+from experiments.reporting.pages.style import line_of
 
 AIM = {"at": {"trial": 4}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}
 BACK = {"at": {"trial": 6}, "undo": 0}

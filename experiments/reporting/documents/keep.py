@@ -73,6 +73,6 @@ def _refuse(finished: FinishedSuite, target: Path) -> None:
         raise ConfigError(f"{out} was made by other code ({code}, here it is {now}); run it again")
     if target.exists() and not (target / MARKDOWN).exists():
         raise ConfigError(
-            f"{target} holds kept results that are no suite's ({MARKDOWN} is missing); give the suite another "
-            "name"
+            f"{target} holds kept results that are no suite's ({MARKDOWN} is missing); give the suite "
+            "another name"
         )
