@@ -80,8 +80,8 @@ def few_worlds(suite: Suite) -> str:
     if suite.worlds >= ENOUGH_WORLDS:
         return ""
     return (
-        f" With {counted(suite.worlds, 'world')}, fewer than {ENOUGH_WORLDS}, no ranking of agents is claimed: "
-        "the thin lines of the figures are single worlds."
+        f" With {counted(suite.worlds, 'world')}, fewer than {ENOUGH_WORLDS}, no ranking of agents is "
+        "claimed: the thin lines of the figures are single worlds."
     )
 
 
