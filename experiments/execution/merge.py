@@ -17,7 +17,6 @@ from experiments.running.results_folder import (
     TIMINGS,
     VERSIONS,
     changed,
-    commit_of,
     folder_of,
     is_done,
     locked,
@@ -27,6 +26,7 @@ from experiments.running.results_folder import (
     write_json,
 )
 from experiments.running.trial_log import TRIALS
+from experiments.running.versions import commit_of
 
 _RESULT = (SPEC, VERSIONS, TRIALS, DONE)
 """Files that are the same whenever and wherever a run is made."""

@@ -25,14 +25,13 @@ from experiments.running.results_folder import (
     FAILED,
     LOG,
     SUITE,
-    commit_of,
     folder_of,
     is_done,
     locked,
     refuse_foreign,
     write_json,
 )
-from experiments.running.versions import commit, versions
+from experiments.running.versions import commit, commit_of, versions
 
 _LOOK_EVERY = 1.0
 """Seconds in which is shown how far the runs are."""

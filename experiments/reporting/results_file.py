@@ -31,7 +31,6 @@ from experiments.running.results_folder import (
     FAILED,
     TIMINGS,
     VERSIONS,
-    commit_of,
     folder_of,
     is_done,
     read_json,
@@ -40,6 +39,7 @@ from experiments.running.results_folder import (
     write_whole,
 )
 from experiments.running.trial_log import SCHEMA, TRIALS
+from experiments.running.versions import commit_of
 
 RESULTS, TIMES = "results.parquet", "timings.csv"
 MOST_OWN_TRIALS = 10_000

@@ -14,7 +14,6 @@ from pydantic import ValidationError
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.running.plan import runs_of
-from experiments.running.versions import UNKNOWN
 
 SUITE = "suite.json"
 LOCK = ".lock"
@@ -79,11 +78,6 @@ def read_suite(out: Path) -> tuple[Suite, str]:
             f"{out / SUITE} is damaged, or of an earlier form ({what}); use the code that made it, or run "
             "the suite again with another --out"
         ) from None
-
-
-def commit_of(out: Path) -> str:
-    """The commit that made what is finished in a folder; several where parts were merged."""
-    return str(read_json(out / SUITE).get("commit", UNKNOWN)) if (out / SUITE).exists() else UNKNOWN
 
 
 @contextmanager

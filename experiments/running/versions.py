@@ -6,6 +6,8 @@ import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from experiments.running.results_folder import SUITE, read_json
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 UNKNOWN = "unknown"
 """The commit of code that is in no repository."""
@@ -72,6 +74,11 @@ def commit() -> str:
     except OSError:
         return UNKNOWN
     return head.stdout.strip() + "+" * bool(changed.stdout.strip()) or UNKNOWN
+
+
+def commit_of(out: Path) -> str:
+    """The commit that made what is finished in a folder; several where parts were merged."""
+    return str(read_json(out / SUITE).get("commit", UNKNOWN)) if (out / SUITE).exists() else UNKNOWN
 
 
 def _code(also: tuple[str, ...]) -> str:

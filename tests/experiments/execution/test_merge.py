@@ -13,7 +13,7 @@ from experiments.errors import ConfigError
 from experiments.execution.merge import merge as gather_runs
 from experiments.execution.part import Part
 from experiments.running.plan import runs_of
-from experiments.running.results_folder import commit_of
+from experiments.running.versions import commit_of
 
 
 @pytest.mark.parametrize("of", [1, 2, 3, 4])
