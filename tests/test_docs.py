@@ -21,8 +21,10 @@ from calfree_gym.envs.goal import observation_space
 from calfree_gym.envs.single import StereoArmEnv
 from calfree_gym.perturbations import TYPES
 from calfree_gym.robot.motors import MOTORS
+from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config
+from experiments.reporting.documents.kept_tables import _MAKERS
 from experiments.running import trial_log as records
 
 ROOT = Path(__file__).parents[1]
@@ -211,6 +213,16 @@ def test_configuration_page_names_every_key_and_column_and_its_example_is_valid(
     (tmp_path / "knocked.yaml").write_text(example)
     suite = loading.load(tmp_path / "knocked.yaml")
     assert [agent.label for agent in suite.agents] == ["unified_servo", "coarse_table"]
+
+
+def test_configuration_page_names_every_command_and_every_table_of_a_summary():
+    text = (ROOT / "docs/configuration.md").read_text()
+    (commands,) = (action for action in _parser()._actions if isinstance(action.choices, dict))
+    for name in commands.choices:
+        assert f"`python -m experiments {name}" in text, name
+    (tables,) = re.findall(r"`table` \((.*?)\)", text)
+    assert {f"`{name}`" for name in (*_MAKERS, "claims")} == set(tables.split(", "))
+    assert "`extends`" in text
 
 
 def test_configuration_page_tells_the_defaults():

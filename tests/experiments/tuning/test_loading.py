@@ -119,3 +119,15 @@ def test_the_page_names_every_key_and_every_agent_that_is_not_tuned(shipped):
     told = {"learning_servo", "gaussian_process", "sb3"}  # other names of what is tuned
     for name in set(agents.names()) - {agent.name for agent in shipped.agents} - told:
         assert f"`{name}`" in text, name
+
+
+def test_the_page_names_every_agent_whose_kind_is_varied(shipped):
+    text = (CONFIGS.parent / "docs" / "tuning.md").read_text()
+    (but_for,) = re.findall(r"What an agent \*is\* stays:.*?But for(.*?)\n2\. ", text, re.DOTALL)
+    varied = {
+        agent.name
+        for agent in shipped.agents
+        for values in agent.choices.values()
+        if any(isinstance(value, bool | str) for value in values)
+    }
+    assert varied == {name for name in agents.names() if f"`{name}`" in but_for}
