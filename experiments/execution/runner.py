@@ -31,7 +31,7 @@ from experiments.running.results_folder import (
     refuse_foreign,
     write_json,
 )
-from experiments.running.versions import commit, commit_of, versions
+from experiments.running.versions import commit, commit_of, is_of_no_commit, versions
 
 _LOOK_EVERY = 1.0
 """Seconds in which is shown how far the runs are."""
@@ -95,7 +95,8 @@ class Runner:
             refuse_foreign(self._out, self._suite, here)
             pending = [spec for spec in runs if not is_done(folder_of(self._out, spec.id))]
             about = {"suite": self._suite.model_dump(mode="json"), "command": command}
-            about["commit"] = commit() if pending else commit_of(self._out)
+            made_by = commit_of(self._out)
+            about["commit"] = commit() if pending or is_of_no_commit(made_by) else made_by
             write_json(self._out / SUITE, about | {"part": str(self._part)})
             clear(self._out)
             self._display.say(f"{len(runs)} runs, {len(runs) - len(pending)} of them finished already")

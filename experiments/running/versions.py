@@ -76,6 +76,11 @@ def commit() -> str:
     return head.stdout.strip() + "+" * bool(changed.stdout.strip()) or UNKNOWN
 
 
+def is_of_no_commit(name: str) -> bool:
+    """Whether what `commit` or `commit_of` found is more or other than commits."""
+    return "+" in name or UNKNOWN in name
+
+
 def commit_of(out: Path) -> str:
     """The commit that made what is finished in a folder; several where parts were merged."""
     return str(read_json(out / SUITE).get("commit", UNKNOWN)) if (out / SUITE).exists() else UNKNOWN

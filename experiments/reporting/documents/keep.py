@@ -10,7 +10,7 @@ from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.report import MARKDOWN, PAGE, write_report
 from experiments.reporting.results_file import RESULTS, TIMES, read_finished
-from experiments.running.versions import UNKNOWN, commit, versions
+from experiments.running.versions import commit, is_of_no_commit, versions
 
 COLOURS = 64
 """Of a kept figure. Choice: no difference is seen, and files are a third as large."""
@@ -67,7 +67,7 @@ def _refuse(finished: FinishedSuite, target: Path) -> None:
         )
     made_by, here = finished.versions["commit"], commit()
     for whose, found in ((f"{out} was made by", made_by), ("this report would be made by", here)):
-        if "+" in found or UNKNOWN in found:
+        if is_of_no_commit(found):
             raise ConfigError(f"{whose} files that no commit has ({found}); commit them, and run it again")
     if (code := finished.versions["code"]) != (now := versions()["code"]):
         raise ConfigError(f"{out} was made by other code ({code}, here it is {now}); run it again")

@@ -61,16 +61,24 @@ def test_from_configuration_to_report(finished, capsys):
     pd.testing.assert_frame_equal(results, again)  # the run that was made again is the same
 
 
-def test_what_is_finished_keeps_the_commit_that_made_it(finished, monkeypatch):
+@pytest.mark.parametrize(
+    ("before", "lost", "after"),
+    [
+        ("0123456789ab", 0, "0123456789ab"),
+        ("0123456789ab", 1, "later"),
+        ("0123456789ab+", 0, "later"),  # its sources, which are the present ones, have been committed since
+    ],
+)
+def test_what_is_finished_keeps_the_commit_that_made_it(finished, monkeypatch, before, lost, after):
     config, out = finished
-    made_by = json.loads((out / "suite.json").read_text())["commit"]
+    about = json.loads((out / "suite.json").read_text())
+    (out / "suite.json").write_text(json.dumps(about | {"commit": before}))
     monkeypatch.setattr("experiments.execution.runner.commit", lambda: "later")
     monkeypatch.setattr("experiments.__main__._report", lambda source, out: None)
+    for folder in list(out.glob("runs/*unified_servo*"))[:lost]:
+        shutil.rmtree(folder)
     assert run(config, out) == 0
-    assert json.loads((out / "suite.json").read_text())["commit"] == made_by
-    shutil.rmtree(next(out.glob("runs/*unified_servo*")))
-    assert run(config, out) == 0
-    assert json.loads((out / "suite.json").read_text())["commit"] == "later"
+    assert json.loads((out / "suite.json").read_text())["commit"] == after
 
 
 def test_results_of_other_code_are_named_and_refused(finished, capsys):
