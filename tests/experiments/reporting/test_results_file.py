@@ -48,7 +48,10 @@ def test_times_stand_in_a_file_of_their_own(finished_once, parquet, tmp_path):
 
 
 def test_a_number_of_the_summary_is_that_of_the_rows(parquet, finished_once):
-    rows, summary = pd.read_parquet(parquet), pd.read_csv(finished_once / "summary.csv")
+    rows, summary = (
+        pd.read_parquet(parquet),
+        pd.read_csv(finished_once / "summary.csv", dtype={"commit": str}),
+    )
     held_out = rows[(rows["agent"] == "unified_servo") & (rows["phase"] == "eval")]
     before = held_out[held_out["lifetime_motions"] == 40]
     cost = before["motions"].where(before["rendezvous"], 20)
