@@ -118,3 +118,17 @@ def test_kept_results_of_another_kind_are_not_replaced(committed, tmp_path):
 
 def test_kept_rows_are_small_enough_for_a_repository():
     assert sum(path.stat().st_size for path in KEPT.glob("*/results.parquet")) <= 5_000_000
+
+
+def test_the_claims_of_a_kept_suite_are_tables(committed, tmp_path):
+    trials = {"agent": "unified_servo", "scenario": "aimed", "motions": 0}
+    criterion = {"measure": "rendezvous", "of": trials, "above": 0.5}
+    claim = {"name": "it_works", "section": "1", "words": "It works.", "criteria": [criterion]}
+    about = json.loads((committed / "suite.json").read_text())
+    about["suite"]["claims"] = [claim]
+    (committed / "suite.json").write_text(json.dumps(about))
+    gather(committed)
+    keep(committed, tmp_path / "kept")
+    assert "| It works. | claim | 1 | untested |" in tables_named("tiny/verdicts", tmp_path / "kept")
+    assert "above 50 %" in tables_named("tiny/claims", tmp_path / "kept")
+    assert "unified_servo" in tables_named("tiny/aimed", tmp_path / "kept")
