@@ -81,7 +81,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--worlds-from", type=int, default=100_000, help="seed of the first training world")
     parser.add_argument("--groups", type=int, default=8, help="groups of robots, by turns on waist and stand")
     parser.add_argument("--robots", type=int, default=512, help="robots in a group, each in its own world")
-    parser.add_argument("--updates", type=int, default=6500, help="updates of the weights")
+    parser.add_argument("--updates", type=int, default=12_000, help="updates of the weights")
     parser.add_argument("--motions", type=int, default=12, help="motions of a training trial")
     parser.add_argument("--hidden", type=int, default=128, help="width of the network")
     parser.add_argument("--learning-rate", type=float, default=1e-3, help="of Adam")
