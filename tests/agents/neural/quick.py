@@ -10,7 +10,7 @@ _OFF_POLICY = {
     "train_freq": 1,
     "gradient_steps": 1,
 }
-_ON_POLICY = {"net_arch": [16], "rows": 1, "n_steps": 20, "batch_size": 10, "n_epochs": 2}
+_ON_POLICY = {"target_kl": None, "net_arch": [16], "rows": 1, "n_steps": 20, "batch_size": 10, "n_epochs": 2}
 QUICK = {
     "sb3": _OFF_POLICY,
     **dict.fromkeys(SB3, _OFF_POLICY),

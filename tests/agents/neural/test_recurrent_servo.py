@@ -78,7 +78,7 @@ def test_the_kept_file_says_how_it_came_about(servo):
     training = servo.training
     assert training["worlds_from"] >= 50_000
     assert training["updates_made"] == training["updates"]
-    assert 0 < training["cpu_minutes"] <= 60
+    assert training["cpu_minutes"] > 0
     assert f"--seed {training['seed']} " in training["command"]
     assert {"python", "torch", "numpy", "mujoco", "gymnasium"} <= training["versions"].keys()
 
