@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from calfree_gym.errors import near_misses
 from experiments.config.overrides import with_overrides
 from experiments.config.requirements import requirements
-from experiments.config.suite import Suite
+from experiments.config.suite import AgentConfig, EnvironmentConfig, ScenarioConfig, Suite
 from experiments.errors import ConfigError
 
 Config = TypeVar("Config", bound=BaseModel)
@@ -140,20 +140,33 @@ def _with_settings_file(agent: Any, folder: Path) -> Any:
 
 def _unbuildable(suite: Suite) -> dict[str, str]:
     """What is wrong with environments and settings, found by building each once."""
+    wrong = unbuildable_environments(suite.scenarios)
+    for part in suite.parts:
+        for agent in suite.agents_in(part):
+            if why := unbuildable_agent(agent, part.env):
+                where = f"agents.{suite.agents.index(agent)}.settings"
+                wrong[where] = f"found {_short(agent.settings)}: {why}"
+    return wrong
+
+
+def unbuildable_environments(scenarios: Sequence[ScenarioConfig]) -> dict[str, str]:
+    """Why environments of scenarios cannot be made, by the path of the key."""
     wrong = {}
-    for i, scenario in enumerate(suite.scenarios):
+    for i, scenario in enumerate(scenarios):
         try:
             scenario.env.make(scenario.perturbations).close()
         except ValueError as error:
             wrong[f"scenarios.{i}.env"] = f"{error}"
-    for part in suite.parts:
-        for agent in suite.agents_in(part):
-            try:
-                requirements(agent, part.env)
-            except Exception as error:  # whatever a library raises at a setting that it cannot use
-                where = f"agents.{suite.agents.index(agent)}.settings"
-                wrong[where] = f"found {_short(agent.settings)}: {error}"
     return wrong
+
+
+def unbuildable_agent(agent: AgentConfig, env: EnvironmentConfig) -> str | None:
+    """Why an agent cannot be made in an environment, if so."""
+    try:
+        requirements(agent, env)
+    except Exception as error:  # whatever a library raises at a setting that it cannot use
+        return f"{error}"
+    return None
 
 
 def _short(value: Any) -> str:

@@ -108,6 +108,17 @@ class ScenarioConfig(Model):
                 )
         return value
 
+    @field_validator("evaluation")
+    @classmethod
+    def _within_the_longest_lifetime(
+        cls, value: EvaluationConfig | None, info: ValidationInfo
+    ) -> EvaluationConfig | None:
+        if value is not None and {"env", "motions", "trials"} <= info.data.keys():
+            most = _most_motions(info.data["motions"], info.data["trials"], info.data["env"])
+            if value.every > most:
+                raise ValueError(f"evaluation.every is {value.every}; lifetimes have at most {most} motions")
+        return value
+
     @property
     def length(self) -> tuple[int, str]:
         """How long a lifetime is, and what it is counted in: "motions" or "trials"."""
@@ -116,8 +127,7 @@ class ScenarioConfig(Model):
     @property
     def most_motions(self) -> int:
         """The most motions that a lifetime can have."""
-        length, of = self.length
-        return length if of == "motions" else length * self.env.max_episode_steps
+        return _most_motions(self.motions, self.trials, self.env)
 
 
 class SweepConfig(Model):
@@ -245,13 +255,14 @@ class Suite(Model):
         cls, value: EvaluationConfig | None, info: ValidationInfo
     ) -> EvaluationConfig | None:
         for scenario in info.data.get("scenarios", ()):
-            evaluation = scenario.evaluation or value
+            if scenario.evaluation is not None:
+                continue
             at_most = "" if scenario.motions is not None else "at most "
             lifetime = f"scenario {scenario.name!r} has {at_most}{scenario.most_motions} motions"
-            if evaluation is None and scenario.motions is not None:
+            if value is None and scenario.motions is not None:
                 raise ValueError(f"{lifetime}: only lifetimes counted in trials need no held-out trials")
-            if evaluation is not None and evaluation.every > scenario.most_motions:
-                raise ValueError(f"evaluation.every is {evaluation.every}; {lifetime}")
+            if value is not None and value.every > scenario.most_motions:
+                raise ValueError(f"evaluation.every is {value.every}; {lifetime}")
         return value
 
     @field_validator("claims")
@@ -285,6 +296,10 @@ class Suite(Model):
     def evaluation_of(self, scenario: ScenarioConfig) -> EvaluationConfig | None:
         """When agents are evaluated in a scenario, if ever."""
         return scenario.evaluation or self.evaluation
+
+
+def _most_motions(motions: int | None, trials: int | None, env: EnvironmentConfig) -> int:
+    return motions if motions is not None else (trials or 0) * env.max_episode_steps
 
 
 def _check_trials(

@@ -5,11 +5,11 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from experiments.errors import ConfigError
 from experiments.execution.orders import clear, order_of, place
-from experiments.running.plan import LifetimeRun, SweepRun, runs_of
+from experiments.running.plan import parse_run, runs_of
 from experiments.running.results_folder import (
     DONE,
     SPEC,
@@ -98,13 +98,12 @@ def _finished(part: Path) -> list[Path]:
 
 def _broken(folder: Path) -> str:
     """What is wrong with a folder that calls itself finished."""
-    run: TypeAdapter[LifetimeRun | SweepRun] = TypeAdapter(LifetimeRun | SweepRun)
     name = ""
     try:
         for name in (VERSIONS, DONE, TIMINGS):
             read_json(folder / name)
         name = SPEC
-        if (found := run.validate_json((folder / SPEC).read_bytes()).id) != folder.name:
+        if (found := parse_run((folder / SPEC).read_bytes()).id) != folder.name:
             return f"{SPEC} is of {found}"
         name = TRIALS
         text = (folder / TRIALS).read_text(encoding="utf-8")

@@ -5,6 +5,7 @@ import json
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from experiments.config.suite import AgentConfig, EvaluationConfig, Model, ScenarioConfig, Suite, SweepConfig
 
@@ -89,6 +90,12 @@ class SweepRun(Run):
     def work(self) -> tuple[int, str]:
         """See `Run`."""
         return len(self.sweep.over) * len(self.world_seeds), "trials"
+
+
+def parse_run(text: str | bytes) -> LifetimeRun | SweepRun:
+    """Reads what `model_dump_json` of a run wrote."""
+    kinds: TypeAdapter[LifetimeRun | SweepRun] = TypeAdapter(LifetimeRun | SweepRun)
+    return kinds.validate_json(text)
 
 
 def runs_of(suite: Suite) -> list[Run]:

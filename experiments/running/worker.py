@@ -9,14 +9,12 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter
-
 import agents
 from experiments.config.requirements import requirements
 from experiments.cpu_time import CPU, CpuTimes, TimedPredictor
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.running.lifetime import LifetimeRecorder
-from experiments.running.plan import LifetimeRun, SweepRun
+from experiments.running.plan import LifetimeRun, SweepRun, parse_run
 from experiments.running.results_folder import DONE, SPEC, TIMINGS, write_json
 from experiments.running.rows import RowsRecorder
 from experiments.running.sweep_trials import run_sweep
@@ -162,8 +160,7 @@ def main(folder: Path) -> None:
 
     But for what it took, which stands in timings.json, a run leaves the same in each repetition.
     """
-    kinds: TypeAdapter[LifetimeRun | SweepRun] = TypeAdapter(LifetimeRun | SweepRun)
-    run = kinds.validate_json((folder / SPEC).read_text(encoding="utf-8"))
+    run = parse_run((folder / SPEC).read_text(encoding="utf-8"))
     start, times = time.monotonic(), CpuTimes()
     if isinstance(run, SweepRun):
         outcome, learned = run_sweep(run, folder, times), 0

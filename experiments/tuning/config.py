@@ -123,17 +123,6 @@ class TuningScenarioConfig(ScenarioConfig):
         if value is not None:
             raise ValueError("here each agent names its scenario")
 
-    @field_validator("evaluation")
-    @classmethod
-    def _within_every_lifetime(cls, value: EvaluationConfig, info: ValidationInfo) -> EvaluationConfig:
-        if {"env", "motions", "trials"} <= info.data.keys():
-            length = info.data["motions"] or info.data["trials"] * info.data["env"].max_episode_steps
-            if value.every > length:
-                raise ValueError(
-                    f"evaluation.every is {value.every}; lifetimes have at most {length} motions"
-                )
-        return value
-
 
 class TuningConfig(Model):
     """Which agents are tuned, and what for each of them is allowed at most.

@@ -5,8 +5,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from experiments.config.loading import load_as, read_mapping, read_yaml
-from experiments.config.requirements import requirements
+from experiments.config.loading import (
+    load_as,
+    read_mapping,
+    read_yaml,
+    unbuildable_agent,
+    unbuildable_environments,
+)
 from experiments.config.suite import AgentConfig
 from experiments.running.plan import world_seeds
 from experiments.tuning.config import TunedAgentConfig, TuningConfig, TuningScenarioConfig
@@ -38,13 +43,9 @@ def seeds_of_suites(folder: Path) -> dict[int, str]:
 
 
 def _wrong_in(config: TuningConfig, folder: Path) -> dict[str, str]:
-    wrong = {}
+    wrong = unbuildable_environments(config.scenarios)
     taken = seeds_of_suites(folder)
-    for i, scenario in enumerate(config.scenarios):
-        try:
-            scenario.env.make(scenario.perturbations).close()
-        except ValueError as error:
-            wrong[f"scenarios.{i}.env"] = f"{error}"
+    for scenario in config.scenarios:
         seeds = world_seeds(config.seed, scenario.worlds + scenario.check_worlds)
         if suites := {taken[seed] for seed in seeds if seed in taken}:
             wrong["seed"] = f"found {config.seed}: it gives worlds of {', '.join(sorted(suites))}"
@@ -89,8 +90,4 @@ def _unbuildable(
 ) -> str | None:
     """Why the agent cannot be made with these settings, if so."""
     whole = AgentConfig(name=agent.name, label=agent.name, settings=agent.settings | settings)
-    try:
-        requirements(whole, scenario.env)
-    except Exception as error:  # whatever a library raises at a setting that it cannot use
-        return f"{error}"
-    return None
+    return unbuildable_agent(whole, scenario.env)

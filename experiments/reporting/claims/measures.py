@@ -78,8 +78,7 @@ def _part(suite: Suite, trials: TrialsOf) -> ScenarioConfig | SweepConfig:
 
 def _rows(results: pd.DataFrame, part: ScenarioConfig | SweepConfig, trials: TrialsOf) -> pd.DataFrame:
     """All rows of the agent in the scenario or sweep."""
-    rows = with_cost(results, part)
-    return rows[rows["agent"] == trials.agent]
+    return with_cost(results[results["agent"] == trials.agent], part)
 
 
 def _chosen(rows: pd.DataFrame, trials: TrialsOf) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 import shlex
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 from PIL import Image
@@ -39,7 +40,7 @@ def keep(out: Path, kept: Path) -> Path:
     partial.mkdir(parents=True)
     for name in (RESULTS, TIMES):
         shutil.copyfile(out / name, partial / name)
-    write_report(read_finished(partial / RESULTS, partial))
+    write_report(replace(finished, out=partial))
     (partial / PAGE).unlink()
     for figure in sorted((partial / "figures").iterdir()):
         if figure.suffix == ".png":

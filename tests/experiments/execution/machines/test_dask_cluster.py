@@ -1,7 +1,6 @@
 """Runs on a Dask cluster: workers that are killed, and clusters that go away."""
 
 import json
-import random
 import subprocess
 import sys
 import threading
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.experiments.execution.machines.conftest import results
+from tests.experiments.execution.machines.conftest import assert_nothing_changed, made_anew_until, results
 
 REPOSITORY = Path(__file__).parents[4]
 
@@ -65,30 +64,16 @@ def test_workers_killed_at_twenty_moments_change_nothing(run, finished_once, clu
 
 
 def kill_workers(run, finished_once, cluster, tmp_path, kills):
-    """Makes the suite anew until so many workers were killed, and others came, while it was made."""
-    rng, killed, tries = random.Random(0), 0, 0
+    """Kills workers, for each of which another one comes."""
     cluster.add(workers=2)
-    while killed < kills:
-        tries += 1
-        assert tries <= 10 + kills, "the suite is over before anything is killed"
-        out, over, count = tmp_path / str(tries), threading.Event(), []
 
-        def kill(over=over, count=count):
-            while len(count) < 3 and not over.wait(rng.uniform(0.2, 2.0)):
-                cluster.kill_one(rng.randrange(2))
-                cluster.add()
-                count.append(1)
+    def kill_one(rng, out):
+        cluster.kill_one(rng.randrange(2))
+        cluster.add()
+        return True
 
-        thread = threading.Thread(target=kill)
-        thread.start()
-        try:
-            assert run(out, "--cluster", cluster.address) == 0
-        finally:
-            over.set()
-            thread.join()
-        killed += len(count)
-        assert results(out) == results(finished_once)
-        assert not (out / "runs" / ".attempts").exists()
+    for out in made_anew_until(kills, lambda out: run(out, "--cluster", cluster.address), kill_one, tmp_path):
+        assert_nothing_changed(out, finished_once)
 
 
 def test_a_cluster_that_goes_away_is_one_error_and_the_rest_is_made_here(

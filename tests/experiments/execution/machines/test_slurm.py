@@ -1,14 +1,12 @@
 """Runs as jobs, made by submitit's executor of this machine."""
 
 import os
-import random
 import signal
-import threading
 from pathlib import Path
 
 import pytest
 
-from tests.experiments.execution.machines.conftest import results
+from tests.experiments.execution.machines.conftest import assert_nothing_changed, made_anew_until, results
 
 HERE = ("--slurm", "--slurm-option", "cluster=local", "--slurm-option", "array_parallelism=2")
 
@@ -27,30 +25,19 @@ def processes(word, out):
 
 
 def kill_jobs(run, finished_once, tmp_path, kills):
-    """Makes the suite anew until so many jobs or bodies were killed while it was made."""
-    rng, killed, tries = random.Random(0), 0, 0
-    while killed < kills:
-        tries += 1
-        assert tries <= 10 + kills, "the suite is over before anything is killed"
-        out, over, count = tmp_path / str(tries), threading.Event(), []
+    """Kills jobs, what starts them, or bodies."""
 
-        def kill(out=out, over=over, count=count):
-            while len(count) < 3 and not over.wait(rng.uniform(0.2, 2.0)):
-                what = rng.choice(["submitit.core._submit", "submitit.local._local", "running.worker"])
-                if found := processes(what, out):
-                    os.kill(rng.choice(found), signal.SIGKILL)
-                    count.append(what)
+    def kill_one(rng, out):
+        what = rng.choice(["submitit.core._submit", "submitit.local._local", "running.worker"])
+        if found := processes(what, out):
+            os.kill(rng.choice(found), signal.SIGKILL)
+        return bool(found)
 
-        thread = threading.Thread(target=kill)
-        thread.start()
-        try:
-            assert run(out, *HERE, "--retries", "4") == 0
-        finally:
-            over.set()
-            thread.join()
-        killed += len(count)
-        assert results(out) == results(finished_once)
-        assert not (out / "runs" / ".attempts").exists()
+    def make(out):
+        return run(out, *HERE, "--retries", "4")
+
+    for out in made_anew_until(kills, make, kill_one, tmp_path):
+        assert_nothing_changed(out, finished_once)
 
 
 def test_a_job_killed_at_some_moment_changes_nothing(run, finished_once, tmp_path):
