@@ -141,7 +141,7 @@ SB3 = ("sac", "sac_her", "td3", "tqc", "crossq", "ppo", "recurrent_ppo")
 """Learners of stable-baselines3 and sb3_contrib; each is its file in configs/agents."""
 SELF_TAUGHT = ("self_supervised", "cooperstock_milios")
 """Networks that teach themselves from their own motions."""
-NEURAL = ("recurrent_servo", "sb3", *SB3, *SELF_TAUGHT)
+NEURAL = ("recurrent_servo", "sb3", *SB3)
 """Agents that load torch."""
 
 _MAKERS: dict[str, Callable[..., Agent]] = {

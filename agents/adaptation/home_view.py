@@ -67,15 +67,14 @@ class HomeView:
 
     def jumped(self, gripper: Array) -> Cameras:
         """In which cameras the gripper (4,) is now seen elsewhere than in the last few trials."""
-        return self._displaced(np.concatenate([self.sensors[-self.JUMP_REFERENCE :], [gripper]]), 1)
+        sensors = np.concatenate([self.sensors[-self.JUMP_REFERENCE :], [gripper]])
+        return self._displaced(sensors, np.array([1]))[0] if len(sensors) > 1 else np.zeros(2, bool)
 
     def drifting(self) -> Cameras:
         """In which cameras the latest trials show the gripper elsewhere than those before."""
-        for latest in range(2, min(self.DRIFT_LATEST, len(self.sensors) - 1) + 1):
-            cameras = self._displaced(self.sensors, latest)
-            if cameras.any():
-                return cameras
-        return np.zeros(2, bool)
+        latest = np.arange(2, min(self.DRIFT_LATEST, len(self.sensors) - 1) + 1)
+        displaced = self._displaced(self.sensors, latest)
+        return displaced[displaced.any(1).argmax()] if len(latest) else np.zeros(2, bool)
 
     def drift_rate(self, latest: int) -> Array:
         """How far the view moves per trial (4,): the slope of a line through the latest trials."""
@@ -83,10 +82,10 @@ class HomeView:
         times = np.arange(len(sensors)) - (len(sensors) - 1) / 2
         return np.asarray(times @ sensors / max(float(times @ times), 1.0))
 
-    def _displaced(self, sensors: Array, latest: int) -> Cameras:
-        """In which cameras the mean of the latest differs from the mean of those before."""
-        if len(sensors) == latest:
-            return np.zeros(2, bool)
-        apart = sensors[-latest:].mean(0) - sensors[:-latest].mean(0)
-        noise = self.noise_px() * np.sqrt(1 / latest + 1 / (len(sensors) - latest))
+    def _displaced(self, sensors: Array, latest: NDArray[np.int64]) -> Cameras:
+        """In which cameras (k, 2) the means of the latest (k,) differ from the means of those before."""
+        after, before = latest[:, None], len(sensors) - latest[:, None]
+        sums = sensors.cumsum(0)
+        apart = (sums[-1] - sums[before[:, 0] - 1]) / after - sums[before[:, 0] - 1] / before
+        noise = self.noise_px() * np.sqrt(1 / after + 1 / before)
         return np.asarray(camera_lengths_px(apart) > self.SIGMAS * noise)

@@ -59,6 +59,8 @@ class GaussianProcess:
     """Gauss-Newton steps of a recall at most. Choice: they end when a step is within `SAME_PLACE`."""
     LONGEST_STEP = 0.5
     """One such step moves no register further. A guard against the quadratic's far side."""
+    BLOCK = 16
+    """So many support points are solved for at a time. Choice: as fast as any."""
     REGISTER_STD = 1.0
     """Prior deviation of one such step, in registers. Derived: a register ends at 1."""
     CONTRADICTION_SIGMAS = 3.0
@@ -71,8 +73,9 @@ class GaussianProcess:
         self.sensors = np.empty((0, 2 * len(CAMERAS)))
         self.variances = np.empty((0, len(CAMERAS)))
         self._whitening = np.empty((len(CAMERAS), 0, 0))
-        self._solved = True
         self._weights = np.empty((0, 2 * len(CAMERAS)))
+        self._whitened = 0
+        self._solved = True
 
     def __repr__(self) -> str:
         return f"GaussianProcess(points={self.points})"
@@ -103,7 +106,7 @@ class GaussianProcess:
     def views(self, registers: Array) -> tuple[Array, Array]:
         """What should be seen at registers (k, m): sensors (k, 4), and variances in each camera (k, 2)."""
         self._solve()
-        kernel = self._kernel(registers)
+        kernel = self._kernel(registers, self.registers)
         return kernel @ self._weights, self._variances(kernel, registers)
 
     def jacobian(self, registers: Array) -> Array | None:
@@ -121,9 +124,10 @@ class GaussianProcess:
             self.sensors, self.variances = self.sensors.copy(), self.variances.copy()
             share = self.variances[same] / (self.variances[same] + noise)
             self.sensors[same] += np.repeat(share, 2) * (sensors - self.sensors[same])
-            self.variances[same] = np.maximum(
-                self.variances[same] * (1 - share), self.noise / self.MOST_AVERAGED
-            )
+            variances = np.maximum(self.variances[same] * (1 - share), self.noise / self.MOST_AVERAGED)
+            if (variances != self.variances[same]).any():
+                self.variances[same] = variances
+                self._whitened = min(self._whitened, same)
         else:
             self.registers = np.concatenate([self.registers, [registers]])
             self.sensors = np.concatenate([self.sensors, [sensors]])
@@ -137,7 +141,7 @@ class GaussianProcess:
         if len(self.registers):
             self.sensors, self.registers = change(self.sensors, self.registers)
             self.variances = self.variances + (deviation_px * IMAGE_UNIT) ** 2
-            self._solved = False
+            self._whitened, self._solved = 0, False
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""
@@ -149,17 +153,17 @@ class GaussianProcess:
         sensors = checked_array(arrays, "sensors", (len(registers), 2 * len(CAMERAS)))
         variances = checked_array(arrays, "variances", (len(registers), len(CAMERAS)))
         self.registers, self.sensors, self.variances = registers, sensors, variances
-        self._solved = False
+        self._whitened, self._solved = 0, False
 
     @property
     def noise(self) -> float:
         """Variance of what is seen in a camera, in square image units."""
         return (self.NOISE_PX * IMAGE_UNIT) ** 2
 
-    def _kernel(self, places: Array) -> Array:
-        """Prior covariance (k, n) of what is seen at `places` (k, m) and at the support points."""
-        products = places @ self.registers.T / self.LENGTH**2
-        squares = np.einsum("ij,ij->i", self.registers, self.registers) / self.LENGTH**2
+    def _kernel(self, places: Array, others: Array) -> Array:
+        """Prior covariance (k, n) of what is seen at `places` (k, m) and at `others` (n, m)."""
+        products = places @ others.T / self.LENGTH**2
+        squares = np.einsum("ij,ij->i", others, others) / self.LENGTH**2
         apart = squares + (np.einsum("ij,ij->i", places, places) / self.LENGTH**2)[:, None] - 2 * products
         return np.asarray((1 + products) ** 2 + self.DEPARTURE_VARIANCE * np.exp(-apart / 2))
 
@@ -180,40 +184,44 @@ class GaussianProcess:
     def _prune(self) -> None:
         """Drops, one after the other, the support points that add least to the others."""
         self._solve()
-        inverses, kept = self._whitening.swapaxes(1, 2) @ self._whitening, np.arange(len(self.registers))
-        while len(kept) > self.points:
-            redundant = np.einsum("cii,ic->i", inverses, self.variances[kept])
-            index = int(redundant.argmax())
+        inverses, kept = self._whitening.swapaxes(1, 2) @ self._whitening, np.ones(len(self.registers), bool)
+        for _ in range(len(kept) - self.points):
+            redundant = np.einsum("cii,ic->i", inverses, self.variances)
+            index = int(np.where(kept, redundant, -np.inf).argmax())
             column = inverses[:, index]
-            inverses = inverses - column[:, :, None] * (column / column[:, [index]])[:, None]
-            inverses = np.delete(np.delete(inverses, index, 1), index, 2)
-            kept = np.delete(kept, index)
+            inverses -= column[:, :, None] * (column / column[:, [index]])[:, None]
+            kept[index] = False
         self.registers, self.sensors, self.variances = (
             values[kept] for values in (self.registers, self.sensors, self.variances)
         )
-        self._solved = False
+        self._whitened, self._solved = 0, False
 
     def _solve(self) -> None:
         """Solves for the weights of the support points, where any has changed since."""
         if not self._solved:
-            kernel = self._kernel(self.registers)
-            alike = (self.variances[:, 0] == self.variances[:, 1]).all()
-            cameras = self.variances.T[:1] if alike else self.variances.T
-            factors = np.linalg.cholesky([kernel + np.diag(own) for own in cameras])
-            whitening = [_lower_inverse(factor) for factor in factors]
-            self._whitening = np.broadcast_to(whitening, (len(CAMERAS), *kernel.shape))
+            self._whiten()
             seen = self.sensors.reshape(-1, len(CAMERAS), 2).swapaxes(0, 1)
             self._weights = np.concatenate([*(self._whitening.swapaxes(1, 2) @ (self._whitening @ seen))], 1)
             self._solved = True
 
+    def _whiten(self) -> None:
+        """Inverts the Cholesky factors of both cameras' covariances, in blocks behind those that still hold.
 
-def _lower_inverse(factor: Array) -> Array:
-    """Inverse (n, n) of a lower triangle (n, n), by halves: NumPy has no triangular solve."""
-    half = len(factor) // 2
-    if half < 16:  # small enough that halves gain nothing
-        return np.asarray(np.linalg.inv(factor), float)
-    inverse = np.zeros_like(factor)
-    inverse[:half, :half] = _lower_inverse(factor[:half, :half])
-    inverse[half:, half:] = _lower_inverse(factor[half:, half:])
-    inverse[half:, :half] = -inverse[half:, half:] @ factor[half:, :half] @ inverse[:half, :half]
-    return inverse
+        Blocks begin at multiples of `BLOCK`: so rounding does not depend on what was solved before.
+        """
+        size, known = len(self.registers), self._whitened // self.BLOCK * self.BLOCK
+        alike = (self.variances[:, 0] == self.variances[:, 1]).all()
+        cameras = 1 if alike else len(CAMERAS)
+        whitening = np.zeros((cameras, size, size))
+        whitening[:, :known, :known] = self._whitening[:cameras, :known, :known]
+        for begin in range(known, size, self.BLOCK):
+            block = slice(begin, begin + self.BLOCK)
+            before, noise = whitening[:, :begin, :begin], self.variances[block].T[:cameras]
+            kernel = self._kernel(self.registers[block], self.registers[: block.stop])
+            factor = kernel[:, :begin] @ before.swapaxes(1, 2)
+            own = kernel[:, begin:] + np.eye(noise.shape[1]) * noise[:, None]
+            corner = np.linalg.inv(np.linalg.cholesky(own - factor @ factor.swapaxes(1, 2)))
+            whitening[:, block, block] = corner
+            whitening[:, block, :begin] = -corner @ factor @ before
+        self._whitening = np.broadcast_to(whitening, (len(CAMERAS), size, size))
+        self._whitened = size

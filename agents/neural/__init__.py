@@ -1,1 +1,1 @@
-"""Neural learners. These load torch, and only when they are made."""
+"""Neural learners. All but those that teach themselves load torch, and only when they are made."""

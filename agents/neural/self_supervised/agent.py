@@ -9,7 +9,6 @@ from typing import Any, Self
 
 import gymnasium as gym
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from agents.base.agent import Callback
@@ -88,7 +87,6 @@ class SelfTaughtAgent(ProcedureAgent):
         seed: int,
     ) -> None:
         super().__init__(env, seed)
-        torch.set_num_threads(1)
         self.model, self.schedule = model, schedule
         self.replay = Replay(model.motors, schedule.capacity)
         self._consecutive = consecutive

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
-from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from agents.base.checks import check_number, check_numbers, checked_array
 from agents.base.observation import Array
+from agents.neural.self_supervised.perceptron import Float32, Perceptron
 from agents.neural.self_supervised.replay import SENSORS, Pairs
 
 DISTANCE = 4
@@ -42,9 +38,6 @@ class InverseModel:
         knows_registers: Whether registers are among its inputs.
     """
 
-    AVERAGING = 0.99
-    """The weights that act are an exponential average of the trained ones over some 1 / (1 - 0.99) updates
-    (Polyak & Juditsky 1992)."""
     SMALL_CHANGE = 0.06
     """Errors of words are relative to the change of d, and to no smaller one than this share of
     `image_scale`: smaller ones say little of a reach."""
@@ -64,17 +57,8 @@ class InverseModel:
         self._described = f"hidden={tuple(hidden)}, learning_rate={learning_rate:g}"
         self._matrix, self._knows_registers = matrix, knows_registers
         inputs = SENSORS + DISTANCE + motors * knows_registers
-        widths = (inputs, *hidden)
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            layers: list[nn.Module] = []
-            for wide, next_wide in pairwise(widths):
-                layers += [nn.Linear(wide, next_wide), nn.SiLU()]
-            layers.append(nn.Linear(widths[-1], motors * DISTANCE if matrix else motors))
-        self._network = nn.Sequential(*layers)
-        self._averaged = copy.deepcopy(self._network).requires_grad_(False)
-        self._adam = torch.optim.Adam(self._network.parameters(), lr=learning_rate, fused=True)
-        self._weights = [*zip(self._averaged.parameters(), self._network.parameters(), strict=True)]
+        outputs = motors * DISTANCE if matrix else motors
+        self._network = Perceptron((inputs, *hidden, outputs), learning_rate, seed)
         self._center = np.zeros(SENSORS)
         self.image_scale = 0.0
         self.register_scale = np.ones(motors)
@@ -105,9 +89,8 @@ class InverseModel:
             registers: Before (n, m).
             change: Of the image distance (n, 4).
         """
-        with torch.no_grad():
-            outputs = self._said(self._averaged, *self._inputs(sensors, registers, change))
-        return np.asarray(outputs.numpy() * self.register_scale, float)
+        inputs = self._inputs(sensors, registers, change)
+        return self._said(self._network(inputs), inputs) * self.register_scale
 
     def judge(self, pairs: Pairs) -> tuple[Array, Array, Array]:
         """What the network says of pairs of observations.
@@ -130,58 +113,48 @@ class InverseModel:
         """
         if len(pairs.words) < steps:
             return
-        inputs, wanted = self._inputs(pairs.sensors, pairs.registers, pairs.change)
-        made = torch.from_numpy(np.float32(pairs.words / self.register_scale))
-        relative = torch.from_numpy(np.float32(1 / self._size(pairs.change)))
-        doubtful = torch.from_numpy(pairs.doubtful)
-        batches = (each.tensor_split(steps) for each in (inputs, wanted, made, relative, doubtful))
-        for batch, change, words, weights, old in zip(*batches, strict=True):
-            errors = (self._said(self._network, batch, change) - words).square().sum(1) * weights
+        inputs = self._inputs(pairs.sensors, pairs.registers, pairs.change)
+        made = np.float32(pairs.words / self.register_scale)
+        relative = np.float32(1 / self._size(pairs.change))
+        usual = np.float32(usual_error**2)
+        batches = (np.array_split(each, steps) for each in (inputs, made, relative, pairs.doubtful))
+        for batch, words, weights, old in zip(*batches, strict=True):
+            passed = self._network.forward(batch)
+            residuals = self._said(passed.outputs, batch) - words
             if old.any():
-                confirmed = usual_error**2 / (usual_error**2 + errors.detach())
-                errors = torch.where(old, confirmed * errors, errors)
-            self._adam.zero_grad()
-            errors.mean().backward()
-            self._adam.step()
-            for average, latest in self._weights:
-                average.lerp_(latest.detach(), 1 - self.AVERAGING)
+                errors = np.square(residuals).sum(1) * weights
+                weights = np.where(old, weights * usual / (usual + errors), weights)
+            slopes = residuals * weights[:, None] * np.float32(2 / len(batch))
+            self._network.descend(passed, self._by_outputs(slopes, batch))
 
     def _size(self, change: Array) -> Array:
         """Squared lengths (n,) of changes of d, relative to the image scale, and never very small."""
         return np.asarray(np.square(change / self.image_scale).sum(1) + self.SMALL_CHANGE**2)
 
-    def _inputs(self, sensors: Array, registers: Array, change: Array) -> tuple[Tensor, Tensor]:
-        """The network's inputs (n, k), and among them the wanted changes (n, 4), all relative."""
-        wanted = change / self.image_scale
-        inputs = [wanted, (sensors - self._center) / self.image_scale]
+    def _inputs(self, sensors: Array, registers: Array, change: Array) -> Float32:
+        """The network's inputs (n, i), all relative: the wanted change of d comes first."""
+        inputs = [change / self.image_scale, (sensors - self._center) / self.image_scale]
         if self._knows_registers:
             inputs.append(registers / self.register_scale)
-        joined = torch.from_numpy(np.concatenate(inputs, 1, dtype=np.float32))
-        return joined, joined[:, :DISTANCE]
+        return np.concatenate(inputs, 1, dtype=np.float32)
 
-    def _said(self, network: nn.Module, inputs: Tensor, wanted: Tensor) -> Tensor:
-        """Words (n, m), relative to `register_scale`, that a network says for its inputs."""
-        outputs: Tensor = network(inputs)
+    def _said(self, outputs: Float32, inputs: Float32) -> Float32:
+        """Words (n, m), relative to `register_scale`, by the network's outputs for its inputs."""
         if not self._matrix:
             return outputs
-        return (outputs.view(-1, self.motors, DISTANCE) @ wanted[:, :, None])[:, :, 0]
+        matrices = outputs.reshape(-1, self.motors, DISTANCE)
+        return np.asarray((matrices * inputs[:, None, :DISTANCE]).sum(2))
+
+    def _by_outputs(self, slopes: Float32, inputs: Float32) -> Float32:
+        """How something changes with the network's outputs (n, k), from how it does with words (n, m)."""
+        if not self._matrix:
+            return slopes
+        return (slopes[:, :, None] * inputs[:, None, :DISTANCE]).reshape(len(slopes), -1)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Weights, averaged weights, Adam's moments and scales, by name."""
-        weights = list(self._network.parameters())
-        moments = [self._adam.state.get(each, {}) for each in weights]
-
-        def flat(name: str) -> Tensor:
-            return parameters_to_vector(
-                [m.get(name, torch.zeros_like(w)) for m, w in zip(moments, weights, strict=True)]
-            )
-
         return {
-            "weights": parameters_to_vector(weights).detach().numpy().copy(),
-            "averaged": parameters_to_vector(self._averaged.parameters()).numpy().copy(),
-            "first_moments": flat("exp_avg").numpy().copy(),
-            "second_moments": flat("exp_avg_sq").numpy().copy(),
-            "updates": np.array(float(moments[0].get("step", 0.0))),
+            **self._network.arrays(),
             "center": self._center.copy(),
             "image_scale": np.array(self.image_scale),
             "register_scale": self.register_scale.copy(),
@@ -193,24 +166,8 @@ class InverseModel:
         Raises:
             ValueError: An array is missing, damaged or of another shape.
         """
-        weights = list(self._network.parameters())
-        size = (sum(each.numel() for each in weights),)
-        names = ("weights", "averaged", "first_moments", "second_moments")
-        flat = {name: torch.from_numpy(np.float32(checked_array(arrays, name, size))) for name in names}
-        updates = float(checked_array(arrays, "updates", ()))
         center = checked_array(arrays, "center", (SENSORS,))
         image_scale = float(checked_array(arrays, "image_scale", ()))
         register_scale = checked_array(arrays, "register_scale", (self.motors,))
-        vector_to_parameters(flat["weights"], weights)
-        vector_to_parameters(flat["averaged"], self._averaged.parameters())
-        places = np.cumsum([each.numel() for each in weights])[:-1].tolist()
-        first, second = (torch.tensor_split(flat[name], places) for name in names[2:])
-        self._adam.state.clear()
-        for weight, mean, square in zip(weights, first, second, strict=True):
-            if updates:
-                self._adam.state[weight] = {
-                    "step": torch.tensor(updates),
-                    "exp_avg": mean.view_as(weight).clone(),
-                    "exp_avg_sq": square.view_as(weight).clone(),
-                }
+        self._network.restore(arrays)
         self._center, self.image_scale, self.register_scale = center, image_scale, register_scale

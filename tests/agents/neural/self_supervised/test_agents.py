@@ -24,7 +24,7 @@ def lengths(agent, env, trials=20):
 
 @pytest.mark.parametrize("motors", [2, 3, 6])
 def test_it_learns_to_reach_with_any_number_of_motors(linear, motors):
-    agent, env = linear(motors=motors)
+    agent, env = linear(motors=motors, settings={})
     assert lengths(agent, env).mean() < 4
 
 
@@ -67,7 +67,7 @@ def test_another_change_is_told_and_the_replay_doubted(linear):
 
 @pytest.mark.parametrize(("noise", "outliers"), [(0.0, 0.0), (0.012, 0.0), (0.002, 0.1)])
 def test_noise_is_no_change(linear, noise, outliers):
-    agent, _ = linear(motions=400, noise=noise, outliers=outliers, tolerance=0.06)
+    agent, _ = linear(motions=400, noise=noise, outliers=outliers, tolerance=0.06, settings={})
     assert agent.changes == []
 
 
