@@ -18,8 +18,9 @@ from matplotlib.transforms import Bbox
 
 from experiments.reporting.pages.section import Drawing
 
-# Okabe and Ito's palette, distinct for all kinds of colour vision; markers and dashes are distinct in grey.
-_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
+# Okabe and Ito's palette, distinct for all kinds of colour vision, but grey for their yellow: pale on white.
+# Markers and dashes are distinct in grey.
+_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000", "#999999")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), "-.", (0, (3, 1, 1, 1, 1, 1)), "-", "--")
 _MARGIN = 0.05  # inches around a piece
