@@ -86,6 +86,7 @@ class HomeView:
         """In which cameras (k, 2) the means of the latest (k,) differ from the means of those before."""
         after, before = latest[:, None], len(sensors) - latest[:, None]
         sums = sensors.cumsum(0)
-        apart = (sums[-1] - sums[before[:, 0] - 1]) / after - sums[before[:, 0] - 1] / before
+        earlier = sums[-latest - 1]
+        apart = (sums[-1] - earlier) / after - earlier / before
         noise = self.noise_px() * np.sqrt(1 / after + 1 / before)
         return np.asarray(camera_lengths_px(apart) > self.SIGMAS * noise)

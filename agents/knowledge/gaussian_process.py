@@ -51,6 +51,8 @@ class GaussianProcess:
     coefficients."""
     SPARE = 30
     """This many more support points are kept before they are pruned. Choice: pruning takes time."""
+    BLOCK = 16
+    """So many support points are solved for at a time. Choice: as fast as any."""
     MOST_AVERAGED = 10
     """As many observations of one place count at most, as what is seen there may change. Choice."""
     SAME_PLACE = 1e-4
@@ -59,8 +61,6 @@ class GaussianProcess:
     """Gauss-Newton steps of a recall at most. Choice: they end when a step is within `SAME_PLACE`."""
     LONGEST_STEP = 0.5
     """One such step moves no register further. A guard against the quadratic's far side."""
-    BLOCK = 16
-    """So many support points are solved for at a time. Choice: as fast as any."""
     REGISTER_STD = 1.0
     """Prior deviation of one such step, in registers. Derived: a register ends at 1."""
     CONTRADICTION_SIGMAS = 3.0

@@ -15,7 +15,7 @@ Float32 = NDArray[np.float32]
 
 
 class ForwardPass(NamedTuple):
-    """What the trained weights make of inputs.
+    """What weights make of inputs.
 
     Attributes:
         outputs: Of the network (n, k).
@@ -61,15 +61,14 @@ class Perceptron:
 
     def __call__(self, inputs: Float32) -> Float32:
         """Outputs (n, k) of the averaged weights for inputs (n, i)."""
-        *hidden, (matrix, bias) = self._layers(self.averaged)
-        values = inputs
-        for each, its_bias in hidden:
-            values = _silu(values @ each.T + its_bias)[0]
-        return np.asarray(values @ matrix.T + bias)
+        return self._forward(self.averaged, inputs).outputs
 
     def forward(self, inputs: Float32) -> ForwardPass:
         """What the trained weights make of inputs (n, i)."""
-        *hidden, (matrix, bias) = self._layers(self.weights)
+        return self._forward(self.weights, inputs)
+
+    def _forward(self, weights: Float32, inputs: Float32) -> ForwardPass:
+        *hidden, (matrix, bias) = self._layers(weights)
         values, slopes = [inputs], []
         for each, its_bias in hidden:
             value, slope = _silu(values[-1] @ each.T + its_bias)
