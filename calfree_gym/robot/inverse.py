@@ -15,40 +15,48 @@ _STEP = 1e-5
 _DAMPING = 1e-9
 
 
-def registers_at(point: Array, gripper_at: Callable[[Array], Array], lowest: Array, highest: Array) -> Array:
-    """Registers (motors,) that bring the gripper nearest to `point` (3,) in m.
+class InverseKinematics:
+    """Where registers must be for the gripper to be somewhere: the nearest of a grid, then damped steps.
 
-    The nearest of a grid of registers, then damped Gauss-Newton steps (Levenberg 1944) within the stops.
+    The steps are those of Gauss-Newton, damped (Levenberg 1944), within the stops.
 
     Args:
-        point: In m (3,).
         gripper_at: From registers (k, motors) to gripper points (k, 3) in m.
         lowest: Registers at which the motors stop (motors,).
         highest: The same at the other end.
     """
-    motors = len(lowest)
-    along = max(3, round(_CANDIDATES ** (1 / motors)))
-    axes = np.linspace(lowest, highest, along).T
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, motors)
-    registers = grid[np.square(gripper_at(grid) - point).sum(-1).argmin()]
-    moved = _STEP * np.vstack([np.zeros(motors), np.eye(motors)])
-    damping, error = _DAMPING, np.inf
-    best = registers
-    for _ in range(_ITERATIONS):
-        points = gripper_at(registers + moved)
-        found = float(np.square(points[0] - point).sum())
-        if found < error:
-            best, error, damping = registers, found, max(damping / 10, _DAMPING)
-            jacobian = (points[1:] - points[0]).T / _STEP
-            residual = points[0] - point
-        else:
-            damping *= 100
-        gradient = jacobian.T @ residual
-        stopped = ((best <= lowest) & (gradient > 0)) | ((best >= highest) & (gradient < 0))
-        free = np.where(stopped, 0.0, 1.0)
-        normal = jacobian.T @ jacobian * np.outer(free, free)
-        step = np.linalg.solve(normal + (damping + stopped) * np.eye(motors), gradient * free)
-        registers = np.clip(best - step, lowest, highest)
-        if np.abs(registers - best).max() < _STILL:
-            break
-    return best
+
+    def __init__(self, gripper_at: Callable[[Array], Array], lowest: Array, highest: Array) -> None:
+        self._gripper_at = gripper_at
+        self._lowest, self._highest = lowest, highest
+        motors = len(lowest)
+        along = max(3, round(_CANDIDATES ** (1 / motors)))
+        axes = np.linspace(lowest, highest, along).T
+        self._grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, motors)
+        self._on_grid = gripper_at(self._grid)
+        self._moved = _STEP * np.vstack([np.zeros(motors), np.eye(motors)])
+
+    def registers_at(self, point: Array) -> Array:
+        """Registers (motors,) that bring the gripper nearest to `point` (3,) in m."""
+        registers = self._grid[np.square(self._on_grid - point).sum(-1).argmin()]
+        damping, error = _DAMPING, np.inf
+        best = registers
+        for _ in range(_ITERATIONS):
+            points = self._gripper_at(registers + self._moved)
+            found = float(np.square(points[0] - point).sum())
+            if found < error:
+                best, error, damping = registers, found, max(damping / 10, _DAMPING)
+                jacobian = (points[1:] - points[0]).T / _STEP
+                residual = points[0] - point
+            else:
+                damping *= 100
+            gradient = jacobian.T @ residual
+            at_lowest, at_highest = best <= self._lowest, best >= self._highest
+            stopped = (at_lowest & (gradient > 0)) | (at_highest & (gradient < 0))
+            free = np.where(stopped, 0.0, 1.0)
+            normal = jacobian.T @ jacobian * np.outer(free, free)
+            step = np.linalg.solve(normal + np.diag(damping + stopped), gradient * free)
+            registers = np.clip(best - step, self._lowest, self._highest)
+            if np.abs(registers - best).max() < _STILL:
+                break
+        return best

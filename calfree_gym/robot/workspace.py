@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import inside, lengths
-from calfree_gym.robot.inverse import registers_at
+from calfree_gym.robot.inverse import InverseKinematics
 from calfree_gym.robot.kinematics import gripper_position
 from calfree_gym.robot.motors import JOINT_LIMITS, MotorMap
 from calfree_gym.vision.cameras import StereoCameras
@@ -81,12 +81,14 @@ class Workspaces:
         self._home = np.zeros((rows, 5))
         self._gripper_images = np.zeros((rows, 2, 2))
         self._gripper_seen = np.zeros(rows, bool)
+        self._inverse: list[InverseKinematics | None] = [None] * rows
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the arm and the cameras of `world`."""
         self._motors.set_world(row, world)
         self.cameras.set_world(row, world)
         self._lengths[row] = world.link_lengths
+        self._inverse[row] = None
         one = np.array([row])
         self._home[one] = self._motors.joints(np.zeros((1, 3)), one)
         gripper = gripper_position(self._home[one, :4], self._lengths[one])
@@ -116,16 +118,22 @@ class Workspaces:
 
     def registers_at(self, row: int, point: Array) -> Array:
         """Registers (3,) that bring the gripper of `row` nearest to `point` (3,) in m."""
-
-        def gripper_at(registers: Array) -> Array:
-            joints = self._motors.joints(registers, np.full(len(registers), row))
-            return gripper_position(joints[:, :4], self._lengths[row])
-
-        return registers_at(point, gripper_at, self._motors.lowest[row], self._motors.highest[row])
+        inverse = self._inverse[row]
+        if inverse is None:
+            inverse = self._inverse[row] = self._inverse_of(row)
+        return inverse.registers_at(point)
 
     def gripper_seen_at_home(self, row: int) -> bool:
         """Whether both cameras see the gripper at home."""
         return bool(self._gripper_seen[row])
+
+    def _inverse_of(self, row: int) -> InverseKinematics:
+        one = slice(row, row + 1)
+
+        def gripper_at(registers: Array) -> Array:
+            return gripper_position(self._motors.joints(registers, one)[:, :4], self._lengths[row])
+
+        return InverseKinematics(gripper_at, self._motors.lowest[row], self._motors.highest[row])
 
     def _images(self, points: Array, waist: Array, rows: Indices) -> tuple[Array, Flags]:
         """Image points (k, 2, 2) of points (k, 3) in the cameras of their rows (k,), J1 at `waist` (k,).

@@ -77,7 +77,7 @@ class RecurrentServo(Agent):
             )
         points = np.concatenate([observation["achieved_goal"], observation["desired_goal"]], -1)
         rest = np.atleast_2d(observation["observation"])
-        with torch.no_grad():
+        with torch.inference_mode():
             words, memory = self._network(
                 torch.as_tensor(points, dtype=torch.float64).reshape(-1, POINTS, 2),
                 torch.as_tensor(rest[:, :POINTS] > 0.5),
