@@ -38,25 +38,8 @@ def main(arguments: list[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
-        if options.command == "validate":
-            return _validate(options.config, options.set)
-        if options.command == "run":
-            return _run(options)
-        if options.command == "merge":
-            return _merge(options.parts, options.out)
-        if options.command == "status":
-            return _status(options.folder)
-        if options.command == "benchmark":
-            return _benchmark(options)
-        if options.command == "tune":
-            return _tune(options)
-        if options.command == "picture":
-            return _picture(options.table, options.out)
-        if options.command == "keep":
-            return _keep(options.folder)
-        if options.command == "results-tables":
-            return _results_tables(options.check)
-        return _report(options.source, options.out)
+        done: int = options.does(options)
+        return done
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -86,22 +69,31 @@ def _parser() -> argparse.ArgumentParser:
         )
     add_run_options(run)
     add_tune_options(tune)
+    validate.set_defaults(does=_validate)
+    run.set_defaults(does=_run)
+    tune.set_defaults(does=_tune)
     merge = commands.add_parser("merge", help="gather the parts of a suite (run --part), and report")
     merge.add_argument("parts", type=Path, nargs="+", metavar="PART", help="results folder of a part")
     merge.add_argument("--out", type=Path, required=True, help="folder for the whole")
+    merge.set_defaults(does=_merge)
     status = commands.add_parser("status", help="show how far the runs in a results folder are")
     status.add_argument("folder", type=Path)
+    status.set_defaults(does=_status)
     report = commands.add_parser("report", help="write the report of results again")
     report.add_argument("source", type=Path, help="results folder, or the results.parquet of one")
     report.add_argument("--out", type=Path, help="folder for the report (default: where the results stand)")
+    report.set_defaults(does=lambda options: _report(options.source, options.out))
     keep = commands.add_parser("keep", help="copy what a finished suite came to into experiments/results")
     keep.add_argument("folder", type=Path)
+    keep.set_defaults(does=_keep)
     _add_benchmark(commands)
     picture = commands.add_parser("picture", help="draw what a saved grid_table has learned")
     picture.add_argument("table", type=Path, help="file that grid_table.save wrote")
     picture.add_argument("--out", type=Path, required=True, help="image file, such as table.png")
+    picture.set_defaults(does=_picture)
     tables = commands.add_parser("results-tables", help="make the tables of README.md and docs/ anew")
     tables.add_argument("--check", action="store_true", help="change nothing; end with 1 where any differs")
+    tables.set_defaults(does=_results_tables)
     return parser
 
 
@@ -126,10 +118,11 @@ def _add_benchmark(commands: Any) -> None:
         metavar="PYTHON=ENV_ID",
         help="time a Gymnasium environment of another interpreter beside ours (repeatable)",
     )
+    benchmark.set_defaults(does=_benchmark)
 
 
-def _validate(config: Path, overrides: list[str]) -> int:
-    suite = load(config, overrides)
+def _validate(options: argparse.Namespace) -> int:
+    suite = load(options.config, options.set)
     parts = ((len(suite.agents), "agent"), (len(suite.scenarios), "scenario"), (len(suite.sweeps), "sweep"))
     counts = ", ".join(f"{n} {what}{'s' * (n > 1)}" for n, what in (*parts, (suite.worlds, "world")) if n)
     runs = runs_of(suite)
@@ -138,7 +131,7 @@ def _validate(config: Path, overrides: list[str]) -> int:
         amount, of = run.work
         work[of] += amount
     todo = ", ".join(f"{amount:,} {of}" for of, amount in work.items())
-    print(f"{config}: valid: {counts}: {len(runs)} runs, {todo}")
+    print(f"{options.config}: valid: {counts}: {len(runs)} runs, {todo}")
     return 0
 
 
@@ -166,11 +159,11 @@ def _run(options: argparse.Namespace) -> int:
     return _unfinished(failed)
 
 
-def _merge(parts: list[Path], out: Path) -> int:
+def _merge(options: argparse.Namespace) -> int:
     from experiments.execution.merge import merge
 
-    missing = merge(parts, out)
-    _report(out, out)
+    missing = merge(options.parts, options.out)
+    _report(options.out, options.out)
     return _unfinished(missing)
 
 
@@ -189,20 +182,20 @@ def _tune(options: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _status(folder: Path) -> int:
+def _status(options: argparse.Namespace) -> int:
     from experiments.execution.status import status
     from experiments.reporting.tables import Table, show
 
-    found = status(folder)
-    show([Table("status", str(folder), found.runs, note=f"{found.counts}\nmade by: {found.command}")])
+    found = status(options.folder)
+    show([Table("status", str(options.folder), found.runs, note=f"{found.counts}\nmade by: {found.command}")])
     return 1 if found.failed else 0
 
 
-def _keep(folder: Path) -> int:
+def _keep(options: argparse.Namespace) -> int:
     from experiments.reporting.documents.keep import keep
     from experiments.reporting.documents.kept_tables import KEPT
 
-    print(f"kept: {keep(folder, KEPT)}")
+    print(f"kept: {keep(options.folder, KEPT)}")
     return 0
 
 
@@ -215,25 +208,25 @@ def _report(source: Path, out: Path | None) -> int:
     return 0
 
 
-def _picture(table: Path, out: Path) -> int:
+def _picture(options: argparse.Namespace) -> int:
     from experiments.reporting.picture import draw_table
 
-    draw_table(table, out)
-    print(f"picture: {out}")
+    draw_table(options.table, options.out)
+    print(f"picture: {options.out}")
     return 0
 
 
-def _results_tables(check: bool) -> int:
+def _results_tables(options: argparse.Namespace) -> int:
     from experiments.reporting.documents.kept_tables import tables_named
     from experiments.reporting.documents.markers import outdated, pages
     from experiments.running.results_folder import write_whole
 
     changed = outdated(pages(), tables_named)
     for path, text in changed.items():
-        print(f"{path}: {'differs from kept results' if check else 'tables made anew'}")
-        if not check:
+        print(f"{path}: {'differs from kept results' if options.check else 'tables made anew'}")
+        if not options.check:
             write_whole(path, text)
-    return 1 if check and changed else 0
+    return 1 if options.check and changed else 0
 
 
 def _benchmark(options: argparse.Namespace) -> int:
