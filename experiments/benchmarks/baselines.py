@@ -10,6 +10,7 @@ import pandas as pd
 
 import agents
 import calfree_gym
+from experiments.benchmarks.trials import CAP, DENSE, REACH, each_alone, motions_per_reach, share_of
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.reporting.tables import Table, beside
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
@@ -22,11 +23,6 @@ from experiments.statistics import (
     quantile,
     relative_change,
 )
-
-REACH, DENSE = calfree_gym.ENV_IDS
-CAP = gym.spec(REACH).max_episode_steps or 0
-"""Motions as which a trial without a rendezvous counts."""
-
 
 SHARES = ("rendezvous", "success")
 """Of trials: an observed rendezvous, and a true error within the tolerance."""
@@ -47,13 +43,12 @@ def servo(worlds: int = 200) -> Iterator[Table]:
             agent = agents.make("unified_servo", env, estimator="test_motions")
             records += evaluate(agent, env, trials=1, seed=seed)
         motions = np.array([r.motions_per_reach(50) for r in records])
-        shares = {what: mean_share(np.array([r[what] for r in records]), rng()) for what in SHARES}
         rows.append(
             {
                 "mount": mount,
-                **beside("rendezvous", shares["rendezvous"], ".1%"),
+                **share_of("rendezvous", each_alone(records), ".1%"),
                 "required rendezvous": 0.99,
-                **beside("success", shares["success"], ".1%"),
+                **share_of("success", each_alone(records), ".1%"),
                 **beside("median motions", over_worlds(motions, median, (1.0, 50.0), rng()), ".0f"),
                 "required median": 16,
                 **beside("95th percentile", over_worlds(motions, quantile(0.95), (1.0, 50.0), rng()), ".0f"),
@@ -67,7 +62,7 @@ def servo(worlds: int = 200) -> Iterator[Table]:
         f"unified_servo with test motions, wild worlds 0-{worlds - 1}, one trial each, at most 50 motions",
         pd.DataFrame(rows),
         {
-            **dict.fromkeys((*SHARES, "required rendezvous"), ".1%"),
+            **dict.fromkeys(("rendezvous", "success", "required rendezvous"), ".1%"),
             "median motions": ".0f",
             "95th percentile": ".0f",
             "median distance (mm)": ".1f",
@@ -88,7 +83,7 @@ def table(worlds: int = 10, trials: int = 400, before: int = 250) -> Iterator[Ta
         for seed in range(worlds):
             recorder = LifetimeRecorder(gym.make(REACH, camera_mount=mount, perturbations=schedule), seed)
             lifetimes.append(learn_trials(agents.make("grid_table", recorder), recorder, trials))
-        motions = np.array([[r.motions_per_reach(CAP) for r in records] for records in lifetimes])
+        motions = motions_per_reach(lifetimes)
         reached = np.array([[r.rendezvous for r in records] for records in lifetimes])
         first, late = motions[:, :25].mean(axis=1), motions[:, before - 50 : before].mean(axis=1)
         less = relative_change(first, late)
@@ -126,13 +121,12 @@ def sac(motions: int = 25_000, seeds: int = 2, trials: int = 200) -> Iterator[Ta
         agent = agents.make("sac", env, seed=seed).learn(motions)
         held_out = gym.make(REACH, world="nominal")
         records = evaluate(agent, held_out, trials=trials, seed=10_000 + seed)
-        shares = {what: mean_share(np.array([r[what] for r in records]), rng()) for what in SHARES}
         rows.append(
             {
                 "seed": seed,
-                **beside("rendezvous", shares["rendezvous"], ".1%"),
+                **share_of("rendezvous", each_alone(records), ".1%"),
                 "required rendezvous": 0.9,
-                **beside("success", shares["success"], ".1%"),
+                **share_of("success", each_alone(records), ".1%"),
                 "mean motions": np.mean([r.motions_per_reach(CAP) for r in records]),
                 "within 16 px": np.mean([r.motions_to[16] is not None for r in records]),
             }
@@ -142,7 +136,7 @@ def sac(motions: int = 25_000, seeds: int = 2, trials: int = 200) -> Iterator[Ta
         f"sac, nominal world, waist mount, {motions:,} motions, {trials} held-out trials, tolerance 4 px",
         pd.DataFrame(rows),
         {
-            **dict.fromkeys((*SHARES, "required rendezvous", "within 16 px"), ".1%"),
+            **dict.fromkeys(("rendezvous", "success", "required rendezvous", "within 16 px"), ".1%"),
             "mean motions": ".1f",
         },
         f"One world: intervals are over its objects. A trial without a rendezvous counts as {CAP} motions.",

@@ -18,14 +18,12 @@ import agents
 import calfree_gym
 from calfree_gym.image import CAMERAS
 from calfree_gym.world import World
+from experiments.benchmarks.trials import CAP, REACH, motions_per_reach, share_of
 from experiments.evaluation import TrialRecord
 from experiments.reporting.tables import Table, beside
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 from experiments.statistics import Array, mean, mean_share, over_worlds
 
-REACH, _ = calfree_gym.ENV_IDS
-CAP = gym.spec(REACH).max_episode_steps or 0
-"""Motions as which a trial without a rendezvous counts."""
 WORLDS = range(2000, 2020)
 FIRST, APART, EVENTS = 60, 60, 5
 """Trials before the first change of a lifetime, from each to the next, and how many there are."""
@@ -113,7 +111,7 @@ def _schedule(kind: str) -> list[dict[str, Any]]:
 
 def _after(lifetimes: list[list[TrialRecord]], required: tuple[int, int, float], away: int) -> dict[str, Any]:
     """Mean motions before changes, less the trials `away` from the old camera, and in blocks after."""
-    motions = _motions(lifetimes)
+    motions = motions_per_reach(lifetimes)
     before = np.mean([motions[:, t - BEFORE : t - away] for t in CHANGES])
 
     def after(first: int, last: int) -> Array:
@@ -127,22 +125,12 @@ def _after(lifetimes: list[list[TrialRecord]], required: tuple[int, int, float],
         "required in trials": _trials(first, last),
         **_mean_motions("motions there", after(first, last)),
         "required": before + more,
-        **_success(lifetimes),
+        **share_of("success", lifetimes, ".2%"),
     }
-
-
-def _motions(lifetimes: list[list[TrialRecord]]) -> Array:
-    """Of each trial (worlds, trials)."""
-    return np.array([[record.motions_per_reach(CAP) for record in records] for records in lifetimes], float)
 
 
 def _mean_motions(name: str, of_worlds: Array) -> dict[str, Any]:
     return beside(name, over_worlds(of_worlds, mean, (1.0, CAP), np.random.default_rng(0)), ".2f")
-
-
-def _success(lifetimes: list[list[TrialRecord]]) -> dict[str, Any]:
-    success = np.array([[record.success for record in records] for records in lifetimes])
-    return beside("success", mean_share(success, np.random.default_rng(0)), ".2%")
 
 
 def _trials(first: int, last: int) -> str:
@@ -296,14 +284,14 @@ def drift(each: Map) -> Table:
     rows = []
     for mount in calfree_gym.MOUNTS:
         lifetimes = list(each(_lifetime, WORLDS, *map(_always, (mount, "recognise", schedule, DRIFT_TRIALS))))
-        motions = _motions(lifetimes)
+        motions = motions_per_reach(lifetimes)
         rows.append(
             {
                 "mount": mount,
                 **_mean_motions(all_of_them, motions.mean(axis=1)),
                 **_mean_motions(late, motions[:, DRIFT_LATE:].mean(axis=1)),
                 "required": 1.3,
-                **_success(lifetimes),
+                **share_of("success", lifetimes, ".2%"),
             }
         )
     frame = pd.DataFrame(rows)

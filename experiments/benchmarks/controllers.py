@@ -14,14 +14,12 @@ import agents
 import calfree_gym
 from agents.base.prior_knowledge import in_order
 from calfree_gym.envs.goal import PRIVILEGED
+from experiments.benchmarks.trials import CAP, REACH, Lifetimes, each_alone, motions_per_reach, share_of
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.reporting.tables import Table, beside, must_know
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 from experiments.statistics import mean_share, median, over_trials, over_worlds, quantile
 
-REACH, _ = calfree_gym.ENV_IDS
-CAP = gym.spec(REACH).max_episode_steps or 0
-"""Motions as which a trial without a rendezvous counts."""
 FIRST_WORLD = 1000
 
 
@@ -125,7 +123,7 @@ def controllers(worlds: int = 500) -> Iterator[Table]:
             agent = _Timed(name, mount, **settings)
             records = _first_trials(agent, mount, worlds)
             first.append(
-                {**agent.named, **_reached(_alone(records), mount, required[mount]), **agent.decision}
+                {**agent.named, **_reached(each_alone(records), mount, required[mount]), **agent.decision}
             )
     yield _table("first_trials", f"First trials, {where}", first)
     later = []
@@ -148,7 +146,11 @@ def models(worlds: int = 500, identified: int = 100) -> Iterator[Table]:
         agent = _Timed("model_based", mount, camera_mount=mount)
         records = _first_trials(agent, mount, worlds, world="nominal")
         rows.append(
-            {"agent": agent.name, **_reached(_alone(records), mount, Required(0.995, 2)), **agent.decision}
+            {
+                "agent": agent.name,
+                **_reached(each_alone(records), mount, Required(0.995, 2)),
+                **agent.decision,
+            }
         )
     yield _table("model_based", f"The calibrated robot, nominal world, {worlds} objects", rows)
     rows = []
@@ -159,7 +161,7 @@ def models(worlds: int = 500, identified: int = 100) -> Iterator[Table]:
             env.reset(seed=seed)
             learned = agents.make("self_calibrating", env, camera_mount=mount).learn(60)
             records += evaluate(learned, env, trials=1, seed=seed)
-        rows.append({"agent": "self_calibrating", **_reached(_alone(records), mount, Required(0.95))})
+        rows.append({"agent": "self_calibrating", **_reached(each_alone(records), mount, Required(0.95))})
     title = f"The self-calibrating robot, {identified} wild worlds: 60 motions of learning, then one trial"
     yield _table("self_calibrating", title, rows)
 
@@ -252,7 +254,7 @@ def _rolled(agent: _Timed, mount: str, worlds: int) -> dict[str, Any]:
     for record, rolled in _pairs(agent, mount, worlds):
         records.append(rolled)
         more.append(rolled.motions_per_reach(CAP) - record.motions_per_reach(CAP))
-    reached = _reached(_alone(records), mount, Required(0.99))
+    reached = _reached(each_alone(records), mount, Required(0.99))
     found = over_worlds(np.array(more), median, (-float(CAP), float(CAP)), np.random.default_rng(0))
     return {**agent.named, **reached, **beside("median of more motions", found, ".0f"), "required more": 4}
 
@@ -267,28 +269,16 @@ def _pairs(agent: _Timed, mount: str, worlds: int) -> Iterator[tuple[TrialRecord
             yield record, evaluate(agent, envs[k - 1], trials=1, seed=seed)[0]
 
 
-def _alone(records: list[TrialRecord]) -> list[list[TrialRecord]]:
-    """Trials of which each was made in a world of its own."""
-    return [[record] for record in records]
-
-
-def _reached(lifetimes: list[list[TrialRecord]], mount: str, required: Required) -> dict[str, Any]:
+def _reached(lifetimes: Lifetimes, mount: str, required: Required) -> dict[str, Any]:
     """What trials came to; one list a world, all of the same length."""
-    motions = np.array([[record.motions_per_reach(CAP) for record in records] for records in lifetimes])
+    motions = motions_per_reach(lifetimes)
     bounds = (1.0, float(CAP))
-    shares = {
-        share: mean_share(
-            np.array([[record[share] for record in records] for records in lifetimes]),
-            np.random.default_rng(0),
-        )
-        for share in ("success", "rendezvous")
-    }
     return {
         "mount": mount,
         "trials": motions.size,
-        **beside("rendezvous", shares["rendezvous"], ".1%"),
+        **share_of("rendezvous", lifetimes, ".1%"),
         "required rendezvous": required.rendezvous,
-        **beside("success", shares["success"], ".1%"),
+        **share_of("success", lifetimes, ".1%"),
         **beside("median motions", over_trials(motions, median, bounds, np.random.default_rng(0)), ".0f"),
         "required median": required.median,
         **beside(

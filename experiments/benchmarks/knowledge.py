@@ -18,14 +18,12 @@ from agents.knowledge.interface import Knowledge
 from calfree_gym.geometry import Array
 from calfree_gym.robot.motors import MOTORS
 from experiments.benchmarks.region import Region
+from experiments.benchmarks.trials import CAP, REACH, motions_per_reach, share_of
 from experiments.evaluation import TrialRecord, robot_seconds_at
 from experiments.reporting.tables import Table, beside
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
-from experiments.statistics import Estimate, mean, mean_share, over_worlds, relative_change
+from experiments.statistics import Estimate, mean, over_worlds, relative_change
 
-REACH, _ = calfree_gym.ENV_IDS
-CAP = gym.spec(REACH).max_episode_steps or 0
-"""Motions as which a trial without a rendezvous counts."""
 FIRST_WORLD = 2000
 LOOKS = (0.2, 1.0, 4.0)
 """Seconds a look: the paper tells none, and its 50 s a grasp come out at about the last."""
@@ -257,13 +255,7 @@ def _block(
 ) -> dict[str, Any]:
     """What one block of trials came to, over all worlds."""
     chosen = [records[first:last] for records in lifetimes]
-    motions = np.array([np.mean([record.motions_per_reach(CAP) for record in each]) for each in chosen])
-    shares = {
-        what: mean_share(
-            np.array([[record[what] for record in each] for each in chosen]), np.random.default_rng(0)
-        )
-        for what in ("rendezvous", "success")
-    }
+    motions = motions_per_reach(chosen).mean(axis=1)
     return {
         "agent": agent,
         "mount": mount,
@@ -272,8 +264,8 @@ def _block(
             "motions per reach", over_worlds(motions, mean, (1.0, CAP), np.random.default_rng(0)), ".2f"
         ),
         "worst world": motions.max(),
-        **beside("rendezvous", shares["rendezvous"], ".2%"),
-        **beside("success", shares["success"], ".2%"),
+        **share_of("rendezvous", chosen, ".2%"),
+        **share_of("success", chosen, ".2%"),
     }
 
 

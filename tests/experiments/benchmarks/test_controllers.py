@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from experiments.benchmarks import controllers
+from experiments.benchmarks.trials import each_alone
 from experiments.evaluation import TrialRecord
 
 RECORD = TrialRecord(0, 1, 1.0, True, True, 1.0, 1.0, {})
@@ -13,7 +14,7 @@ RECORD = TrialRecord(0, 1, 1.0, True, True, 1.0, 1.0, {})
 def test_a_row_holds_what_is_required_beside_what_was_reached():
     """A trial that ended early without a rendezvous counts as the cap."""
     records = [replace(RECORD, motions=m, rendezvous=m < 20, success=m < 6) for m in (4, 6, 20)]
-    alone = controllers._alone(records)
+    alone = each_alone(records)
     row = {"agent": "a", **controllers._reached(alone, "waist", controllers.Required(0.99, 16))}
     table = controllers._table("first_trials", "First", [row])
     assert table.header == [
@@ -43,7 +44,7 @@ def test_a_row_holds_what_is_required_beside_what_was_reached():
 
 def test_later_trials_are_drawn_with_their_world():
     """Two trials in each of three worlds say no more than the three worlds."""
-    alone = controllers._alone([replace(RECORD, success=s) for s in (True, True, False)])
+    alone = each_alone([replace(RECORD, success=s) for s in (True, True, False)])
     twice = [records * 2 for records in alone]
     one, other = (controllers._reached(each, "waist", controllers.Required()) for each in (alone, twice))
     assert other["trials"] == 6
