@@ -194,7 +194,7 @@ class GaussianProcess:
         self.registers, self.sensors, self.variances = (
             values[kept] for values in (self.registers, self.sensors, self.variances)
         )
-        self._whitened, self._solved = 0, False
+        self._whitened, self._solved = int(kept.argmin()), False
 
     def _solve(self) -> None:
         """Solves for the weights of the support points, where any has changed since."""
