@@ -189,7 +189,7 @@ class AdaptiveKnowledge:
             self.events.append(Event(first, "unknown", "discard"))
             self._known.restore(self._nothing)
             self._known.learn(found.pairs)
-        elif archived and archived.agrees_with(found.pairs):
+        elif archived and archived.agrees_with(found.pairs, self._known):
             self.events.append(Event(first, "back", "recall"))
             self._known.restore(archived.arrays())
             self._known.learn(found.pairs)

@@ -64,10 +64,14 @@ class KnowledgeWithViews:
         errors_px = camera_lengths_px(pairs.sensors - expected)
         return errors_px, errors_px / np.sqrt(variances / IMAGE_UNIT**2 + GaussianProcess.NOISE_PX**2)
 
-    def agrees_with(self, pairs: Pairs) -> bool:
-        """Whether most pairs are seen where they should be, by the noise of a good mark."""
-        errors_px = camera_lengths_px(pairs.sensors - self.views.views(pairs.registers)[0])
-        return bool(np.median(errors_px) < HomeView.SIGMAS * GaussianProcess.NOISE_PX)
+    def agrees_with(self, pairs: Pairs, other: Self) -> bool:
+        """Whether most pairs are seen where they should be, and on average nearer there than by `other`.
+
+        Most may agree with both: a motor that has reversed shows only where it has moved.
+        """
+        (errors_px, _), (by_other_px, _) = self.errors(pairs), other.errors(pairs)
+        agrees = np.median(errors_px) < HomeView.SIGMAS * GaussianProcess.NOISE_PX
+        return bool(agrees and errors_px.mean() < by_other_px.mean())
 
     def copy_of(self, arrays: Arrays) -> Self:
         """A second one that knows what `arrays` returned."""

@@ -7,7 +7,7 @@ from agents.adaptation.archive import Archive
 from agents.adaptation.knowledge_with_views import KnowledgeWithViews
 from agents.knowledge.gaussian_process import GaussianProcess
 from agents.knowledge.grid_table import GridTable
-from calfree_gym.perturbations import CameraReplace
+from calfree_gym.perturbations import CameraReplace, MotorSign
 from tests.agents.adaptation.gripper_views import known, trial, wild
 
 
@@ -20,8 +20,20 @@ def test_the_old_world_is_found_and_agrees_and_another_one_does_not(seed):
     back, elsewhere = trial(old, 99), trial(new, 99)
     assert archive.find(elsewhere.sensors[0]) is None
     found = KnowledgeWithViews(GaussianProcess(3), 3).copy_of(archive.find(back.sensors[0]))
-    assert found.agrees_with(back)
-    assert not found.agrees_with(elsewhere)
+    now = known(new)
+    assert found.agrees_with(back, now)
+    assert not found.agrees_with(elsewhere, now)
+
+
+def test_an_old_world_that_agrees_where_nothing_tells_does_not_displace_the_present_one():
+    """A reversed motor leaves home where it was: there both agree."""
+    old = wild(4112)
+    new = MotorSign(motor="elbow").apply(old, np.random.default_rng(0))
+    at_home = trial(new, 97, 0) + trial(new, 98, 0)
+    pairs = at_home + trial(new, 99, 1)
+    before, now = known(old), known(new)
+    assert now.agrees_with(pairs, before)
+    assert not before.agrees_with(pairs, now)
 
 
 def test_of_like_worlds_the_latest_is_found_and_the_oldest_go():
