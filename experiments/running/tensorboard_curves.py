@@ -16,8 +16,25 @@ class Curves:
         folder: The run's.
     """
 
+    TOGETHER = 10
+    """So many trials of the agent's own are one point: an event takes longer than an object to draw."""
+
     def __init__(self, folder: Path):
         self._writer = Writer(str(folder))
+        self._waiting: list[TrialRecord] = []
+        self._motions = 0
+
+    def add_own(self, lifetime_motions: int, record: TrialRecord) -> None:
+        """Adds a trial of the agent's own, which ended after so many motions."""
+        self._waiting.append(record)
+        self._motions = lifetime_motions
+        if len(self._waiting) == self.TOGETHER:
+            self._write_own()
+
+    def _write_own(self) -> None:
+        if self._waiting:
+            self.write("train", self._motions, self._waiting)
+            self._waiting = []
 
     def write(self, phase: str, lifetime_motions: int, records: Sequence[TrialRecord]) -> None:
         """Adds the means over some trials, as `train/...` or `eval/...`."""
@@ -27,4 +44,5 @@ class Curves:
 
     def close(self) -> None:
         """Writes what is still waiting."""
+        self._write_own()
         self._writer.close()

@@ -110,7 +110,7 @@ def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict
             if scenario.trials is not None and record.trial >= scenario.trials:
                 return  # rows end trials together
             log.write("train", recorder.motions, recorder.since_perturbation, record)
-            curves.write("train", recorder.motions, [record])
+            curves.add_own(recorder.motions, record)
             if scenario.trials is not None and recorder.trials % _PROGRESS_EVERY == 0:
                 print_progress(spec, recorder)
 
