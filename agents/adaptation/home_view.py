@@ -41,11 +41,13 @@ class HomeView:
     def __init__(self, sensors: Array | None = None, steps: Array | None = None) -> None:
         self.sensors = np.empty((0, 4)) if sensors is None else sensors
         self.steps = np.empty((0, 4)) if steps is None else steps
+        self._noise_px: float | None = None
 
     def add(self, gripper: Array) -> None:
         """Takes in where the gripper (4,) is seen in this trial."""
         self.steps = np.concatenate([self.steps, np.abs(gripper - self.sensors[-1:])])[-self.KEPT :]
         self.sensors = np.concatenate([self.sensors, [gripper]])[-self.KEPT :]
+        self._noise_px = None
 
     def keep(self, latest: int) -> None:
         """Forgets all but the latest trials."""
@@ -53,9 +55,11 @@ class HomeView:
 
     def noise_px(self) -> float:
         """Standard deviation of a coordinate, in pixels: the median step, with `NOISE_PX` as a prior."""
-        steps = self.steps.ravel() / (np.sqrt(2) * IMAGE_UNIT)
-        prior = np.full(self.PRIOR_STEPS, self.NORMAL_MEDIAN * GaussianProcess.NOISE_PX)
-        return float(np.median(np.concatenate([steps, prior]))) / self.NORMAL_MEDIAN
+        if self._noise_px is None:
+            steps = self.steps.ravel() / (np.sqrt(2) * IMAGE_UNIT)
+            prior = np.full(self.PRIOR_STEPS, self.NORMAL_MEDIAN * GaussianProcess.NOISE_PX)
+            self._noise_px = float(np.median(np.concatenate([steps, prior]))) / self.NORMAL_MEDIAN
+        return self._noise_px
 
     def reference(self) -> Array:
         """Where the gripper should be seen (4,): the mean of the last few trials."""

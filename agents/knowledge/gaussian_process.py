@@ -178,8 +178,8 @@ class GaussianProcess:
     def _variances(self, kernel: Array, registers: Array) -> Array:
         """Posterior variance (k, 2) of what is seen at registers (k, m), from their kernel (k, n)."""
         prior = (1 + np.square(registers).sum(1) / self.LENGTH**2) ** 2 + self.DEPARTURE_VARIANCE
-        known = [np.square(kernel @ whitening.T).sum(1) for whitening in self._whitening]
-        return np.maximum(prior[:, None] - np.transpose(known), 0.0)
+        known = np.transpose([np.square(kernel @ whitening.T).sum(1) for whitening in self._whitening])
+        return np.maximum(prior[:, None] - np.broadcast_to(known, (len(prior), len(CAMERAS))), 0.0)
 
     def _prune(self) -> None:
         """Drops, one after the other, the support points that add least to the others."""
@@ -207,6 +207,7 @@ class GaussianProcess:
     def _whiten(self) -> None:
         """Inverts the Cholesky factors of both cameras' covariances, in blocks behind those that still hold.
 
+        Where each point is as noisy in both, one inverse serves both.
         Blocks begin at multiples of `BLOCK`: so rounding does not depend on what was solved before.
         """
         size, known = len(self.registers), self._whitened // self.BLOCK * self.BLOCK
@@ -223,5 +224,4 @@ class GaussianProcess:
             corner = np.linalg.inv(np.linalg.cholesky(own - factor @ factor.swapaxes(1, 2)))
             whitening[:, block, block] = corner
             whitening[:, block, :begin] = -corner @ factor @ before
-        self._whitening = np.broadcast_to(whitening, (len(CAMERAS), size, size))
-        self._whitened = size
+        self._whitening, self._whitened = whitening, size
