@@ -1,0 +1,111 @@
+"""The arm as a value: a model, its gripper, its motors and its home."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+from calfree_gym.robot.arm_model import ArmModel
+from calfree_gym.robot.mjcf import Source, read
+
+MOVEMASTER = "movemaster"
+"""The arm that is used where none is given."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """Any arm that MuJoCo can load. Compares by value; goes to and from a plain dict.
+
+    Its motors get position servos and its weight is carried; its other joints stay at home, whatever
+    actuators they have. Contacts are off.
+
+    Attributes:
+        model: MJCF text, with the folders of assets written out. Given: also a path, or an `MjSpec`.
+        gripper: Name of the site or body that is the gripper point.
+        motors: Names of the joints that the controller's words move. By default all hinges and slides from
+            `base` to the gripper. Three to seven.
+        home: Joint positions (rad; slides m) by joint name. Given: also the name of a keyframe. Joints that
+            are left out, and all by default, are where the model has them; but motors, where none is given,
+            are at the posture of many drawn ones from which the gripper can move best in all directions.
+        base: Name of the body where the chain starts. By default the first one below the world.
+        assets: SHA-256 of each file that the model needs. Given: they are compared.
+
+    Raises:
+        ValueError: The model cannot be read, an asset has changed, a name is unknown (those that exist are
+            named), there are not three to seven motors, one is outside the chain or neither hinge nor slide,
+            or home is beyond a joint's range.
+    """
+
+    model: Source
+    gripper: str
+    motors: Sequence[str] | None = None
+    home: str | Mapping[str, float] | None = None
+    base: str | None = None
+    assets: Mapping[str, str] | None = None
+
+    def __post_init__(self) -> None:
+        spec, assets = read(self.model)
+        for file, digest in (self.assets or {}).items():
+            if assets.get(file) != digest:
+                what = "is no longer among the model's files" if file not in assets else "has changed"
+                raise ValueError(f"the arm's asset {file} {what} since the arm was described")
+        model = ArmModel(spec, self.gripper, self.motors, self.home, self.base)
+        settled = {
+            "model": spec.to_xml(),
+            "motors": model.motors,
+            "home": model.home_by_name,
+            "base": model.base,
+            "assets": assets,
+        }
+        for name, value in settled.items():
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "_derived", model)
+
+    @property
+    def derived(self) -> ArmModel:
+        """All that follows from the value."""
+        return self._derived  # type: ignore[attr-defined, no-any-return]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain text, numbers and lists under the names of the arguments."""
+        return json.loads(json.dumps(asdict(self)))  # type: ignore[no-any-return]
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """The arm of a mapping of arguments, such as `to_dict` gives.
+
+        Raises:
+            ValueError: An argument is unknown or missing, and what the class raises.
+        """
+        names = [field.name for field in fields(cls)]
+        if unknown := sorted(values.keys() - set(names)):
+            raise ValueError(f"an arm has no {', '.join(unknown)}; allowed: {', '.join(names)}")
+        if missing := [name for name in ("model", "gripper") if name not in values]:
+            raise ValueError(f"an arm lacks {', '.join(missing)}")
+        return cls(**values)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that the arm is, wherever its files are."""
+        text = str(self.model)
+        for file in self.assets or {}:
+            text = text.replace(str(Path(file).parent), "")
+        value = self.to_dict() | {"model": text, "assets": sorted((self.assets or {}).values())}
+        return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return self.digest == other.digest if isinstance(other, Arm) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __reduce__(self) -> Any:
+        return type(self).from_dict, (self.to_dict(),)
+
+    def __deepcopy__(self, memo: Any) -> Arm:
+        return self

@@ -1,0 +1,186 @@
+"""The simulated scene of any arm: servos for its motors, all else at home, two cameras and an object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from calfree_gym.geometry import Array
+from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.robot.chain import BALL, FREE, HINGE, SLIDE
+
+PREFIX = "calfree "
+"""Of the names of all that is added to a model of other people's."""
+POINTS = ("gripper", "object")
+RIG_GROUP = 2
+"""Group of the cameras' rods and housings, which their own images leave out."""
+SENSOR_SIZE = 0.01
+"""Of a camera in m; it decides nothing."""
+TIMESTEP = 0.005
+STIFFNESS = 40_000.0
+"""Of a servo, for an armature of 1: with `FILTER` it settles in a motion, as the RV-M2's do."""
+FILTER = 0.03
+"""Time constant (s) of the first-order filter through which a servo's target goes."""
+MARKS_GROUP = 1
+_FOREIGN = 30
+"""Actuator group of the model's own actuators, which is switched off."""
+
+
+def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
+    """Makes an arm stand at home and move by position servos alone, with its weight carried.
+
+    The model's own actuators are switched off; they stay, for its sensors may name them. Friction and springs
+    of hinges and slides go: a robot's own controllers overcome them. Hinges and slides that are no motors
+    are held at home by servos, free bodies and balls by welds, so that the model's equalities are not needed.
+
+    Args:
+        spec: Of the arm; it is changed. All its bodies and joints have names.
+        motors: Names of the joints that move.
+        home_qpos: Of all joints (nq,).
+    """
+    model = spec.copy().compile()
+    armatures = _armatures(model, home_qpos)
+    _set_options(spec)
+    for key in spec.keys:  # they keep their qpos; all else has other lengths now
+        key.ctrl, key.act, key.mpos, key.mquat = [], [], [], []
+    for actuator in spec.actuators:
+        actuator.group = _FOREIGN
+    for equality in spec.equalities:  # what they would hold is held
+        equality.active = False
+    for body in spec.bodies[1:]:
+        body.gravcomp = 1.0
+    for joint in spec.joints:
+        if joint.type in (FREE, BALL):
+            _weld(spec, model, joint, home_qpos)
+        else:
+            joint.armature = armatures[joint.type == SLIDE]
+            joint.frictionloss, joint.actgravcomp = 0.0, False
+            joint.stiffness = np.zeros_like(joint.stiffness)
+            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    held = [joint.name for joint in spec.joints if joint.type not in (FREE, BALL) and joint.name not in motors]
+    for name in (*motors, *held):
+        servo = spec.add_actuator(name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        servo.set_to_position(
+            kp=STIFFNESS * armatures[spec.joint(name).type == SLIDE], dampratio=1.0, timeconst=FILTER
+        )
+        servo.forcelimited = servo.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+
+def add_object(spec: Any, holder: tuple[str, str], size: float) -> None:
+    """Adds the object, and the marks and points of gripper and object.
+
+    Args:
+        spec: Of the arm; it is changed.
+        holder: "site" or "body", and the name, of the gripper point.
+        size: Radius of the marks (m).
+    """
+    kind, name = holder
+    site = spec.site(name) if kind == "site" else None
+    body = site.parent if site is not None else spec.body(name)
+    where = site.pos if site is not None else np.zeros(3)
+    item = spec.worldbody.add_body(name=PREFIX + "object", mocap=True)
+    for parent, what, at, colour in (
+        (body, "gripper", where, [0.95, 0.05, 0.55, 1]),
+        (item, "object", np.zeros(3), [0.05, 0.70, 0.25, 1]),
+    ):
+        parent.add_site(name=PREFIX + what, pos=at, size=[size] * 3, rgba=[0, 0, 0, 0])
+        parent.add_geom(
+            name=PREFIX + what,
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            pos=at,
+            size=[size, 0, 0],
+            rgba=colour,
+            group=MARKS_GROUP,
+            mass=0.0,
+            contype=0,
+            conaffinity=0,
+        )
+
+
+def add_cameras(spec: Any, bodies: Sequence[str], rod: float) -> None:
+    """Adds the two cameras on thin rods, and the sensors that project gripper and object into them.
+
+    Args:
+        spec: Of the arm, with the object; it is changed.
+        bodies: To which the left and the right camera are fixed; "world" for the room.
+        rod: Radius of the rods (m).
+    """
+    for camera, body in zip(CAMERAS, bodies, strict=True):
+        fixed_to = spec.worldbody if body == "world" else spec.body(body)
+        fixed_to.add_camera(
+            name=PREFIX + camera,
+            resolution=[IMAGE_SIZE, IMAGE_SIZE],
+            sensor_size=[SENSOR_SIZE, SENSOR_SIZE],
+            focal_length=[SENSOR_SIZE, SENSOR_SIZE],
+        )
+        for part, shape in (("rod", mujoco.mjtGeom.mjGEOM_CAPSULE), ("housing", mujoco.mjtGeom.mjGEOM_BOX)):
+            fixed_to.add_geom(
+                name=f"{PREFIX}{camera} {part}",
+                type=shape,
+                size=[rod, 0.1, 0.1],
+                rgba=[0.25, 0.27, 0.30, 1],
+                group=RIG_GROUP,
+                mass=0.0,
+                contype=0,
+                conaffinity=0,
+            )
+    for kind in (mujoco.mjtSensor.mjSENS_CAMPROJECTION, mujoco.mjtSensor.mjSENS_FRAMEPOS):
+        for point in POINTS:
+            for camera in CAMERAS:
+                spec.add_sensor(
+                    name=f"{PREFIX}{kind} {point} {camera}",
+                    type=kind,
+                    objtype=mujoco.mjtObj.mjOBJ_SITE,
+                    objname=PREFIX + point,
+                    reftype=mujoco.mjtObj.mjOBJ_CAMERA,
+                    refname=PREFIX + camera,
+                )
+
+
+def _set_options(spec: Any) -> None:
+    option = spec.option
+    option.timestep, option.integrator = TIMESTEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    option.disableactuator |= 1 << _FOREIGN
+
+
+def _armatures(model: mujoco.MjModel, home_qpos: Array) -> tuple[float, float]:
+    """The largest inertia of any hinge (kg m²), and of any slide (kg), at home.
+
+    Every joint gets that much armature: so none is moved by the others, and all settle alike.
+    """
+    data = mujoco.MjData(model)
+    data.qpos[:] = home_qpos
+    mujoco.mj_forward(model, data)
+    masses = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, masses)
+    of_kind = [
+        [masses[dof, dof] for dof in model.jnt_dofadr[model.jnt_type == kind]] for kind in (HINGE, SLIDE)
+    ]
+    hinges, slides = (max(found, default=1.0) for found in of_kind)
+    return float(hinges), float(slides)
+
+
+def _weld(spec: Any, model: mujoco.MjModel, joint: Any, home_qpos: Array) -> None:
+    """Holds a body with a free joint or a ball where it is at home, relative to the body before it."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = home_qpos
+    mujoco.mj_kinematics(model, data)
+    body = model.body(joint.parent.name).id
+    before = int(model.body_parentid[body])
+    back = np.empty(4)
+    mujoco.mju_negQuat(back, data.xquat[before])
+    offset, turn = np.empty(3), np.empty(4)
+    mujoco.mju_rotVecQuat(offset, data.xpos[body] - data.xpos[before], back)
+    mujoco.mju_mulQuat(turn, back, data.xquat[body])
+    equality = spec.add_equality(
+        name=f"{PREFIX}{joint.parent.name}",
+        type=mujoco.mjtEq.mjEQ_WELD,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=model.body(before).name,
+        name2=joint.parent.name,
+    )
+    equality.data[:11] = [0, 0, 0, *offset, *turn, 1]
