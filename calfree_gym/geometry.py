@@ -42,6 +42,13 @@ def rotation_matrix(quaternion: Array) -> Array:
     return matrix.reshape(3, 3)
 
 
+def quaternion_of(axes: Array) -> Array:
+    """Unit quaternion (4,) of a rotation matrix (3, 3)."""
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(axes).reshape(9))
+    return quaternion
+
+
 def looking_at(position: Array, target: Array) -> Array:
     """Quaternion (4,) of an upright camera at `position` (3,) that looks at `target` (3,).
 

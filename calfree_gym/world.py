@@ -11,18 +11,14 @@ import numpy as np
 from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, looking_at, quaternion_about, quaternion_product
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.arms.robot import Rig, Robot
 from calfree_gym.streams import stream
 
-LINKS = ("base", "shoulder", "upper_arm", "forearm", "hand")
-LENGTHS = np.array([0.40, 0.12, 0.25, 0.20, 0.25])
-"""Nominal link lengths in m: base to shoulder (up), base to shoulder (forward), shoulder to elbow,
-elbow to wrist, wrist to gripper point."""
 FOCAL_LENGTH = IMAGE_SIZE / 2 / np.tan(np.radians(40.0))
 """Nominal focal length in pixels: a field of view of 80 degrees."""
-CAMERA_POSITION = np.array([[0.05, 0.35, 0.60], [0.05, -0.35, 0.60]])
-"""Nominal optical centres in m, left and right of the work plane, in the frame of their mount."""
-AIM = np.array([0.42, 0.0, 0.12])
-"""Where the built robot's cameras look (m)."""
+SPAN_OF_A_HINGE = 2.0
+"""What a slide's span is compared with (rad), where quantities of hinges are drawn in degrees."""
 MAX_LATENCY = 10
 """The largest latency of image points, in motions."""
 
@@ -32,21 +28,24 @@ class World:
     """Cameras, arm, motors and measurement of one robot. Compares by value; arrays are read-only.
 
     Attributes:
-        camera_position: Optical centres (2, 3) in m, left then right, in the frame of their mount.
+        camera_position: Optical centres (2, 3) in m, left then right: in the room, with their mount where it
+            is at home as built.
         camera_orientation: Quaternions (2, 4); a camera looks along its -z axis, y up.
         focal_length: In pixels of the 512-pixel image (2,).
         principal_point: Offset from the image centre in pixels (2, 2), x right, y down.
         lens_k1: Radial distortion (2,): a pinhole point at radius r from the axis, in focal lengths,
             appears at r * (1 + k1 * r**2).
-        link_lengths: In m (5,), in the order of `LINKS`.
-        joint_zeros: True minus assumed angle of J1-J4 in rad (4,).
-        motor_sign: +1 or -1 (3,), waist, shoulder, elbow.
-        motor_gain: Relative to the built robot's (3,), positive.
-        motor_curvature: Of the map from register to angle (3,), see `motors`.
+        link_lengths: In m (l,), in the order of the arm's links.
+        joint_zeros: True minus assumed position of the arm's joints, in rad or m (k,).
+        motor_sign: +1 or -1 (m,), one a motor.
+        motor_gain: Relative to the built robot's (m,), positive.
+        motor_curvature: Of the map from register to position (m,), see `motors`.
         point_noise: Standard deviation of an image coordinate in pixels ().
         point_outliers: Share of the points of an observation that stand anywhere in the image instead ().
         point_dropout: Share of the points of an observation that are not seen ().
         latency: Delay of image points and flags in motions (), a whole number.
+        backlash: By how much a joint's position differs between both directions of motion, in rad or m (m,).
+        repeatability: Standard deviation of a joint's position after a motion, in rad or m (m,).
     """
 
     camera_position: Array
@@ -63,13 +62,23 @@ class World:
     point_outliers: Array = field(default_factory=lambda: np.zeros(()))
     point_dropout: Array = field(default_factory=lambda: np.zeros(()))
     latency: Array = field(default_factory=lambda: np.zeros(()))
+    backlash: Array = field(default_factory=lambda: np.zeros(0))
+    repeatability: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
+        motors = np.size(self.motor_sign)
+        for name in ("backlash", "repeatability"):
+            if np.shape(getattr(self, name)) == (0,):  # not given: none
+                object.__setattr__(self, name, np.zeros(motors))
         for entry in fields(self):
             array = np.array(np.asarray(getattr(self, entry.name), np.float64) + 0.0)  # no negative zero
-            shape = _SHAPES[entry.name]
-            if array.shape != shape:
-                raise ValueError(f"World.{entry.name} has shape {array.shape}; it must be {shape}")
+            shape = tuple(motors if size == "m" else size for size in _SHAPES[entry.name])
+            if array.ndim != len(shape) or any(
+                size not in ("k", "l", found) for size, found in zip(shape, array.shape, strict=True)
+            ):
+                raise ValueError(
+                    f"World.{entry.name} has shape {array.shape}; it must be ({', '.join(map(str, shape))})"
+                )
             if not np.isfinite(array).all():
                 raise ValueError(f"World.{entry.name} must be finite, found {array.tolist()}")
             array.flags.writeable = False
@@ -84,8 +93,9 @@ class World:
             raise ValueError(f"World.motor_sign must be +1 or -1, found {self.motor_sign}")
         if (np.abs(self.motor_curvature) > 0.45).any():
             raise ValueError(f"World.motor_curvature must be within +-0.45, found {self.motor_curvature}")
-        if self.point_noise < 0:
-            raise ValueError(f"World.point_noise must not be negative, found {self.point_noise}")
+        for name in ("point_noise", "backlash", "repeatability"):
+            if (getattr(self, name) < 0).any():
+                raise ValueError(f"World.{name} must not be negative, found {getattr(self, name)}")
         for name in ("point_outliers", "point_dropout"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"World.{name} must be in [0, 1], found {getattr(self, name)}")
@@ -111,49 +121,66 @@ class World:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> World:
-        """The world that `to_dict` wrote.
+        """The world that `to_dict` wrote, also before there were backlash and repeatability: then it has none.
 
         Raises:
             ValueError: A field is missing, unknown, or of the wrong shape.
         """
-        if missing := sorted(_SHAPES.keys() - values.keys()):
+        if missing := sorted(_SHAPES.keys() - values.keys() - {"backlash", "repeatability"}):
             raise ValueError(f"a World lacks {', '.join(missing)}")
         if unknown := sorted(values.keys() - _SHAPES.keys()):
             raise ValueError(f"a World has no field {', '.join(unknown)}; it has {', '.join(_SHAPES)}")
         return cls(**values)
 
+    def check_fits(self, robot: Robot) -> None:
+        """Raises where this is no world of that arm.
 
-_SHAPES: dict[str, tuple[int, ...]] = {
+        Raises:
+            ValueError: A field has another length; names what the arm has.
+        """
+        for name, what in (("motor_sign", "motors"), ("joint_zeros", "joints"), ("link_lengths", "links")):
+            found, expected = len(getattr(self, name)), getattr(robot, what)
+            if found != len(expected):
+                raise ValueError(
+                    f"World.{name} has shape ({found},); it must be ({len(expected)},): the arm has the {what} "
+                    f"{', '.join(expected)}"
+                )
+
+
+_SHAPES: dict[str, tuple[int | str, ...]] = {
     "camera_position": (2, 3),
     "camera_orientation": (2, 4),
     "focal_length": (2,),
     "principal_point": (2, 2),
     "lens_k1": (2,),
-    "link_lengths": (5,),
-    "joint_zeros": (4,),
-    "motor_sign": (3,),
-    "motor_gain": (3,),
-    "motor_curvature": (3,),
+    "link_lengths": ("l",),
+    "joint_zeros": ("k",),
+    "motor_sign": ("m",),
+    "motor_gain": ("m",),
+    "motor_curvature": ("m",),
     "point_noise": (),
     "point_outliers": (),
     "point_dropout": (),
     "latency": (),
+    "backlash": ("m",),
+    "repeatability": ("m",),
 }
 
 
-def nominal() -> World:
+def nominal(robot: Robot = MOVEMASTER) -> World:
     """The built robot, perfectly calibrated, with image points of 0.5 px noise."""
+    rig, motors = robot.rig, len(robot.motors)
     return World(
-        camera_position=CAMERA_POSITION,
-        camera_orientation=np.stack([looking_at(p, AIM) for p in CAMERA_POSITION]),
+        camera_position=rig.position,
+        camera_orientation=np.stack([looking_at(p, rig.target) for p in rig.position]),
         focal_length=np.full(2, FOCAL_LENGTH),
         principal_point=np.zeros((2, 2)),
         lens_k1=np.zeros(2),
-        link_lengths=LENGTHS,
-        joint_zeros=np.zeros(4),
-        motor_sign=np.ones(3),
-        motor_gain=np.ones(3),
-        motor_curvature=np.zeros(3),
+        link_lengths=robot.lengths,
+        joint_zeros=np.zeros(len(robot.joints)),
+        motor_sign=np.ones(motors),
+        motor_gain=np.ones(motors),
+        motor_curvature=np.zeros(motors),
         point_noise=np.array(0.5),
     )
 
@@ -162,13 +189,13 @@ Draw = Callable[[str], np.random.Generator]
 """Gives the random stream of one group of world fields."""
 
 
-def _nominal(draw: Draw) -> World:
-    return nominal()
+def _nominal(draw: Draw, robot: Robot) -> World:
+    return nominal(robot)
 
 
-def _coarse(draw: Draw) -> World:
+def _coarse(draw: Draw, robot: Robot) -> World:
     """The paper's coarsely calibrated robot: cameras up to 20 degrees off in any direction."""
-    built = nominal()
+    built = nominal(robot)
     orientation = np.stack(
         [
             quaternion_product(q, quaternion_about(rng.standard_normal(3), np.radians(rng.uniform(0, 20))))
@@ -181,38 +208,46 @@ def _coarse(draw: Draw) -> World:
         focal_length=built.focal_length * draw("focal_length").uniform(0.8, 1.2, 2),
         principal_point=built.principal_point,
         lens_k1=built.lens_k1,
-        link_lengths=built.link_lengths * draw("link_lengths").uniform(0.98, 1.02, 5),
-        joint_zeros=np.radians(draw("joint_zeros").uniform(-2, 2, 4)),
+        link_lengths=built.link_lengths * draw("link_lengths").uniform(0.98, 1.02, len(robot.links)),
+        joint_zeros=_zeros(draw("joint_zeros"), 2.0, robot),
         motor_sign=built.motor_sign,
-        motor_gain=draw("motor_gain").uniform(0.98, 1.02, 3),
+        motor_gain=draw("motor_gain").uniform(0.98, 1.02, len(robot.motors)),
         motor_curvature=built.motor_curvature,
         point_noise=built.point_noise,
     )
 
 
-def _wild(draw: Draw) -> World:
+def _wild(draw: Draw, robot: Robot) -> World:
     """Cameras mounted roughly, on an arm that was never measured."""
-    built = nominal()
-    cameras = [wild_camera(draw("cameras_" + side), i) for i, side in enumerate(CAMERAS)]
+    built, motors = nominal(robot), len(robot.motors)
+    cameras = [wild_camera(draw("cameras_" + side), i, robot.rig) for i, side in enumerate(CAMERAS)]
     return World(
         camera_position=np.stack([c["camera_position"] for c in cameras]),
         camera_orientation=np.stack([c["camera_orientation"] for c in cameras]),
         focal_length=np.array([c["focal_length"] for c in cameras]),
         principal_point=built.principal_point,
         lens_k1=np.array([c["lens_k1"] for c in cameras]),
-        link_lengths=built.link_lengths * draw("link_lengths").uniform(0.9, 1.1, 5),
-        joint_zeros=np.radians(draw("joint_zeros").uniform(-10, 10, 4)),
-        motor_sign=draw("motor_sign").choice([-1.0, 1.0], 3),
-        motor_gain=log_uniform(draw("motor_gain"), 0.5, 2.0, 3),
-        motor_curvature=draw("motor_curvature").uniform(-0.3, 0.4, 3),
+        link_lengths=built.link_lengths * draw("link_lengths").uniform(0.9, 1.1, len(robot.links)),
+        joint_zeros=_zeros(draw("joint_zeros"), 10.0, robot),
+        motor_sign=draw("motor_sign").choice([-1.0, 1.0], motors),
+        motor_gain=log_uniform(draw("motor_gain"), 0.5, 2.0, motors),
+        motor_curvature=draw("motor_curvature").uniform(-0.3, 0.4, motors),
         point_noise=built.point_noise,
     )
 
 
-def wild_camera(rng: np.random.Generator, camera: int) -> dict[str, Array]:
-    """One camera's fields: displaced by up to 10 cm, re-aimed, any roll, focal length x0.67-1.5."""
-    position = CAMERA_POSITION[camera] + random_direction(rng) * 0.10 * rng.uniform() ** (1 / 3)
-    aimed = looking_at(position, AIM + rng.uniform(-0.05, 0.05, 3))
+def _zeros(rng: np.random.Generator, degrees: float, robot: Robot) -> Array:
+    """Zero errors (k,) within these degrees; of slides within the share of the span that these are of 2 rad."""
+    zeros = np.radians(rng.uniform(-degrees, degrees, len(robot.joints)))
+    slides = np.flatnonzero(robot.slides)
+    zeros[slides] *= robot.span[slides] / SPAN_OF_A_HINGE
+    return np.asarray(zeros)
+
+
+def wild_camera(rng: np.random.Generator, camera: int, rig: Rig) -> dict[str, Array]:
+    """One camera's fields: displaced by up to 10 cm (RV-M2), re-aimed, any roll, focal length x0.67-1.5."""
+    position = rig.position[camera] + random_direction(rng) * (rig.scale * 0.10) * rng.uniform() ** (1 / 3)
+    aimed = looking_at(position, rig.target + rng.uniform(-0.05, 0.05, 3) * rig.scale)
     roll = quaternion_about(np.array([0.0, 0.0, 1.0]), rng.uniform(-np.pi, np.pi))
     return {
         "camera_position": position,
@@ -233,7 +268,7 @@ def log_uniform(rng: np.random.Generator, low: float, high: float, size: int | N
     return np.exp(rng.uniform(np.log(low), np.log(high), size))
 
 
-DISTRIBUTIONS: dict[str, Callable[[Draw], World]] = {
+DISTRIBUTIONS: dict[str, Callable[[Draw, Robot], World]] = {
     "nominal": _nominal,
     "coarse": _coarse,
     "wild": _wild,
@@ -256,12 +291,13 @@ class WorldDistribution:
                 f"calfree_gym.World or one of {', '.join(DISTRIBUTIONS)}"
             )
 
-    def sample(self, seed: int, attempt: int = 0, trial: int = 0) -> World:
+    def sample(self, seed: int, attempt: int = 0, trial: int = 0, robot: Robot = MOVEMASTER) -> World:
         """The world of `seed`.
 
         Args:
             seed: Non-negative.
             attempt: How many draws before it were out of view.
             trial: The trial, where each has a world of its own.
+            robot: The arm.
         """
-        return DISTRIBUTIONS[self.name](lambda group: stream(seed, "world_" + group, trial, attempt))
+        return DISTRIBUTIONS[self.name](lambda group: stream(seed, "world_" + group, trial, attempt), robot)

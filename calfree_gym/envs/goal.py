@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from calfree_gym.envs.stereo_arms import StereoArms
 from calfree_gym.errors import check_choice
-from calfree_gym.robot.motors import MOTORS
+from calfree_gym.robot.arms.arm import ArmChoice, robot_of
+from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.tasks import reach
 
 Observation = dict[str, NDArray[np.float32]]
@@ -25,43 +26,49 @@ class Privileged(NamedTuple):
     """A true quantity that a controller may get beside its image points, where it asks with `tell`.
 
     Attributes:
-        size: How many numbers.
+        size: How many numbers, for an arm.
         bound: Of their magnitude.
         of: Gives them for all rows (N, size).
     """
 
-    size: int
+    size: Callable[[Robot], int]
     bound: float
     of: Callable[[StereoArms], NDArray[np.float64]]
 
 
 PRIVILEGED = {
-    "joint_angles": Privileged(5, 2 * np.pi, lambda arms: arms.simulation.joints()),
-    "joint_zeros": Privileged(
-        4, np.pi, lambda arms: np.stack([arms.world(r).joint_zeros for r in range(arms.rows)])
+    "joint_angles": Privileged(
+        lambda robot: len(robot.built_home), 2 * np.pi, lambda arms: arms.simulation.joints()
     ),
-    "gripper_position": Privileged(3, 5.0, lambda arms: arms.simulation.positions()[0]),
-    "object_registers": Privileged(len(MOTORS), 1.0, lambda arms: arms.object_registers()),
+    "joint_zeros": Privileged(
+        lambda robot: len(robot.joints),
+        np.pi,
+        lambda arms: np.stack([arms.world(r).joint_zeros for r in range(arms.rows)]),
+    ),
+    "gripper_position": Privileged(lambda robot: 3, 5.0, lambda arms: arms.simulation.positions()[0]),
+    "object_registers": Privileged(
+        lambda robot: len(robot.motors), 1.0, lambda arms: arms.object_registers()
+    ),
 }
-"""True joint angles J1-J5 (rad), joint zeros J1-J4 (rad), the gripper point in the room (m), and the
-registers that bring the gripper to the object."""
+"""True joint positions (rad or m; of the RV-M2 J1-J5), joint zeros (of the RV-M2 J1-J4), the gripper point in
+the room (m), and the registers that bring the gripper to the object."""
 
 
-def observation_space(tell: Sequence[str]) -> spaces.Dict[Any]:
+def observation_space(tell: Sequence[str], robot: Robot) -> spaces.Dict[Any]:
     """The observations of one arm, with the privileged quantities that `tell` names."""
-    sizes = {"achieved_goal": 4, "desired_goal": 4, "observation": 4 + len(MOTORS)}
+    sizes = {"achieved_goal": 4, "desired_goal": 4, "observation": 4 + len(robot.motors)}
     boxes: dict[str, spaces.Space[Any]] = {
         key: spaces.Box(-1.0, 1.0, (size,), np.float32) for key, size in sizes.items()
     }
     for name in tell:
         quantity = PRIVILEGED[name]
-        boxes[name] = spaces.Box(-quantity.bound, quantity.bound, (quantity.size,), np.float32)
+        boxes[name] = spaces.Box(-quantity.bound, quantity.bound, (quantity.size(robot),), np.float32)
     return spaces.Dict(boxes)
 
 
-def action_space() -> spaces.Box[Any]:
+def action_space(robot: Robot) -> spaces.Box[Any]:
     """The control words of one arm."""
-    return spaces.Box(-1.0, 1.0, (len(MOTORS),), np.float32)
+    return spaces.Box(-1.0, 1.0, (len(robot.motors),), np.float32)
 
 
 def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -97,6 +104,7 @@ class StereoArmGoal:
         tell: Sequence[str],
         truth: bool,
         render_mode: Any,
+        arm: ArmChoice,
         **arms: Any,
     ) -> None:
         check_choice("reward", reward, tuple(REWARDS))
@@ -107,7 +115,7 @@ class StereoArmGoal:
             check_choice("tell", name, tuple(PRIVILEGED))
         if render_mode is not None:
             check_choice("render_mode", render_mode, RENDER_MODES)
-        self.arms = StereoArms(rows, threads=threads, **arms)
+        self.arms = StereoArms(rows, threads=threads, robot=robot_of(arm), **arms)
         self.render_mode = render_mode
         self._ends = terminate_on_success
         self._tell = tuple(tell)
@@ -123,7 +131,7 @@ class StereoArmGoal:
         points, visible = self.arms.delivered
         goals = points.astype(np.float32).reshape(-1, 8)
         distances = reach.image_distances(goals[:, :4], goals[:, 4:])
-        state = np.empty((self.arms.rows, 4 + len(MOTORS)), np.float32)
+        state = np.empty((self.arms.rows, 4 + self.arms.registers.shape[1]), np.float32)
         state[:, :4] = visible
         state[:, 4:] = self.arms.registers
         observation = {"achieved_goal": goals[:, :4], "desired_goal": goals[:, 4:], "observation": state}

@@ -19,7 +19,7 @@ from calfree_gym.envs.goal import (
     placed_objects,
 )
 from calfree_gym.envs.stereo_arms import Applied, WorldChoice
-from calfree_gym.robot.motors import MOTORS
+from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, ArmChoice
 from calfree_gym.world import World
 
 
@@ -111,7 +111,8 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         self,
         *,
         world: WorldChoice = "wild",
-        camera_mount: str = "waist",
+        arm: ArmChoice = MOVEMASTER_NAME,
+        camera_mount: str | Sequence[str] = "waist",
         observation: str = "points",
         tolerance_px: float = 4.0,
         dynamics: str = "physics",
@@ -133,6 +134,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             tell,
             truth,
             render_mode,
+            arm,
             world=world,
             camera_mount=camera_mount,
             tolerance_px=tolerance_px,
@@ -141,8 +143,8 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             redraw=redraw,
             keep_in_view=keep_in_view,
         )
-        self.observation_space = observation_space(tell)
-        self.action_space = action_space()
+        self.observation_space = observation_space(tell, self.arms.robot)
+        self.action_space = action_space(self.arms.robot)
 
     @property
     def world(self) -> World:
@@ -174,7 +176,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Executes one motion, see the class."""
-        seconds, applied = self.arms.move(slice(None), control_words(action, (len(MOTORS),)))
+        seconds, applied = self.arms.move(slice(None), control_words(action, (self.arms.registers.shape[1],)))
         self.arms.observe()
         observation, distances, success = self._outcome()
         return (

@@ -15,16 +15,14 @@ from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, PIXELS_PER_UNIT, inside, l
 from calfree_gym.perturbations.application import PerturbationScheduler
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
-from calfree_gym.robot.motors import MOTORS
+from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.simulation import DYNAMICS, Simulation
-from calfree_gym.robot.workspace import ATTEMPTS, Workspaces, first_in_view, in_view
+from calfree_gym.robot.workspace import ATTEMPTS, Workspaces, first_in_view, in_view, least_in_view
 from calfree_gym.streams import CounterStreams, Key, key
-from calfree_gym.vision.cameras import MOUNTS
 from calfree_gym.vision.measurement import MeasurementModel
 from calfree_gym.world import World, WorldDistribution
 
-JOINT_SPEED = 0.7
-"""Assumed speed (rad/s) of the joint that travels furthest, for robot time."""
 LOOK_SECONDS = 4.0
 """Assumed seconds in which the arm settles and the vision system delivers still image points. With this
 value a reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
@@ -40,7 +38,7 @@ class StereoArms:
     """N arms with stereo cameras, stepped together.
 
     Attributes:
-        registers: Executed sums of control words since home (N, 3).
+        registers: Executed sums of control words since home (N, m).
         points: Image points (N, 4, 2) as last seen: gripper left, right, object left, right.
         visible: Which of the four points (N, 4) the last observation saw.
         delivered: Image points (N, 4, 2) and flags (N, 4) as the controller gets them: delayed where there
@@ -52,7 +50,8 @@ class StereoArms:
     Args:
         rows: N.
         world: A `World`, a distribution or its name, or a sequence of N of them.
-        camera_mount: "waist" or "stand".
+        robot: The arm.
+        camera_mount: "waist", "stand", the name of a body of the arm, or a pair of these, left and right.
         dynamics: "physics" or "kinematic".
         tolerance_px: Image distance of the rendezvous; no object starts nearer.
         perturbations: A schedule, see `perturbations.parse_schedule`.
@@ -68,8 +67,9 @@ class StereoArms:
         self,
         rows: int,
         *,
+        robot: Robot,
         world: WorldChoice | Sequence[WorldChoice],
-        camera_mount: str,
+        camera_mount: str | Sequence[str],
         dynamics: str,
         tolerance_px: float,
         perturbations: Any,
@@ -77,17 +77,18 @@ class StereoArms:
         keep_in_view: bool,
         threads: int,
     ) -> None:
-        check_choice("camera_mount", camera_mount, MOUNTS)
         check_choice("dynamics", dynamics, DYNAMICS)
         check_choice("redraw", redraw, REDRAWS)
         if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < IMAGE_SIZE):
             raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
         self.rows = rows
-        self.mount = camera_mount
+        self.robot, self.mounts = robot, robot.mounts(camera_mount)
+        motors = len(robot.motors)
         self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
-        self.simulation = Simulation(rows, camera_mount, dynamics, threads)
-        self._workspaces = Workspaces(rows, camera_mount)
-        self._scheduler = PerturbationScheduler(rows, perturbations, camera_mount, keep_in_view)
+        self.simulation = Simulation(rows, robot, self.mounts, dynamics, threads)
+        self.motors = MotorMap(rows, robot)
+        self._workspaces = Workspaces(rows, robot, self.mounts)
+        self._scheduler = PerturbationScheduler(rows, perturbations, robot, self.mounts, keep_in_view)
         self._choices = _choices(world, rows)
         self._redraws = redraw == "trial"
         self._keep_in_view = keep_in_view
@@ -97,7 +98,7 @@ class StereoArms:
                 if self._redraws:
                     raise ValueError("redraw='trial' draws worlds: `world` must be a distribution")
         self._worlds: list[World | None] = [None] * rows
-        self.registers = np.zeros((rows, len(MOTORS)))
+        self.registers = np.zeros((rows, motors))
         self.points = np.zeros((rows, 4, 2))
         self.visible = np.zeros((rows, 4), bool)
         self.delivered = self.points, self.visible
@@ -111,7 +112,7 @@ class StereoArms:
         self._measurement = MeasurementModel(rows)
         self._apart = np.zeros((rows, 1))
         self._solved: list[tuple[World, bytes] | None] = [None] * rows
-        self._object_registers = np.zeros((rows, len(MOTORS)))
+        self._object_registers = np.zeros((rows, motors))
         self._all = np.arange(rows)
         self._begun = False
 
@@ -142,11 +143,11 @@ class StereoArms:
 
     def _draw_world(self, distribution: WorldDistribution, seed: int, trial: int) -> World:
         def draw(attempt: int) -> World:
-            return distribution.sample(seed, attempt, trial)
+            return distribution.sample(seed, attempt, trial, self.robot)
 
         if not self._keep_in_view:
             return draw(0)
-        return first_in_view(draw, self.mount, f"a {distribution.name} world", whole=True)
+        return first_in_view(draw, self.robot, self.mounts, f"a {distribution.name} world", whole=True)
 
     def set_world(self, row: int, world: World) -> None:
         """Puts `row` into `world` from now on; seeds then draw objects and noise only.
@@ -175,14 +176,14 @@ class StereoArms:
         self.registers[rows] = 0.0
         if objects is None:
             objects = self._draw_objects(indices)
-        self.simulation.place(rows, self.registers[rows], objects)
+        self.simulation.place(rows, self._joints_at(self.registers[rows], rows), objects)
         self.trials[rows] += 1
         self._motions_before[rows] = self.motions[rows]
         self.points[rows] = 0.0
         return applied
 
     def move(self, rows: Rows, words: Array) -> tuple[Array, list[Applied]]:
-        """Executes one motion of control words (n, 3) in `rows`.
+        """Executes one motion of control words (n, m) in `rows`.
 
         Returns:
             Robot time of the motions (n,) in seconds, and the perturbations that were applied before them.
@@ -193,13 +194,13 @@ class StereoArms:
         if not self._begun:
             raise gym.error.ResetNeeded("no trial has begun: call reset() before step()")
         applied = self._apply_due("motion", self.motions, rows)
-        motors = self.simulation.motors
+        motors = self.motors
         registers = self.registers[rows] + words
         registers = np.minimum(np.maximum(registers, motors.lowest[rows]), motors.highest[rows])
         self.registers[rows] = registers
-        travel = self.simulation.move(rows, registers)
+        seconds = self.simulation.move(rows, self._joints_at(registers, rows))
         self.motions[rows] += 1
-        return travel / JOINT_SPEED + LOOK_SECONDS, applied
+        return seconds + LOOK_SECONDS, applied
 
     def observe(self) -> None:
         """Updates what the cameras see, after every row has moved or begun a trial."""
@@ -215,10 +216,11 @@ class StereoArms:
 
     def home_seconds(self) -> Array:
         """Robot time (N,) of the way home from here, in seconds."""
-        return self.simulation.travel_home() / JOINT_SPEED + LOOK_SECONDS
+        home = self._joints_at(np.zeros_like(self.registers), slice(None))
+        return self.simulation.travel_to(home) + LOOK_SECONDS
 
     def object_registers(self) -> Array:
-        """Registers (N, 3) at which the gripper is at the object, or as near as the motors let it."""
+        """Registers (N, m) at which the gripper is at the object, or as near as the motors let it."""
         objects = self.simulation.positions()[1]
         for row in range(self.rows):
             wanted = self.world(row), objects[row].tobytes()
@@ -234,6 +236,7 @@ class StereoArms:
 
     def _enter(self, row: int, world: World) -> None:
         self._worlds[row] = world
+        self.motors.set_world(row, world)
         self.simulation.set_world(row, world)
         self._workspaces.set_world(row, world)
         self._measurement.set_world(row, world)
@@ -247,11 +250,17 @@ class StereoArms:
                 self._enter(row, self._draw_world(choice, seed, int(self.trials[row])))
 
     def _check_in_view(self, world: World) -> None:
-        if self._keep_in_view and not in_view(world, self.mount):
+        world.check_fits(self.robot)
+        if self._keep_in_view and not in_view(world, self.robot, self.mounts):
             raise ValueError(
-                f"the given world is not in view on the {self.mount!r} mount: both cameras must see "
-                "the gripper at home and half of the work space, which the motors must reach"
+                f"the given world is not in view of cameras on {' and '.join(dict.fromkeys(self.mounts))}: "
+                f"both must see the gripper at home and {least_in_view(self.robot, self.mounts):.0%} of the "
+                "work space, which the motors must reach"
             )
+
+    def _joints_at(self, registers: Array, rows: Rows) -> Array:
+        """Positions of all joints (n, j) at registers (n, m)."""
+        return self.motors.angles(self.motors.positions(registers, rows), rows)
 
     def _apply_due(self, clock: str, counts: NDArray[np.int64], rows: Rows) -> list[Applied]:
         """Applies the events that are due in `rows`; the stops of these arms may move."""
@@ -270,7 +279,7 @@ class StereoArms:
         objects = np.empty((len(rows), 3))
         open_ = np.arange(len(rows))
         for block in range(ATTEMPTS):
-            draws = np.empty((len(open_), CANDIDATE_BLOCK, 3))
+            draws = np.empty((len(open_), CANDIDATE_BLOCK, len(self.robot.motors)))
             for i, row in enumerate(rows[open_]):
                 self._object_streams.go_to(self._object_keys[row], int(self.trials[row]), block)
                 self._object_streams.generator.random(out=draws[i])

@@ -22,7 +22,7 @@ from calfree_gym.envs.goal import (
 )
 from calfree_gym.envs.stereo_arms import Applied, WorldChoice
 from calfree_gym.errors import check_choice
-from calfree_gym.robot.motors import MOTORS
+from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, ArmChoice
 from calfree_gym.world import World
 
 
@@ -56,7 +56,8 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 0,
         world: WorldChoice | Sequence[WorldChoice] = "wild",
-        camera_mount: str = "waist",
+        arm: ArmChoice = MOVEMASTER_NAME,
+        camera_mount: str | Sequence[str] = "waist",
         observation: str = "points",
         tolerance_px: float = 4.0,
         dynamics: str = "physics",
@@ -79,6 +80,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             tell,
             truth,
             render_mode,
+            arm,
             world=world,
             camera_mount=camera_mount,
             tolerance_px=tolerance_px,
@@ -91,8 +93,8 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         self._max_episode_steps = max_episode_steps
         self._autoreset = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._autoreset}
-        self.single_observation_space = observation_space(tell)
-        self.single_action_space = action_space()
+        self.single_observation_space = observation_space(tell, self.arms.robot)
+        self.single_action_space = action_space(self.arms.robot)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._steps = np.zeros(num_envs, np.int64)
@@ -144,7 +146,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         Raises:
             gymnasium.error.ResetNeeded: A trial is over and the next was not begun (autoreset disabled).
         """
-        words = control_words(actions, (self.num_envs, len(MOTORS)))
+        words = control_words(actions, (self.num_envs, self.arms.registers.shape[1]))
         over, beginning = self._over.copy(), np.flatnonzero(self._over)
         seconds = np.zeros(self.num_envs)
         if not len(beginning):

@@ -5,12 +5,12 @@ To add a perturbation:
 1. Write a frozen dataclass, derived from `base.Perturbation`, in the module of what it changes: `camera`,
    `arm` or `image_points`. Its docstring says what it changes and what it draws for omitted settings; it
    becomes part of the documentation.
-2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`, `base.amount`,
+2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`, `base.one_of_the_arms`, `base.amount`,
    `base.factor` or `base.setting`.
-3. Define `change(world)`, which returns a new world; every setting is given there. For one entry of an
+3. Define `change(world, robot)`, which returns a new world; every setting is given there. For one entry of an
    array `base.with_entry` is enough.
 4. Define `inverse()`, which returns the perturbation that undoes it. A perturbation that sets a value
-   has none; define `drift(world, back)` instead, which goes one step from the present value.
+   has none; define `drift(world, back, robot)` instead, which goes one step from the present value.
 5. List the class in `types.TYPES` and here. The tests and the documentation then include it.
 
 For example, in `arm`:
@@ -20,18 +20,18 @@ For example, in `arm`:
         "Adds `by` (drawn: -0.1 to 0.1) to a motor's curvature."
 
         type: ClassVar[str] = "motor_curvature"
-        motor: str = one_of(MOTORS)
+        motor: str = one_of_the_arms("motors")
         by: float = amount(uniform(-0.1, 0.1))
 
-        def change(self, world: World) -> World:
-            motor = MOTORS.index(self.motor)
+        def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+            motor = robot.motors.index(self.motor)
             return with_entry(world, "motor_curvature", motor, world.motor_curvature[motor] + self.by)
 
         def inverse(self) -> Perturbation:
             return replace(self, by=-self.by)
 """
 
-from calfree_gym.perturbations.arm import JointZero, LinkLength, MotorGain, MotorSign
+from calfree_gym.perturbations.arm import Backlash, JointZero, LinkLength, MotorGain, MotorSign, Repeatability
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.camera import (
     CameraAim,
@@ -47,6 +47,7 @@ from calfree_gym.perturbations.types import TYPES, parse_perturbation
 
 __all__ = [
     "TYPES",
+    "Backlash",
     "CameraAim",
     "CameraReplace",
     "CameraRoll",
@@ -62,6 +63,7 @@ __all__ = [
     "PointDropout",
     "PointNoise",
     "PointOutliers",
+    "Repeatability",
     "parse_perturbation",
     "parse_schedule",
 ]

@@ -7,6 +7,7 @@ from typing import Any
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.schedule import CLOCKS, Event, parse_schedule
 from calfree_gym.perturbations.undo import Undo, undone
+from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.workspace import first_in_view, in_view
 from calfree_gym.streams import stream
 from calfree_gym.world import World
@@ -25,14 +26,18 @@ class PerturbationScheduler:
     Args:
         rows: N.
         schedule: Entries as for `schedule.parse_schedule`.
-        mount: Where the cameras are fixed.
+        robot: Their arm.
+        mounts: Where the cameras are fixed.
         keep_in_view: Whether worlds that the cameras do not see are drawn again, and drifts turn back.
     """
 
-    def __init__(self, rows: int, schedule: Any, mount: str, keep_in_view: bool) -> None:
+    def __init__(self, rows: int, schedule: Any, robot: Robot, mounts: Mounts, keep_in_view: bool) -> None:
         events = tuple(enumerate(parse_schedule(schedule)))
         self.events = {clock: [(i, event) for i, event in events if event.clock == clock] for clock in CLOCKS}
-        self._mount = mount
+        self._robot, self._mounts = robot, mounts
+        for _, event in events:
+            if not isinstance(event.perturbation, Undo):
+                event.perturbation.check_fits(robot)
         self._keep_in_view = keep_in_view
         self._seeds = [0] * rows
         self._drifts: list[dict[int, tuple[Perturbation, bool]]] = [{} for _ in range(rows)]
@@ -81,17 +86,18 @@ class PerturbationScheduler:
 
         def perturbed(attempt: int) -> World:
             nonlocal drawn
-            drawn = perturbation.drawn(stream(self._seeds[row], "perturbation", place, count, attempt))
-            return drawn.change(world)
+            rng = stream(self._seeds[row], "perturbation", place, count, attempt)
+            drawn = perturbation.drawn(rng, robot=self._robot)
+            return drawn.change(world, self._robot)
 
         if not self._keep_in_view:
             return perturbed(0), drawn
         what = f"the world after {perturbation.to_dict()}"
-        return first_in_view(perturbed, self._mount, what), drawn
+        return first_in_view(perturbed, self._robot, self._mounts, what), drawn
 
     def _undo(self, undo: Undo, row: int, world: World) -> World:
         there = undone(world, *self._undoable[row][undo.event])
-        if self._keep_in_view and not in_view(there, self._mount):
+        if self._keep_in_view and not in_view(there, self._robot, self._mounts):
             raise ValueError(f"the world after {undo.to_dict()} is not in view: {there.to_dict()}")
         return there
 
@@ -102,14 +108,15 @@ class PerturbationScheduler:
         drifts = self._drifts[row]
         begins = place not in drifts
         if begins:
-            drifts[place] = perturbation.drawn(stream(self._seeds[row], "drift", place), slowly=True), False
+            rng = stream(self._seeds[row], "drift", place)
+            drifts[place] = perturbation.drawn(rng, slowly=True, robot=self._robot), False
         step, back = drifts[place]
         for way in (back, not back):
             try:
-                there = step.drift(world, way)
+                there = step.drift(world, way, self._robot)
             except ValueError:  # a quantity is at the end of its range
                 continue
-            if not self._keep_in_view or in_view(there, self._mount):
+            if not self._keep_in_view or in_view(there, self._robot, self._mounts):
                 drifts[place] = step, way
                 world = there
                 break

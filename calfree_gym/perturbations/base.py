@@ -9,6 +9,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from calfree_gym.errors import near_misses
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.world import World, log_uniform
 
 DRIFT_STEPS = 100
@@ -22,22 +25,33 @@ class Setting:
     """What a setting of a perturbation may be.
 
     Attributes:
-        draw: Draws its value where it is omitted.
+        draw: Draws its value where it is omitted; of a part of the arm any is drawn.
         names: The allowed values, where it is a name.
+        part: "motors", "joints" or "links", where it is the name of one of the arm's.
         least, most: Bounds, where it is a number.
         whole: Whether the number must be a whole one.
         slow: Turns a drawn value into the value for one step of a drift.
     """
 
-    draw: Draw
+    draw: Draw | None
     names: tuple[str, ...] = ()
+    part: str = ""
     least: float = -math.inf
     most: float = math.inf
     whole: bool = False
     slow: Callable[[Any], Any] = lambda value: value
 
+    def drawn(self, rng: np.random.Generator, robot: Robot) -> Any:
+        """Draws a value for an arm."""
+        if self.draw is not None:
+            return self.draw(rng)
+        parts: tuple[str, ...] = getattr(robot, self.part)
+        return parts[int(rng.integers(len(parts)))]
+
     def wrong(self, value: Any) -> str | None:
-        """What is wrong with a value, if anything."""
+        """What is wrong with a value, if anything; only an arm can tell the names of its parts."""
+        if self.part:
+            return None if isinstance(value, str) else f"it must be the name of one of the arm's {self.part}"
         if self.names:
             return None if value in self.names else f"allowed: {', '.join(self.names)}"
         kind = "a whole number" if self.whole else "a number"
@@ -50,7 +64,7 @@ class Setting:
         return None
 
 
-def setting(draw: Draw, **allowed: Any) -> Any:
+def setting(draw: Draw | None, **allowed: Any) -> Any:
     """A dataclass field for a `Setting`."""
     return field(default=None, metadata={"setting": Setting(draw, **allowed)})
 
@@ -58,6 +72,11 @@ def setting(draw: Draw, **allowed: Any) -> Any:
 def one_of(names: tuple[str, ...]) -> Any:
     """A name; where it is omitted, any of them is drawn."""
     return setting(lambda rng: names[int(rng.integers(len(names)))], names=names)
+
+
+def one_of_the_arms(part: str) -> Any:
+    """The name of one of its "motors", "joints" or "links"; where it is omitted, any of them is drawn."""
+    return setting(None, part=part)
 
 
 def amount(draw: Draw, **bounds: float) -> Any:
@@ -100,24 +119,38 @@ class Perturbation:
             if value is not None and (wrong := allowed.wrong(value)):
                 raise ValueError(f"{self.type}.{name} is {value!r}; {wrong}")
 
-    def apply(self, world: World, rng: np.random.Generator) -> World:
-        """Returns the perturbed world; omitted settings are drawn from `rng`."""
-        return self.drawn(rng).change(world)
+    def check_fits(self, robot: Robot) -> None:
+        """Raises where a part that it names is none of the arm's.
 
-    def drawn(self, rng: np.random.Generator, slowly: bool = False) -> Self:
+        Raises:
+            ValueError: It is unknown; names those that the arm has.
+        """
+        for name, allowed in self.settings().items():
+            value = getattr(self, name)
+            if allowed.part and value is not None and value not in (parts := getattr(robot, allowed.part)):
+                raise ValueError(
+                    f"{self.type}.{name} is {value!r}{near_misses(value, parts)}; allowed: {', '.join(parts)}"
+                )
+
+    def apply(self, world: World, rng: np.random.Generator, robot: Robot = MOVEMASTER) -> World:
+        """Returns the perturbed world of an arm; omitted settings are drawn from `rng`."""
+        return self.drawn(rng, robot=robot).change(world, robot)
+
+    def drawn(self, rng: np.random.Generator, slowly: bool = False, robot: Robot = MOVEMASTER) -> Self:
         """The same perturbation with every setting given; omitted ones are drawn from `rng`.
 
         Args:
             rng: Where the draws come from.
             slowly: Whether the drawn settings are for one step of a drift.
+            robot: The arm.
         """
-        draws = {name: allowed.draw(rng) for name, allowed in self.settings().items()}
+        draws = {name: allowed.drawn(rng, robot) for name, allowed in self.settings().items()}
         if slowly:
             draws = {name: allowed.slow(draws[name]) for name, allowed in self.settings().items()}
         return replace(self, **(draws | self._given()))  # type: ignore[type-var]
 
-    def change(self, world: World) -> World:
-        """Returns the perturbed world, where every setting is given."""
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+        """Returns the perturbed world of an arm, where every setting is given."""
         raise NotImplementedError
 
     def inverse(self) -> Perturbation:
@@ -128,13 +161,13 @@ class Perturbation:
         """
         raise NotImplementedError(f"{self.type} has no inverse")
 
-    def drift(self, world: World, back: bool = False) -> World:
+    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
         """Returns the world after one more step of a drift, or one `back`, where every setting is given.
 
         Raises:
             ValueError: There is none: a quantity has come to the end of its range.
         """
-        return (self.inverse() if back else self).change(world)
+        return (self.inverse() if back else self).change(world, robot)
 
     def to_dict(self) -> dict[str, Any]:
         """As in YAML: the type and what was given."""

@@ -20,6 +20,8 @@ from calfree_gym.perturbations.base import (
     uniform,
     with_entry,
 )
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.world import World, wild_camera
 
 _OPTICAL_AXIS = np.array([0.0, 0.0, -1.0])
@@ -33,7 +35,7 @@ class CameraRoll(Perturbation):
     camera: str = one_of(CAMERAS)
     degrees: float = amount(uniform(-180, 180))
 
-    def change(self, world: World) -> World:
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         return _turned(world, CAMERAS.index(self.camera), _OPTICAL_AXIS, self.degrees)
 
     def inverse(self) -> Perturbation:
@@ -52,7 +54,7 @@ class CameraAim(Perturbation):
     degrees: float = amount(uniform(3, 15))
     direction: float = setting(uniform(-180, 180))
 
-    def change(self, world: World) -> World:
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         angle = math.radians(self.direction)
         axis = np.array([-math.sin(angle), -math.cos(angle), 0.0])
         return _turned(world, CAMERAS.index(self.camera), axis, self.degrees)
@@ -69,7 +71,7 @@ class CameraZoom(Perturbation):
     camera: str = one_of(CAMERAS)
     factor: float = factor(0.8, 1.25)
 
-    def change(self, world: World) -> World:
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         camera = CAMERAS.index(self.camera)
         return with_entry(world, "focal_length", camera, world.focal_length[camera] * self.factor)
 
@@ -90,7 +92,7 @@ class CameraShift(Perturbation):
     azimuth: float = setting(uniform(-180, 180))
     elevation: float = setting(lambda rng: math.degrees(math.asin(rng.uniform(-1, 1))), least=-90, most=90)
 
-    def change(self, world: World) -> World:
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         camera = CAMERAS.index(self.camera)
         azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
         level = math.cos(elevation)
@@ -113,16 +115,16 @@ class CameraReplace(Perturbation):
     camera: str = one_of(CAMERAS)
     seed: int = setting(lambda rng: int(rng.integers(2**31)), least=0, most=2**31, whole=True)
 
-    def change(self, world: World) -> World:
-        return self._moved(world, 1.0)
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+        return self._moved(world, 1.0, robot)
 
-    def drift(self, world: World, back: bool = False) -> World:
-        return self._moved(world, -1 / (DRIFT_STEPS - 1) if back else 1 / DRIFT_STEPS)
+    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
+        return self._moved(world, -1 / (DRIFT_STEPS - 1) if back else 1 / DRIFT_STEPS, robot)
 
-    def _moved(self, world: World, share: float) -> World:
+    def _moved(self, world: World, share: float, robot: Robot) -> World:
         """Moves the camera by this share of the way to the other one."""
         camera = CAMERAS.index(self.camera)
-        other = wild_camera(np.random.default_rng(self.seed), camera)
+        other = wild_camera(np.random.default_rng(self.seed), camera, robot.rig)
         for name, value in {**other, "principal_point": np.zeros(2)}.items():
             present = getattr(world, name)[camera]
             if name == "camera_orientation":
@@ -141,10 +143,10 @@ class Lens(Perturbation):
     camera: str = one_of(CAMERAS)
     k1: float = amount(uniform(-0.08, 0.08), least=-0.5, most=0.5)
 
-    def change(self, world: World) -> World:
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         return with_entry(world, "lens_k1", CAMERAS.index(self.camera), self.k1)
 
-    def drift(self, world: World, back: bool = False) -> World:
+    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
         present = float(world.lens_k1[CAMERAS.index(self.camera)])
         return replace(self, k1=present + (-self.k1 if back else self.k1)).change(world)
 

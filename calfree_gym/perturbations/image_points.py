@@ -9,6 +9,8 @@ import numpy as np
 
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations.base import Perturbation, amount, setting, uniform
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.world import MAX_LATENCY, World, log_uniform
 
 
@@ -21,10 +23,10 @@ class _PointPerturbation(Perturbation):
 
     quantity: ClassVar[str]
 
-    def change(self, world: World) -> World:
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         return replace(world, **{self.type: np.array(getattr(self, self.quantity))})
 
-    def drift(self, world: World, back: bool = False) -> World:
+    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
         step = getattr(self, self.quantity)
         there = getattr(world, self.type).item() + (-step if back else step)
         if self.settings()[self.quantity].whole:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from calfree_gym.errors import near_misses
-from calfree_gym.perturbations.arm import JointZero, LinkLength, MotorGain, MotorSign
+from calfree_gym.perturbations.arm import Backlash, JointZero, LinkLength, MotorGain, MotorSign, Repeatability
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.camera import (
     CameraAim,
@@ -31,6 +31,8 @@ TYPES: dict[str, type[Perturbation]] = {
         LinkLength,
         MotorGain,
         MotorSign,
+        Backlash,
+        Repeatability,
         PointNoise,
         PointOutliers,
         PointDropout,

@@ -3,42 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import Array, Flags
+from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import inside, lengths
+from calfree_gym.robot.arms.robot import ROOM, Mounts, Robot
 from calfree_gym.robot.inverse import InverseKinematics
-from calfree_gym.robot.kinematics import gripper_position
-from calfree_gym.robot.motors import JOINT_LIMITS, MotorMap
+from calfree_gym.robot.motors import MotorMap
 from calfree_gym.vision.cameras import StereoCameras
 from calfree_gym.world import World
 
-HEIGHT = (0.03, 0.25)
-"""Objects lie between these heights above the table (m)."""
-DISTANCE = (0.30, 0.50)
-"""Objects lie between these distances from the waist's axis (m)."""
-WAIST = 0.9
-"""Objects lie within this angle of straight ahead (rad)."""
-LIMIT_MARGIN = 0.1
-"""No object needs a joint nearer than this to its limit (rad)."""
 BORDER_PX = 16.0
 """Objects are seen at least this far inside both images."""
 MAX_REGISTER = 0.9
 """Registers of at most this magnitude reach every object."""
 MIN_IN_VIEW = 0.5
 """Share of the work space that both cameras must see."""
+MIN_IN_VIEW_ON_A_LINK = 0.2
+"""The same, where a camera is fixed to a link behind the first one, and turns away as it moves."""
 CHECKED = 200
 """Candidates that decide whether a world is in view."""
 ATTEMPTS = 1000
 """Draws of worlds, or of blocks of candidate objects, before giving up."""
-
-_LOWEST = JOINT_LIMITS[:3, 0] + LIMIT_MARGIN
-_HIGHEST = JOINT_LIMITS[:3, 1] - LIMIT_MARGIN
-_LOWEST[0], _HIGHEST[0] = -WAIST, WAIST
-_JUDGING = np.random.default_rng(0).random((1, 50 * CHECKED, 3))
 
 Indices = NDArray[np.intp]
 
@@ -47,7 +37,7 @@ class Candidates(NamedTuple):
     """Candidate objects.
 
     Attributes:
-        points: In m (n, k, 3).
+        points: In the room, in m (n, k, 3).
         within: Which of them (n, k) lie in the work space.
         reached: Which of them (n, k) registers within `MAX_REGISTER` reach.
         seen: Which of those within (n, k) both cameras see, from home and with the gripper there.
@@ -70,15 +60,17 @@ class Workspaces:
 
     Args:
         rows: N.
-        mount: Where the cameras are fixed, see `cameras.MOUNTS`.
+        robot: Their arm.
+        mounts: Where the cameras are fixed.
     """
 
-    def __init__(self, rows: int, mount: str) -> None:
-        self._turning = mount == "waist"
-        self._motors = MotorMap(rows)
+    def __init__(self, rows: int, robot: Robot, mounts: Mounts) -> None:
+        self._robot, self._mounts = robot, mounts
+        self._moving = mounts != (ROOM, ROOM)
+        self._motors = MotorMap(rows, robot)
         self.cameras = StereoCameras(rows)
-        self._lengths = np.ones((rows, 5))
-        self._home = np.zeros((rows, 5))
+        self._lengths = np.ones((rows, len(robot.links)))
+        self._home = np.zeros((rows, len(robot.built_home)))
         self._gripper_images = np.zeros((rows, 2, 2))
         self._gripper_seen = np.zeros(rows, bool)
         self._inverse: list[InverseKinematics | None] = [None] * rows
@@ -90,34 +82,28 @@ class Workspaces:
         self._lengths[row] = world.link_lengths
         self._inverse[row] = None
         one = np.array([row])
-        self._home[one] = self._motors.joints(np.zeros((1, 3)), one)
-        gripper = gripper_position(self._home[one, :4], self._lengths[one])
-        self._gripper_images[one], self._gripper_seen[one] = self._images(gripper, self._home[one, 0], one)
+        self._home[one] = self._angles_at(np.zeros((1, len(self._robot.motors))), one)
+        gripper = self._robot.gripper_position(self._home[one], self._lengths[one])
+        self._gripper_images[one], self._gripper_seen[one] = self._images(gripper, self._home[one], one)
 
     def candidates(self, draws: Array, rows: Indices) -> Candidates:
-        """Turns uniform draws in [0, 1) (n, k, 3), one each for J1-J3 of the n `rows`, into candidates."""
-        joints = _LOWEST + draws * (_HIGHEST - _LOWEST)
-        wrist = self._motors.wrist(joints[..., 1], joints[..., 2], rows[:, None])
-        bent = np.concatenate([joints, wrist[..., None]], -1)
-        points = gripper_position(bent, self._lengths[rows][:, None])
-        height, distance = points[..., 2], np.hypot(points[..., 0], points[..., 1])
-        within = (
-            (height >= HEIGHT[0])
-            & (height <= HEIGHT[1])
-            & (distance >= DISTANCE[0])
-            & (distance <= DISTANCE[1])
-        )
+        """Turns uniform draws in [0, 1) (n, k, m), one a motor of the n `rows`, into candidates."""
+        robot = self._robot
+        positions = robot.lowest + draws * (robot.highest - robot.lowest)
+        angles = self._motors.angles(positions, rows)
+        points = robot.gripper_position(angles, self._lengths[rows][:, None])
+        within = robot.within(points)
         of, _ = np.nonzero(within)
-        images, judged = self._images(points[within], self._home[rows[of], 0], rows[of])
-        if self._turning:
-            judged &= self._images(points[within], joints[within][:, 0], rows[of])[1]
+        images, judged = self._images(points[within], self._home[rows[of]], rows[of])
+        if self._moving:
+            judged &= self._images(points[within], angles[within], rows[of])[1]
         seen, apart = np.zeros_like(within), np.zeros(within.shape)
         seen[within] = judged
         apart[within] = lengths(images - self._gripper_images[rows[of]]).max(-1)
-        return Candidates(points, within, self._motors.reaches(joints, MAX_REGISTER, rows), seen, apart)
+        return Candidates(points, within, self._motors.reaches(positions, MAX_REGISTER, rows), seen, apart)
 
     def registers_at(self, row: int, point: Array) -> Array:
-        """Registers (3,) that bring the gripper of `row` nearest to `point` (3,) in m."""
+        """Registers (m,) that bring the gripper of `row` nearest to `point` (3,) in m."""
         inverse = self._inverse[row]
         if inverse is None:
             inverse = self._inverse[row] = self._inverse_of(row)
@@ -131,47 +117,64 @@ class Workspaces:
         one = slice(row, row + 1)
 
         def gripper_at(registers: Array) -> Array:
-            return gripper_position(self._motors.joints(registers, one)[:, :4], self._lengths[row])
+            return self._robot.gripper_position(self._angles_at(registers, one), self._lengths[row])
 
         return InverseKinematics(gripper_at, self._motors.lowest[row], self._motors.highest[row])
 
-    def _images(self, points: Array, waist: Array, rows: Indices) -> tuple[Array, Flags]:
-        """Image points (k, 2, 2) of points (k, 3) in the cameras of their rows (k,), J1 at `waist` (k,).
+    def _angles_at(self, registers: Array, rows: Rows) -> Array:
+        """Positions of all joints (k, j) at registers (k, m) of the rows."""
+        return self._motors.angles(self._motors.positions(registers, rows), rows)
+
+    def _images(self, points: Array, angles: Array, rows: Indices) -> tuple[Array, Flags]:
+        """Image points (k, 2, 2) of points (k, 3) in the cameras of their rows (k,), joints at (k, j).
 
         The second result says which of them (k,) both cameras see, well inside.
         """
-        if self._turning:
-            c, s = np.cos(waist), np.sin(waist)
-            x, y, z = points.T
-            points = np.stack([c * x + s * y, c * y - s * x, z], -1)
-        images, shown = self.cameras.project(points, rows)
+        lengths = self._lengths[rows]
+        images, shown = self.cameras.project(
+            self._robot.into_mounts(points, angles, lengths, self._mounts), rows
+        )
         return images, np.asarray((shown & inside(images, BORDER_PX)).all(-1))
 
 
-def in_view(world: World, mount: str, whole: bool = False) -> bool:
-    """Whether both cameras see the gripper at home and half of the work space, within the motors' reach.
+def in_view(world: World, robot: Robot, mounts: Mounts, whole: bool = False) -> bool:
+    """Whether both cameras see the gripper at home and enough of the work space, within the motors' reach.
 
     Args:
         world: The world.
-        mount: Where its cameras are fixed.
+        robot: Its arm.
+        mounts: Where its cameras are fixed.
         whole: Whether the motors must reach all of the work space, as they do in worlds as drawn; after
             a perturbation half of it, seen and reached, is enough.
     """
-    workspace = Workspaces(1, mount)
+    workspace = Workspaces(1, robot, mounts)
     workspace.set_world(0, world)
     if not workspace.gripper_seen_at_home(0):
         return False
-    found = workspace.candidates(_JUDGING, np.array([0]))
+    found = workspace.candidates(_draws(robot.candidates, len(robot.motors)), np.array([0]))
     reached, good = (
         found.reached[found.within][:CHECKED],
         (found.seen & found.reached)[found.within][:CHECKED],
     )
     if len(good) < CHECKED or (whole and not reached.all()):
         return False
-    return bool(good.mean() >= MIN_IN_VIEW)
+    return bool(good.mean() >= least_in_view(robot, mounts))
 
 
-def first_in_view(draw: Callable[[int], World], mount: str, what: str, whole: bool = False) -> World:
+@lru_cache(maxsize=8)
+def _draws(count: int, motors: int) -> Array:
+    """The draws (1, count, m) by which all worlds are judged."""
+    return np.random.default_rng(0).random((1, count, motors))
+
+
+def least_in_view(robot: Robot, mounts: Mounts) -> float:
+    """The share of the work space that both cameras must see."""
+    return MIN_IN_VIEW if set(mounts) <= {ROOM, robot.bodies[0]} else MIN_IN_VIEW_ON_A_LINK
+
+
+def first_in_view(
+    draw: Callable[[int], World], robot: Robot, mounts: Mounts, what: str, whole: bool = False
+) -> World:
     """The first of `draw(0)`, `draw(1)`, ... that is in view.
 
     Raises:
@@ -179,9 +182,10 @@ def first_in_view(draw: Callable[[int], World], mount: str, what: str, whole: bo
     """
     for attempt in range(ATTEMPTS):
         world = draw(attempt)
-        if in_view(world, mount, whole):
+        if in_view(world, robot, mounts, whole):
             return world
     raise ValueError(
-        f"{what} is never in view on the {mount!r} mount: in {ATTEMPTS} draws no world had the gripper "
-        f"at home and {MIN_IN_VIEW:.0%} of the work space in view of both cameras and within reach"
+        f"{what} is never in view of cameras on {' and '.join(dict.fromkeys(mounts))}: in {ATTEMPTS} draws no "
+        f"world had the gripper at home and {least_in_view(robot, mounts):.0%} of the work space in view of "
+        "both cameras and within reach"
     )

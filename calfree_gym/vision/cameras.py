@@ -84,17 +84,17 @@ class StereoCameras:
         self._k1[row] = np.tile(world.lens_k1, 2)
 
     def project(self, points: Array, rows: NDArray[np.intp]) -> tuple[Array, Flags]:
-        """Image points (k, 2, 2), unclipped, of points (k, 3) in the cameras of their rows (k,).
+        """Image points (k, 2, 2), unclipped, of points (k, 1 or 2, 3) in the cameras of their rows (k,).
 
         Args:
-            points: In m, in the frame of the cameras' mount.
+            points: In m, in the frame of the mount of both cameras, or of each.
             rows: The row of each point.
 
         Returns:
             The image points left and right; and which of them (k, 2) the cameras show, if the image were
             large enough.
         """
-        flat, depth = pinhole(points[:, None], self._position[rows], self._rotation[rows])
+        flat, depth = pinhole(points, self._position[rows], self._rotation[rows])
         images, shown = image_points(
             flat, self._focal[rows, :2], self._principal[rows, :2], self._k1[rows, :2]
         )

@@ -10,15 +10,34 @@ import numpy as np
 
 from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, Flags
-from calfree_gym.robot.chain import BALL, FREE, HINGE, SLIDE, Chain, path_to
+from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE, Chain, path_to
+from calfree_gym.robot.arms.movemaster import AIM as MOVEMASTER_TARGET
+from calfree_gym.robot.arms.movemaster import CAMERA_POSITION as MOVEMASTER_POSITION
+from calfree_gym.robot.arms.robot import HINGE_SPEED, SLIDE_SPEED, Mounts, Rig, Robot, Scene
+from calfree_gym.robot.arms.scene import build
 
+HINGE_MARGIN = 0.01
+"""A hinge's motor stops this far (rad) before the joint does."""
+SLIDE_MARGIN = 0.005
+"""A slide's, as a share of its span."""
+WORK_SHARE = 0.4
+"""Objects need no joint farther from home than this share of its span: so registers of 0.9 reach them also
+with half of the built robot's gain."""
+WORK_MARGIN = 0.04
+"""Nor nearer to a stop than this share of its range, unless home is."""
+POSTURES = 500
+"""So many drawn postures tell where the work space is."""
+MARK = 0.010
+"""Radius of the RV-M2's marks (m)."""
+MOVEMASTER_SIZE = 0.23
+"""Root mean square distance (m) of the RV-M2's objects from their middle."""
 FEWEST, MOST = 3, 7
 """Motors of an arm."""
 NO_RANGE = np.pi
 """A hinge without limits turns this far (rad) from zero, either way."""
 
 
-class ArmModel:
+class ArmModel(Robot):
     """An arm as its model describes it.
 
     Attributes:
@@ -32,7 +51,8 @@ class ArmModel:
         stops: Lowest and highest position (m, 2) of the motors' joints, in rad or m.
         home: Their positions at home (m,).
         home_qpos: Of all joints (nq,).
-        lengths: Of the links (l,), in m.
+        joints: Names of the motors' joints: each has a zero.
+        stop_margin, span, lowest, highest, rig, candidates, built_home, speeds: See `Robot`.
 
     Args:
         spec: Of the model, in which all bodies and joints have names.
@@ -42,6 +62,8 @@ class ArmModel:
     Raises:
         ValueError: As in `Arm`.
     """
+
+    candidates = 400
 
     def __init__(
         self,
@@ -65,11 +87,24 @@ class ArmModel:
         self.links = tuple(self._name("body", body) for body in self._links)
         self.lengths = np.linalg.norm(model.body_pos[self._links], axis=1)
         self.home_qpos = self._home_qpos(home)
+        self._chains: dict[str, Chain] = {}
         self._chain = Chain(model, holder, self._motors, self._links, self.home_qpos)
         if home is None:
             self.home_qpos[self.qpos_of_motors] = self._best_posture()
-        self.home = self.home_qpos[self.qpos_of_motors]
+        self.home = self.built_home = self.home_qpos[self.qpos_of_motors]
         self._refuse_loops()
+        self.joints = self.motors
+        self.span = np.maximum(self.home - self.stops[:, 0], self.stops[:, 1] - self.home)
+        self.stop_margin = np.where(self.slides, SLIDE_MARGIN * self.span, HINGE_MARGIN)
+        self.speeds = np.where(self.slides, SLIDE_SPEED, HINGE_SPEED)
+        inner = WORK_MARGIN * (self.stops[:, 1] - self.stops[:, 0])
+        self.lowest = np.maximum(
+            self.home - WORK_SHARE * self.span, np.minimum(self.stops[:, 0] + inner, self.home)
+        )
+        self.highest = np.minimum(
+            self.home + WORK_SHARE * self.span, np.maximum(self.stops[:, 1] - inner, self.home)
+        )
+        self.rig = self._rig()
 
     @property
     def qpos_of_motors(self) -> Array:
@@ -86,15 +121,61 @@ class ArmModel:
             if kinds[joint] in (HINGE, SLIDE)
         }
 
-    def gripper_position(self, joints: Array, lengths: Array) -> Array:
-        """Gripper points (..., 3) in m, in the room.
+    @property
+    def bodies(self) -> list[str]:
+        """See `Robot`."""
+        first = int(self.model.jnt_bodyid[self._motors[0]])
+        ids = [first, *(body for body in range(1, self.model.nbody) if body != first)]
+        return [self._name("body", body) for body in ids]
 
-        Args:
-            joints: Of the motors (..., m).
-            lengths: Of the links (..., l), in m.
-        """
-        position, axes = self._chain.frames(joints, lengths / self.lengths)
+    def rest(self, zeros: Array) -> Array:
+        """See `Robot`: nothing."""
+        return np.zeros(0)
+
+    def angles(self, positions: Array, rest: Array) -> Array:
+        """See `Robot`: no other joint moves."""
+        return positions
+
+    def gripper_position(self, angles: Array, lengths: Array) -> Array:
+        """See `Robot`."""
+        position, axes = self._chain.frames(angles, lengths / self.lengths)
         return position + axes @ self._at
+
+    def within(self, points: Array) -> Flags:
+        """See `Robot`: all that `lowest` and `highest` bound."""
+        return np.ones(points.shape[:-1], bool)
+
+    def frames(self, body: str, angles: Array, lengths: Array) -> tuple[Array, Array]:
+        """See `Robot`."""
+        if body not in self._chains:
+            last = self.model.body(body).id
+            self._chains[body] = Chain(self.model, last, self._motors, self._links, self.home_qpos)
+        return self._chains[body].frames(angles, lengths / self.lengths)
+
+    def scene(self, mounts: Mounts) -> Scene:
+        """See `Robot`."""
+        return build(self.spec, self.motors, self.gripper, mounts, self.home_qpos, MARK * self.rig.scale)
+
+    def stretch(self, body_positions: Array, lengths: Array) -> None:
+        """See `Robot`."""
+        built = self.model.body_pos[self._links]
+        body_positions[self._links] = built * (lengths / self.lengths)[:, None]
+
+    def _rig(self) -> Rig:
+        """Two cameras above and beside the work space, as far from it, for its size, as the RV-M2's."""
+        shares = np.random.default_rng(1).random((POSTURES, len(self.motors)))
+        reached = self.gripper_position(self.lowest + shares * (self.highest - self.lowest), self.lengths)
+        target = np.median(reached, axis=0)
+        size = float(np.sqrt(np.square(reached - target).sum(-1).mean()))
+        base = self.frames(self.base, self.home, self.lengths)[0]
+        ahead = (target - base) * [1, 1, 0]
+        far = float(np.linalg.norm(ahead))
+        ahead = ahead / far if far > 0.1 * size else np.array([1.0, 0.0, 0.0])
+        aside, up = np.array([-ahead[1], ahead[0], 0.0]), np.array([0.0, 0.0, 1.0])
+        scale = size / MOVEMASTER_SIZE
+        back, side, above = np.abs(MOVEMASTER_POSITION[0] - MOVEMASTER_TARGET)
+        position = [target + scale * (above * up - back * ahead + sign * side * aside) for sign in (1, -1)]
+        return Rig(np.array(position), target, scale)
 
     def _gripper_point(self, name: str) -> tuple[tuple[str, str], int, Array]:
         model = self.model

@@ -10,11 +10,14 @@ import numpy as np
 
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
-from calfree_gym.robot.chain import BALL, FREE, HINGE, SLIDE
+from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE
+from calfree_gym.robot.arms.robot import ROOM, Mounts, Scene
 
 PREFIX = "calfree "
 """Of the names of all that is added to a model of other people's."""
 POINTS = ("gripper", "object")
+KINDS = (mujoco.mjtSensor.mjSENS_CAMPROJECTION, mujoco.mjtSensor.mjSENS_FRAMEPOS)
+"""Of sensors: image points, and places in the cameras' frames, of which the depth is used."""
 RIG_GROUP = 2
 """Group of the cameras' rods and housings, which their own images leave out."""
 SENSOR_SIZE = 0.01
@@ -27,6 +30,45 @@ FILTER = 0.03
 MARKS_GROUP = 1
 _FOREIGN = 30
 """Actuator group of the model's own actuators, which is switched off."""
+
+
+def build(
+    spec: Any, motors: Sequence[str], gripper: tuple[str, str], mounts: Mounts, home_qpos: Array, mark: float
+) -> Scene:
+    """The scene of an arm.
+
+    Args:
+        spec: Of the arm, in which all bodies and joints have names.
+        motors: Names of the joints that move.
+        gripper: "site" or "body", and the name, of the gripper point.
+        mounts: Names of the bodies to which the cameras are fixed.
+        home_qpos: Of all joints (nq,).
+        mark: Radius of the marks (m).
+    """
+    spec = spec.copy()
+    add_servos(spec, motors, home_qpos)
+    add_object(spec, gripper, mark, PREFIX)
+    add_cameras(spec, mounts, PREFIX)
+    model = spec.compile()
+    servos = [i for i in range(model.nu) if model.actuator(i).name.startswith(PREFIX)]
+    targets = home_qpos[model.jnt_qposadr[model.actuator_trnid[servos, 0]]]
+    ctrl, act = np.zeros(model.nu), np.zeros(model.na)
+    ctrl[servos] = act[model.actuator_actadr[servos]] = targets
+    return Scene(
+        model,
+        home_qpos,
+        ctrl,
+        act,
+        qpos=np.array([model.joint(name).qposadr[0] for name in motors]),
+        actuators=np.array([model.actuator(PREFIX + name).id for name in motors]),
+        sensors=int(model.sensor(sensor_name(PREFIX, POINTS[0], CAMERAS[0], KINDS[0])).adr[0]),
+        prefix=PREFIX,
+    )
+
+
+def sensor_name(prefix: str, point: str, camera: str, kind: Any) -> str:
+    """Name of the sensor of this kind that looks at a point from a camera."""
+    return f"{prefix}{point} {camera} {kind.name}"
 
 
 def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
@@ -60,7 +102,9 @@ def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
             joint.frictionloss, joint.actgravcomp = 0.0, False
             joint.stiffness = np.zeros_like(joint.stiffness)
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-    held = [joint.name for joint in spec.joints if joint.type not in (FREE, BALL) and joint.name not in motors]
+    held = [
+        joint.name for joint in spec.joints if joint.type not in (FREE, BALL) and joint.name not in motors
+    ]
     for name in (*motors, *held):
         servo = spec.add_actuator(name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         servo.set_to_position(
@@ -69,26 +113,27 @@ def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
         servo.forcelimited = servo.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
 
 
-def add_object(spec: Any, holder: tuple[str, str], size: float) -> None:
+def add_object(spec: Any, holder: tuple[str, str], size: float, prefix: str) -> None:
     """Adds the object, and the marks and points of gripper and object.
 
     Args:
         spec: Of the arm; it is changed.
         holder: "site" or "body", and the name, of the gripper point.
         size: Radius of the marks (m).
+        prefix: Of all names that are added.
     """
     kind, name = holder
     site = spec.site(name) if kind == "site" else None
     body = site.parent if site is not None else spec.body(name)
     where = site.pos if site is not None else np.zeros(3)
-    item = spec.worldbody.add_body(name=PREFIX + "object", mocap=True)
-    for parent, what, at, colour in (
+    item = spec.worldbody.add_body(name=prefix + "object", mocap=True)
+    for parent, point, at, colour in (
         (body, "gripper", where, [0.95, 0.05, 0.55, 1]),
         (item, "object", np.zeros(3), [0.05, 0.70, 0.25, 1]),
     ):
-        parent.add_site(name=PREFIX + what, pos=at, size=[size] * 3, rgba=[0, 0, 0, 0])
+        parent.add_site(name=f"{prefix}{point}_point", pos=at, size=[size] * 3, rgba=[0, 0, 0, 0])
         parent.add_geom(
-            name=PREFIX + what,
+            name=f"{prefix}{point}_mark",
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
             pos=at,
             size=[size, 0, 0],
@@ -100,43 +145,43 @@ def add_object(spec: Any, holder: tuple[str, str], size: float) -> None:
         )
 
 
-def add_cameras(spec: Any, bodies: Sequence[str], rod: float) -> None:
+def add_cameras(spec: Any, mounts: Mounts, prefix: str = "") -> None:
     """Adds the two cameras on thin rods, and the sensors that project gripper and object into them.
 
     Args:
-        spec: Of the arm, with the object; it is changed.
-        bodies: To which the left and the right camera are fixed; "world" for the room.
-        rod: Radius of the rods (m).
+        spec: Of the arm, with the points of gripper and object; it is changed.
+        mounts: Names of the bodies to which the left and the right camera are fixed.
+        prefix: Of the points' names, and of all names that are added.
     """
-    for camera, body in zip(CAMERAS, bodies, strict=True):
-        fixed_to = spec.worldbody if body == "world" else spec.body(body)
+    for camera, mount in zip(CAMERAS, mounts, strict=True):
+        fixed_to = spec.worldbody if mount == ROOM else spec.body(mount)
         fixed_to.add_camera(
-            name=PREFIX + camera,
+            name=prefix + camera,
             resolution=[IMAGE_SIZE, IMAGE_SIZE],
             sensor_size=[SENSOR_SIZE, SENSOR_SIZE],
             focal_length=[SENSOR_SIZE, SENSOR_SIZE],
         )
         for part, shape in (("rod", mujoco.mjtGeom.mjGEOM_CAPSULE), ("housing", mujoco.mjtGeom.mjGEOM_BOX)):
             fixed_to.add_geom(
-                name=f"{PREFIX}{camera} {part}",
+                name=f"{prefix}{camera}_{part}",
                 type=shape,
-                size=[rod, 0.1, 0.1],
+                size=[0.006, 0.1, 0.1],
                 rgba=[0.25, 0.27, 0.30, 1],
                 group=RIG_GROUP,
                 mass=0.0,
                 contype=0,
                 conaffinity=0,
             )
-    for kind in (mujoco.mjtSensor.mjSENS_CAMPROJECTION, mujoco.mjtSensor.mjSENS_FRAMEPOS):
+    for kind in KINDS:
         for point in POINTS:
             for camera in CAMERAS:
                 spec.add_sensor(
-                    name=f"{PREFIX}{kind} {point} {camera}",
+                    name=sensor_name(prefix, point, camera, kind),
                     type=kind,
                     objtype=mujoco.mjtObj.mjOBJ_SITE,
-                    objname=PREFIX + point,
+                    objname=f"{prefix}{point}_point",
                     reftype=mujoco.mjtObj.mjOBJ_CAMERA,
-                    refname=PREFIX + camera,
+                    refname=prefix + camera,
                 )
 
 

@@ -10,10 +10,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from calfree_gym.robot.arm_model import ArmModel
-from calfree_gym.robot.mjcf import Source, read
+from calfree_gym.errors import near_misses
+from calfree_gym.robot.arms.mjcf import Source, read
+from calfree_gym.robot.arms.model import ArmModel
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.arms.robot import Robot
 
-MOVEMASTER = "movemaster"
+MOVEMASTER_NAME = "movemaster"
 """The arm that is used where none is given."""
 
 
@@ -64,12 +67,12 @@ class Arm:
         }
         for name, value in settled.items():
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "_derived", model)
+        object.__setattr__(self, "_robot", model)
 
     @property
-    def derived(self) -> ArmModel:
-        """All that follows from the value."""
-        return self._derived  # type: ignore[attr-defined, no-any-return]
+    def robot(self) -> ArmModel:
+        """What the environment needs to know of it."""
+        return self._robot  # type: ignore[attr-defined, no-any-return]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain text, numbers and lists under the names of the arguments."""
@@ -109,3 +112,24 @@ class Arm:
 
     def __deepcopy__(self, memo: Any) -> Arm:
         return self
+
+
+ArmChoice = str | Arm | Mapping[str, Any]
+
+
+def robot_of(arm: ArmChoice) -> Robot:
+    """The arm that is meant.
+
+    Raises:
+        ValueError: It is none; or as `Arm` raises.
+    """
+    if isinstance(arm, Arm):
+        return arm.robot
+    if isinstance(arm, Mapping):
+        return Arm.from_dict(arm).robot
+    if arm == MOVEMASTER_NAME:
+        return MOVEMASTER
+    raise ValueError(
+        f"arm is {arm!r}{near_misses(arm, [MOVEMASTER_NAME])}; it must be {MOVEMASTER_NAME!r}, a "
+        "calfree_gym.Arm, or a mapping of its arguments: {'model': 'arm.xml', 'gripper': 'a site or body'}"
+    )
