@@ -11,6 +11,10 @@ _CANDIDATES = 400
 _ITERATIONS = 30
 _STILL = 1e-9
 """The search ends with a step of registers that is smaller."""
+_STARTS = 20
+"""Where stops end the search before the point is reached, it begins anew from so many places of the grid."""
+_REACHED = 1e-5
+"""At this distance (m) a point is reached."""
 _STEP = 1e-5
 _DAMPING = 1e-9
 
@@ -38,7 +42,18 @@ class InverseKinematics:
 
     def registers_at(self, point: Array) -> Array:
         """Registers (motors,) that bring the gripper nearest to `point` (3,) in m."""
-        registers = self._grid[np.square(self._on_grid - point).sum(-1).argmin()]
+        nearest = np.square(self._on_grid - point).sum(-1).argsort(kind="stable")
+        found, error = self._from(self._grid[nearest[0]], point)
+        for start in nearest[1:_STARTS]:
+            if error <= _REACHED**2:
+                break
+            other, its_error = self._from(self._grid[start], point)
+            if its_error < error:
+                found, error = other, its_error
+        return found
+
+    def _from(self, registers: Array, point: Array) -> tuple[Array, float]:
+        """The nearest registers (motors,) behind a start, and the squared distance there."""
         damping, error = _DAMPING, np.inf
         best = registers
         for _ in range(_ITERATIONS):
@@ -59,4 +74,4 @@ class InverseKinematics:
             registers = np.clip(best - step, self._lowest, self._highest)
             if np.abs(registers - best).max() < _STILL:
                 break
-        return best
+        return best, error

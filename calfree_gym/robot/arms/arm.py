@@ -52,14 +52,14 @@ class Arm:
     assets: Mapping[str, str] | None = None
 
     def __post_init__(self) -> None:
-        spec, assets = read(self.model)
+        text, assets = read(self.model)
         for file, digest in (self.assets or {}).items():
             if assets.get(file) != digest:
                 what = "is no longer among the model's files" if file not in assets else "has changed"
                 raise ValueError(f"the arm's asset {file} {what} since the arm was described")
-        model = ArmModel(spec, self.gripper, self.motors, self.home, self.base)
+        model = ArmModel(text, self.gripper, self.motors, self.home, self.base)
         settled = {
-            "model": spec.to_xml(),
+            "model": text,
             "motors": model.motors,
             "home": model.home_by_name,
             "base": model.base,

@@ -9,36 +9,60 @@ from typing import Any
 
 import mujoco
 
+TEXT = "the MJCF text"
+"""What errors call a model that was given as text."""
 Source = str | Path | mujoco.MjSpec
 
 
-def read(source: Source) -> tuple[Any, dict[str, str]]:
-    """The spec of a model, with the folders of its assets written out, and the assets' hashes.
+def read(source: Source) -> tuple[str, dict[str, str]]:
+    """The MJCF text of a model, with the folders of its assets written out, and the assets' hashes.
+
+    MuJoCo writes numbers with six digits. So text whose folders are written out stays as it is: it would
+    drift each time.
 
     Args:
         source: Path of an MJCF file, MJCF text, or an `MjSpec`.
 
     Returns:
-        The `MjSpec`, compiled, and for each asset file the SHA-256 of its bytes, as hexadecimal digits.
+        The text, and for each asset file the SHA-256 of its bytes, as hexadecimal digits.
 
     Raises:
         ValueError: There is no such file, it is no MJCF, or an asset is missing.
     """
     spec, what, folder = _spec(source)
-    spec.meshdir = str((folder / spec.meshdir).resolve())
-    spec.texturedir = str((folder / spec.texturedir).resolve())
     if spec.assets:
         raise ValueError(
             f"{what} holds assets in memory ({', '.join(sorted(spec.assets))}); write them to files beside "
             "the model, so that they can be found again"
         )
-    _name_all(spec)
-    assets = {str(file): _digest(file, what) for file in sorted(set(_files(spec)))}
+    meshes, textures = ((folder / each).resolve() for each in (spec.meshdir, spec.texturedir))
+    files = sorted(set(_files(spec, meshes, textures)))
+    assets = {str(file): _digest(file, what) for file in files}
+    written_out = (str(meshes), str(textures)) == (spec.meshdir, spec.texturedir)
+    if what == TEXT and (written_out or not files):
+        return str(source), assets
+    spec.meshdir, spec.texturedir = str(meshes), str(textures)
     try:
         spec.compile()
-        return spec, assets
+        return spec.to_xml(), assets
     except ValueError as error:
         raise ValueError(f"{what} cannot be compiled by MuJoCo: {error}") from error
+
+
+def compiled(text: str) -> tuple[Any, mujoco.MjModel]:
+    """The spec and the model of MJCF text; bodies and joints without a name are called by their place.
+
+    Raises:
+        ValueError: It cannot be compiled.
+    """
+    spec = mujoco.MjSpec.from_string(text)
+    for kind, elements in (("body", spec.bodies[1:]), ("joint", spec.joints)):
+        for i, element in enumerate(elements):
+            element.name = element.name or f"{kind}_{i}"
+    try:
+        return spec, spec.compile()
+    except ValueError as error:
+        raise ValueError(f"{TEXT} cannot be compiled by MuJoCo: {error}") from error
 
 
 def _spec(source: Source) -> tuple[Any, str, Path]:
@@ -47,36 +71,29 @@ def _spec(source: Source) -> tuple[Any, str, Path]:
         return source.copy(), "the MjSpec", Path(source.modelfiledir or ".")
     text = str(source)
     if text.lstrip().startswith("<"):
-        what, folder = "the MJCF text", Path()
+        what, folder = TEXT, Path()
     else:
         path = Path(source)
         if not path.is_file():
             raise ValueError(f"{path}: there is no such MJCF file")
         what, folder = str(path), path.parent
     try:
-        if what == "the MJCF text":
+        if what == TEXT:
             return mujoco.MjSpec.from_string(text), what, folder
         return mujoco.MjSpec.from_file(str(source)), what, folder
     except ValueError as error:
         raise ValueError(f"{what} is no MJCF that MuJoCo can read: {error}") from error
 
 
-def _name_all(spec: Any) -> None:
-    """Bodies and joints without a name are called by their place."""
-    for kind, elements in (("body", spec.bodies[1:]), ("joint", spec.joints)):
-        for i, element in enumerate(elements):
-            element.name = element.name or f"{kind}_{i}"
-
-
-def _files(spec: Any) -> Iterator[Path]:
+def _files(spec: Any, meshes: Path, textures: Path) -> Iterator[Path]:
     """The files that the model's meshes, height fields, skins and textures are in."""
     for folder, elements in (
-        (spec.meshdir, (*spec.meshes, *spec.hfields, *spec.skins)),
-        (spec.texturedir, spec.textures),
+        (meshes, (*spec.meshes, *spec.hfields, *spec.skins)),
+        (textures, spec.textures),
     ):
         for element in elements:
             cubes = [file for file in getattr(element, "cubefiles", ()) if file]
-            yield from (Path(folder) / file for file in (element.file, *cubes) if file)
+            yield from ((folder / file).resolve() for file in (element.file, *cubes) if file)
 
 
 def _digest(file: Path, what: str) -> str:

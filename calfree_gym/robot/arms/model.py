@@ -11,6 +11,7 @@ import numpy as np
 from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE, Chain, path_to
+from calfree_gym.robot.arms.mjcf import compiled
 from calfree_gym.robot.arms.movemaster import AIM as MOVEMASTER_TARGET
 from calfree_gym.robot.arms.movemaster import CAMERA_POSITION as MOVEMASTER_POSITION
 from calfree_gym.robot.arms.robot import HINGE_SPEED, SLIDE_SPEED, Mounts, Rig, Robot, Scene
@@ -55,7 +56,7 @@ class ArmModel(Robot):
         stop_margin, span, lowest, highest, rig, candidates, built_home, speeds: See `Robot`.
 
     Args:
-        spec: Of the model, in which all bodies and joints have names.
+        text: MJCF.
         gripper: Name of a site or body.
         motors, home, base: As in `Arm`.
 
@@ -67,14 +68,14 @@ class ArmModel(Robot):
 
     def __init__(
         self,
-        spec: Any,
+        text: str,
         gripper: str,
         motors: Sequence[str] | None,
         home: str | Mapping[str, float] | None,
         base: str | None,
     ) -> None:
-        self.spec = spec
-        self.model = model = spec.compile()
+        self.spec, self.model = compiled(text)
+        model = self.model
         self.gripper, holder, self._at = self._gripper_point(gripper)
         path = path_to(model, holder)
         self.base = self._base(base, path, gripper)

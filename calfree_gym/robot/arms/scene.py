@@ -10,7 +10,7 @@ import numpy as np
 
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
-from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE
+from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE, path_to
 from calfree_gym.robot.arms.robot import ROOM, Mounts, Scene
 
 PREFIX = "calfree "
@@ -28,6 +28,13 @@ STIFFNESS = 40_000.0
 FILTER = 0.03
 """Time constant (s) of the first-order filter through which a servo's target goes."""
 MARKS_GROUP = 1
+_OFF = (
+    mujoco.mjtDisableBit.mjDSBL_CONTACT,
+    mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS,
+    mujoco.mjtDisableBit.mjDSBL_LIMIT,
+    mujoco.mjtDisableBit.mjDSBL_SPRING,
+    mujoco.mjtDisableBit.mjDSBL_DAMPER,
+)
 _FOREIGN = 30
 """Actuator group of the model's own actuators, which is switched off."""
 
@@ -74,9 +81,10 @@ def sensor_name(prefix: str, point: str, camera: str, kind: Any) -> str:
 def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
     """Makes an arm stand at home and move by position servos alone, with its weight carried.
 
-    The model's own actuators are switched off; they stay, for its sensors may name them. Friction and springs
-    of hinges and slides go: a robot's own controllers overcome them. Hinges and slides that are no motors
-    are held at home by servos, free bodies and balls by welds, so that the model's equalities are not needed.
+    The model's own actuators are switched off; they stay, for its sensors may name them. Gravity, friction,
+    damping and springs are off: a robot's own controllers overcome them. Hinges and slides that are no motors
+    are held at home by servos; a free body or a ball on the way to a motor by a weld. So the model's own
+    equalities are not needed.
 
     Args:
         spec: Of the arm; it is changed. All its bodies and joints have names.
@@ -85,32 +93,38 @@ def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
     """
     model = spec.copy().compile()
     armatures = _armatures(model, home_qpos)
-    _set_options(spec)
+    plain = mujoco.MjSpec()  # the model's own defaults would bound words and forces
+    option = plain.option
+    option.timestep, option.integrator, option.gravity = (
+        TIMESTEP,
+        mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+        [0] * 3,
+    )
+    option.disableactuator, option.disableflags = 1 << _FOREIGN, sum(map(int, _OFF))
+    spec.option = option
     for key in spec.keys:  # they keep their qpos; all else has other lengths now
         key.ctrl, key.act, key.mpos, key.mquat = [], [], [], []
     for actuator in spec.actuators:
         actuator.group = _FOREIGN
-    for equality in spec.equalities:  # what they would hold is held
+    for equality in spec.equalities:
         equality.active = False
-    for body in spec.bodies[1:]:
-        body.gravcomp = 1.0
+    held = []
+    carrying = {body for name in motors for body in path_to(model, int(model.joint(name).bodyid[0]))}
     for joint in spec.joints:
         if joint.type in (FREE, BALL):
-            _weld(spec, model, joint, home_qpos)
-        else:
-            joint.armature = armatures[joint.type == SLIDE]
-            joint.frictionloss, joint.actgravcomp = 0.0, False
-            joint.stiffness = np.zeros_like(joint.stiffness)
-            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-    held = [
-        joint.name for joint in spec.joints if joint.type not in (FREE, BALL) and joint.name not in motors
-    ]
+            if model.body(joint.parent.name).id in carrying:
+                _weld(spec, model, joint, home_qpos)
+            continue
+        joint.armature = armatures[joint.type == SLIDE]
+        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        if joint.name not in motors:
+            held.append(joint.name)
     for name in (*motors, *held):
-        servo = spec.add_actuator(name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        servo.set_to_position(
-            kp=STIFFNESS * armatures[spec.joint(name).type == SLIDE], dampratio=1.0, timeconst=FILTER
+        servo = spec.add_actuator(
+            plain.default, name=PREFIX + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
-        servo.forcelimited = servo.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        stiffness = STIFFNESS * armatures[spec.joint(name).type == SLIDE]
+        servo.set_to_position(kp=stiffness, dampratio=1.0, timeconst=FILTER)
 
 
 def add_object(spec: Any, holder: tuple[str, str], size: float, prefix: str) -> None:
@@ -183,13 +197,6 @@ def add_cameras(spec: Any, mounts: Mounts, prefix: str = "") -> None:
                     reftype=mujoco.mjtObj.mjOBJ_CAMERA,
                     refname=prefix + camera,
                 )
-
-
-def _set_options(spec: Any) -> None:
-    option = spec.option
-    option.timestep, option.integrator = TIMESTEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    option.disableactuator |= 1 << _FOREIGN
 
 
 def _armatures(model: mujoco.MjModel, home_qpos: Array) -> tuple[float, float]:
