@@ -113,6 +113,7 @@ class StereoArms:
         self._apart = np.zeros((rows, 1))
         self._solved: list[tuple[World, bytes] | None] = [None] * rows
         self._object_registers = np.zeros((rows, motors))
+        self._drawn_at = np.full((rows, motors), np.nan)
         self._all = np.arange(rows)
         self._begun = False
 
@@ -174,6 +175,7 @@ class StereoArms:
             self._redraw(indices)
         applied = self._apply_due("trial", self.trials, rows)
         self.registers[rows] = 0.0
+        self._drawn_at[rows] = np.nan
         if objects is None:
             objects = self._draw_objects(indices)
         self.simulation.place(rows, self._joints_at(self.registers[rows], rows), objects)
@@ -220,13 +222,18 @@ class StereoArms:
         return self.simulation.travel_to(home) + LOOK_SECONDS
 
     def object_registers(self) -> Array:
-        """Registers (N, m) at which the gripper is at the object, or as near as the motors let it."""
+        """Registers (N, m) at which the gripper is at the object, or as near as the motors let it.
+
+        Where several postures lead there, the one by which the object was drawn, which the cameras see.
+        """
         objects = self.simulation.positions()[1]
         for row in range(self.rows):
             wanted = self.world(row), objects[row].tobytes()
             if self._solved[row] != wanted:
                 self._solved[row] = wanted
-                self._object_registers[row] = self._workspaces.registers_at(row, objects[row])
+                drawn_at = self._drawn_at[row] if self.robot.ambiguous else np.nan
+                near = None if np.isnan(drawn_at).any() else drawn_at
+                self._object_registers[row] = self._workspaces.registers_at(row, objects[row], near)
         return self._object_registers.copy()
 
     def error_px(self) -> Array:
@@ -288,7 +295,9 @@ class StereoArms:
             if not self._keep_in_view:
                 good |= at.within & at.reached & ~at.seen
             found = good.any(1)
-            objects[open_[found]] = at.points[found, good[found].argmax(1)]
+            first = good[found].argmax(1)
+            objects[open_[found]] = at.points[found, first]
+            self._drawn_at[rows[open_[found]]] = at.positions[found, first]
             open_ = open_[~found]
             if not len(open_):
                 return objects

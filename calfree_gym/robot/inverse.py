@@ -40,14 +40,20 @@ class InverseKinematics:
         self._on_grid = gripper_at(self._grid)
         self._moved = _STEP * np.vstack([np.zeros(motors), np.eye(motors)])
 
-    def registers_at(self, point: Array) -> Array:
-        """Registers (motors,) that bring the gripper nearest to `point` (3,) in m."""
-        nearest = np.square(self._on_grid - point).sum(-1).argsort(kind="stable")
-        found, error = self._from(self._grid[nearest[0]], point)
-        for start in nearest[1:_STARTS]:
+    def registers_at(self, point: Array, near: Array | None = None) -> Array:
+        """Registers (motors,) that bring the gripper nearest to `point` (3,) in m.
+
+        Args:
+            point: Where it should be.
+            near: Registers (motors,) from which the search starts, before it tries others.
+        """
+        nearest = np.square(self._on_grid - point).sum(-1).argsort(kind="stable")[:_STARTS]
+        starts = self._grid[nearest] if near is None else np.vstack([near, self._grid[nearest]])
+        found, error = self._from(starts[0], point)
+        for start in starts[1:]:
             if error <= _REACHED**2:
                 break
-            other, its_error = self._from(self._grid[start], point)
+            other, its_error = self._from(start, point)
             if its_error < error:
                 found, error = other, its_error
         return found

@@ -40,6 +40,7 @@ class MotorMap:
         self._rest = np.zeros((rows, motors))
         self._linear = np.ones((rows, motors))
         self._cubic = np.zeros((rows, motors))
+        self._curvature = np.zeros((rows, motors))
         self._of_angles = np.stack([robot.rest(np.zeros(len(robot.joints)))] * rows)
         self.lowest = np.full((rows, motors), -1.0)
         self.highest = np.full((rows, motors), 1.0)
@@ -49,6 +50,7 @@ class MotorMap:
         robot, motors = self._robot, len(self._robot.motors)
         scale = world.motor_sign * world.motor_gain * robot.span
         self._rest[row] = robot.home + world.joint_zeros[:motors]
+        self._curvature[row] = world.motor_curvature
         self._linear[row] = scale * (1 - world.motor_curvature)
         self._cubic[row] = scale * world.motor_curvature
         self._of_angles[row] = robot.rest(world.joint_zeros)
@@ -66,6 +68,11 @@ class MotorMap:
         """Positions of all joints (n, ..., j) where the motors' are at `positions` (n, ..., m) of the rows."""
         rest = self._of_angles[rows]
         return self._robot.angles(positions, rest if positions.ndim == 2 else rest[:, None])
+
+    def registers(self, positions: Array, row: int) -> Array:
+        """Registers (m,) at which the motors' joints of a row are at `positions` (m,)."""
+        values = (positions - self._rest[row]) / (self._linear[row] + self._cubic[row])
+        return curve_inverse(values, self._curvature[row])
 
     def reaches(self, positions: Array, register: float, rows: Rows) -> Flags:
         """Which positions (n, k, m) registers of at most this magnitude reach (n, k)."""

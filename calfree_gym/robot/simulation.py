@@ -49,6 +49,7 @@ class Simulation:
         self._all_qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._all_ctrl, self._all_act = self._batch.bind("ctrl"), self._batch.bind("act")
         self._object = self._batch.bind("mocap_pos")
+        self._mocap = int(self._model.body_mocapid[self._model.body(self.prefix + "object").id])
         sensors = self._batch.bind("sensordata")[:, scene.sensors :]
         self._pixels = sensors[:, :8].reshape(rows, 4, 2)
         self._minus_depth = sensors[:, 10:20:3]
@@ -82,7 +83,7 @@ class Simulation:
         _write(self._all_ctrl, rows, self._ctrl, joints)
         _write(self._all_act, rows, self._act, joints)
         self._qvel[rows] = 0.0
-        self._object[rows, 0] = objects
+        self._object[rows, self._mocap] = objects
         self._current = False
 
     def move(self, rows: Rows, joints: Array) -> Array:

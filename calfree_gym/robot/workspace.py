@@ -37,7 +37,8 @@ class Candidates(NamedTuple):
     """Candidate objects.
 
     Attributes:
-        points: In the room, in m (n, k, 3).
+        positions: Of the motors' joints (n, k, m).
+        points: Where the gripper is there, in the room, in m (n, k, 3).
         within: Which of them (n, k) lie in the work space.
         reached: Which of them (n, k) registers within `MAX_REGISTER` reach.
         seen: Which of those within (n, k) both cameras see, from home and with the gripper there.
@@ -45,6 +46,7 @@ class Candidates(NamedTuple):
             camera that sees the larger one.
     """
 
+    positions: Array
     points: Array
     within: Flags
     reached: Flags
@@ -100,14 +102,24 @@ class Workspaces:
         seen, apart = np.zeros_like(within), np.zeros(within.shape)
         seen[within] = judged
         apart[within] = lengths(images - self._gripper_images[rows[of]]).max(-1)
-        return Candidates(points, within, self._motors.reaches(positions, MAX_REGISTER, rows), seen, apart)
+        return Candidates(
+            positions, points, within, self._motors.reaches(positions, MAX_REGISTER, rows), seen, apart
+        )
 
-    def registers_at(self, row: int, point: Array) -> Array:
-        """Registers (m,) that bring the gripper of `row` nearest to `point` (3,) in m."""
+    def registers_at(self, row: int, point: Array, near: Array | None = None) -> Array:
+        """Registers (m,) that bring the gripper of `row` nearest to `point` (3,) in m.
+
+        Args:
+            row: The row.
+            point: Where the gripper should be.
+            near: Positions of the motors' joints (m,) near which the search starts.
+        """
         inverse = self._inverse[row]
         if inverse is None:
             inverse = self._inverse[row] = self._inverse_of(row)
-        return inverse.registers_at(point)
+        if near is not None:
+            near = self._motors.registers(near, row)
+        return inverse.registers_at(point, near)
 
     def gripper_seen_at_home(self, row: int) -> bool:
         """Whether both cameras see the gripper at home."""

@@ -64,6 +64,7 @@ class ArmModel(Robot):
         ValueError: As in `Arm`.
     """
 
+    ambiguous = True
     candidates = 400
 
     def __init__(
