@@ -76,9 +76,7 @@ class World:
             if array.ndim != len(shape) or any(
                 size not in ("k", "l", found) for size, found in zip(shape, array.shape, strict=True)
             ):
-                raise ValueError(
-                    f"World.{entry.name} has shape {array.shape}; it must be ({', '.join(map(str, shape))})"
-                )
+                raise ValueError(f"World.{entry.name} has shape {array.shape}; it must be {_written(shape)}")
             if not np.isfinite(array).all():
                 raise ValueError(f"World.{entry.name} must be finite, found {array.tolist()}")
             array.flags.writeable = False
@@ -145,6 +143,11 @@ class World:
                     f"World.{name} has shape ({found},); it must be ({len(expected)},): the arm has the {what} "
                     f"{', '.join(expected)}"
                 )
+
+
+def _written(shape: tuple[int | str, ...]) -> str:
+    """A shape as Python writes it, with letters for lengths that are free."""
+    return str(shape).replace("'", "")
 
 
 _SHAPES: dict[str, tuple[int | str, ...]] = {

@@ -20,7 +20,7 @@ from calfree_gym import WorldDistribution, nominal
 from calfree_gym.envs.goal import observation_space
 from calfree_gym.envs.single import StereoArmEnv
 from calfree_gym.perturbations import TYPES
-from calfree_gym.robot.motors import MOTORS
+from calfree_gym.robot.arms.movemaster import MOTORS
 from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config

@@ -23,7 +23,7 @@ from agents.calibrated.parameters import BOUND, COUNT, model_of, named, prior_st
 from agents.calibrated.prediction import Prediction
 from agents.calibrated.robot_model import RobotModel
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
-from calfree_gym.world import AIM
+from calfree_gym.robot.arms.movemaster import AIM
 
 OBJECT_PRIOR_STD = np.array([0.2, 0.3, 0.15])
 OBJECT_BOUND = np.array([0.6, 0.8, 0.5])

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
-from calfree_gym.robot.simulation import RIG_GROUP
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.arms.robot import ROOM
+from calfree_gym.robot.arms.scene import MARKS_GROUP, RIG_GROUP
 from calfree_gym.vision.cameras import undistort
 from calfree_gym.world import World
 
@@ -26,7 +28,8 @@ SOURCE_SIZE = 1024
 """Pixels of the wider pinhole image from which the lens's image is taken."""
 SCENE_SIZE = 720
 GRIPPER_COLOUR, OBJECT_COLOUR = (242, 13, 140), (13, 179, 64)
-_MARKS_GROUP = 1
+_SHOWN = [0, 1, 2, MARKS_GROUP]
+"""Groups of geoms: by custom those behind are for collisions."""
 
 
 def _gl_context(size: int) -> Any:
@@ -101,6 +104,7 @@ def camera_image(
     world: World,
     camera: int,
     marks_only: bool = False,
+    prefix: str = "",
 ) -> Image:
     """What a camera sees (512, 512, 3), lens included.
 
@@ -111,11 +115,12 @@ def camera_image(
     lens_k1 = float(world.lens_k1[camera])
     rays, shown = undistort(distorted / world.focal_length[camera], lens_k1)
     half = float(np.abs(rays).max()) * 1.01
-    model.cam_intrinsic[camera] = [model.cam_sensorsize[camera, 0] / (2 * half)] * 2 + [0, 0]
+    place = model.camera(prefix + CAMERAS[camera]).id
+    model.cam_intrinsic[place] = [model.cam_sensorsize[place, 0] / (2 * half)] * 2 + [0, 0]
     view = mujoco.MjvCamera()
     view.type = mujoco.mjtCamera.mjCAMERA_FIXED
-    view.fixedcamid = camera
-    groups = [_MARKS_GROUP] if marks_only else [0, _MARKS_GROUP]
+    view.fixedcamid = place
+    groups = [MARKS_GROUP] if marks_only else _SHOWN
     source = renderer.render(model, data, view, SOURCE_SIZE, groups)
     where = ((rays / half + 1) * SOURCE_SIZE / 2 - 0.5).astype(np.float32)
     image = cv2.remap(source, where[..., 0], where[..., 1], cv2.INTER_LINEAR)
@@ -133,15 +138,20 @@ class SceneRenderer:
         """A frame (720, 1080, 3) of one row."""
         model, data = arms.simulation.snapshot(row)
         world = arms.world(row)
-        _dress_cameras(model, world, arms.mount)
+        prefix = arms.simulation.prefix
+        _dress_cameras(model, arms)
         mujoco.mj_kinematics(model, data)
         view = mujoco.MjvCamera()
-        view.lookat[:] = (0.22, 0.0, 0.27)
-        view.distance, view.azimuth, view.elevation = 1.75, 148.0, -22.0
-        scene = self._renderer.render(model, data, view, SCENE_SIZE, [0, _MARKS_GROUP, RIG_GROUP])
+        rig = arms.robot.rig
+        ahead = (rig.target - rig.position.mean(0)) * [1, 1, 0]
+        ahead /= np.linalg.norm(ahead)
+        view.lookat[:] = rig.target + rig.scale * (0.15 * np.array([0, 0, 1]) - 0.2 * ahead)
+        view.azimuth = 148.0 + np.degrees(np.arctan2(ahead[1], ahead[0]))
+        view.distance, view.elevation = 1.75 * rig.scale, -22.0
+        scene = self._renderer.render(model, data, view, SCENE_SIZE, [*_SHOWN, RIG_GROUP])
         insets = []
         for camera, name in enumerate(CAMERAS):
-            image = camera_image(self._renderer, model, data, world, camera)
+            image = camera_image(self._renderer, model, data, world, camera, prefix=prefix)
             points = arms.points[row].reshape(2, 2, 2)[:, camera]
             seen = arms.visible[row].reshape(2, 2)[:, camera]
             _draw_points(image, points, seen, float(arms.tolerance) * IMAGE_SIZE / 2)
@@ -168,18 +178,21 @@ def _draw_points(image: Image, points: Array, seen: NDArray[np.bool_], tolerance
             cv2.circle(image, center, radius, (255, 255, 255), 1, cv2.LINE_AA, shift)
 
 
-def _dress_cameras(model: mujoco.MjModel, world: World, mount: str) -> None:
+def _dress_cameras(model: mujoco.MjModel, arms: StereoArms) -> None:
     """Puts each camera's housing where the camera is, and its rod from the housing to the mount."""
-    for camera, name in enumerate(CAMERAS):
-        position = world.camera_position[camera]
-        side = np.sign(position[1])
-        foot = np.array([0.0, 0.07 * side, 0.36]) if mount == "waist" else position * [1, 1, 0]
-        rod, housing = model.geom(name + "_rod"), model.geom(name + "_housing")
+    prefix, scale = arms.simulation.prefix, arms.robot.rig.scale
+    for name, mount in zip(CAMERAS, arms.mounts, strict=True):
+        camera = model.camera(prefix + name)
+        position, turn = camera.pos.copy(), camera.quat.copy()
+        foot = position * [1, 1, 0] if mount == ROOM else np.zeros(3)
+        if arms.robot is MOVEMASTER and mount == "waist":
+            foot = np.array([0.0, 0.07 * np.sign(position[1]), 0.36])
+        rod, housing = model.geom(f"{prefix}{name}_rod"), model.geom(f"{prefix}{name}_housing")
         axis = position - foot
         rod.pos[:] = (position + foot) / 2
-        rod.size[:2] = 0.005, np.linalg.norm(axis) / 2
+        rod.size[:2] = 0.005 * scale, np.linalg.norm(axis) / 2
         mujoco.mju_quatZ2Vec(rod.quat, axis)
         housing.pos[:] = position
-        housing.quat[:] = world.camera_orientation[camera]
-        housing.size[:] = 0.022, 0.018, 0.035
+        housing.quat[:] = turn
+        housing.size[:] = scale * np.array([0.022, 0.018, 0.035])
     model.geom_sameframe[:] = 0

@@ -16,6 +16,7 @@ from calfree_gym.perturbations.application import PerturbationScheduler
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.robot.motor_errors import MotorErrors
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.simulation import DYNAMICS, Simulation
 from calfree_gym.robot.workspace import ATTEMPTS, Workspaces, first_in_view, in_view, least_in_view
@@ -87,6 +88,7 @@ class StereoArms:
         self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
         self.simulation = Simulation(rows, robot, self.mounts, dynamics, threads)
         self.motors = MotorMap(rows, robot)
+        self._motor_errors = MotorErrors(rows, motors)
         self._workspaces = Workspaces(rows, robot, self.mounts)
         self._scheduler = PerturbationScheduler(rows, perturbations, robot, self.mounts, keep_in_view)
         self._choices = _choices(world, rows)
@@ -136,6 +138,7 @@ class StereoArms:
         """Starts `row` anew from `seed`: its world, where that is to be drawn, objects and noise."""
         self._seeds[row] = seed
         self._measurement.seed(row, seed)
+        self._motor_errors.seed(row, seed)
         self._object_keys[row] = key(seed, "objects")
         self.motions[row] = self.trials[row] = self._motions_before[row] = 0
         self._scheduler.seed(row, seed)
@@ -178,9 +181,11 @@ class StereoArms:
         self._drawn_at[rows] = np.nan
         if objects is None:
             objects = self._draw_objects(indices)
-        self.simulation.place(rows, self._joints_at(self.registers[rows], rows), objects)
         self.trials[rows] += 1
         self._motions_before[rows] = self.motions[rows]
+        home = self.motors.positions(self.registers[rows], rows)
+        home = self._motor_errors.at_home(rows, home, self.trials, self._motions_of_trial)
+        self.simulation.place(rows, self.motors.angles(home, rows), objects)
         self.points[rows] = 0.0
         return applied
 
@@ -200,8 +205,10 @@ class StereoArms:
         registers = self.registers[rows] + words
         registers = np.minimum(np.maximum(registers, motors.lowest[rows]), motors.highest[rows])
         self.registers[rows] = registers
-        seconds = self.simulation.move(rows, self._joints_at(registers, rows))
         self.motions[rows] += 1
+        positions = self.motors.positions(registers, rows)
+        positions = self._motor_errors.after_a_motion(rows, positions, self.trials, self._motions_of_trial)
+        seconds = self.simulation.move(rows, self.motors.angles(positions, rows))
         return seconds + LOOK_SECONDS, applied
 
     def observe(self) -> None:
@@ -211,14 +218,18 @@ class StereoArms:
         true, shown = self._workspaces.cameras.through_lens(pixels)
         visible = shown & (depth > 0) & inside(true)
         self.true_points = true
-        motions = self.motions - self._motions_before
+        motions = self._motions_of_trial
         measured, self.visible = self._measurement.measure(true, visible, self.trials, motions)
         self.points = np.where(self.visible[:, :, None], measured, self.points)
         self.delivered = self._measurement.deliver(self.points, self.visible, motions)
 
+    @property
+    def _motions_of_trial(self) -> NDArray[np.int64]:
+        return self.motions - self._motions_before
+
     def home_seconds(self) -> Array:
         """Robot time (N,) of the way home from here, in seconds."""
-        home = self._joints_at(np.zeros_like(self.registers), slice(None))
+        home = self.motors.joints(np.zeros_like(self.registers), slice(None))
         return self.simulation.travel_to(home) + LOOK_SECONDS
 
     def object_registers(self) -> Array:
@@ -244,6 +255,7 @@ class StereoArms:
     def _enter(self, row: int, world: World) -> None:
         self._worlds[row] = world
         self.motors.set_world(row, world)
+        self._motor_errors.set_world(row, world)
         self.simulation.set_world(row, world)
         self._workspaces.set_world(row, world)
         self._measurement.set_world(row, world)
@@ -260,14 +272,10 @@ class StereoArms:
         world.check_fits(self.robot)
         if self._keep_in_view and not in_view(world, self.robot, self.mounts):
             raise ValueError(
-                f"the given world is not in view of cameras on {' and '.join(dict.fromkeys(self.mounts))}: "
-                f"both must see the gripper at home and {least_in_view(self.robot, self.mounts):.0%} of the "
-                "work space, which the motors must reach"
+                f"the given world is not in view on {self.robot.mount_name(self.mounts)}: both cameras must see "
+                f"the gripper at home and {least_in_view(self.robot, self.mounts):.0%} of the work space, which "
+                "the motors must reach"
             )
-
-    def _joints_at(self, registers: Array, rows: Rows) -> Array:
-        """Positions of all joints (n, j) at registers (n, m)."""
-        return self.motors.angles(self.motors.positions(registers, rows), rows)
 
     def _apply_due(self, clock: str, counts: NDArray[np.int64], rows: Rows) -> list[Applied]:
         """Applies the events that are due in `rows`; the stops of these arms may move."""

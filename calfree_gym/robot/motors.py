@@ -69,6 +69,10 @@ class MotorMap:
         rest = self._of_angles[rows]
         return self._robot.angles(positions, rest if positions.ndim == 2 else rest[:, None])
 
+    def joints(self, registers: Array, rows: Rows) -> Array:
+        """Positions of all joints (n, j) at `registers` (n, m) of the given rows."""
+        return self.angles(self.positions(registers, rows), rows)
+
     def registers(self, positions: Array, row: int) -> Array:
         """Registers (m,) at which the motors' joints of a row are at `positions` (m,)."""
         values = (positions - self._rest[row]) / (self._linear[row] + self._cubic[row])

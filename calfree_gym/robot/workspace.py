@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import Array, Flags, Rows
+from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import inside, lengths
 from calfree_gym.robot.arms.robot import ROOM, Mounts, Robot
 from calfree_gym.robot.inverse import InverseKinematics
@@ -84,7 +84,7 @@ class Workspaces:
         self._lengths[row] = world.link_lengths
         self._inverse[row] = None
         one = np.array([row])
-        self._home[one] = self._angles_at(np.zeros((1, len(self._robot.motors))), one)
+        self._home[one] = self._motors.joints(np.zeros((1, len(self._robot.motors))), one)
         gripper = self._robot.gripper_position(self._home[one], self._lengths[one])
         self._gripper_images[one], self._gripper_seen[one] = self._images(gripper, self._home[one], one)
 
@@ -129,13 +129,9 @@ class Workspaces:
         one = slice(row, row + 1)
 
         def gripper_at(registers: Array) -> Array:
-            return self._robot.gripper_position(self._angles_at(registers, one), self._lengths[row])
+            return self._robot.gripper_position(self._motors.joints(registers, one), self._lengths[row])
 
         return InverseKinematics(gripper_at, self._motors.lowest[row], self._motors.highest[row])
-
-    def _angles_at(self, registers: Array, rows: Rows) -> Array:
-        """Positions of all joints (k, j) at registers (k, m) of the rows."""
-        return self._motors.angles(self._motors.positions(registers, rows), rows)
 
     def _images(self, points: Array, angles: Array, rows: Indices) -> tuple[Array, Flags]:
         """Image points (k, 2, 2) of points (k, 3) in the cameras of their rows (k,), joints at (k, j).
@@ -197,7 +193,7 @@ def first_in_view(
         if in_view(world, robot, mounts, whole):
             return world
     raise ValueError(
-        f"{what} is never in view of cameras on {' and '.join(dict.fromkeys(mounts))}: in {ATTEMPTS} draws no "
-        f"world had the gripper at home and {least_in_view(robot, mounts):.0%} of the work space in view of "
-        "both cameras and within reach"
+        f"{what} is never in view on {robot.mount_name(mounts)}: in {ATTEMPTS} draws no world had the gripper "
+        f"at home and {least_in_view(robot, mounts):.0%} of the work space in view of both cameras and within "
+        "reach"
     )

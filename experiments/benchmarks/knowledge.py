@@ -16,7 +16,7 @@ import agents
 import calfree_gym
 from agents.knowledge.interface import Knowledge
 from calfree_gym.geometry import Array
-from calfree_gym.robot.motors import MOTORS
+from calfree_gym.robot.arms.movemaster import MOTORS
 from experiments.benchmarks.region import Region
 from experiments.benchmarks.trials import CAP, REACH, motions_per_reach, share_of
 from experiments.evaluation import TrialRecord, robot_seconds_at

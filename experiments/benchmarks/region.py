@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 
 from calfree_gym.geometry import Array
-from calfree_gym.robot.workspace import DISTANCE, HEIGHT, WAIST
+from calfree_gym.robot.arms.movemaster import DISTANCE, HEIGHT, WAIST
 
 LOW, HIGH = np.array([[-WAIST, DISTANCE[0], HEIGHT[0]], [WAIST, DISTANCE[1], HEIGHT[1]]])
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from calfree_gym.image import IMAGE_UNIT
-from calfree_gym.robot.motors import JOINT_LIMITS, SPAN
+from calfree_gym.robot.arms.movemaster import JOINT_LIMITS, SPAN
 
 
 def points_jacobian(env, registers=None):
@@ -44,7 +44,7 @@ def _points_and_jacobian(env, registers):
     world = arms.world(0)
     registers = arms.registers[0] if registers is None else registers
     model, data = arms.simulation.snapshot(0)
-    data.qpos[:] = arms.simulation.motors.joints(registers[None], np.array([0]))[0]
+    data.qpos[:] = arms.motors.joints(registers[None], np.array([0]))[0]
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_camlight(model, data)

@@ -137,9 +137,9 @@ def test_a_new_world_field_moves_no_other_draw(monkeypatch):
     wild = worlds.DISTRIBUTIONS["wild"]
     drawn = []
 
-    def with_a_new_field(draw):
+    def with_a_new_field(draw, robot):
         drawn.append(draw("new_field").standard_normal(7))
-        return wild(draw)
+        return wild(draw, robot)
 
     monkeypatch.setitem(worlds.DISTRIBUTIONS, "wild", with_a_new_field)
     assert trajectories() == before

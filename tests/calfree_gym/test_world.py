@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calfree_gym import DISTRIBUTIONS, MOUNTS, World, WorldDistribution, nominal
+from calfree_gym.robot.arms.movemaster import CAMERA_POSITION, LENGTHS, MOVEMASTER
 from calfree_gym.robot.motors import MotorMap, curve_inverse
 from calfree_gym.robot.workspace import Workspaces, first_in_view, in_view
 from calfree_gym.vision.cameras import image_points, undistort
-from calfree_gym.world import CAMERA_POSITION, FOCAL_LENGTH, LENGTHS
+from calfree_gym.world import FOCAL_LENGTH
 
 
 @settings(max_examples=40, deadline=None)
@@ -82,9 +83,13 @@ def test_wild_worlds_fill_the_ranges_they_are_said_to_have():
 def test_registers_within_nine_tenths_reach_all_of_a_drawn_worlds_work_space(mount):
     for seed in range(20):
         world = first_in_view(
-            lambda a, s=seed: WorldDistribution("wild").sample(s, a), mount, "a world", whole=True
+            lambda a, s=seed: WorldDistribution("wild").sample(s, a),
+            MOVEMASTER,
+            MOVEMASTER.mounts(mount),
+            "a world",
+            whole=True,
         )
-        workspace = Workspaces(1, mount)
+        workspace = Workspaces(1, MOVEMASTER, MOVEMASTER.mounts(mount))
         workspace.set_world(0, world)
         found = workspace.candidates(np.random.default_rng(seed).random((1, 6000, 3)), np.array([0]))
         assert found.within.sum() > 100
@@ -105,9 +110,9 @@ def test_coarse_worlds_are_the_papers_coarsely_calibrated_robot():
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_nominal_worlds_are_in_view_and_backward_cameras_are_not(mount):
-    assert in_view(nominal(), mount)
+    assert in_view(nominal(), MOVEMASTER, MOVEMASTER.mounts(mount))
     turned = nominal().camera_orientation[:, [2, 3, 0, 1]] * [1, -1, -1, 1]
-    assert not in_view(replace(nominal(), camera_orientation=turned), mount)
+    assert not in_view(replace(nominal(), camera_orientation=turned), MOVEMASTER, MOVEMASTER.mounts(mount))
 
 
 @settings(max_examples=60, deadline=None)
@@ -121,7 +126,7 @@ def test_motor_curve_is_monotone_and_inverts(curvature, registers):
 
 def test_a_register_stops_where_its_joint_stops():
     world = replace(nominal(), motor_gain=np.full(3, 2.0), joint_zeros=np.radians([8, -5, 6, 0]))
-    motors = MotorMap(1)
+    motors = MotorMap(1, MOVEMASTER)
     motors.set_world(0, world)
     for registers, side in ((motors.lowest, 0), (motors.highest, 1)):
         stops = np.degrees(motors.joints(registers, slice(None))[0, :3])
@@ -131,7 +136,7 @@ def test_a_register_stops_where_its_joint_stops():
 
 def test_the_wrist_is_vertical_where_joint_zeros_are_right_and_tilts_by_their_sum():
     for zeros in ([0, 0, 0, 0], [5, 3, -2, 4]):
-        motors = MotorMap(1)
+        motors = MotorMap(1, MOVEMASTER)
         motors.set_world(0, replace(nominal(), joint_zeros=np.radians(zeros)))
         joints = motors.joints(np.random.default_rng(0).uniform(-0.3, 0.3, (20, 3)), slice(0, 1))
         tilt = np.degrees(joints[:, 1:4].sum(1)) + 90

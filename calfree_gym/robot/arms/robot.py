@@ -96,6 +96,11 @@ class Robot(ABC):
         left, right = (named.get(mount, mount) for mount in given)
         return left, right
 
+    def mount_name(self, mounts: Mounts) -> str:
+        """What errors call a mount, such as "the 'waist' mount"."""
+        names = {self.bodies[0]: "waist", ROOM: "stand"}
+        return f"the {' and '.join(repr(names.get(each, each)) for each in dict.fromkeys(mounts))} mount"
+
     @abstractmethod
     def rest(self, zeros: Array) -> Array:
         """What `angles` must know of a world with these joint zeros (k,)."""

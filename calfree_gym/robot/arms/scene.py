@@ -18,16 +18,18 @@ PREFIX = "calfree "
 POINTS = ("gripper", "object")
 KINDS = (mujoco.mjtSensor.mjSENS_CAMPROJECTION, mujoco.mjtSensor.mjSENS_FRAMEPOS)
 """Of sensors: image points, and places in the cameras' frames, of which the depth is used."""
-RIG_GROUP = 2
+RIG_GROUP = 5
 """Group of the cameras' rods and housings, which their own images leave out."""
 SENSOR_SIZE = 0.01
 """Of a camera in m; it decides nothing."""
+RENDERED = 1024
+"""Width and height of the largest picture, in pixels."""
 TIMESTEP = 0.005
 STIFFNESS = 40_000.0
 """Of a servo, for an armature of 1: with `FILTER` it settles in a motion, as the RV-M2's do."""
 FILTER = 0.03
 """Time constant (s) of the first-order filter through which a servo's target goes."""
-MARKS_GROUP = 1
+MARKS_GROUP = 4
 _OFF = (
     mujoco.mjtDisableBit.mjDSBL_CONTACT,
     mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS,
@@ -56,6 +58,7 @@ def build(
     add_servos(spec, motors, home_qpos)
     add_object(spec, gripper, mark, PREFIX)
     add_cameras(spec, mounts, PREFIX)
+    _light(spec)
     model = spec.compile()
     servos = [i for i in range(model.nu) if model.actuator(i).name.startswith(PREFIX)]
     targets = home_qpos[model.jnt_qposadr[model.actuator_trnid[servos, 0]]]
@@ -141,17 +144,22 @@ def add_object(spec: Any, holder: tuple[str, str], size: float, prefix: str) -> 
     body = site.parent if site is not None else spec.body(name)
     where = site.pos if site is not None else np.zeros(3)
     item = spec.worldbody.add_body(name=prefix + "object", mocap=True)
+    plain = mujoco.MjSpec()  # the model's own defaults would colour them
     for parent, point, at, colour in (
         (body, "gripper", where, [0.95, 0.05, 0.55, 1]),
         (item, "object", np.zeros(3), [0.05, 0.70, 0.25, 1]),
     ):
-        parent.add_site(name=f"{prefix}{point}_point", pos=at, size=[size] * 3, rgba=[0, 0, 0, 0])
+        parent.add_site(
+            plain.default, name=f"{prefix}{point}_point", pos=at, size=[size] * 3, rgba=[0, 0, 0, 0]
+        )
+        spec.add_material(name=f"{prefix}{point}_mark", rgba=colour, emission=1.0)
         parent.add_geom(
+            plain.default,
             name=f"{prefix}{point}_mark",
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
             pos=at,
             size=[size, 0, 0],
-            rgba=colour,
+            material=f"{prefix}{point}_mark",
             group=MARKS_GROUP,
             mass=0.0,
             contype=0,
@@ -167,9 +175,11 @@ def add_cameras(spec: Any, mounts: Mounts, prefix: str = "") -> None:
         mounts: Names of the bodies to which the left and the right camera are fixed.
         prefix: Of the points' names, and of all names that are added.
     """
+    plain = mujoco.MjSpec()
     for camera, mount in zip(CAMERAS, mounts, strict=True):
         fixed_to = spec.worldbody if mount == ROOM else spec.body(mount)
         fixed_to.add_camera(
+            plain.default,
             name=prefix + camera,
             resolution=[IMAGE_SIZE, IMAGE_SIZE],
             sensor_size=[SENSOR_SIZE, SENSOR_SIZE],
@@ -177,6 +187,7 @@ def add_cameras(spec: Any, mounts: Mounts, prefix: str = "") -> None:
         )
         for part, shape in (("rod", mujoco.mjtGeom.mjGEOM_CAPSULE), ("housing", mujoco.mjtGeom.mjGEOM_BOX)):
             fixed_to.add_geom(
+                plain.default,
                 name=f"{prefix}{camera}_{part}",
                 type=shape,
                 size=[0.006, 0.1, 0.1],
@@ -197,6 +208,23 @@ def add_cameras(spec: Any, mounts: Mounts, prefix: str = "") -> None:
                     reftype=mujoco.mjtObj.mjOBJ_CAMERA,
                     refname=prefix + camera,
                 )
+
+
+def _light(spec: Any) -> None:
+    """Lets pictures be as large, and as bright, as those of the RV-M2."""
+    spec.visual.global_.offwidth = spec.visual.global_.offheight = RENDERED
+    light = spec.visual.headlight
+    light.ambient, light.diffuse, light.specular = [0.35] * 3, [0.45] * 3, [0.1] * 3
+    if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
+        spec.add_texture(
+            name=PREFIX + "sky",
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+            rgb1=[0.93, 0.95, 0.97],
+            rgb2=[0.70, 0.76, 0.83],
+            width=128,
+            height=128,
+        )
 
 
 def _armatures(model: mujoco.MjModel, home_qpos: Array) -> tuple[float, float]:

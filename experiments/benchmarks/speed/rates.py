@@ -16,14 +16,15 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from calfree_gym.robot.simulation import SUBSTEPS, build_model
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.simulation import SUBSTEPS
 from experiments.benchmarks.speed.peer import Peer
 
 REACH = "calfree_gym:CalFree/Reach-v0"
 ROUNDS = 60
 FLOORS = {("PandaReach-v3", 1): 5.0, ("PandaReach-v3", 256): 9.0}
 """The least ratio of physics substeps a second that the project asks of itself beside a peer, by our rows."""
-WAIST_TIMESTEP = float(build_model("waist").opt.timestep)
+WAIST_TIMESTEP = float(MOVEMASTER.scene(("waist", "waist")).model.opt.timestep)
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def _single(rounds: int, truth: bool, wanted: float | None, sensors: bool = True
     loop computes none.
     """
     steps = 50
-    model = build_model("waist")
+    model = MOVEMASTER.scene(("waist", "waist")).model
     if not sensors:
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     data = mujoco.MjData(model)
@@ -109,7 +110,7 @@ def _single(rounds: int, truth: bool, wanted: float | None, sensors: bool = True
 def _batched(rounds: int) -> Ratio:
     """256 rows on all cores against a bare `Batch` over the same substeps."""
     rows, steps = 256, 4
-    batch = Batch(build_model("waist"), rows)
+    batch = Batch(MOVEMASTER.scene(("waist", "waist")).model, rows)
 
     def bare() -> None:
         for _ in range(steps):
@@ -122,7 +123,7 @@ def _batched(rounds: int) -> Ratio:
 def _kinematic(rounds: int) -> Ratio:
     """1,024 rows of kinematic dynamics on all cores against a bare `Batch.forward(POS)`."""
     rows, steps = 1024, 60
-    batch = Batch(build_model("waist"), rows)
+    batch = Batch(MOVEMASTER.scene(("waist", "waist")).model, rows)
     stage = int(mujoco.mjtStage.mjSTAGE_POS)
 
     def bare() -> None:

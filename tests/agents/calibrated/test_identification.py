@@ -16,7 +16,7 @@ from agents.calibrated.prediction import Prediction
 from agents.calibrated.robot_model import RobotModel
 from agents.calibrated.rotations import rotation, rotation_axes
 from calfree_gym.image import IMAGE_UNIT
-from calfree_gym.world import AIM
+from calfree_gym.robot.arms.movemaster import AIM
 
 
 def built(mount):

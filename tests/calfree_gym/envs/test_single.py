@@ -137,7 +137,7 @@ def _words_to(env, target):
 
     from calfree_gym.robot.kinematics import gripper_position
 
-    motors, lengths = env.arms.simulation.motors, env.world.link_lengths
+    motors, lengths = env.arms.motors, env.world.link_lengths
 
     def miss(registers):
         return gripper_position(motors.joints(registers[None], slice(None))[0, :4], lengths) - target
@@ -174,7 +174,7 @@ def test_lost_points_keep_their_last_value_and_their_flag_falls():
 def test_registers_are_executed_sums_within_their_ends(words, seed):
     env = gym.make("CalFree/Reach-v0", dynamics="kinematic", terminate_on_success=False).unwrapped
     env.reset(seed=seed)
-    motors, expected = env.arms.simulation.motors, np.zeros(3)
+    motors, expected = env.arms.motors, np.zeros(3)
     for word in words:
         expected = np.clip(expected + word, motors.lowest[0], motors.highest[0])
         observation, *_ = env.step(np.array(word))
@@ -298,7 +298,7 @@ def test_robot_seconds_are_travel_at_limited_joint_speed_and_four_seconds_to_set
     assert info["robot_seconds"] == 0.0
     *_, info = env.step(np.zeros(3))
     assert info["robot_seconds"] == 4.0
-    motors, registers = env.arms.simulation.motors, env.arms.registers.copy()
+    motors, registers = env.arms.motors, env.arms.registers.copy()
     for word in ([0.1, 0.0, 0.0], [0.0, -0.2, 0.05], [-0.3, 0.1, 0.1]):
         before = motors.joints(registers, slice(None))
         *_, info = env.step(np.array(word))

@@ -5,14 +5,16 @@ import pytest
 
 from calfree_gym import nominal
 from calfree_gym.perturbations.application import PerturbationScheduler
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
 
+WAIST = ("waist", "waist")
 EVENT = {"every": {"trial": 1}, "do": {"type": "camera_roll", "camera": "left"}}
 DRIFT = {"drift": {"per": "trial"}, "do": {"type": "camera_roll", "camera": "left"}}
 
 
 def drawn(schedule, seeds=(0,), row=0, count=1):
     """The degrees that the events of a schedule draw for one row of several."""
-    scheduler = PerturbationScheduler(len(seeds), schedule, "waist", keep_in_view=False)
+    scheduler = PerturbationScheduler(len(seeds), schedule, MOVEMASTER, WAIST, keep_in_view=False)
     for each, seed in enumerate(seeds):
         scheduler.seed(each, seed)
     events = scheduler.events["trial"]
@@ -40,7 +42,7 @@ def test_draws_of_an_event_depend_on_the_count_and_those_of_a_drift_do_not():
 
 def test_an_event_in_view_is_the_first_draw_that_is_in_view():
     scheduler = PerturbationScheduler(
-        1, [{**EVENT, "do": {"type": "camera_aim", "camera": "left", "degrees": 25}}], "waist", True
+        1, [{**EVENT, "do": {"type": "camera_aim", "camera": "left", "degrees": 25}}], MOVEMASTER, WAIST, True
     )
     ((place, event),) = scheduler.events["trial"]
     directions = []

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from calfree_gym.perturbations import TYPES
 from calfree_gym.perturbations.schedule import parse_schedule
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
 
 RNG = np.random.default_rng
@@ -218,7 +219,7 @@ def test_a_pan_goes_on_and_turns_back_before_the_work_space_leaves_the_view():
     turns = np.flatnonzero(np.diff(np.sign(np.diff(angles))))
     assert len(turns) >= 2
     assert angles[turns[0] + 1] > 5
-    assert all(in_view(world, "stand") for world in worlds)
+    assert all(in_view(world, MOVEMASTER, ("world", "world")) for world in worlds)
 
 
 def test_a_pan_without_keeping_in_view_goes_on_and_on():

@@ -5,8 +5,10 @@ import pytest
 
 from calfree_gym import MOUNTS, WorldDistribution
 from calfree_gym.geometry import rotation_matrix
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.kinematics import gripper_position
-from calfree_gym.robot.simulation import DYNAMICS, Simulation, build_model
+from calfree_gym.robot.motors import MotorMap
+from calfree_gym.robot.simulation import DYNAMICS, Simulation
 from calfree_gym.vision.cameras import image_points, pinhole
 
 ROWS = 32
@@ -16,22 +18,25 @@ EVERY = slice(None)
 @pytest.fixture(params=MOUNTS)
 def pair(request):
     worlds = [WorldDistribution("wild").sample(seed) for seed in range(ROWS)]
-    made = {}
+    made, motors = {}, MotorMap(ROWS, MOVEMASTER)
+    for row, world in enumerate(worlds):
+        motors.set_world(row, world)
+    home, objects = motors.joints(np.zeros((ROWS, 3)), EVERY), np.tile([0.4, 0.1, 0.1], (ROWS, 1))
     for dynamics in DYNAMICS:
-        made[dynamics] = Simulation(ROWS, request.param, dynamics, threads=1)
+        made[dynamics] = Simulation(ROWS, MOVEMASTER, MOVEMASTER.mounts(request.param), dynamics, threads=1)
         for row, world in enumerate(worlds):
             made[dynamics].set_world(row, world)
-        made[dynamics].place(EVERY, np.zeros((ROWS, 3)), np.tile([0.4, 0.1, 0.1], (ROWS, 1)))
-    return made["physics"], made["kinematic"], worlds, request.param
+        made[dynamics].place(EVERY, home, objects)
+    return made["physics"], made["kinematic"], motors, worlds, request.param
 
 
 def test_a_motion_ends_settled_to_a_tenth_of_a_pixel(pair):
-    physics, kinematic, _, _ = pair
+    physics, kinematic, motors, _, _ = pair
     rng = np.random.default_rng(0)
     for _ in range(20):
-        registers = rng.uniform(physics.motors.lowest, physics.motors.highest)
+        joints = motors.joints(rng.uniform(motors.lowest, motors.highest), EVERY)
         for simulation in (physics, kinematic):
-            simulation.move(EVERY, registers)
+            simulation.move(EVERY, joints)
             simulation.refresh()
         (a, _), (b, depth) = physics.pinhole_pixels(), kinematic.pinhole_pixels()
         near = (depth > 0.1) & (np.abs(b - 256) < 256).all(-1)
@@ -40,10 +45,10 @@ def test_a_motion_ends_settled_to_a_tenth_of_a_pixel(pair):
 
 
 def test_image_points_follow_from_closed_form_kinematics_and_projection(pair):
-    _, kinematic, worlds, mount = pair
+    _, kinematic, motors, worlds, mount = pair
     rng = np.random.default_rng(1)
     for _ in range(10):
-        kinematic.move(EVERY, rng.uniform(kinematic.motors.lowest, kinematic.motors.highest))
+        kinematic.move(EVERY, motors.joints(rng.uniform(motors.lowest, motors.highest), EVERY))
         kinematic.refresh()
         pixels, depth = kinematic.pinhole_pixels()
         gripper, _ = kinematic.positions()
@@ -65,7 +70,7 @@ def test_image_points_follow_from_closed_form_kinematics_and_projection(pair):
 
 def test_a_motion_leaves_the_models_flags_as_they_were(pair):
     """Sensors are off during a motion; contacts stay off and sensors come back after it."""
-    physics, _, _, mount = pair
-    physics.move(EVERY, np.full((ROWS, 3), 0.1))
+    physics, _, motors, _, mount = pair
+    physics.move(EVERY, motors.joints(np.full((ROWS, 3), 0.1), EVERY))
     model, _ = physics.snapshot(0)
-    assert model.opt.disableflags == build_model(mount).opt.disableflags
+    assert model.opt.disableflags == MOVEMASTER.scene(MOVEMASTER.mounts(mount)).model.opt.disableflags

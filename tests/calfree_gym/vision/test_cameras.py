@@ -36,7 +36,7 @@ def test_every_row_projects_through_its_own_two_cameras():
     cameras, worlds = made()
     points = np.random.default_rng(1).uniform([-1.5, -0.4, 0.0], [0.6, 0.4, 0.6], (40, 3))
     rows = np.arange(40) % ROWS
-    images, shown = cameras.project(points, rows)
+    images, shown = cameras.project(points[:, None], rows)
     for i, row in enumerate(rows):
         for camera in range(2):
             image, seen, _ = one_point(points[i], worlds[row], camera)
@@ -53,6 +53,6 @@ def test_pinhole_pixels_come_through_the_lens_where_the_points_project_to():
         pixels[row] = [one_point(point, world, camera)[2] for point in pairs[row] for camera in range(2)]
     images, shown = cameras.through_lens(pixels)
     for of, pair in enumerate(pairs.transpose(1, 0, 2)):
-        expected, expected_shown = cameras.project(pair, np.arange(ROWS))
+        expected, expected_shown = cameras.project(pair[:, None], np.arange(ROWS))
         np.testing.assert_allclose(images[:, 2 * of : 2 * of + 2], expected, rtol=1e-9)
         np.testing.assert_array_equal(shown[:, 2 * of : 2 * of + 2], expected_shown)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calfree_gym import MOUNTS, WorldDistribution, nominal
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
 from calfree_gym.vision.measurement import MeasurementModel
 
@@ -145,7 +146,11 @@ def test_worlds_out_of_view_are_kept_where_that_is_asked_for(mount):
     observation, _ = env.reset(seed=0)
     np.testing.assert_array_equal(observation["observation"][:4], 0)
     np.testing.assert_array_equal(observation["achieved_goal"], 0)
-    out = [s for s in range(300) if not in_view(WorldDistribution("wild").sample(s), mount, whole=True)]
+    out = [
+        s
+        for s in range(300)
+        if not in_view(WorldDistribution("wild").sample(s), MOVEMASTER, MOVEMASTER.mounts(mount), whole=True)
+    ]
     env = gym.make("CalFree/Reach-v0", camera_mount=mount, keep_in_view=False).unwrapped
     env.reset(seed=out[0])
     assert env.world == WorldDistribution("wild").sample(out[0])

@@ -1,0 +1,72 @@
+"""What keeps a motor from going where it is sent: backlash, and motions that do not repeat exactly."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.geometry import Array, Rows
+from calfree_gym.streams import MotionNumbers
+from calfree_gym.world import World
+
+
+class MotorErrors:
+    """The errors of the motors of N worlds, one row each.
+
+    Backlash is a play: the joint stays where it is until the motor has gone through the gap, and then lags
+    behind by half of it. Repeatability is noise that every motion of a motor, the way home included, draws
+    anew; a motor that does not move stays where it is.
+
+    Args:
+        rows: N.
+        motors: m.
+    """
+
+    def __init__(self, rows: int, motors: int) -> None:
+        self._half_gap = np.zeros((rows, motors))
+        self._deviation = np.zeros((rows, motors))
+        self._sent, self._joint, self._noise = (np.zeros((rows, motors)) for _ in range(3))
+        self._numbers = MotionNumbers(rows, "repeatability", (motors,), normal=True)
+        self._exact = True
+
+    def seed(self, row: int, seed: int) -> None:
+        """Starts `row` anew from `seed`."""
+        self._numbers.seed(row, seed)
+
+    def set_world(self, row: int, world: World) -> None:
+        """Gives `row` the errors of `world`."""
+        self._half_gap[row], self._deviation[row] = world.backlash / 2, world.repeatability
+        self._exact = not (self._half_gap.any() or self._deviation.any())
+
+    def at_home(
+        self, rows: Rows, positions: Array, trials: NDArray[np.int64], motions: NDArray[np.int64]
+    ) -> Array:
+        """Where joints (n, m) stand that were sent home to `positions` (n, m): in the middle of the gap.
+
+        Args:
+            rows: Which rows.
+            positions: Of their motors' joints at home.
+            trials, motions: The trial, and the motion of the trial, of all rows (N,).
+        """
+        if self._exact:
+            return positions
+        self._sent[rows] = self._joint[rows] = positions
+        self._noise[rows] = (self._deviation * self._numbers.at(trials, motions))[rows]
+        return np.asarray(positions + self._noise[rows])
+
+    def after_a_motion(
+        self, rows: Rows, positions: Array, trials: NDArray[np.int64], motions: NDArray[np.int64]
+    ) -> Array:
+        """Where joints (n, m) come to rest whose motors were sent to `positions` (n, m).
+
+        Args:
+            rows: Which rows.
+            positions: Where their motors were sent.
+            trials, motions: The trial, and the motion of the trial, of all rows (N,).
+        """
+        if self._exact:
+            return positions
+        half_gap, moved = self._half_gap[rows], positions != self._sent[rows]
+        self._sent[rows] = positions
+        self._joint[rows] = np.clip(self._joint[rows], positions - half_gap, positions + half_gap)
+        drawn = (self._deviation * self._numbers.at(trials, motions))[rows]
+        self._noise[rows] = np.where(moved, drawn, self._noise[rows])
+        return np.asarray(self._joint[rows] + self._noise[rows])
