@@ -6,6 +6,8 @@ import pytest
 
 from tests.arms.own import ARMS, MOTORS
 
+FREE = mujoco.mjtJoint.mjJNT_FREE
+
 
 @pytest.fixture(params=ARMS)
 def arm(request):
@@ -80,4 +82,9 @@ def test_between_them_they_have_what_real_files_have():
     assert some(lambda m: m.neq > 0 and m.ntendon > 0 and m.nkey > 0) == {"gripper"}
     assert some(lambda m: m.na > 0) == {"gantry"}
     assert some(lambda m: m.nmesh == 2) == {"names"}
+    assert some(lambda m: m.actuator_ctrllimited.all() and (m.actuator_gear[:, 0] != 1).all()) >= {"names"}
+    assert some(lambda m: m.jnt_pos.any()) == {"names"}
+    assert some(lambda m: m.jnt_actfrclimited.any()) == {"hobby"}
+    assert some(lambda m: (m.qpos0[m.jnt_qposadr[m.jnt_type != FREE]] != 0).any()) == {"mobile"}
+    assert some(lambda m: (m.body_jntnum[-1:] == 2).any()) == {"mobile"}
     assert set(map(len, MOTORS.values())) == {3, 4, 5, 6, 7}
