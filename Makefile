@@ -3,7 +3,7 @@ BIN := .venv/bin
 STAMP := .venv/up-to-date
 JOBS ?= 2
 
-.PHONY: venv lint test test-all mutants compare docs results results-tables
+.PHONY: venv lint test test-all mutants arms compare docs results results-tables
 
 venv: $(STAMP)
 
@@ -26,6 +26,10 @@ test-all: lint
 
 mutants: venv
 	$(BIN)/python -m tests.mutants --jobs $(JOBS)
+
+# Other people's arms for slow tests and benchmarks, into build/arms.
+arms: venv
+	$(BIN)/python -m tests.arms.fetched
 
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
