@@ -12,26 +12,27 @@ from typing import Any
 
 import gymnasium as gym
 
-from agents.base.agent import Agent
-from agents.base.checks import check_number, check_one_of
-from agents.calibrated.affine_stereo import AffineStereo
-from agents.calibrated.model_based import ModelBased
-from agents.calibrated.self_calibrating import SelfCalibrating
-from agents.jacobian import ESTIMATORS
-from agents.knowledge.factored_table import FactoredTable
-from agents.knowledge.gaussian_process import GaussianProcess
-from agents.knowledge.grid_table import GridTable
-from agents.knowledge.interface import Knowledge
-from agents.knowledge.support_points import SupportPoints
-from agents.learning_servo import LearningServo
-from agents.oracle import Oracle
-from agents.random_agent import RandomAgent
-from agents.servo.joint_space import JointSpaceServo
-from agents.servo.paper import PaperServo
-from agents.servo.servo_agent import Servo, ServoAgent
-from agents.servo.unified import UnifiedServo
-from agents.servo.work_plane import WorkPlaneServo
 from calfree_gym.errors import near_misses
+
+from .base.agent import Agent
+from .base.checks import check_number, check_one_of
+from .calibrated.affine_stereo import AffineStereo
+from .calibrated.model_based import ModelBased
+from .calibrated.self_calibrating import SelfCalibrating
+from .jacobian import ESTIMATORS
+from .knowledge.factored_table import FactoredTable
+from .knowledge.gaussian_process import GaussianProcess
+from .knowledge.grid_table import GridTable
+from .knowledge.interface import Knowledge
+from .knowledge.support_points import SupportPoints
+from .learning_servo import LearningServo
+from .oracle import Oracle
+from .random_agent import RandomAgent
+from .servo.joint_space import JointSpaceServo
+from .servo.paper import PaperServo
+from .servo.servo_agent import Servo, ServoAgent
+from .servo.unified import UnifiedServo
+from .servo.work_plane import WorkPlaneServo
 
 Environment = gym.Env[Any, Any]
 
@@ -81,15 +82,15 @@ def _own_settings(knowledge: str) -> dict[str, Any]:
 
 
 def _sb3(env: Environment, seed: int = 0, **settings: Any) -> Agent:
-    from agents.neural.sb3.agent import Sb3Agent
+    from .neural.sb3.agent import Sb3Agent
 
     return Sb3Agent(env, seed, **settings)
 
 
 def _sb3_settings(given: Mapping[str, Any]) -> dict[str, Any]:
     """The adapter's own settings, and those of the algorithm that is given."""
-    from agents.neural.sb3.agent import Sb3Agent
-    from agents.neural.sb3.algorithms import algorithm_of, settings_of
+    from .neural.sb3.agent import Sb3Agent
+    from .neural.sb3.algorithms import algorithm_of, settings_of
 
     own = _named_settings(Sb3Agent)
     return settings_of(algorithm_of(given.get("algorithm", own["algorithm"]))) | own
@@ -105,13 +106,13 @@ def tuned_settings(name: str) -> dict[str, Any]:
 
 
 def _self_taught(env: Environment, seed: int = 0, *, learner: str, **settings: Any) -> Agent:
-    from agents.neural.self_supervised import AGENTS
+    from .neural.self_supervised import AGENTS
 
     return AGENTS[learner](env, seed, **settings)
 
 
 def _recurrent_servo(env: Environment, seed: int = 0, weights: str | None = None) -> Agent:
-    from agents.neural.recurrent_servo.agent import RecurrentServo
+    from .neural.recurrent_servo.agent import RecurrentServo
 
     return RecurrentServo(env, seed, weights)
 
@@ -235,7 +236,7 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
         except ValueError as error:
             raise ValueError(f"agent {name!r}: {error}") from error
     if name in SELF_TAUGHT:
-        from agents.neural.self_supervised import AGENTS
+        from .neural.self_supervised import AGENTS
 
         return _named_settings(AGENTS[name])
     named = _named_settings(_MAKERS[name])
