@@ -1,4 +1,7 @@
-"""Controllers of the black box, made by name: `agents.make("grid_table", env, cells=8)`."""
+"""Controllers of the black box, made by name: `agents.make("grid_table", env, cells=8)`.
+
+In the wheel this package is called `calfree_agents`.
+"""
 
 from .base.agent import Agent
 from .registry import KNOWLEDGE, NEURAL, SERVOS, default_settings, make, names

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from inspect import Parameter, signature
@@ -97,11 +98,16 @@ def _sb3_settings(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def tuned_settings(name: str) -> dict[str, Any]:
-    """The settings in configs/agents/NAME.yaml: the one place of an agent's tuned defaults."""
+    """The settings in configs/agents/NAME.yaml: the one place of an agent's tuned defaults.
+
+    A wheel holds these files within the package.
+    """
     import yaml
 
-    file = Path(__file__).parents[1] / "configs" / "agents" / f"{name}.yaml"
-    settings: dict[str, Any] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    package = Path(__file__).parent
+    folders = (package / "configs", package.parent / "configs" / "agents")
+    folder = next(folder for folder in folders if folder.is_dir())
+    settings: dict[str, Any] = yaml.safe_load((folder / f"{name}.yaml").read_text(encoding="utf-8"))
     return settings
 
 
@@ -143,7 +149,7 @@ SB3 = ("sac", "sac_her", "td3", "tqc", "crossq", "ppo", "recurrent_ppo")
 SELF_TAUGHT = ("self_supervised", "cooperstock_milios")
 """Networks that teach themselves from their own motions."""
 NEURAL = ("recurrent_servo", "sb3", *SB3)
-"""Agents that load torch."""
+"""Agents that load torch, and need what the extra `agents` of the wheel installs."""
 
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,
@@ -177,35 +183,39 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
         **settings: Of the agent; `seed` for all.
 
     Raises:
+        ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
         ValueError: An unknown name, with the near misses, or a setting that is not allowed.
     """
     _check_name(name)
     shape = getattr(env.action_space, "shape", None)
     if shape is None or (len(shape) != 1 and _MAKERS[name] is not _sb3):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
-    settings = _defaults(name, settings) | settings
-    allowed = _settings_of(name, settings)
-    for setting in settings:
-        if setting not in allowed:
-            hint = near_misses(setting, allowed)
-            raise ValueError(
-                f"agent {name!r} has no setting {setting!r}{hint}; allowed: {', '.join(allowed)}"
-            )
-    try:
-        return _MAKERS[name](env, **settings)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"agent {name!r}: {error}") from error
+    with _told_what_to_install(name):
+        settings = _defaults(name, settings) | settings
+        allowed = _settings_of(name, settings)
+        for setting in settings:
+            if setting not in allowed:
+                hint = near_misses(setting, allowed)
+                raise ValueError(
+                    f"agent {name!r} has no setting {setting!r}{hint}; allowed: {', '.join(allowed)}"
+                )
+        try:
+            return _MAKERS[name](env, **settings)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"agent {name!r}: {error}") from error
 
 
 def default_settings(name: str, **given: Any) -> dict[str, Any]:
     """What `make(name, env, **given)` makes an agent with; settings without a default only if given.
 
     Raises:
+        ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
         ValueError: An unknown name, with the near misses.
     """
     _check_name(name)
-    chosen = _defaults(name, given) | given
-    settings = _settings_of(name, chosen) | chosen
+    with _told_what_to_install(name):
+        chosen = _defaults(name, given) | given
+        settings = _settings_of(name, chosen) | chosen
     return {setting: value for setting, value in settings.items() if value is not Parameter.empty}
 
 
@@ -213,6 +223,17 @@ def _check_name(name: str) -> None:
     if name not in _MAKERS:
         hint = near_misses(name, _MAKERS)
         raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(_MAKERS)}")
+
+
+@contextmanager
+def _told_what_to_install(name: str) -> Iterator[None]:
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"agent {name!r} needs {error.name}, which is not installed: pip install 'calfree-gym[agents]'",
+            name=error.name,
+        ) from error
 
 
 def _defaults(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
