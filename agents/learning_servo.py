@@ -9,17 +9,17 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.adaptation.adaptive_knowledge import AdaptiveKnowledge
-from agents.base.checks import check_flag, check_number, checked_array
-from agents.base.observation import POINTS, Array, Observation, RawObservation
-from agents.base.procedure import Procedure
-from agents.base.storage import with_present_names
-from agents.jacobian import distance_jacobian
-from agents.knowledge.interface import Knowledge, Recall
-from agents.perception import ObservationFilter, Observing
-from agents.servo.redundancy import solve
-from agents.servo.servo_agent import Servo, ServoAgent
-from agents.servo.trial import Findings
+from .adaptation.adaptive_knowledge import AdaptiveKnowledge
+from .base.checks import check_flag, check_number, checked_array
+from .base.observation import POINTS, Array, Observation, RawObservation
+from .base.procedure import Procedure
+from .base.storage import with_present_names
+from .jacobian import distance_jacobian
+from .knowledge.interface import Knowledge, Recall
+from .perception import ObservationFilter, Observing
+from .servo.redundancy import solve
+from .servo.servo_agent import Servo, ServoAgent
+from .servo.trial import Findings
 
 
 class LearningServo(ServoAgent):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from inspect import Parameter, signature
@@ -12,26 +13,27 @@ from typing import Any
 
 import gymnasium as gym
 
-from agents.base.agent import Agent
-from agents.base.checks import check_number, check_one_of
-from agents.calibrated.affine_stereo import AffineStereo
-from agents.calibrated.model_based import ModelBased
-from agents.calibrated.self_calibrating import SelfCalibrating
-from agents.jacobian import ESTIMATORS
-from agents.knowledge.factored_table import FactoredTable
-from agents.knowledge.gaussian_process import GaussianProcess
-from agents.knowledge.grid_table import GridTable
-from agents.knowledge.interface import Knowledge
-from agents.knowledge.support_points import SupportPoints
-from agents.learning_servo import LearningServo
-from agents.oracle import Oracle
-from agents.random_agent import RandomAgent
-from agents.servo.joint_space import JointSpaceServo
-from agents.servo.paper import PaperServo
-from agents.servo.servo_agent import Servo, ServoAgent
-from agents.servo.unified import UnifiedServo
-from agents.servo.work_plane import WorkPlaneServo
 from calfree_gym.errors import near_misses
+
+from .base.agent import Agent
+from .base.checks import check_number, check_one_of
+from .calibrated.affine_stereo import AffineStereo
+from .calibrated.model_based import ModelBased
+from .calibrated.self_calibrating import SelfCalibrating
+from .jacobian import ESTIMATORS
+from .knowledge.factored_table import FactoredTable
+from .knowledge.gaussian_process import GaussianProcess
+from .knowledge.grid_table import GridTable
+from .knowledge.interface import Knowledge
+from .knowledge.support_points import SupportPoints
+from .learning_servo import LearningServo
+from .oracle import Oracle
+from .random_agent import RandomAgent
+from .servo.joint_space import JointSpaceServo
+from .servo.paper import PaperServo
+from .servo.servo_agent import Servo, ServoAgent
+from .servo.unified import UnifiedServo
+from .servo.work_plane import WorkPlaneServo
 
 Environment = gym.Env[Any, Any]
 
@@ -81,37 +83,42 @@ def _own_settings(knowledge: str) -> dict[str, Any]:
 
 
 def _sb3(env: Environment, seed: int = 0, **settings: Any) -> Agent:
-    from agents.neural.sb3.agent import Sb3Agent
+    from .neural.sb3.agent import Sb3Agent
 
     return Sb3Agent(env, seed, **settings)
 
 
 def _sb3_settings(given: Mapping[str, Any]) -> dict[str, Any]:
     """The adapter's own settings, and those of the algorithm that is given."""
-    from agents.neural.sb3.agent import Sb3Agent
-    from agents.neural.sb3.algorithms import algorithm_of, settings_of
+    from .neural.sb3.agent import Sb3Agent
+    from .neural.sb3.algorithms import algorithm_of, settings_of
 
     own = _named_settings(Sb3Agent)
     return settings_of(algorithm_of(given.get("algorithm", own["algorithm"]))) | own
 
 
 def tuned_settings(name: str) -> dict[str, Any]:
-    """The settings in configs/agents/NAME.yaml: the one place of an agent's tuned defaults."""
+    """The settings in configs/agents/NAME.yaml: the one place of an agent's tuned defaults.
+
+    A wheel holds these files within the package.
+    """
     import yaml
 
-    file = Path(__file__).parents[1] / "configs" / "agents" / f"{name}.yaml"
-    settings: dict[str, Any] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    package = Path(__file__).parent
+    folders = (package / "configs", package.parent / "configs" / "agents")
+    folder = next(folder for folder in folders if folder.is_dir())
+    settings: dict[str, Any] = yaml.safe_load((folder / f"{name}.yaml").read_text(encoding="utf-8"))
     return settings
 
 
 def _self_taught(env: Environment, seed: int = 0, *, learner: str, **settings: Any) -> Agent:
-    from agents.neural.self_supervised import AGENTS
+    from .neural.self_supervised import AGENTS
 
     return AGENTS[learner](env, seed, **settings)
 
 
 def _recurrent_servo(env: Environment, seed: int = 0, weights: str | None = None) -> Agent:
-    from agents.neural.recurrent_servo.agent import RecurrentServo
+    from .neural.recurrent_servo.agent import RecurrentServo
 
     return RecurrentServo(env, seed, weights)
 
@@ -142,7 +149,7 @@ SB3 = ("sac", "sac_her", "td3", "tqc", "crossq", "ppo", "recurrent_ppo")
 SELF_TAUGHT = ("self_supervised", "cooperstock_milios")
 """Networks that teach themselves from their own motions."""
 NEURAL = ("recurrent_servo", "sb3", *SB3)
-"""Agents that load torch."""
+"""Agents that load torch, and need what the extra `agents` of the wheel installs."""
 
 _MAKERS: dict[str, Callable[..., Agent]] = {
     "random": RandomAgent,
@@ -176,35 +183,39 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
         **settings: Of the agent; `seed` for all.
 
     Raises:
+        ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
         ValueError: An unknown name, with the near misses, or a setting that is not allowed.
     """
     _check_name(name)
     shape = getattr(env.action_space, "shape", None)
     if shape is None or (len(shape) != 1 and _MAKERS[name] is not _sb3):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
-    settings = _defaults(name, settings) | settings
-    allowed = _settings_of(name, settings)
-    for setting in settings:
-        if setting not in allowed:
-            hint = near_misses(setting, allowed)
-            raise ValueError(
-                f"agent {name!r} has no setting {setting!r}{hint}; allowed: {', '.join(allowed)}"
-            )
-    try:
-        return _MAKERS[name](env, **settings)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"agent {name!r}: {error}") from error
+    with _told_what_to_install(name):
+        settings = _defaults(name, settings) | settings
+        allowed = _settings_of(name, settings)
+        for setting in settings:
+            if setting not in allowed:
+                hint = near_misses(setting, allowed)
+                raise ValueError(
+                    f"agent {name!r} has no setting {setting!r}{hint}; allowed: {', '.join(allowed)}"
+                )
+        try:
+            return _MAKERS[name](env, **settings)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"agent {name!r}: {error}") from error
 
 
 def default_settings(name: str, **given: Any) -> dict[str, Any]:
     """What `make(name, env, **given)` makes an agent with; settings without a default only if given.
 
     Raises:
+        ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
         ValueError: An unknown name, with the near misses.
     """
     _check_name(name)
-    chosen = _defaults(name, given) | given
-    settings = _settings_of(name, chosen) | chosen
+    with _told_what_to_install(name):
+        chosen = _defaults(name, given) | given
+        settings = _settings_of(name, chosen) | chosen
     return {setting: value for setting, value in settings.items() if value is not Parameter.empty}
 
 
@@ -212,6 +223,17 @@ def _check_name(name: str) -> None:
     if name not in _MAKERS:
         hint = near_misses(name, _MAKERS)
         raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(_MAKERS)}")
+
+
+@contextmanager
+def _told_what_to_install(name: str) -> Iterator[None]:
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"agent {name!r} needs {error.name}, which is not installed: pip install 'calfree-gym[agents]'",
+            name=error.name,
+        ) from error
 
 
 def _defaults(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -235,7 +257,7 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
         except ValueError as error:
             raise ValueError(f"agent {name!r}: {error}") from error
     if name in SELF_TAUGHT:
-        from agents.neural.self_supervised import AGENTS
+        from .neural.self_supervised import AGENTS
 
         return _named_settings(AGENTS[name])
     named = _named_settings(_MAKERS[name])

@@ -4,6 +4,7 @@ import ast
 import graphlib
 import subprocess
 import sys
+from importlib.util import resolve_name
 from pathlib import Path
 
 import pytest
@@ -95,8 +96,8 @@ def imported(path):
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            module = str(node.module)
+            package = ".".join(path.relative_to(ROOT).parts[:-1])
+            module = resolve_name("." * node.level + (node.module or ""), package)
             inner = [f"{module}.{alias.name}" for alias in node.names]
             names.update(name if name in MODULES else module for name in inner)
         for child in children:
@@ -131,6 +132,22 @@ def test_subpackages_import_none_above_them(package):
 def test_modules_import_each_other_in_no_circle(package):
     own = modules(package)
     graphlib.TopologicalSorter({name: imported(path) & own.keys() for name, path in own.items()}).prepare()
+
+
+def test_agents_import_themselves_relatively_and_no_other_package_does():
+    """In the wheel `agents` has another name."""
+    for name, path in MODULES.items():
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        written = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+        written |= {
+            "." * node.level + (node.module or "") for node in nodes if isinstance(node, ast.ImportFrom)
+        }
+        relative = {each for each in written if each.startswith(".")}
+        if name.split(".")[0] == "agents":
+            by_name = {each for each in written if each.split(".")[0] == "agents"}
+            assert not by_name, f"{name} imports {sorted(by_name)} by name"
+        else:
+            assert not relative, f"{name} imports {sorted(relative)} relatively"
 
 
 def test_agents_import_the_listed_public_modules_of_the_black_box_and_the_lists_are_as_short_as_can_be():

@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.adaptation.archive import Archive
-from agents.adaptation.detector import NO_CAMERA, ChangeDetector, Finding, Verdict
-from agents.adaptation.explanation import as_seen_now, explain_drift, explain_jump
-from agents.adaptation.home_view import Cameras
-from agents.adaptation.knowledge_with_views import KnowledgeWithViews
-from agents.adaptation.pairs import Pairs
-from agents.base.checks import checked_array
-from agents.base.observation import Array
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.base.storage import prefixed, under, with_present_names
-from agents.knowledge.interface import Knowledge
+from ..base.checks import checked_array
+from ..base.observation import Array
+from ..base.prior_knowledge import PriorKnowledge
+from ..base.storage import prefixed, under, with_present_names
+from ..knowledge.interface import Knowledge
+from .archive import Archive
+from .detector import NO_CAMERA, ChangeDetector, Finding, Verdict
+from .explanation import as_seen_now, explain_drift, explain_jump
+from .home_view import Cameras
+from .knowledge_with_views import KnowledgeWithViews
+from .pairs import Pairs
 
 ON_CHANGE = ("recognise", "map", "discard", "keep")
 """What is done after a jump: what is best by what was seen, or always the same. A drift is followed, unless

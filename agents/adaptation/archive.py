@@ -7,10 +7,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from agents.adaptation.home_view import HomeView
-from agents.base.observation import Array, camera_lengths_px
-from agents.base.storage import prefixed, under
-from agents.knowledge.gaussian_process import GaussianProcess
+from ..base.observation import Array, camera_lengths_px
+from ..base.storage import prefixed, under
+from ..knowledge.gaussian_process import GaussianProcess
+from .home_view import HomeView
 
 Arrays = Mapping[str, NDArray[Any]]
 

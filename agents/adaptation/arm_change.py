@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.adaptation.robust import HUBER, coordinate_variance
-from agents.base.observation import Array
-from agents.base.robust import huber_weights
-from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.observation import Array
+from ..base.robust import huber_weights
+from ..knowledge.gaussian_process import GaussianProcess
+from .robust import HUBER, coordinate_variance
 
 PRIOR_STD = 0.5
 """Prior deviation of a scale, about 1 or -1, and of an offset, about 0. Choice: gains of wild worlds differ

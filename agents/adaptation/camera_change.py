@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.adaptation.robust import HUBER, coordinate_variance
-from agents.base.observation import Array
-from agents.base.robust import huber_weights
-from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.observation import Array
+from ..base.robust import huber_weights
+from ..knowledge.gaussian_process import GaussianProcess
+from .robust import HUBER, coordinate_variance
 
 INVERSE_FOCAL_SQUARE = 0.6
 """1 / f², f in image units: how much perspective goes with a shift where a camera is turned. Derived for

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.adaptation.home_view import Cameras, HomeView
-from agents.adaptation.knowledge_with_views import KnowledgeWithViews
-from agents.adaptation.pairs import Pairs
-from agents.base.checks import checked_array
-from agents.base.observation import Array, camera_lengths_px
-from agents.base.storage import prefixed, under
+from ..base.checks import checked_array
+from ..base.observation import Array, camera_lengths_px
+from ..base.storage import prefixed, under
+from .home_view import Cameras, HomeView
+from .knowledge_with_views import KnowledgeWithViews
+from .pairs import Pairs
 
 NO_CAMERA = np.zeros(2, bool)
 NO_CAMERA.flags.writeable = False

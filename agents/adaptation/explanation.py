@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.adaptation.arm_change import ArmChange, fit_arm
-from agents.adaptation.camera_change import CameraChange, fit_camera
-from agents.adaptation.home_view import Cameras
-from agents.adaptation.pairs import Pairs
-from agents.base.observation import Array
-from agents.knowledge.gaussian_process import GaussianProcess
+from ..base.observation import Array
+from ..knowledge.gaussian_process import GaussianProcess
+from .arm_change import ArmChange, fit_arm
+from .camera_change import CameraChange, fit_camera
+from .home_view import Cameras
+from .pairs import Pairs
 
 DISCARD_PX = 40.0
 """Where the best explanation is off by more, it is better to start empty. Tuned (wild worlds 3000-)."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.observation import Array, camera_lengths_px
-from agents.knowledge.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.observation import Array, camera_lengths_px
+from ..knowledge.gaussian_process import GaussianProcess
 
 Cameras = NDArray[np.bool_]
 """Which of the two cameras (2,): left, right."""

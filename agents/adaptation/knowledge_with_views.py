@@ -9,15 +9,16 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.adaptation.arm_change import ArmChange
-from agents.adaptation.camera_change import CameraChange
-from agents.adaptation.home_view import HomeView
-from agents.adaptation.pairs import Pairs
-from agents.base.observation import Array, camera_lengths_px
-from agents.base.storage import prefixed, under
-from agents.knowledge.gaussian_process import GaussianProcess
-from agents.knowledge.interface import Knowledge
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.observation import Array, camera_lengths_px
+from ..base.storage import prefixed, under
+from ..knowledge.gaussian_process import GaussianProcess
+from ..knowledge.interface import Knowledge
+from .arm_change import ArmChange
+from .camera_change import CameraChange
+from .home_view import HomeView
+from .pairs import Pairs
 
 Arrays = Mapping[str, NDArray[Any]]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.base.observation import Array
+from ..base.observation import Array
 
 HUBER = 3.0
 """Residuals of more standard deviations count less. Choice: looser than the usual 1.345 (Huber 1981, 95 %

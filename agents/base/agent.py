@@ -11,8 +11,8 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.observation import RawObservation
-from agents.base.prior_knowledge import PriorKnowledge
+from .observation import RawObservation
+from .prior_knowledge import PriorKnowledge
 
 
 class Progress(Protocol):

@@ -15,10 +15,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base import storage
-from agents.base.agent import Agent, Callback
-from agents.base.observation import Array, Observation, RawObservation
-from agents.base.trials import begins_trial
+from . import storage
+from .agent import Agent, Callback
+from .observation import Array, Observation, RawObservation
+from .trials import begins_trial
 
 Procedure = Generator[Array, Observation, None]
 """Seeks the rendezvous in one trial. After its end the agent sends zero words."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.base.observation import Array
+from .observation import Array
 
 
 def huber_weights(deviations: Array, limit: float) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.observation import POINTS, Flags, RawObservation
+from .observation import POINTS, Flags, RawObservation
 
 
 def begins_trial(

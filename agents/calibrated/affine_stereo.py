@@ -8,15 +8,16 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.base.checks import check_number
-from agents.base.observation import POINTS, Array, Observation
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.base.procedure import Procedure, ProcedureAgent
-from agents.calibrated.robot_model import RobotModel
-from agents.jacobian import distance_jacobian
-from agents.perception import ObservationFilter, Observing
-from agents.servo.trial import half_way_back
 from calfree_gym.world import nominal
+
+from ..base.checks import check_number
+from ..base.observation import POINTS, Array, Observation
+from ..base.prior_knowledge import PriorKnowledge
+from ..base.procedure import Procedure, ProcedureAgent
+from ..jacobian import distance_jacobian
+from ..perception import ObservationFilter, Observing
+from ..servo.trial import half_way_back
+from .robot_model import RobotModel
 
 
 class AffineStereo(ProcedureAgent):

@@ -15,15 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import checked_array
-from agents.base.observation import POINTS, Array
-from agents.calibrated.least_squares import least_squares
-from agents.calibrated.measurements import MOTORS, Measurements
-from agents.calibrated.parameters import BOUND, COUNT, model_of, named, prior_std
-from agents.calibrated.prediction import Prediction
-from agents.calibrated.robot_model import RobotModel
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import AIM
+
+from ..base.checks import checked_array
+from ..base.observation import POINTS, Array
+from .least_squares import least_squares
+from .measurements import MOTORS, Measurements
+from .parameters import BOUND, COUNT, model_of, named, prior_std
+from .prediction import Prediction
+from .robot_model import RobotModel
 
 OBJECT_PRIOR_STD = np.array([0.2, 0.3, 0.15])
 OBJECT_BOUND = np.array([0.6, 0.8, 0.5])

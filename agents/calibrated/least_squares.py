@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from agents.base.observation import Array
-from agents.base.robust import cauchy_weights
+from ..base.observation import Array
+from ..base.robust import cauchy_weights
 
 Residuals = Callable[[Array], tuple[Array, Callable[[], Array]]]
 """Residuals (starts, r) at parameters (starts, p), and what computes their derivatives (starts, r, p) there:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import checked_array
-from agents.base.observation import POINTS, Array, Flags, Observation
+from ..base.checks import checked_array
+from ..base.observation import POINTS, Array, Flags, Observation
 
 MOTORS = 3
 

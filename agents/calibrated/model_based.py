@@ -8,13 +8,14 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.base.observation import POINTS, Array, Observation
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.base.procedure import Procedure, ProcedureAgent
-from agents.calibrated.robot_model import RobotModel
-from agents.perception import ObservationFilter
-from agents.servo.trial import half_way_back
 from calfree_gym.world import nominal
+
+from ..base.observation import POINTS, Array, Observation
+from ..base.prior_knowledge import PriorKnowledge
+from ..base.procedure import Procedure, ProcedureAgent
+from ..perception import ObservationFilter
+from ..servo.trial import half_way_back
+from .robot_model import RobotModel
 
 
 class ModelBased(ProcedureAgent):

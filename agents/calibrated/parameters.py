@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.base.observation import Array
-from agents.calibrated.robot_model import RobotModel
-from agents.calibrated.rotations import rotation
+from ..base.observation import Array
+from .robot_model import RobotModel
+from .rotations import rotation
 
 
 @dataclass(frozen=True)

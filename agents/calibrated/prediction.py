@@ -6,13 +6,14 @@ from functools import cached_property
 
 import numpy as np
 
-from agents.base.observation import POINTS, Array
-from agents.calibrated.measurements import Measurements
-from agents.calibrated.parameters import ARM, COUNT, arm_of, model_of, named
-from agents.calibrated.robot_model import RobotModel
-from agents.calibrated.rotations import rotation_axes
 from calfree_gym.image import CAMERAS
 from calfree_gym.vision.cameras import image_points, pinhole
+
+from ..base.observation import POINTS, Array
+from .measurements import Measurements
+from .parameters import ARM, COUNT, arm_of, model_of, named
+from .robot_model import RobotModel
+from .rotations import rotation_axes
 
 _STEP = 1e-6
 """Of forward differences, in rad or shares: their error is then below 1e-6 (derived: half of it, by second

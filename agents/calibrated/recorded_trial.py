@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.observation import Array, Observation
-from agents.calibrated.model_based import move_by_model
-from agents.calibrated.robot_model import RobotModel
-from agents.jacobian import TestMotions
-from agents.servo.trial import Findings, Motions, Trial
+from ..base.observation import Array, Observation
+from ..jacobian import TestMotions
+from ..servo.trial import Findings, Motions, Trial
+from .model_based import move_by_model
+from .robot_model import RobotModel
 
 
 class RecordedTrial(Trial):

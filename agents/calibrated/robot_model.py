@@ -16,13 +16,14 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from agents.base.observation import POINTS, Array
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import HOME, JOINT_LIMITS, SPAN
 from calfree_gym.robot.kinematics import gripper_position
 from calfree_gym.vision.cameras import MOUNTS, image_points, pinhole
 from calfree_gym.world import World
+
+from ..base.observation import POINTS, Array
 
 _GRID = np.linspace(-1.0, 1.0, 2001)
 """Registers between which a motor's curve is inverted by straight lines: so fine that these err by less than

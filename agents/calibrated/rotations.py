@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.observation import Array
+from ..base.observation import Array
 
 
 def rotation(angles: Array) -> Array:

@@ -12,16 +12,17 @@ from typing import Any
 import gymnasium as gym
 from numpy.typing import NDArray
 
-from agents.base.checks import check_one_of
-from agents.base.observation import Observation
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.base.procedure import Procedure, ProcedureAgent
-from agents.calibrated.identification import Identification, identify
-from agents.calibrated.measurements import Measurements
-from agents.calibrated.recorded_trial import RecordedTrial
-from agents.calibrated.robot_model import RobotModel
-from agents.calibrated.validity import Validity, ValidityCheck
 from calfree_gym.world import nominal
+
+from ..base.checks import check_one_of
+from ..base.observation import Observation
+from ..base.prior_knowledge import PriorKnowledge
+from ..base.procedure import Procedure, ProcedureAgent
+from .identification import Identification, identify
+from .measurements import Measurements
+from .recorded_trial import RecordedTrial
+from .robot_model import RobotModel
+from .validity import Validity, ValidityCheck
 
 MOTOR_CURVES: dict[str, tuple[str, ...]] = {"cubic": (), "linear": ("motor_curvature",)}
 LENSES: dict[str, tuple[str, ...]] = {"radial": (), "none": ("lens_k1",)}

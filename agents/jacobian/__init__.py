@@ -1,10 +1,10 @@
 """The sensor-control Jacobian J = ∂d/∂c, estimated from motions and from what they did in the images."""
 
-from agents.jacobian.estimator import Estimator, distance_jacobian
-from agents.jacobian.kalman import Kalman
-from agents.jacobian.least_squares import LocalLeastSquares, RecursiveLeastSquares
-from agents.jacobian.rank_one import Broyden, TrustRegion
-from agents.jacobian.test_motions import TestMotions
+from .estimator import Estimator, distance_jacobian
+from .kalman import Kalman
+from .least_squares import LocalLeastSquares, RecursiveLeastSquares
+from .rank_one import Broyden, TrustRegion
+from .test_motions import TestMotions
 
 ESTIMATORS: dict[str, type[Estimator]] = {
     "broyden": Broyden,

@@ -12,8 +12,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.base.observation import Array, Flags
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.observation import Array, Flags
 
 MARKER_NOISE_PX = 0.7
 """Noise of an image coordinate before any is known. Derived: the 0.5 px of a good marker, as in coarse

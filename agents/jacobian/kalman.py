@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.observation import Array, Flags
-from agents.jacobian.estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.observation import Array, Flags
+from .estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator
 
 
 class Kalman(Estimator):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.observation import Array, Flags
-from agents.base.robust import cauchy_weights
-from agents.jacobian.estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.observation import Array, Flags
+from ..base.robust import cauchy_weights
+from .estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator
 
 
 class RecursiveLeastSquares(Estimator):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.observation import Array, Flags
-from agents.jacobian.estimator import Estimator
+from ..base.observation import Array, Flags
+from .estimator import Estimator
 
 
 class Broyden(Estimator):

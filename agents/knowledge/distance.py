@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.observation import Array, camera_lengths_px
+from ..base.observation import Array, camera_lengths_px
 
 
 def squared_px(differences: Array) -> Array:

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import check_number, checked_array
-from agents.base.observation import Array
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.knowledge.gain import Gain
-from agents.knowledge.interface import Change, Recall
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.checks import check_number, checked_array
+from ..base.observation import Array
+from ..base.prior_knowledge import PriorKnowledge
+from .gain import Gain
+from .interface import Change, Recall
 
 DIMENSIONS = 4
 PAIRS = ((0, 1), (2, 3), (0, 2), (1, 3))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from agents.base.checks import check_flag, check_number
-from agents.base.observation import Array
+from ..base.checks import check_flag, check_number
+from ..base.observation import Array
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import check_number, checked_array
-from agents.base.observation import Array
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.knowledge.interface import Change, Recall
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
+
+from ..base.checks import check_number, checked_array
+from ..base.observation import Array
+from ..base.prior_knowledge import PriorKnowledge
+from .interface import Change, Recall
 
 
 class GaussianProcess:

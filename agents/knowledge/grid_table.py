@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import check_number, checked_array
-from agents.base.observation import Array
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.knowledge.distance import squared_px
-from agents.knowledge.gain import Gain
-from agents.knowledge.interface import Change, Recall
+from ..base.checks import check_number, checked_array
+from ..base.observation import Array
+from ..base.prior_knowledge import PriorKnowledge
+from .distance import squared_px
+from .gain import Gain
+from .interface import Change, Recall
 
 DIMENSIONS = 4
 _CORNERS = np.array(list(product((0, 1), repeat=DIMENSIONS)))

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.observation import Array
-from agents.base.prior_knowledge import PriorKnowledge
+from ..base.observation import Array
+from ..base.prior_knowledge import PriorKnowledge
 
 Change = Callable[[Array, Array], tuple[Array, Array]]
 """From sensor vectors (n, 4) and registers (n, m) that belonged together, to those that now do."""

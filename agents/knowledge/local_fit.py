@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.observation import Array
-from agents.knowledge.distance import squared_px
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.observation import Array
+from .distance import squared_px
 
 
 class LocalFit:

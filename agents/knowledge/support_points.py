@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import check_number, checked_array
-from agents.base.observation import Array
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.knowledge.distance import squared_px
-from agents.knowledge.gain import Gain
-from agents.knowledge.interface import Change, Recall
-from agents.knowledge.local_fit import LocalFit
+from ..base.checks import check_number, checked_array
+from ..base.observation import Array
+from ..base.prior_knowledge import PriorKnowledge
+from .distance import squared_px
+from .gain import Gain
+from .interface import Change, Recall
+from .local_fit import LocalFit
 
 
 class SupportPoints:

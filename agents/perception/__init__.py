@@ -1,5 +1,5 @@
 """From image points that may be noisy, mistaken, missing or late to points that can be trusted."""
 
-from agents.perception.observation_filter import ObservationFilter, Observing
+from .observation_filter import ObservationFilter, Observing
 
 __all__ = ["ObservationFilter", "Observing"]

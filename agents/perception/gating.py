@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.base.observation import POINTS, Array, Flags, Observation
 from calfree_gym.image import lengths_px
+
+from ..base.observation import POINTS, Array, Flags, Observation
 
 
 class Estimate(NamedTuple):

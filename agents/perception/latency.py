@@ -6,8 +6,9 @@ from collections.abc import Generator
 
 import numpy as np
 
-from agents.base.observation import Array, Observation
 from calfree_gym.image import lengths_px
+
+from ..base.observation import Array, Observation
 
 
 class LatencyEstimate:

@@ -6,9 +6,10 @@ from collections import deque
 
 import numpy as np
 
-from agents.base.observation import Array
-from agents.jacobian.estimator import MARKER_NOISE_PX
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.observation import Array
+from ..jacobian.estimator import MARKER_NOISE_PX
 
 
 class NoiseEstimate:

@@ -12,12 +12,13 @@ from collections.abc import Generator
 
 import numpy as np
 
-from agents.base.observation import POINTS, Array, Flags, Observation
-from agents.perception.gating import Gating
-from agents.perception.latency import LatencyEstimate
-from agents.perception.noise import NoiseEstimate
-from agents.perception.visibility import Visibility
 from calfree_gym.image import lengths_px
+
+from ..base.observation import POINTS, Array, Flags, Observation
+from .gating import Gating
+from .latency import LatencyEstimate
+from .noise import NoiseEstimate
+from .visibility import Visibility
 
 Observing = Generator[Array, Observation, Observation]
 """Yields zero words, is sent what is observed, returns an observation that can be trusted."""

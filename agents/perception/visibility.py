@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.observation import POINTS, Flags
+from ..base.observation import POINTS, Flags
 
 
 class Visibility:

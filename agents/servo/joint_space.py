@@ -7,13 +7,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.base.checks import check_number
-from agents.base.observation import Array, Observation
-from agents.base.procedure import Procedure, ProcedureAgent
-from agents.jacobian import TestMotions
-from agents.servo.redundancy import solve
-from agents.servo.settings import SERVO_KNOWLEDGE
-from agents.servo.trial import Findings, Trial
+from ..base.checks import check_number
+from ..base.observation import Array, Observation
+from ..base.procedure import Procedure, ProcedureAgent
+from ..jacobian import TestMotions
+from .redundancy import solve
+from .settings import SERVO_KNOWLEDGE
+from .trial import Findings, Trial
 
 
 class JointSpaceServo(ProcedureAgent):

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from agents.base.checks import check_one_of
-from agents.base.observation import Array, Observation
-from agents.base.procedure import Procedure
-from agents.jacobian import Estimator, TestMotions
-from agents.servo.redundancy import REDUNDANCIES
-from agents.servo.settings import SERVO_KNOWLEDGE, check_motions
-from agents.servo.steps import Steps, solve_distance
-from agents.servo.trial import Findings, Trial
+from ..base.checks import check_one_of
+from ..base.observation import Array, Observation
+from ..base.procedure import Procedure
+from ..jacobian import Estimator, TestMotions
+from .redundancy import REDUNDANCIES
+from .settings import SERVO_KNOWLEDGE, check_motions
+from .steps import Steps, solve_distance
+from .trial import Findings, Trial
 
 
 @dataclass(frozen=True)

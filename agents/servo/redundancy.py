@@ -13,9 +13,10 @@ from itertools import combinations
 
 import numpy as np
 
-from agents.base.observation import Array
-from agents.base.robust import cauchy_weights
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.observation import Array
+from ..base.robust import cauchy_weights
 
 Equations = tuple[Array, Array]
 ROBUST_PX, ROBUST_NOISES = 8.0, 3.0

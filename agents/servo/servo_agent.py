@@ -10,12 +10,12 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import checked_array
-from agents.base.observation import Array, Observation
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.base.procedure import Procedure, ProcedureAgent
-from agents.jacobian import Estimator
-from agents.servo.trial import Findings
+from ..base.checks import checked_array
+from ..base.observation import Array, Observation
+from ..base.prior_knowledge import PriorKnowledge
+from ..base.procedure import Procedure, ProcedureAgent
+from ..jacobian import Estimator
+from .trial import Findings
 
 _TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), patience=[^()]*\)")
 

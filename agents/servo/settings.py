@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from agents.base.checks import check_number
-from agents.base.prior_knowledge import PriorKnowledge
+from ..base.checks import check_number
+from ..base.prior_knowledge import PriorKnowledge
 
 SERVO_KNOWLEDGE = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE, PriorKnowledge.WORD_LIMIT})
 """What all servos are built on: lengths in pixels, the noise of a good marker, sizes of words."""

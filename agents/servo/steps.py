@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.base.observation import Array
-from agents.servo.redundancy import REDUNDANCIES, solve_within
-from agents.servo.trial import Motions, Trial
 from calfree_gym.image import lengths_px
+
+from ..base.observation import Array
+from .redundancy import REDUNDANCIES, solve_within
+from .trial import Motions, Trial
 
 
 def solve_distance(trial: Trial, redundancy: str, damping: float) -> Array:

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from agents.base.observation import POINTS, Array, Flags, Observation
-from agents.jacobian import Estimator, distance_jacobian
-from agents.jacobian.estimator import SIGN_CHANGE
-from agents.perception import ObservationFilter
 from calfree_gym.image import lengths_px
+
+from ..base.observation import POINTS, Array, Flags, Observation
+from ..jacobian import Estimator, distance_jacobian
+from ..jacobian.estimator import SIGN_CHANGE
+from ..perception import ObservationFilter
 
 Motions = Generator[Array, Observation, Any]
 """Yields control words, is sent what is observed after them."""

@@ -11,14 +11,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from agents.base.checks import check_number, check_one_of
-from agents.base.observation import Array, Observation
-from agents.base.procedure import Procedure
-from agents.jacobian import ESTIMATORS, Estimator
-from agents.servo.redundancy import REDUNDANCIES
-from agents.servo.settings import SERVO_KNOWLEDGE, check_motions
-from agents.servo.steps import Steps, solve_distance
-from agents.servo.trial import Findings, Trial
+from ..base.checks import check_number, check_one_of
+from ..base.observation import Array, Observation
+from ..base.procedure import Procedure
+from ..jacobian import ESTIMATORS, Estimator
+from .redundancy import REDUNDANCIES
+from .settings import SERVO_KNOWLEDGE, check_motions
+from .steps import Steps, solve_distance
+from .trial import Findings, Trial
 
 
 @dataclass(frozen=True)

@@ -17,15 +17,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.base.checks import check_number, check_one_of
-from agents.base.observation import Array, Observation
-from agents.base.procedure import Procedure
-from agents.jacobian import Estimator, TestMotions
-from agents.servo.redundancy import solve, solve_within
-from agents.servo.settings import SERVO_KNOWLEDGE, check_motions
-from agents.servo.steps import Steps
-from agents.servo.trial import Findings, Trial
 from calfree_gym.image import IMAGE_UNIT
+
+from ..base.checks import check_number, check_one_of
+from ..base.observation import Array, Observation
+from ..base.procedure import Procedure
+from ..jacobian import Estimator, TestMotions
+from .redundancy import solve, solve_within
+from .settings import SERVO_KNOWLEDGE, check_motions
+from .steps import Steps
+from .trial import Findings, Trial
 
 WAIST = 0
 ARM = (1, 2)

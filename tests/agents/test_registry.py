@@ -1,5 +1,7 @@
 """Agents by name, and the settings that they take."""
 
+import sys
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -82,3 +84,12 @@ def test_a_batched_environment_to_learn_in_is_refused():
     batch = gym.make_vec("CalFree/Reach-v0", num_envs=2)
     with pytest.raises(ValueError, match="one environment at a time"):
         agents.make("grid_table", batch)
+
+
+@pytest.mark.parametrize("ask", [agents.make, lambda name, env: agents.default_settings(name)])
+def test_a_neural_agent_says_what_to_install(make_env, monkeypatch, ask):
+    monkeypatch.setitem(sys.modules, "yaml", None)  # as if it were not installed
+    with pytest.raises(
+        ModuleNotFoundError, match=r"agent 'sac' needs yaml.*pip install 'calfree-gym\[agents\]'"
+    ):
+        ask("sac", make_env())

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from agents.base.agent import Agent, Callback
-from agents.base.observation import POINTS, RawObservation
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.base.trials import begins_trial
-from agents.neural.recurrent_servo.network import Memory
-from agents.neural.recurrent_servo.weights import KEPT, load_network, observation_format, save_network
+from ...base.agent import Agent, Callback
+from ...base.observation import POINTS, RawObservation
+from ...base.prior_knowledge import PriorKnowledge
+from ...base.trials import begins_trial
+from .network import Memory
+from .weights import KEPT, load_network, observation_format, save_network
 
 
 class RecurrentServo(Agent):

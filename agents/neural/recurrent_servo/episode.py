@@ -8,10 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from agents.neural.recurrent_servo.disturbances import Disturbances
-from agents.neural.recurrent_servo.network import Memory, RecurrentServoNetwork
-from agents.neural.recurrent_servo.robots import Look, TrainingRobots
 from calfree_gym.image import IMAGE_UNIT
+
+from .disturbances import Disturbances
+from .network import Memory, RecurrentServoNetwork
+from .robots import Look, TrainingRobots
 
 TOLERANCE = 4 * IMAGE_UNIT
 """Image distance of the rendezvous that ends a training trial."""

@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from torch import Tensor
 
-from agents.neural.recurrent_servo.weights import observation_format
+from .weights import observation_format
 
 DISPLACEMENT = 0.005
 """Of a twin's register: some 2 px, a thousand times what rounding to float32 hides."""

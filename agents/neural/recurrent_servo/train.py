@@ -18,10 +18,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from agents.neural.recurrent_servo.episode import Episode, make_episode
-from agents.neural.recurrent_servo.network import RecurrentServoNetwork
-from agents.neural.recurrent_servo.robots import TrainingRobots
-from agents.neural.recurrent_servo.weights import save_network
+from .episode import Episode, make_episode
+from .network import RecurrentServoNetwork
+from .robots import TrainingRobots
+from .weights import save_network
 
 MOUNTS = ("waist", "stand")
 CLIP = 0.5

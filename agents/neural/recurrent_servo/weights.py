@@ -11,9 +11,9 @@ import gymnasium as gym
 from safetensors import safe_open
 from safetensors.torch import save_file
 
-from agents.base.checks import check_number
-from agents.base.observation import STANDARD_KEYS
-from agents.neural.recurrent_servo.network import RecurrentServoNetwork
+from ...base.checks import check_number
+from ...base.observation import STANDARD_KEYS
+from .network import RecurrentServoNetwork
 
 KEPT = Path(__file__).parent / "weights.safetensors"
 """The network that comes with the code."""

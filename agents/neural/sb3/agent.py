@@ -22,16 +22,17 @@ from stable_baselines3.common.save_util import recursive_getattr, recursive_seta
 from stable_baselines3.common.utils import set_random_seed, should_collect_more_steps
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from agents.base.agent import Agent, Callback
-from agents.base.checks import check_number, check_numbers
-from agents.base.observation import RawObservation
-from agents.base.prior_knowledge import PriorKnowledge
-from agents.base.random_state import OwnRandomState
-from agents.neural.sb3.algorithms import algorithm_of, built_settings, policy_name
-from agents.neural.sb3.files import Saved, check_tensor, read, write
-from agents.neural.sb3.inputs import GOALS, FlatObservations, ImageDistance, flattened
 from calfree_gym.sb3 import as_sb3_env
 from calfree_gym.wrappers import ScaledWords, VectorScaledWords, scaled_words
+
+from ...base.agent import Agent, Callback
+from ...base.checks import check_number, check_numbers
+from ...base.observation import RawObservation
+from ...base.prior_knowledge import PriorKnowledge
+from ...base.random_state import OwnRandomState
+from .algorithms import algorithm_of, built_settings, policy_name
+from .files import Saved, check_tensor, read, write
+from .inputs import GOALS, FlatObservations, ImageDistance, flattened
 
 
 class Sb3Agent(Agent):

@@ -17,7 +17,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-from agents.base.checks import check_number, check_one_of
+from ...base.checks import check_number, check_one_of
 
 Algorithm = type[BaseAlgorithm]
 

@@ -11,7 +11,7 @@ from zipfile import ZipFile
 
 import torch
 
-from agents.base.checks import check_number
+from ...base.checks import check_number
 
 _HEADER, _PARAMETERS = "calfree.json", "parameters.pt"
 _VERSION = 1

@@ -1,8 +1,8 @@
 """Networks that teach themselves, from their own motions, which control words bring about which change."""
 
-from agents.base.agent import Agent
-from agents.neural.self_supervised.cooperstock_milios import CooperstockMilios
-from agents.neural.self_supervised.self_supervised import SelfSupervised
+from ...base.agent import Agent
+from .cooperstock_milios import CooperstockMilios
+from .self_supervised import SelfSupervised
 
 AGENTS: dict[str, type[Agent]] = {
     "self_supervised": SelfSupervised,

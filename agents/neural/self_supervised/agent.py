@@ -11,15 +11,15 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.agent import Callback
-from agents.base.checks import check_number, checked_array
-from agents.base.observation import Array, Observation
-from agents.base.procedure import Procedure, ProcedureAgent
-from agents.base.storage import prefixed, under
-from agents.neural.self_supervised.change_detector import ChangeDetector, Judged
-from agents.neural.self_supervised.inverse_model import InverseModel
-from agents.neural.self_supervised.reach import Reach, random_words, reach
-from agents.neural.self_supervised.replay import Pairs, Replay
+from ...base.agent import Callback
+from ...base.checks import check_number, checked_array
+from ...base.observation import Array, Observation
+from ...base.procedure import Procedure, ProcedureAgent
+from ...base.storage import prefixed, under
+from .change_detector import ChangeDetector, Judged
+from .inverse_model import InverseModel
+from .reach import Reach, random_words, reach
+from .replay import Pairs, Replay
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import checked_array
-from agents.base.observation import Array
+from ...base.checks import checked_array
+from ...base.observation import Array
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from typing import Any
 
 import gymnasium as gym
 
-from agents.neural.self_supervised.agent import Schedule, SelfTaughtAgent
-from agents.neural.self_supervised.inverse_model import InverseModel
+from .agent import Schedule, SelfTaughtAgent
+from .inverse_model import InverseModel
 
 
 class CooperstockMilios(SelfTaughtAgent):

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import check_number, check_numbers, checked_array
-from agents.base.observation import Array
-from agents.neural.self_supervised.perceptron import Float32, Perceptron
-from agents.neural.self_supervised.replay import SENSORS, Pairs
+from ...base.checks import check_number, check_numbers, checked_array
+from ...base.observation import Array
+from .perceptron import Float32, Perceptron
+from .replay import SENSORS, Pairs
 
 DISTANCE = 4
 """Length of the image distance d."""

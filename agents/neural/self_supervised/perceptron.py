@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import checked_array
+from ...base.checks import checked_array
 
 Float32 = NDArray[np.float32]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agents.base.observation import Array, Observation
-from agents.base.procedure import Procedure
-from agents.neural.self_supervised.inverse_model import InverseModel
+from ...base.observation import Array, Observation
+from ...base.procedure import Procedure
+from .inverse_model import InverseModel
 
 
 @dataclass

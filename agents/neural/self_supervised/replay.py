@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.base.checks import checked_array
-from agents.base.observation import Array, Observation
+from ...base.checks import checked_array
+from ...base.observation import Array, Observation
 
 SENSORS = 8
 """Length of both sensor vectors, the gripper's and the object's."""

@@ -6,9 +6,9 @@ from typing import Any
 
 import gymnasium as gym
 
-from agents.neural.self_supervised.agent import Schedule, SelfTaughtAgent
-from agents.neural.self_supervised.change_detector import ChangeDetector
-from agents.neural.self_supervised.inverse_model import InverseModel
+from .agent import Schedule, SelfTaughtAgent
+from .change_detector import ChangeDetector
+from .inverse_model import InverseModel
 
 
 class SelfSupervised(SelfTaughtAgent):
