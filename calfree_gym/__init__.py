@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium
 
+from calfree_gym.robot.arms.arm import Arm
 from calfree_gym.vision.cameras import MOUNTS
 from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
 
@@ -15,7 +16,16 @@ ENV_IDS = tuple(_REWARDS)
 
 __version__ = "0.1.0"
 
-__all__ = ["DISTRIBUTIONS", "ENV_IDS", "MOUNTS", "World", "WorldDistribution", "__version__", "nominal"]
+__all__ = [
+    "DISTRIBUTIONS",
+    "ENV_IDS",
+    "MOUNTS",
+    "Arm",
+    "World",
+    "WorldDistribution",
+    "__version__",
+    "nominal",
+]
 
 for _id, _reward in _REWARDS.items():
     _arguments: dict[str, Any] = {"reward": _reward}

@@ -242,9 +242,10 @@ class StereoArms:
             wanted = self.world(row), objects[row].tobytes()
             if self._solved[row] != wanted:
                 self._solved[row] = wanted
-                drawn_at = self._drawn_at[row] if self.robot.ambiguous else np.nan
-                near = None if np.isnan(drawn_at).any() else drawn_at
-                self._object_registers[row] = self._workspaces.registers_at(row, objects[row], near)
+                drawn_at: Array | None = self._drawn_at[row]
+                if not self.robot.ambiguous or np.isnan(self._drawn_at[row]).any():
+                    drawn_at = None
+                self._object_registers[row] = self._workspaces.registers_at(row, objects[row], drawn_at)
         return self._object_registers.copy()
 
     def error_px(self) -> Array:
@@ -272,9 +273,9 @@ class StereoArms:
         world.check_fits(self.robot)
         if self._keep_in_view and not in_view(world, self.robot, self.mounts):
             raise ValueError(
-                f"the given world is not in view on {self.robot.mount_name(self.mounts)}: both cameras must see "
-                f"the gripper at home and {least_in_view(self.robot, self.mounts):.0%} of the work space, which "
-                "the motors must reach"
+                f"the given world is not in view on {self.robot.mount_name(self.mounts)}: both cameras must "
+                f"see the gripper at home and {least_in_view(self.robot, self.mounts):.0%} of the work "
+                "space, which the motors must reach"
             )
 
     def _apply_due(self, clock: str, counts: NDArray[np.int64], rows: Rows) -> list[Applied]:

@@ -5,8 +5,8 @@ To add a perturbation:
 1. Write a frozen dataclass, derived from `base.Perturbation`, in the module of what it changes: `camera`,
    `arm` or `image_points`. Its docstring says what it changes and what it draws for omitted settings; it
    becomes part of the documentation.
-2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`, `base.one_of_the_arms`, `base.amount`,
-   `base.factor` or `base.setting`.
+2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`,
+   `base.one_of_the_arms`, `base.amount`, `base.factor` or `base.setting`.
 3. Define `change(world, robot)`, which returns a new world; every setting is given there. For one entry of an
    array `base.with_entry` is enough.
 4. Define `inverse()`, which returns the perturbation that undoes it. A perturbation that sets a value

@@ -8,7 +8,7 @@ from mujoco.batch import Batch
 
 from calfree_gym.geometry import Array, Rows, quaternion_of, quaternion_product
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
-from calfree_gym.robot.arms.robot import Mounts, Robot
+from calfree_gym.robot.arms.robot import Mounts, Places, Robot
 from calfree_gym.robot.arms.scene import POINTS, SENSOR_SIZE
 from calfree_gym.world import World
 
@@ -141,13 +141,13 @@ class Simulation:
         return model, data
 
 
-def _columns(places: Array) -> slice | Array:
+def _columns(places: Places) -> slice | Places:
     """Places as a slice, where they follow each other: numpy reads and writes that faster."""
     first = int(places[0])
     in_a_row = np.array_equal(places, np.arange(first, first + len(places)))
     return slice(first, first + len(places)) if in_a_row else places
 
 
-def _write(array: Array, rows: Rows, columns: slice | Array, values: Array) -> None:
+def _write(array: Array, rows: Rows, columns: slice | Places, values: Array) -> None:
     both_listed = not (isinstance(rows, slice) or isinstance(columns, slice))
-    array[rows[:, None] if both_listed else rows, columns] = values  # type: ignore[index,call-overload]
+    array[rows[:, None] if both_listed else rows, columns] = values  # type: ignore[index]

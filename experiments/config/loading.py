@@ -127,9 +127,23 @@ def _with_other_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     read = dict(data)
     if isinstance(data.get("agents"), list):
         read["agents"] = [_with_settings_file(agent, folder) for agent in data["agents"]]
+    for part in ("scenarios", "sweeps"):
+        if isinstance(data.get(part), list):
+            read[part] = [_with_models_path(each, folder) for each in data[part]]
     if isinstance(data.get("claims"), str):
         read["claims"] = read_yaml(folder / data["claims"])
     return read
+
+
+def _with_models_path(part: Any, folder: Path) -> Any:
+    """A scenario or a sweep, in which the path of an arm's model is relative to `folder` no longer."""
+    try:
+        env, arm, model = part["env"], part["env"]["arm"], part["env"]["arm"]["model"]
+    except (KeyError, TypeError):
+        return part
+    if not isinstance(model, str) or model.lstrip().startswith("<"):
+        return part
+    return {**part, "env": {**env, "arm": {**arm, "model": str((folder / model).resolve())}}}
 
 
 def _with_settings_file(agent: Any, folder: Path) -> Any:

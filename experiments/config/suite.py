@@ -1,5 +1,6 @@
 """What is compared with what: a suite, read from YAML into frozen models."""
 
+import math
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -8,9 +9,11 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import agents
 import calfree_gym
+from calfree_gym import Arm
 from calfree_gym.errors import near_misses
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations import TYPES, parse_perturbation, parse_schedule
+from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, robot_of
 from calfree_gym.world import DISTRIBUTIONS
 from experiments.config.claims import Claim, TrialsOf
 from experiments.config.model import Model, Name, distinct, one_of
@@ -21,7 +24,8 @@ class EnvironmentConfig(Model):
 
     id: str
     world: str
-    camera_mount: str = "waist"
+    arm: str | dict[str, Any] = MOVEMASTER_NAME
+    camera_mount: str | tuple[str, str] = Field("waist", strict=False)
     tolerance_px: float = Field(4.0, gt=0, lt=IMAGE_SIZE)
     dynamics: Literal["physics", "kinematic"] = "physics"
     max_episode_steps: int = Field(60, gt=0)
@@ -39,10 +43,26 @@ class EnvironmentConfig(Model):
     def _known_world(cls, value: str) -> str:
         return one_of(value, tuple(DISTRIBUTIONS))
 
+    @field_validator("arm")
+    @classmethod
+    def _as_value(cls, value: str | dict[str, Any]) -> str | dict[str, Any]:
+        """An arm's mapping, `home_degrees` among its keys, as the plain dict of the `Arm` that it means."""
+        if not isinstance(value, dict):
+            return one_of(value, (MOVEMASTER_NAME,))
+        given = dict(value)
+        degrees = given.pop("home_degrees", None)
+        if degrees is not None:
+            if not isinstance(degrees, dict):
+                raise ValueError(f"home_degrees is {degrees!r}; it must be a mapping of joints to degrees")
+            given["home"] = {**(given.get("home") or {}), **{k: math.radians(v) for k, v in degrees.items()}}
+        return Arm.from_dict(given).to_dict()
+
     @field_validator("camera_mount")
     @classmethod
-    def _known_mount(cls, value: str) -> str:
-        return one_of(value, calfree_gym.MOUNTS)
+    def _known_mount(cls, value: str | tuple[str, str], info: ValidationInfo) -> str | tuple[str, str]:
+        if "arm" in info.data:
+            robot_of(info.data["arm"]).mounts(value)
+        return value
 
     def make(
         self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()

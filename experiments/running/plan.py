@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
+from calfree_gym import Arm
+from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
 from experiments.config.suite import AgentConfig, EvaluationConfig, Model, ScenarioConfig, Suite, SweepConfig
 
 _WORLD, _EVALUATION, _AGENT = range(3)
@@ -35,8 +37,11 @@ class Run(Model):
 
     @property
     def id(self) -> str:
-        """A name for the run's folder: readable words, then the hash of the whole content."""
-        content = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        """A name for the run's folder: readable words, then the hash of the whole content.
+
+        An arm stands in it by its digest, wherever its files are; the built-in one does not stand in it.
+        """
+        content = json.dumps(_with_digests(self.model_dump(mode="json")), sort_keys=True)
         digest = hashlib.sha256(content.encode()).hexdigest()[:12]
         return "-".join([*map(str, self.where.values()), digest])
 
@@ -106,6 +111,14 @@ def runs_of(suite: Suite) -> list[Run]:
 def world_seeds(suite_seed: int, worlds: int) -> tuple[int, ...]:
     """What seeds the worlds of a suite, in their order."""
     return tuple(_seed(suite_seed, _WORLD, world) for world in range(worlds))
+
+
+def _with_digests(content: dict[str, Any]) -> dict[str, Any]:
+    (part,) = (content[key] for key in ("scenario", "sweep") if key in content)
+    arm = part["env"].pop("arm")
+    if arm != MOVEMASTER_NAME:
+        part["env"]["arm"] = Arm.from_dict(arm).digest
+    return content
 
 
 def _lifetimes(suite: Suite) -> list[LifetimeRun]:

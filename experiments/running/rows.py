@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorWrapper
 from numpy.typing import NDArray
 
+from calfree_gym.envs.stereo_arms import StereoArms
 from calfree_gym.perturbations.application import PerturbationScheduler
 from experiments.config.suite import EnvironmentConfig
 from experiments.evaluation import TrialMeter, TrialRecord
@@ -51,7 +52,11 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         self.world = _world(config, seed)
         super().__init__(config.make_rows(rows, self.world, privileged))
         self.metadata = {**self.env.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
-        self._scheduler = PerturbationScheduler(1, list(schedule), config.camera_mount, config.keep_in_view)
+        stereo: Any = self.env.unwrapped
+        arms: StereoArms = stereo.arms
+        self._scheduler = PerturbationScheduler(
+            1, list(schedule), arms.robot, arms.mounts, config.keep_in_view
+        )
         self._scheduler.seed(0, seed)
         self._applied = dict.fromkeys(_CLOCKS, -1)
         self._on_trial = on_trial

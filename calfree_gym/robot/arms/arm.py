@@ -62,7 +62,7 @@ class Arm:
             "model": text,
             "motors": model.motors,
             "home": model.home_by_name,
-            "base": model.base,
+            "base": model.parts.base,
             "assets": assets,
         }
         for name, value in settled.items():
@@ -72,11 +72,11 @@ class Arm:
     @property
     def robot(self) -> ArmModel:
         """What the environment needs to know of it."""
-        return self._robot  # type: ignore[attr-defined, no-any-return]
+        return self._robot  # type: ignore[attr-defined,no-any-return]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain text, numbers and lists under the names of the arguments."""
-        return json.loads(json.dumps(asdict(self)))  # type: ignore[no-any-return]
+        return json.loads(json.dumps(asdict(self)))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:

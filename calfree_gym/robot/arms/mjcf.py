@@ -11,7 +11,8 @@ import mujoco
 
 TEXT = "the MJCF text"
 """What errors call a model that was given as text."""
-Source = str | Path | mujoco.MjSpec
+Source = str | Path | Any
+"""A path, MJCF text, or an `mujoco.MjSpec`, whose type is not declared."""
 
 
 def read(source: Source) -> tuple[str, dict[str, str]]:

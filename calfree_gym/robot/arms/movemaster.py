@@ -63,7 +63,12 @@ class Movemaster(Robot):
     ambiguous = False
     candidates = 10_000
     speeds = np.full(5, HINGE_SPEED)
-    bodies = ["waist", "upper_arm", "forearm", "hand", "gripper"]  # noqa: RUF012
+    _bodies = ["waist", "upper_arm", "forearm", "hand", "gripper"]  # noqa: RUF012
+
+    @property
+    def bodies(self) -> list[str]:
+        """See `Robot`."""
+        return self._bodies
 
     @property
     def built_home(self) -> Array:

@@ -8,10 +8,12 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, Flags
 
+Places = NDArray[np.int64]
 Mounts = tuple[str, str]
 """Names of the bodies to which the left and the right camera are fixed; "world" is the room."""
 
@@ -53,7 +55,6 @@ class Robot(ABC):
         rig: Where the cameras are.
         ambiguous: Whether more than one posture may bring the gripper to a place.
         candidates: How many drawn postures decide whether a world is in view.
-        built_home: All joint positions (j,) at home as built.
         speeds: Assumed, of all joints (j,), in rad/s or m/s: for robot time.
     """
 
@@ -71,8 +72,12 @@ class Robot(ABC):
     rig: Rig
     ambiguous: bool
     candidates: int
-    built_home: Array
     speeds: Array
+
+    @property
+    @abstractmethod
+    def built_home(self) -> Array:
+        """All joint positions (j,) at home as built."""
 
     @property
     @abstractmethod
@@ -170,7 +175,7 @@ class Scene(NamedTuple):
     home: Array
     ctrl: Array
     act: Array
-    qpos: Array
-    actuators: Array
+    qpos: Places
+    actuators: Places
     sensors: int
     prefix: str

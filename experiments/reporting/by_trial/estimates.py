@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
-from calfree_gym.envs.stereo_arms import JOINT_SPEED
+from calfree_gym.robot.arms.robot import HINGE_SPEED
 from experiments.config.suite import ScenarioConfig
 from experiments.evaluation import robot_seconds_at
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SECONDS, SUCCESS
@@ -83,7 +83,7 @@ def seconds_per_reach(rows: pd.DataFrame, cap: int, look: float) -> "pd.Series[f
 
 def slowest_seconds(cap: int, look: float) -> float:
     """Robot seconds of `cap` motions, and of the way home, each a full turn: the most that a reach counts."""
-    return (cap + 1) * (look + 2 * np.pi / JOINT_SPEED)
+    return (cap + 1) * (look + 2 * np.pi / HINGE_SPEED)
 
 
 def blocks(costs: pd.DataFrame, agent: str, measure: str, worlds: int, edges: Array, cap: int) -> Blocks:
