@@ -119,7 +119,7 @@ class World:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> World:
-        """The world that `to_dict` wrote, also before there were backlash and repeatability: then it has none.
+        """The world that `to_dict` wrote; where backlash and repeatability are missing, it has none.
 
         Raises:
             ValueError: A field is missing, unknown, or of the wrong shape.
@@ -140,7 +140,7 @@ class World:
             found, expected = len(getattr(self, name)), getattr(robot, what)
             if found != len(expected):
                 raise ValueError(
-                    f"World.{name} has shape ({found},); it must be ({len(expected)},): the arm has the {what} "
+                    f"World.{name} has shape ({found},); it must be ({len(expected)},): the arm's {what} are "
                     f"{', '.join(expected)}"
                 )
 
@@ -240,7 +240,7 @@ def _wild(draw: Draw, robot: Robot) -> World:
 
 
 def _zeros(rng: np.random.Generator, degrees: float, robot: Robot) -> Array:
-    """Zero errors (k,) within these degrees; of slides within the share of the span that these are of 2 rad."""
+    """Zero errors (k,) within these degrees; a slide's span counts as 2 rad."""
     zeros = np.radians(rng.uniform(-degrees, degrees, len(robot.joints)))
     slides = np.flatnonzero(robot.slides)
     zeros[slides] *= robot.span[slides] / SPAN_OF_A_HINGE

@@ -44,7 +44,8 @@ class MotorErrors:
         Args:
             rows: Which rows.
             positions: Of their motors' joints at home.
-            trials, motions: The trial, and the motion of the trial, of all rows (N,).
+            trials: The trial of all rows (N,).
+            motions: Their motion of the trial (N,).
         """
         if self._exact:
             return positions
@@ -60,7 +61,8 @@ class MotorErrors:
         Args:
             rows: Which rows.
             positions: Where their motors were sent.
-            trials, motions: The trial, and the motion of the trial, of all rows (N,).
+            trials: The trial of all rows (N,).
+            motions: Their motion of the trial (N,).
         """
         if self._exact:
             return positions

@@ -65,7 +65,7 @@ class MotorMap:
         return np.asarray(self._rest[rows] + registers * slope)
 
     def angles(self, positions: Array, rows: Rows) -> Array:
-        """Positions of all joints (n, ..., j) where the motors' are at `positions` (n, ..., m) of the rows."""
+        """Positions of all joints (n, ..., j) where the motors' are at `positions` (n, ..., m)."""
         rest = self._of_angles[rows]
         return self._robot.angles(positions, rest if positions.ndim == 2 else rest[:, None])
 

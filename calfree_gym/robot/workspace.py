@@ -193,7 +193,7 @@ def first_in_view(
         if in_view(world, robot, mounts, whole):
             return world
     raise ValueError(
-        f"{what} is never in view on {robot.mount_name(mounts)}: in {ATTEMPTS} draws no world had the gripper "
-        f"at home and {least_in_view(robot, mounts):.0%} of the work space in view of both cameras and within "
-        "reach"
+        f"{what} is never in view on {robot.mount_name(mounts)}: in {ATTEMPTS} draws no world had the "
+        f"gripper at home, and {least_in_view(robot, mounts):.0%} of the work space, in view of both cameras "
+        "and within reach"
     )

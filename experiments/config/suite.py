@@ -2,7 +2,7 @@
 
 import math
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import gymnasium
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -25,7 +25,7 @@ class EnvironmentConfig(Model):
     id: str
     world: str
     arm: str | dict[str, Any] = MOVEMASTER_NAME
-    camera_mount: str | tuple[str, str] = Field("waist", strict=False)
+    camera_mount: str | Annotated[tuple[str, str], Field(strict=False)] = "waist"
     tolerance_px: float = Field(4.0, gt=0, lt=IMAGE_SIZE)
     dynamics: Literal["physics", "kinematic"] = "physics"
     max_episode_steps: int = Field(60, gt=0)

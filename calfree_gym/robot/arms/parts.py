@@ -1,4 +1,4 @@
-"""Which parts of a model an arm's arguments name: its gripper, where its chain starts, its motors, its home."""
+"""Which parts of a model an arm's arguments name: gripper, base, motors, home."""
 
 from __future__ import annotations
 
@@ -166,10 +166,10 @@ class Parts:
         model = self._model
         for equality in np.flatnonzero(model.eq_active0):
             if tied := self._tied_by(int(equality)):
+                name = model.equality(equality).name or int(equality)
                 raise ValueError(
-                    f"the model's equality {model.equality(equality).name or int(equality)!r} ties the motors "
-                    f"{_list(tied)} to other parts, which would have to move with them; only open chains of "
-                    "motors can be simulated"
+                    f"the model's equality {name!r} ties the motors {_list(tied)} to other parts, which would "
+                    "have to move with them; only open chains of motors can be simulated"
                 )
 
     def _tied_by(self, equality: int) -> list[str]:
