@@ -14,13 +14,12 @@ from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Rig, Robot
 from calfree_gym.streams import stream
+from calfree_gym.vision.measurement import MAX_LATENCY
 
 FOCAL_LENGTH = IMAGE_SIZE / 2 / np.tan(np.radians(40.0))
 """Nominal focal length in pixels: a field of view of 80 degrees."""
 SPAN_OF_A_HINGE = 2.0
 """What a slide's span is compared with (rad), where quantities of hinges are drawn in degrees."""
-MAX_LATENCY = 10
-"""The largest latency of image points, in motions."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,9 @@ LAYERS = {
         "image",
         "geometry",
         "streams",
-        "world",
         "vision",
         "robot",
+        "world",
         "perturbations",
         "tasks",
         "calfree_gym",
@@ -65,7 +65,7 @@ PUBLIC_FOR_CALIBRATED = {
     "calfree_gym.world",
     "calfree_gym.geometry",
     "calfree_gym.robot.kinematics",
-    "calfree_gym.robot.motors",
+    "calfree_gym.robot.arms.movemaster",
     "calfree_gym.vision.cameras",
 }
 """What the calibrated robots may know besides: how the robot was built."""

@@ -1,11 +1,17 @@
 """What keeps a motor from going where it is sent: backlash, and motions that do not repeat exactly."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.streams import MotionNumbers
-from calfree_gym.world import World
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
 
 
 class MotorErrors:

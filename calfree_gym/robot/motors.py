@@ -6,11 +6,17 @@ joint follows the register through a smooth, strictly monotone curve that no con
     position = home + zero error + sign * gain * span * (r + curvature * r * (r**2 - 1))
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.robot.arms.robot import Robot
-from calfree_gym.world import World
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
 
 
 def curve_inverse(values: Array, curvature: Array) -> Array:

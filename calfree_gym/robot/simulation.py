@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
@@ -10,7 +12,9 @@ from calfree_gym.geometry import Array, Rows, quaternion_of, quaternion_product
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.robot.arms.robot import Mounts, Places, Robot
 from calfree_gym.robot.arms.scene import POINTS, SENSOR_SIZE
-from calfree_gym.world import World
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
 
 SUBSTEPS = 100
 """Physics substeps of 5 ms in a motion: enough to settle to 0.1 pixels (a test measures it)."""

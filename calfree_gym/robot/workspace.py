@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,9 @@ from calfree_gym.robot.arms.robot import ROOM, Mounts, Robot
 from calfree_gym.robot.inverse import InverseKinematics
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.vision.cameras import StereoCameras
-from calfree_gym.world import World
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
 
 BORDER_PX = 16.0
 """Objects are seen at least this far inside both images."""

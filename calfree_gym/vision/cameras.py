@@ -1,11 +1,17 @@
 """The stereo pair: pinhole projection and lens, of one camera and of the pairs of N worlds."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags, rotation_matrix
 from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT
-from calfree_gym.world import World
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
 
 MOUNTS = ("waist", "stand")
 """Where the cameras are fixed: on the arm's first link, turning with it, or in the room."""

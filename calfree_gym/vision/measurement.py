@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.streams import MotionNumbers
-from calfree_gym.world import MAX_LATENCY, World
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
+
+MAX_LATENCY = 10
+"""The largest latency of image points, in motions."""
 
 Counts = NDArray[np.int64]
 

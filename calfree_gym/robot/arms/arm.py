@@ -72,7 +72,7 @@ class Arm:
     @property
     def robot(self) -> ArmModel:
         """What the environment needs to know of it."""
-        return self._robot  # type: ignore[attr-defined,no-any-return]
+        return self._robot  # type: ignore[attr-defined]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain text, numbers and lists under the names of the arguments."""

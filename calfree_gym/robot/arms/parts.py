@@ -168,8 +168,8 @@ class Parts:
             if tied := self._tied_by(int(equality)):
                 name = model.equality(equality).name or int(equality)
                 raise ValueError(
-                    f"the model's equality {name!r} ties the motors {_list(tied)} to other parts, which would "
-                    "have to move with them; only open chains of motors can be simulated"
+                    f"the model's equality {name!r} ties the motors {_list(tied)} to other parts, which "
+                    "would have to move with them; only open chains of motors can be simulated"
                 )
 
     def _tied_by(self, equality: int) -> list[str]:

@@ -37,7 +37,7 @@ ENV = ("scenarios", 0, "env")
 @pytest.mark.parametrize(
     ("path", "value", "where", "said"),
     [
-        ((*ENV, "camera_mont"), "waist", "scenarios.0.env.camera_mont", "allowed: id, world, cam"),
+        ((*ENV, "camera_mont"), "waist", "scenarios.0.env.camera_mont", "allowed: id, world, arm, cam"),
         ((*ENV, "camera_mount"), "wrist", "scenarios.0.env.camera_mount", "allowed: waist, stand"),
         ((*ENV, "world"), "wilt", "scenarios.0.env.world", "did you mean wild?"),
         ((*ENV, "id"), "CalFree/Reach-v9", "scenarios.0.env.id", "CalFree/Reach-v0"),
