@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -57,7 +57,9 @@ class Arm:
             if assets.get(file) != digest:
                 what = "is no longer among the model's files" if file not in assets else "has changed"
                 raise ValueError(f"the arm's asset {file} {what} since the arm was described")
-        model = ArmModel(text, self.gripper, self.motors, self.home, self.base)
+        home = tuple(sorted(self.home.items())) if isinstance(self.home, Mapping) else self.home
+        motors = self.motors if self.motors is None or isinstance(self.motors, str) else tuple(self.motors)
+        model = _model(text, self.gripper, motors, home, self.base)
         settled = {
             "model": text,
             "motors": model.motors,
@@ -112,6 +114,18 @@ class Arm:
 
     def __deepcopy__(self, memo: Any) -> Arm:
         return self
+
+
+@lru_cache(maxsize=16)
+def _model(
+    text: str,
+    gripper: str,
+    motors: str | tuple[str, ...] | None,
+    home: str | tuple[tuple[str, float], ...] | None,
+    base: str | None,
+) -> ArmModel:
+    """What follows from an arm: to compile large meshes takes seconds."""
+    return ArmModel(text, gripper, motors, dict(home) if isinstance(home, tuple) else home, base)
 
 
 ArmChoice = str | Arm | Mapping[str, Any]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -79,6 +80,7 @@ class ArmModel(Robot):
         self.lengths = np.linalg.norm(model.body_pos[self._links], axis=1)
         self.home_qpos = parts.home(home)
         self._chains: dict[int, Chain] = {}
+        self._scenes: dict[Mounts, Scene] = {}
         if home is None:
             self.home_qpos[self.qpos_of_motors] = self._best_posture()
         self.home = self.home_qpos[self.qpos_of_motors]
@@ -146,9 +148,13 @@ class ArmModel(Robot):
 
     def scene(self, mounts: Mounts) -> Scene:
         """See `Robot`."""
-        return build(
-            self.spec, self.motors, self.parts.gripper, mounts, self.home_qpos, MARK * self.rig.scale
-        )
+        if mounts not in self._scenes:
+            mark = MARK * self.rig.scale
+            self._scenes[mounts] = build(
+                self.spec, self.motors, self.parts.gripper, mounts, self.home_qpos, mark
+            )
+        scene = self._scenes[mounts]
+        return scene._replace(model=copy.copy(scene.model))
 
     def stretch(self, body_positions: Array, lengths: Array) -> None:
         """See `Robot`."""
