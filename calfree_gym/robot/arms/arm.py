@@ -32,9 +32,9 @@ class Arm:
         gripper: Name of the site or body that is the gripper point.
         motors: Names of the joints that the controller's words move. By default all hinges and slides from
             `base` to the gripper. Three to seven.
-        home: Joint positions (rad; slides m) by joint name. Given: also the name of a keyframe. Joints that
-            are left out, and all by default, are where the model has them; but motors, where none is given,
-            are at the posture of many drawn ones from which the gripper can move best in all directions.
+        home: Name of a keyframe, or joint positions (rad; slides m) by joint name. Joints that are left out
+            are where the model has them. By default motors are at that of many drawn postures from which the
+            gripper can move best in all directions.
         base: Name of the body where the chain starts. By default the first one below the world.
         assets: SHA-256 of each file that the model needs. Given: they are compared.
 
@@ -59,11 +59,11 @@ class Arm:
                 raise ValueError(f"the arm's asset {file} {what} since the arm was described")
         home = tuple(sorted(self.home.items())) if isinstance(self.home, Mapping) else self.home
         motors = self.motors if self.motors is None or isinstance(self.motors, str) else tuple(self.motors)
-        model = _model(text, self.gripper, motors, home, self.base)
+        model = _model(text, tuple(assets.items()), self.gripper, motors, home, self.base)
         settled = {
             "model": text,
             "motors": model.motors,
-            "home": model.home_by_name,
+            "home": self.home if isinstance(self.home, str) else model.home_by_name,
             "base": model.parts.base,
             "assets": assets,
         }
@@ -119,12 +119,13 @@ class Arm:
 @lru_cache(maxsize=16)
 def _model(
     text: str,
+    assets: tuple[tuple[str, str], ...],
     gripper: str,
     motors: str | tuple[str, ...] | None,
     home: str | tuple[tuple[str, float], ...] | None,
     base: str | None,
 ) -> ArmModel:
-    """What follows from an arm: to compile large meshes takes seconds."""
+    """What follows from an arm, whose assets have these hashes: to compile large meshes takes seconds."""
     return ArmModel(text, gripper, motors, dict(home) if isinstance(home, tuple) else home, base)
 
 
