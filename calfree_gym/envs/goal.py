@@ -27,27 +27,31 @@ class Privileged(NamedTuple):
 
     Attributes:
         size: How many numbers, for an arm.
-        bound: Of their magnitude.
+        bound: Of their magnitude, for an arm.
         of: Gives them for all rows (N, size).
     """
 
     size: Callable[[Robot], int]
-    bound: float
+    bound: Callable[[Robot], float]
     of: Callable[[StereoArms], NDArray[np.float64]]
 
 
 PRIVILEGED = {
     "joint_angles": Privileged(
-        lambda robot: len(robot.built_home), 2 * np.pi, lambda arms: arms.simulation.joints()
+        lambda robot: len(robot.built_home), lambda robot: 2 * np.pi, lambda arms: arms.simulation.joints()
     ),
     "joint_zeros": Privileged(
         lambda robot: len(robot.joints),
-        np.pi,
+        lambda robot: np.pi,
         lambda arms: np.stack([arms.world(r).joint_zeros for r in range(arms.rows)]),
     ),
-    "gripper_position": Privileged(lambda robot: 3, 5.0, lambda arms: arms.simulation.positions()[0]),
+    "gripper_position": Privileged(
+        lambda robot: 3,
+        lambda robot: max(5.0, float(np.abs(robot.rig.target).max()) + 4 * robot.rig.scale),
+        lambda arms: arms.simulation.positions()[0],
+    ),
     "object_registers": Privileged(
-        lambda robot: len(robot.motors), 1.0, lambda arms: arms.object_registers()
+        lambda robot: len(robot.motors), lambda robot: 1.0, lambda arms: arms.object_registers()
     ),
 }
 """True joint positions (rad or m; of the RV-M2 J1-J5), joint zeros (of the RV-M2 J1-J4), the gripper point in
@@ -62,7 +66,9 @@ def observation_space(tell: Sequence[str], robot: Robot) -> spaces.Dict[Any]:
     }
     for name in tell:
         quantity = PRIVILEGED[name]
-        boxes[name] = spaces.Box(-quantity.bound, quantity.bound, (quantity.size(robot),), np.float32)
+        boxes[name] = spaces.Box(
+            -quantity.bound(robot), quantity.bound(robot), (quantity.size(robot),), np.float32
+        )
     return spaces.Dict(boxes)
 
 
