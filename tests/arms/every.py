@@ -1,0 +1,30 @@
+"""All test arms by name: our own, and the fetched ones, which are slow, and skipped where they are not there."""
+
+from functools import lru_cache
+
+import pytest
+
+from calfree_gym import Arm
+from tests.arms.fetched import FETCHED, fetched_arms
+from tests.arms.own import ARMS
+
+EVERY = [*ARMS, *(pytest.param(name, marks=pytest.mark.slow) for name in FETCHED)]
+"""For `pytest.mark.parametrize`."""
+
+
+@lru_cache
+def arm_named(name):
+    """The arm of that name; it is built once."""
+    if (arguments := (ARMS | fetched_arms()).get(name)) is None:
+        pytest.skip("`make arms` has not fetched it")
+    return Arm(**arguments)
+
+
+def moved_by(robot, motor):
+    """Name of the body that a motor moves."""
+    return robot.model.body(robot.model.joint(robot.motors[motor]).bodyid.item()).name
+
+
+def three_mounts(robot):
+    """Cameras turning with the first link, in the room, and on the link that the middle motor moves."""
+    return ("waist", "stand", moved_by(robot, len(robot.motors) // 2))

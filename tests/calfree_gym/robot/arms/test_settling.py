@@ -1,0 +1,66 @@
+"""Physics comes to rest where kinematics places the arm, and nothing but the motors has moved."""
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+
+from tests.arms.every import EVERY, arm_named
+
+ID = "calfree_gym:CalFree/Reach-v0"
+ROWS, MOTIONS = 4, 8
+HALF_AN_IMAGE = 256
+
+
+def both(arm, **arguments):
+    made = [
+        gym.make_vec(
+            ID,
+            num_envs=ROWS,
+            threads=1,
+            arm=arm,
+            dynamics=dynamics,
+            terminate_on_success=False,
+            autoreset_mode="Disabled",
+            **arguments,
+        )
+        for dynamics in ("physics", "kinematic")
+    ]
+    assert [env.reset(seed=0)[0]["observation"][:, :4].min() for env in made] == [1, 1]
+    return made
+
+
+@pytest.mark.parametrize("mount", ["waist", "stand"])
+@pytest.mark.parametrize("name", EVERY)
+def test_physics_settles_where_kinematics_places_it(name, mount):
+    """Words of the full range: half of them end at stops."""
+    envs, rng = both(arm_named(name), camera_mount=mount), np.random.default_rng(1)
+    compared = 0
+    for _ in range(MOTIONS):
+        words = rng.uniform(-1, 1, envs[0].action_space.shape)
+        physics, kinematic = (env.step(words)[-1]["truth"]["points"] for env in envs)
+        shown = np.abs(kinematic) <= 1
+        compared += shown[:, :4].sum()
+        assert physics[shown] * HALF_AN_IMAGE == pytest.approx(kinematic[shown] * HALF_AN_IMAGE, abs=0.2)
+    assert compared > ROWS * MOTIONS
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_all_other_joints_stay_at_home(name):
+    """Also a free body beside the arm, whatever gravity there is, and whatever springs the joints have."""
+    robot, rng = arm_named(name).robot, np.random.default_rng(2)
+    env = both(arm_named(name))[0]
+    for _ in range(MOTIONS):
+        env.step(rng.uniform(-1, 1, env.action_space.shape))
+    moved = np.zeros(robot.model.nq, bool)
+    moved[robot.qpos_of_motors] = True
+    for row in range(ROWS):
+        model, data = env.unwrapped.arms.simulation.snapshot(row)
+        assert data.qpos[~moved] == pytest.approx(robot.home_qpos[~moved], abs=1e-4)
+        assert (data.qpos[moved] != robot.home_qpos[moved]).all()
+        for key in range(robot.model.nkey):
+            assert (model.key_qpos[key] == robot.model.key_qpos[key]).all()
+        assert np.abs(data.qvel).max() < 0.02
+        assert not data.ncon
+        assert model.opt.timestep == 0.005
+        assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
