@@ -85,7 +85,7 @@ class Backlash(Perturbation):
 
     type: ClassVar[str] = "backlash"
     motor: str = one_of_the_arms("motors")
-    degrees: float = amount(uniform(0.2, 2.0), least=-45, most=45)
+    degrees: float = amount(uniform(0.2, 2.0), least=0, most=45)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         return _set(world, robot, "backlash", self.motor, self.degrees)
@@ -103,7 +103,7 @@ class Repeatability(Perturbation):
 
     type: ClassVar[str] = "repeatability"
     motor: str = one_of_the_arms("motors")
-    degrees: float = amount(uniform(0.1, 1.0), least=-45, most=45)
+    degrees: float = amount(uniform(0.1, 1.0), least=0, most=45)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         return _set(world, robot, "repeatability", self.motor, self.degrees)

@@ -97,7 +97,7 @@ def test_within_the_gap_a_joint_stays(name):
     assert beyond == pytest.approx(half_gap[None] * robot.span, rel=1e-6)
 
 
-REPEATS = 25
+REPEATS = 20
 ROWS = 100
 
 
@@ -120,7 +120,7 @@ def spread(name, sigma, seed=0):
     return np.array(motions), np.array(homes)
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", ["movemaster", "gantry"])
 def test_the_spread_of_motions_is_what_was_set(name):
     """The standard deviation of n numbers is that of their distribution within 1 / sqrt(2 n), one sigma."""
 
@@ -198,17 +198,10 @@ def test_perturbations_set_a_motors_errors_and_drifts_add_to_them(error, name, m
 
 
 @pytest.mark.parametrize("error", ["backlash", "repeatability"])
-def test_a_drift_turns_back_at_zero(error):
-    """No gap is narrower than none: the drift goes the other way from there."""
-    entry = {"drift": {"per": "motion"}, "do": {"type": error, "motor": "waist", "degrees": -0.4}}
-    env, _ = made("movemaster", perturbations=[entry], **{error: np.radians([1.0, 0, 0])})
-    env.reset(seed=0)
-    found = []
-    for _ in range(6):
-        env.step(np.zeros((1, 3)))
-        found.append(getattr(env.unwrapped.worlds[0], error)[0])
-    assert min(found) >= 0
-    assert np.abs(np.diff(found)) == pytest.approx(np.radians([0.4] * 5))
+def test_errors_below_zero_are_refused_before_any_simulation(error):
+    entry = {"at": {"motion": 2}, "do": {"type": error, "motor": "waist", "degrees": -1}}
+    with pytest.raises(ValueError, match=rf"{error}.degrees is -1; it must be a number from 0 to 45"):
+        made("movemaster", perturbations=[entry])
 
 
 def test_a_backlash_that_comes_is_felt():

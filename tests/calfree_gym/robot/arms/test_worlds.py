@@ -1,0 +1,97 @@
+"""Worlds of any arm: as long as the arm's parts, in view, and with objects that can be reached."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from calfree_gym import DISTRIBUTIONS, World, WorldDistribution, nominal
+from tests.arms.every import EVERY, arm_named, three_mounts
+from tests.arms.own import ARMS
+
+ID = "calfree_gym:CalFree/Reach-v0"
+WORLDS = 4
+
+
+@pytest.mark.parametrize("kind", DISTRIBUTIONS)
+@pytest.mark.parametrize("name", EVERY)
+def test_every_kind_of_world_is_in_view_and_its_objects_are_reachable(name, kind):
+    arm = arm_named(name)
+    for mount in three_mounts(arm.robot):
+        env = gym.make_vec(
+            ID,
+            num_envs=WORLDS,
+            threads=1,
+            arm=arm,
+            camera_mount=mount,
+            world=kind,
+            dynamics="kinematic",
+            autoreset_mode="Disabled",
+            tell=("object_registers",),
+        )
+        observation, infos = env.reset(seed=10)
+        assert (observation["observation"][:, :4] == 1).all(), "gripper and object are seen at home"
+        assert np.abs(observation["object_registers"]).max() <= 0.9 + 1e-6
+        assert (infos["truth"]["error_px"] > 4).all()
+        for world in env.unwrapped.worlds:
+            world.check_fits(arm.robot)
+            assert World.from_dict(world.to_dict()) == world
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_lengths_follow_the_arm_and_others_are_refused_by_name(name):
+    robot = arm_named(name).robot
+    world = nominal(robot)
+    assert world.motor_sign.shape == world.backlash.shape == (len(robot.motors),)
+    assert world.link_lengths == pytest.approx(robot.lengths)
+    for field, parts in (("motor_sign", "motors"), ("joint_zeros", "joints"), ("link_lengths", "links")):
+        longer = [*getattr(world, field), 1.0]
+        of_motors = ("motor_sign", "motor_gain", "motor_curvature", "backlash", "repeatability")
+        fields = {each: [*getattr(world, each), 0.3] for each in of_motors} | {"motor_sign": longer}
+        other = replace(world, **(fields if field == "motor_sign" else {field: longer}))
+        names = getattr(robot, parts)
+        message = rf"World.{field} has shape \({len(names) + 1},\); it must be \({len(names)},\)"
+        with pytest.raises(ValueError, match=message) as caught:
+            gym.make(ID, arm=arm_named(name), world=other)
+        assert ", ".join(names) in str(caught.value)
+
+
+@pytest.mark.parametrize("field", ["motor_gain", "motor_curvature", "backlash", "repeatability"])
+def test_all_fields_of_motors_are_as_long_as_each_other(field):
+    with pytest.raises(ValueError, match=rf"World.{field} has shape \(2,\); it must be \(3,\)"):
+        replace(nominal(), **{field: [0.1, 0.1]})
+
+
+def test_a_world_of_another_arm_is_refused():
+    with pytest.raises(ValueError, match="World.motor_sign has shape .7,.; it must be .3,."):
+        gym.make(ID, world=nominal(arm_named("redundant").robot))
+    env = gym.make(ID, arm=arm_named("scara"))
+    with pytest.raises(ValueError, match="shoulder, elbow, lift, roll"):
+        env.unwrapped.set_world(nominal())
+
+
+@pytest.mark.parametrize("name", ["gantry", "redundant"])
+def test_worlds_written_before_backlash_have_none(name):
+    world = WorldDistribution("wild").sample(1, robot=arm_named(name).robot)
+    old = {k: v for k, v in world.to_dict().items() if k not in ("backlash", "repeatability")}
+    assert World.from_dict(old) == world
+    assert (World.from_dict(old).backlash == np.zeros(len(world.motor_sign))).all()
+
+
+@pytest.mark.parametrize("name", ["scara", "redundant"])
+def test_worlds_as_drawn_have_no_new_errors_and_what_the_docs_say(name):
+    robot = arm_named(name).robot
+    worlds = [WorldDistribution("wild").sample(seed, robot=robot) for seed in range(200)]
+    assert all(not (w.backlash.any() or w.repeatability.any()) for w in worlds)
+    gains = np.array([w.motor_gain for w in worlds])
+    assert 0.5 <= gains.min() < 0.55
+    assert 1.8 < gains.max() <= 2
+    assert {-1, 1} == set(np.ravel([w.motor_sign for w in worlds]))
+    zeros = np.array([w.joint_zeros for w in worlds])
+    most = np.where(robot.slides, np.radians(10) * robot.span / 2, np.radians(10))
+    assert (np.abs(zeros) <= most).all()
+    assert (np.abs(zeros).max(0) > 0.9 * most).all()
+    stretch = np.array([w.link_lengths for w in worlds]) / robot.lengths
+    assert 0.9 <= stretch.min() < 0.91
+    assert 1.09 < stretch.max() <= 1.1
