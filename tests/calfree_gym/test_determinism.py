@@ -12,6 +12,8 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 from calfree_gym import world as worlds
+from tests.arms.every import arm_named
+from tests.arms.own import ARMS
 
 ID = "calfree_gym:CalFree/Reach-v0"
 MOTIONS = 10
@@ -32,8 +34,8 @@ CASES = [
 ]
 
 
-def words(seed):
-    return np.random.default_rng(seed).uniform(-0.2, 0.2, (MOTIONS, 3)).astype(np.float32)
+def words(seed, motors=3):
+    return np.random.default_rng(seed).uniform(-0.2, 0.2, (MOTIONS, motors)).astype(np.float32)
 
 
 def digest(*arrays):
@@ -51,7 +53,7 @@ def trajectory(env, seed):
     """The digest of trials that end after five motions."""
     observation, info = env.reset(seed=seed)
     found = numbers(observation, 0.0, False, info)
-    for i, word in enumerate(words(seed)):
+    for i, word in enumerate(words(seed, *env.action_space.shape)):
         observation, reward, terminated, truncated, info = env.step(word)
         found += numbers(observation, reward, terminated or truncated, info)
         if i == 4:
@@ -77,7 +79,7 @@ def row_trajectories(seeds, threads, **arguments):
 
     none = np.zeros(len(seeds))
     note(observation, none, none, infos)
-    for i, together in enumerate(np.stack([words(seed) for seed in seeds], 1)):
+    for i, together in enumerate(np.stack([words(seed, env.action_space.shape[1]) for seed in seeds], 1)):
         observation, reward, terminated, truncated, infos = env.step(together)
         note(observation, reward, terminated | truncated, infos)
         if i == 4:
@@ -114,6 +116,42 @@ def test_one_seed_is_one_trajectory_in_other_processes_and_from_saved_specs():
     assert made_trajectory(EnvSpec.from_json(env.spec.to_json()), 5) == here
     with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as children:
         assert list(children.map(made_trajectory, [env.spec] * 2, [5, 5])) == [here, here]
+
+
+ERRORS = [{"at": {"motion": 2}, "do": {"type": "backlash"}}, {"every": {"trial": 1}, "do": {"type": "repeatability"}}]
+
+
+def spec_of(name):
+    return gym.make(
+        ID, arm=arm_named(name), perturbations=SCHEDULE + ERRORS, terminate_on_success=False
+    ).spec
+
+
+@pytest.mark.parametrize("dynamics", ["physics", "kinematic"])
+@pytest.mark.parametrize("name", ARMS)
+def test_one_seed_is_one_trajectory_of_any_arm(name, dynamics):
+    arguments = {
+        "arm": arm_named(name),
+        "dynamics": dynamics,
+        "perturbations": SCHEDULE + ERRORS,
+        "terminate_on_success": False,
+    }
+    seeds = [3, 14, 15]
+    alone = [trajectory(gym.make(ID, **arguments), seed) for seed in seeds]
+    assert len(set(alone)) == len(seeds)
+    for threads in (1, 2):
+        assert row_trajectories(seeds, threads, **arguments) == alone
+    assert row_trajectories(seeds[:0:-1], 2, **arguments) == alone[:0:-1]
+
+
+def test_one_seed_is_one_trajectory_of_any_arm_in_other_processes_and_from_saved_specs():
+    specs = [spec_of(name) for name in ARMS]
+    here = [made_trajectory(spec, 5) for spec in specs]
+    assert len(set(here)) == len(ARMS)
+    assert [made_trajectory(pickle.loads(pickle.dumps(spec)), 5) for spec in specs] == here
+    assert [made_trajectory(EnvSpec.from_json(spec.to_json()), 5) for spec in specs] == here
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as child:
+        assert list(child.map(made_trajectory, specs, [5] * len(specs))) == here
 
 
 def test_rows_in_spawned_children_are_the_batched_rows():
