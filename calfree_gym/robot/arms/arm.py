@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property, lru_cache
@@ -18,6 +19,8 @@ from calfree_gym.robot.arms.robot import Robot
 
 MOVEMASTER_NAME = "movemaster"
 """The arm that is used where none is given."""
+FOLDERS = re.compile(r"""\s(asset|mesh|texture)dir=("[^"]*"|'[^']*')""")
+"""What says in MJCF where files are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +35,9 @@ class Arm:
         gripper: Name of the site or body that is the gripper point.
         motors: Names of the joints that the controller's words move. By default all hinges and slides from
             `base` to the gripper. Three to seven.
-        home: Name of a keyframe, or joint positions (rad; slides m) by joint name. Joints that are left out
-            are where the model has them. By default motors are at that of many drawn postures from which the
-            gripper can move best in all directions.
+        home: Name of a keyframe, which also places free bodies and balls, or joint positions (rad; slides m)
+            by joint name. Joints that are left out are where the model has them. By default motors are at
+            that of many drawn postures from which the gripper can move best in all directions.
         base: Name of the body where the chain starts. By default the first one below the world.
         assets: SHA-256 of each file that the model needs. Given: they are compared.
 
@@ -97,7 +100,7 @@ class Arm:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all that the arm is, wherever its files are."""
-        text = str(self.model)
+        text = FOLDERS.sub("", str(self.model))
         for file in self.assets or {}:
             text = text.replace(str(Path(file).parent), "")
         value = self.to_dict() | {"model": text, "assets": sorted((self.assets or {}).values())}

@@ -10,7 +10,7 @@ import numpy as np
 
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
-from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE, path_to
+from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE
 from calfree_gym.robot.arms.robot import ROOM, Mounts, Scene
 
 PREFIX = "calfree "
@@ -22,6 +22,8 @@ RIG_GROUP = 5
 """Group of the cameras' rods and housings, which their own images leave out."""
 SENSOR_SIZE = 0.01
 """Of a camera in m; it decides nothing."""
+IMMOVABLE = 1e6
+"""So much heavier than the arm are free bodies and balls, which no servo can hold."""
 RENDERED = 1024
 """Width and height of the largest picture, in pixels."""
 TIMESTEP = 0.005
@@ -86,8 +88,8 @@ def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
 
     The model's own actuators are switched off; they stay, for its sensors may name them. Gravity, friction,
     damping and springs are off: a robot's own controllers overcome them. Hinges and slides that are no motors
-    are held at home by servos; a free body or a ball on the way to a motor by a weld. So the model's own
-    equalities are not needed.
+    are held at home by servos; free bodies and balls by their inertia. So the model's own equalities are not
+    needed.
 
     Args:
         spec: Of the arm; it is changed. All its bodies and joints have names.
@@ -112,11 +114,9 @@ def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
     for equality in spec.equalities:
         equality.active = False
     held = []
-    carrying = {body for name in motors for body in path_to(model, int(model.joint(name).bodyid[0]))}
     for joint in spec.joints:
         if joint.type in (FREE, BALL):
-            if model.body(joint.parent.name).id in carrying:
-                _weld(spec, model, joint, home_qpos)
+            joint.armature = IMMOVABLE * max(*armatures, model.body_mass.sum())
             continue
         joint.armature = armatures[joint.type == SLIDE]
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
@@ -242,25 +242,3 @@ def _armatures(model: mujoco.MjModel, home_qpos: Array) -> tuple[float, float]:
     ]
     hinges, slides = (max(found, default=1.0) for found in of_kind)
     return float(hinges), float(slides)
-
-
-def _weld(spec: Any, model: mujoco.MjModel, joint: Any, home_qpos: Array) -> None:
-    """Holds a body with a free joint or a ball where it is at home, relative to the body before it."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = home_qpos
-    mujoco.mj_kinematics(model, data)
-    body = model.body(joint.parent.name).id
-    before = int(model.body_parentid[body])
-    back = np.empty(4)
-    mujoco.mju_negQuat(back, data.xquat[before])
-    offset, turn = np.empty(3), np.empty(4)
-    mujoco.mju_rotVecQuat(offset, data.xpos[body] - data.xpos[before], back)
-    mujoco.mju_mulQuat(turn, back, data.xquat[body])
-    equality = spec.add_equality(
-        name=f"{PREFIX}{joint.parent.name}",
-        type=mujoco.mjtEq.mjEQ_WELD,
-        objtype=mujoco.mjtObj.mjOBJ_BODY,
-        name1=model.body(before).name,
-        name2=joint.parent.name,
-    )
-    equality.data[:11] = [0, 0, 0, *offset, *turn, 1]

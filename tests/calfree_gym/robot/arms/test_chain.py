@@ -32,7 +32,11 @@ ALL_KINDS = """
             <body name="hand" pos="0.2 0 0.05" quat="1 1 0 0">
               <joint name="wrist" axis="0 1 0" range="-1.5 1.5" ref="1"/>
               <geom size="0.03"/>
-              <site name="tip" pos="0.02 0.03 0.1"/>
+              <body name="swivel" pos="0.01 0 0.02">
+                <joint name="swivel" type="ball"/>
+                <geom size="0.02" pos="0.05 0 0.03"/>
+                <site name="tip" pos="0.02 0.03 0.1"/>
+              </body>
             </body>
           </body>
         </body>
@@ -40,14 +44,14 @@ ALL_KINDS = """
     </body>
   </worldbody>
   <keyframe>
-    <key name="about" qpos="1 -2 0.5 0.5 -0.5 0.5 0.5  0.8 0.6 0 0  0.1 0.2 0.7 -0.3 0.4"/>
+    <key name="about" qpos="1 -2 0.5 0.5 -0.5 0.5 0.5  0.8 0.6 0 0  0.1 0.2 0.7 -0.3 0.4  0.6 0 0 -0.8"/>
   </keyframe>
 </mujoco>
 """
 
 
 def all_kinds(**arguments):
-    """An arm on a free body and a ball; one hinge on the way is no motor; two joints move one body."""
+    """A free body and two balls carry it; one hinge on the way is no motor; two joints move one body."""
     return Arm(
         model=ALL_KINDS, gripper="tip", motors=["lift", "tilt", "turn", "wrist"], home="about", **arguments
     )
@@ -112,5 +116,5 @@ def test_the_arm_is_that_of_its_file(name):
 def test_every_kind_of_joint():
     robot = all_kinds().robot
     check(robot, lambda: robot.spec.compile(), 1e-12)
-    assert robot.links == ("neck", "rail", "arm", "hand")
+    assert robot.links == ("neck", "rail", "arm", "hand", "swivel")
     assert robot.home == pytest.approx([0.1, 0.2, -0.3, 0.4])

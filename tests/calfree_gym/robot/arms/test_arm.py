@@ -1,0 +1,186 @@
+"""An arm is a value: equal wherever its files are, plain text in a dict, and the same after every way round."""
+
+import copy
+import json
+import pickle
+import shutil
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+
+from calfree_gym import Arm
+from tests.arms.every import EVERY, arm_named
+from tests.arms.own import ARMS, MODELS, MOTORS
+from tests.calfree_gym.robot.arms.test_chain import ALL_KINDS, all_kinds
+
+ID = "calfree_gym:CalFree/Reach-v0"
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_an_arm_goes_through_json_pickle_and_copies_exactly(name):
+    arm = arm_named(name)
+    plain = json.loads(json.dumps(arm.to_dict()))
+    for again in (Arm.from_dict(plain), pickle.loads(pickle.dumps(arm)), copy.deepcopy(arm), copy.copy(arm)):
+        assert again == arm
+        assert hash(again) == hash(arm)
+        assert again.to_dict() == plain
+        assert (again.robot.home_qpos == arm.robot.home_qpos).all()
+        assert (again.robot.rig.position == arm.robot.rig.position).all()
+
+
+def test_arms_are_different_values():
+    arms = [arm_named(name) for name in ARMS]
+    arms += [
+        Arm(**ARMS["hobby"] | {"home": {"elbow": 0.5}}),
+        Arm(**ARMS["hobby"] | {"motors": ["turn", "shoulder", "elbow"]}),
+        Arm(**ARMS["gripper"] | {"gripper": "hand"}),
+    ]
+    assert len(set(arms)) == len(arms)
+    assert all((a == b) == (a is b) for a in arms for b in arms)
+    assert arms[0] != "scara"
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_motors_are_found_from_base_to_gripper(name):
+    assert arm_named(name).motors == arm_named(name).robot.motors == MOTORS[name]
+
+
+@pytest.mark.parametrize("name", ["scara", "names"])
+def test_the_same_files_elsewhere_are_the_same_arm(name, tmp_path):
+    shutil.copytree(MODELS, tmp_path / "moved" / "models")
+    path = tmp_path / "moved" / "models" / ARMS[name]["model"].name
+    there, here = Arm(**ARMS[name] | {"model": path}), arm_named(name)
+    assert there == here
+    assert hash(there) == hash(here)
+    assert there.to_dict() != here.to_dict() or not here.assets
+
+
+def test_files_in_folders_below_the_meshes_do_not_tell_where_they_are(tmp_path):
+    text = ARMS["names"]["model"].read_text().replace('"wedge.stl"', '"parts/sub/wedge.stl"')
+    made = []
+    for where in ("here", "there/and/far"):
+        (tmp_path / where / "meshes" / "parts" / "sub").mkdir(parents=True)
+        shutil.copy(
+            MODELS / "meshes" / "wedge.stl", tmp_path / where / "meshes" / "parts" / "sub" / "wedge.stl"
+        )
+        (tmp_path / where / "arm.xml").write_text(text)
+        made.append(Arm(model=tmp_path / where / "arm.xml", gripper="left.arm/tip"))
+    assert made[0] == made[1]
+    assert hash(made[0]) == hash(made[1])
+
+
+def test_a_changed_mesh_is_another_arm_and_no_longer_the_described_one(tmp_path):
+    shutil.copytree(MODELS, tmp_path / "models")
+    arguments = ARMS["names"] | {"model": tmp_path / "models" / "names.xml"}
+    before = Arm(**arguments)
+    described = before.to_dict()
+    mesh = tmp_path / "models" / "meshes" / "wedge.stl"
+    data = bytearray(mesh.read_bytes())
+    data[90:94] = np.float32(7).tobytes()
+    mesh.write_bytes(bytes(data))
+    after = Arm(**arguments)
+    assert after != before
+    with pytest.raises(ValueError, match=r"asset .*wedge.stl has changed since the arm was described"):
+        Arm.from_dict(described)
+    mesh.unlink()
+    with pytest.raises(ValueError, match=r"names wedge.stl, which cannot be read at"):
+        Arm.from_dict(described)
+
+
+def test_a_path_its_text_and_its_spec_are_the_same_arm():
+    path = ARMS["scara"]["model"]
+    text = Arm(model=path.read_text(), gripper="tip")
+    spec = Arm(model=mujoco.MjSpec.from_file(str(path)), gripper="tip")
+    assert [text.home, spec.home] == [pytest.approx(arm_named("scara").home, abs=1e-5)] * 2
+    assert text.motors == spec.motors == arm_named("scara").motors
+    assert arm_named("scara") == Arm(model=str(path), gripper="tip")
+
+
+def test_an_mjspec_that_was_given_is_not_changed():
+    spec = mujoco.MjSpec.from_file(str(ARMS["gripper"]["model"]))
+    before = spec.to_xml()
+    gym.make(ID, arm=Arm(model=spec, gripper="pinch", home="ready")).reset(seed=0)
+    assert spec.to_xml() == before
+
+
+def test_home_by_keyframe_by_name_and_none():
+    robot = arm_named("gripper").robot
+    assert robot.home == pytest.approx([0, -0.4, 0.9, 0.6, 0])
+    assert robot.home_qpos == pytest.approx([0.3, 0.1, 0.02, 1, 0, 0, 0, *robot.home, 0.03, 0.03])
+
+    named = Arm(**ARMS["gripper"] | {"home": {"elbow_flex": 0.7}})
+    assert named.home["elbow_flex"] == 0.7
+    assert named.home["shoulder_lift"] == 0
+    assert named.home["left_finger"] == 0.005, "where the model has it, within its range"
+
+    model, none = arm_named("gripper").robot.model, Arm(**ARMS["gripper"] | {"home": None})
+    for motor in none.motors:
+        low, high = model.joint(motor).range
+        assert low < none.home[motor] < high
+    assert none == Arm(**ARMS["gripper"] | {"home": None}), "the same each time"
+
+
+def test_a_keyframe_without_a_name_is_called_by_its_place():
+    text = ARMS["gripper"]["model"].read_text().replace('name="ready" ', "")
+    assert Arm(model=text, gripper="pinch", home="key_0").robot.home == pytest.approx(
+        arm_named("gripper").robot.home
+    )
+
+
+def test_a_base_has_its_own_joints_before_it():
+    """They are no motors, stand where home has them, and carry the arm along."""
+    arm, high = arm_named("mobile"), Arm(**ARMS["mobile"] | {"home": {"torso_lift": 0.3, "drive_x": 1.0}})
+    assert arm.base == "mount"
+    assert not {"drive_x", "drive_y", "torso_lift"} & set(arm.motors)
+    assert "mount" not in arm.robot.links
+    assert arm.home["torso_lift"] == pytest.approx(0.05)
+    at, moved = (each.robot.frames("mount", each.robot.home, each.robot.lengths)[0] for each in (arm, high))
+    ahead = [np.cos(np.radians(120)), np.sin(np.radians(120)), 0.25]
+    assert moved - at == pytest.approx(ahead, abs=1e-5)
+    seen = gym.make(ID, arm=high, dynamics="kinematic").reset(seed=0)[0]
+    assert (seen["observation"][:4] == 1).all()
+
+
+def test_an_arm_on_a_free_body_is_the_same_after_every_way_round():
+    """Its keyframe says where free body and ball are: that is part of its home."""
+    arm = all_kinds()
+    assert arm.robot.home_qpos[:7] == pytest.approx([1, -2, 0.5, 0.5, -0.5, 0.5, 0.5])
+    for again in (Arm.from_dict(arm.to_dict()), pickle.loads(pickle.dumps(arm))):
+        assert again == arm
+        assert again.robot.home_qpos == pytest.approx(arm.robot.home_qpos)
+    for dynamics in ("kinematic", "physics"):
+        env = gym.make(ID, arm=arm, camera_mount="stand", dynamics=dynamics)
+        assert (env.reset(seed=1)[0]["observation"][:4] == 1).all()
+        again = gym.make(env.spec).reset(seed=1)[0]["desired_goal"]
+        assert (env.reset(seed=1)[0]["desired_goal"] == again).all()
+
+
+def test_a_free_base_and_balls_are_held_in_physics():
+    envs = [
+        gym.make(ID, arm=all_kinds(), camera_mount="stand", dynamics=dynamics, terminate_on_success=False)
+        for dynamics in ("physics", "kinematic")
+    ]
+    for env in envs:
+        env.reset(seed=2)
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        words = rng.uniform(-1, 1, 4).astype(np.float32)
+        points, other = (env.step(words)[-1]["truth"]["points"] for env in envs)
+        shown = np.abs(other) <= 1
+        assert points[shown] * 256 == pytest.approx(other[shown] * 256, abs=0.2)
+
+
+def test_from_dict_names_what_is_unknown_and_what_is_missing():
+    with pytest.raises(ValueError, match="an arm has no grip; allowed: model, gripper, motors, home, base"):
+        Arm.from_dict({"model": "a.xml", "grip": "tip"})
+    with pytest.raises(ValueError, match="an arm lacks gripper"):
+        Arm.from_dict({"model": "a.xml"})
+
+
+def test_joints_and_bodies_without_names_are_called_by_their_places():
+    text = ALL_KINDS.replace('<body name="hand" ', "<body ").replace('name="wrist" ', "")
+    arm = Arm(model=text, gripper="tip", motors=["lift", "tilt", "turn", "joint_6"], home="about")
+    assert arm.robot.links[-2] == "body_4"
+    assert arm.robot.home == pytest.approx(all_kinds().robot.home)
