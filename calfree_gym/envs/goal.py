@@ -38,7 +38,9 @@ class Privileged(NamedTuple):
 
 PRIVILEGED = {
     "joint_angles": Privileged(
-        lambda robot: len(robot.built_home), lambda robot: 2 * np.pi, lambda arms: arms.simulation.joints()
+        lambda robot: len(robot.built_home),
+        lambda robot: max(2 * np.pi, 1.1 * float(np.abs(robot.stops).max())),  # repeatability passes stops
+        lambda arms: arms.simulation.joints(),
     ),
     "joint_zeros": Privileged(
         lambda robot: len(robot.joints),

@@ -6,8 +6,8 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
-from functools import cached_property, lru_cache
+from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,6 +21,9 @@ MOVEMASTER_NAME = "movemaster"
 """The arm that is used where none is given."""
 FOLDERS = re.compile(r"""\s(asset|mesh|texture)dir=("[^"]*"|'[^']*')""")
 """What says in MJCF where files are."""
+KEPT = 16
+"""So many arms stay compiled."""
+_MODELS: dict[str, ArmModel] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +50,12 @@ class Arm:
             or home is beyond a joint's range.
     """
 
-    model: Source
+    model: Source = field(repr=False)
     gripper: str
     motors: Sequence[str] | None = None
     home: str | Mapping[str, float] | None = None
     base: str | None = None
-    assets: Mapping[str, str] | None = None
+    assets: Mapping[str, str] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         text, assets = read(self.model)
@@ -60,9 +63,7 @@ class Arm:
             if assets.get(file) != digest:
                 what = "is no longer among the model's files" if file not in assets else "has changed"
                 raise ValueError(f"the arm's asset {file} {what} since the arm was described")
-        home = tuple(sorted(self.home.items())) if isinstance(self.home, Mapping) else self.home
-        motors = self.motors if self.motors is None or isinstance(self.motors, str) else tuple(self.motors)
-        model = _model(text, tuple(assets.items()), self.gripper, motors, home, self.base)
+        model = _model(assets, text, self.gripper, self.motors, self.home, self.base)
         settled = {
             "model": text,
             "motors": model.motors,
@@ -90,7 +91,7 @@ class Arm:
         Raises:
             ValueError: An argument is unknown or missing, and what the class raises.
         """
-        names = [field.name for field in fields(cls)]
+        names = [each.name for each in fields(cls)]
         if unknown := sorted(values.keys() - set(names)):
             raise ValueError(f"an arm has no {', '.join(unknown)}; allowed: {', '.join(names)}")
         if missing := [name for name in ("model", "gripper") if name not in values]:
@@ -119,17 +120,14 @@ class Arm:
         return self
 
 
-@lru_cache(maxsize=16)
-def _model(
-    text: str,
-    assets: tuple[tuple[str, str], ...],
-    gripper: str,
-    motors: str | tuple[str, ...] | None,
-    home: str | tuple[tuple[str, float], ...] | None,
-    base: str | None,
-) -> ArmModel:
+def _model(assets: Mapping[str, str], *description: Any) -> ArmModel:
     """What follows from an arm, whose assets have these hashes: to compile large meshes takes seconds."""
-    return ArmModel(text, gripper, motors, dict(home) if isinstance(home, tuple) else home, base)
+    key = repr((assets, description))
+    if key not in _MODELS:
+        _MODELS[key] = ArmModel(*description)
+    if len(_MODELS) > KEPT:
+        del _MODELS[next(iter(_MODELS))]
+    return _MODELS[key]
 
 
 ArmChoice = str | Arm | Mapping[str, Any]

@@ -174,9 +174,11 @@ class Parts:
 
     def _tied_by(self, equality: int) -> list[str]:
         """Names of the motors that an equality holds; one to a mocap body is of no account."""
-        model, kind = self._model, self._model.eq_type[equality]
+        model, kind = self._model, mujoco.mjtEq(self._model.eq_type[equality])
         ends = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
-        if kind == mujoco.mjtEq.mjEQ_JOINT:
+        if kind == mujoco.mjtEq.mjEQ_TENDON:
+            ends = tuple(joint for tendon in ends if tendon >= 0 for joint in self._coupled_by(tendon))
+        if kind in (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON):
             return [self.joints[joint] for joint in self.motors if joint in ends]
         if kind not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
             return []
@@ -186,6 +188,12 @@ class Parts:
             return []
         between = set(path_to(model, ends[0])) ^ set(path_to(model, ends[1]))
         return [self.joints[joint] for joint in self.motors if int(model.jnt_bodyid[joint]) in between]
+
+    def _coupled_by(self, tendon: int) -> list[int]:
+        """Ids of the joints of a fixed tendon."""
+        model = self._model
+        wraps = range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+        return [int(model.wrap_objid[i]) for i in wraps if model.wrap_type[i] == mujoco.mjtWrap.mjWRAP_JOINT]
 
 
 def _number(name: str, value: Any) -> float:

@@ -90,11 +90,11 @@ class Robot(ABC):
         Raises:
             ValueError: There is no such body; names those that exist.
         """
-        given = (camera_mount, camera_mount) if isinstance(camera_mount, str) else tuple(camera_mount)
+        given = tuple(camera_mount) if isinstance(camera_mount, list | tuple) else (camera_mount,) * 2
         named = {"waist": self.bodies[0], "stand": ROOM}
-        allowed = dict.fromkeys([*named, *self.bodies])
+        allowed = [*dict.fromkeys([*named, *self.bodies])]
         if len(given) != 2 or not all(mount in allowed for mount in given):
-            hint = near_misses(camera_mount, list(allowed)) if isinstance(camera_mount, str) else ""
+            hint = near_misses(camera_mount, allowed) if isinstance(camera_mount, str) else ""
             raise ValueError(
                 f"camera_mount is {camera_mount!r}{hint}; allowed: {', '.join(allowed)}, or a pair of these"
             )
