@@ -1,4 +1,4 @@
-"""All test arms by name: our own, and the fetched ones, which are slow, and skipped where they are not there."""
+"""All test arms by name: our own, and the fetched ones, which are slow, and skipped where they are not."""
 
 from functools import lru_cache
 

@@ -118,13 +118,14 @@ def test_one_seed_is_one_trajectory_in_other_processes_and_from_saved_specs():
         assert list(children.map(made_trajectory, [env.spec] * 2, [5, 5])) == [here, here]
 
 
-ERRORS = [{"at": {"motion": 2}, "do": {"type": "backlash"}}, {"every": {"trial": 1}, "do": {"type": "repeatability"}}]
+ERRORS = [
+    {"at": {"motion": 2}, "do": {"type": "backlash"}},
+    {"every": {"trial": 1}, "do": {"type": "repeatability"}},
+]
 
 
 def spec_of(name):
-    return gym.make(
-        ID, arm=arm_named(name), perturbations=SCHEDULE + ERRORS, terminate_on_success=False
-    ).spec
+    return gym.make(ID, arm=arm_named(name), perturbations=SCHEDULE + ERRORS, terminate_on_success=False).spec
 
 
 @pytest.mark.parametrize("dynamics", ["physics", "kinematic"])

@@ -79,6 +79,8 @@ class Parts:
                     f"the arm has no keyframe {home!r}{near_misses(home, keys)}; it has {_list(keys)}"
                 )
             qpos = model.key_qpos[keys.index(home)].copy()
+        elif not (home is None or isinstance(home, Mapping)):
+            raise ValueError(f"home is {home!r}; it must be a keyframe's name, or positions by joint name")
         else:
             qpos = self._within_ranges(model.qpos0)
             for name, value in (home or {}).items():
@@ -125,10 +127,10 @@ class Parts:
         movable = {self.joints[j]: j for j in chain if model.jnt_type[j] in (HINGE, SLIDE)}
         if motors is None:
             found = list(movable.values())
-        elif isinstance(motors, str) or len(set(motors)) != len(motors):
+        elif not isinstance(motors, list | tuple) or len(set(map(str, motors))) != len(motors):
             raise ValueError(f"motors is {motors!r}; it must be a list of different joints' names")
         else:
-            found = [self._motor(name, movable, chain) for name in motors]
+            found = [self._motor(str(name), movable, chain) for name in motors]
         if not FEWEST <= len(found) <= MOST:
             names = _list([self.joints[joint] for joint in found])
             raise ValueError(
@@ -177,8 +179,9 @@ class Parts:
         model, kind = self._model, mujoco.mjtEq(self._model.eq_type[equality])
         ends = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
         if kind == mujoco.mjtEq.mjEQ_TENDON:
-            ends = tuple(joint for tendon in ends if tendon >= 0 for joint in self._coupled_by(tendon))
-        if kind in (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON):
+            coupled = [joint for tendon in ends if tendon >= 0 for joint in self._coupled_by(tendon)]
+            return [self.joints[joint] for joint in self.motors if joint in coupled]
+        if kind == mujoco.mjtEq.mjEQ_JOINT:
             return [self.joints[joint] for joint in self.motors if joint in ends]
         if kind not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
             return []

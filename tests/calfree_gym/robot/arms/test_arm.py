@@ -1,4 +1,4 @@
-"""An arm is a value: equal wherever its files are, plain text in a dict, and the same after every way round."""
+"""An arm is a value: equal wherever its files are, plain text in a dict, the same after every way round."""
 
 import copy
 import json

@@ -64,7 +64,7 @@ def test_all_fields_of_motors_are_as_long_as_each_other(field):
 
 
 def test_a_world_of_another_arm_is_refused():
-    with pytest.raises(ValueError, match="World.motor_sign has shape .7,.; it must be .3,."):
+    with pytest.raises(ValueError, match=r"World.motor_sign has shape .7,.; it must be .3,."):
         gym.make(ID, world=nominal(arm_named("redundant").robot))
     env = gym.make(ID, arm=arm_named("scara"))
     with pytest.raises(ValueError, match="shoulder, elbow, lift, roll"):
