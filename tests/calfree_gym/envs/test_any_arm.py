@@ -60,3 +60,23 @@ def test_an_arm_by_name_by_value_and_as_a_mapping_are_the_same():
     assert (found[0] == found[2]).all()
     default, named = (gym.make(ID, **a).reset(seed=4)[0]["desired_goal"] for a in ({}, {"arm": "movemaster"}))
     assert (default == named).all()
+
+
+def test_what_is_told_keeps_to_its_bounds_where_joints_turn_often_and_the_arm_stands_far_away():
+    text = ARMS["scara"]["model"].read_text()
+    text = text.replace('range="-360 360"', 'range="-900 900"').replace(
+        'name="column"', 'name="column" pos="30 9 2"'
+    )
+    env = gym.make(
+        ID,
+        arm={"model": text, "gripper": "tip"},
+        tell=("joint_angles", "gripper_position"),
+        dynamics="kinematic",
+    )
+    env.reset(seed=0)
+    turned = []
+    for word in ([0, 0, 0, 1], [0, 0, 0, -1], [0, 0, 0, -1]):
+        observation, *_ = env.step(np.array(word, np.float32))
+        assert env.observation_space.contains(observation)
+        turned.append(np.abs(observation["joint_angles"]).max())
+    assert max(turned) > 2 * np.pi
