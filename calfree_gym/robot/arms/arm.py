@@ -21,8 +21,8 @@ MOVEMASTER_NAME = "movemaster"
 """The arm that is used where none is given."""
 FOLDERS = re.compile(r"""\s(asset|mesh|texture)dir=("[^"]*"|'[^']*')""")
 """What says in MJCF where files are."""
-KEPT = 16
-"""So many arms stay compiled."""
+KEPT = 4
+"""So many arms stay compiled; large meshes take a hundred megabytes."""
 _MODELS: dict[str, ArmModel] = {}
 
 
