@@ -53,6 +53,7 @@ LAYERS = {
         "reporting",
         "tuning",
         "benchmarks",
+        "arm_check",
         "__main__",
     ],
 }

@@ -70,6 +70,8 @@ def _spec(source: Source) -> tuple[Any, str, Path]:
     """A copy of the spec that may be changed, what errors call it, and the folder of its relative paths."""
     if isinstance(source, mujoco.MjSpec):
         return source.copy(), "the MjSpec", Path(source.modelfiledir or ".")
+    if not isinstance(source, str | Path):
+        raise ValueError(f"model is {source!r}; it must be a path, MJCF text or an MjSpec")
     text = str(source)
     if text.lstrip().startswith("<"):
         what, folder = TEXT, Path()
