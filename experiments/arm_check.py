@@ -174,7 +174,7 @@ class ArmCheck:
         """Largest difference of the gripper's image points (px), and of how many."""
         rng, robot = np.random.default_rng(0), self._robot
         goals = rng.uniform(-FARTHEST, FARTHEST, (MOTIONS, len(robot.motors)))
-        words = np.diff(goals, axis=0, prepend=np.zeros((1, len(robot.motors)))).astype(np.float32)
+        words = np.diff(goals, axis=0, prepend=np.zeros((1, len(robot.motors))))
         physics, kinematic = (self._points(words, dynamics) for dynamics in ("physics", "kinematic"))
         seen = inside(physics).all(-1)
         far = np.linalg.norm(physics - kinematic, axis=-1)[seen]
@@ -184,7 +184,7 @@ class ArmCheck:
         """Noise-free image points of the gripper (motions, 2, 2) after each of some words."""
         env = self._env(dynamics=dynamics, max_episode_steps=MOTIONS + 1)
         env.reset(seed=0)
-        found = [env.step(each)[-1]["truth"]["points"][:4] for each in words]
+        found = [env.step(each)[-1]["truth"]["points"][:4] for each in words.astype(np.float32)]
         env.close()
         return np.array(found).reshape(-1, len(CAMERAS), 2)
 

@@ -85,9 +85,9 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     Args:
         world: A `World`, or the distribution to draw from: "nominal", "coarse", "wild".
         arm: "movemaster" (the paper's), a `calfree_gym.Arm`, or a mapping of its arguments.
-        camera_mount: "waist" (cameras on the body that the first motor moves, turning with it: the object then
-            moves in the images, and hindsight relabelling is not valid), "stand" (in the room), the name of a
-            body, or a pair of these, left and right.
+        camera_mount: "waist" (cameras on the body that the first motor moves, turning with it: the object
+            then moves in the images, and hindsight relabelling is not valid), "stand" (in the room), the name
+            of a body, or a pair of these, left and right.
         observation: "points".
         tolerance_px: Image distance of the rendezvous, in pixels of 512.
         dynamics: "physics", or "kinematic": the arm is placed where physics would settle.

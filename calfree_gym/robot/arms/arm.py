@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property, lru_cache
@@ -18,6 +19,8 @@ from calfree_gym.robot.arms.robot import Robot
 
 MOVEMASTER_NAME = "movemaster"
 """The arm that is used where none is given."""
+_FOLDERS = re.compile(r"""\s(assetdir|meshdir|texturedir)\s*=\s*("[^"]*"|'[^']*')""")
+"""Where MJCF says in which folders its assets are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +100,12 @@ class Arm:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all that the arm is, wherever its files are."""
-        text = str(self.model)
-        for file in self.assets or {}:
+        assets = self.assets or {}
+        text = _FOLDERS.sub("", str(self.model))
+        for file in assets:
             text = text.replace(str(Path(file).parent), "")
-        value = self.to_dict() | {"model": text, "assets": sorted((self.assets or {}).values())}
+        named = sorted((Path(file).name, digest) for file, digest in assets.items())
+        value = self.to_dict() | {"model": text, "assets": named}
         return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
     def __eq__(self, other: object) -> bool:
