@@ -26,6 +26,7 @@ BENCHMARKS = (
     "priors",
     "sensitivity",
     "coverage",
+    "arms",
 )
 """As in `benchmarks.parts`, which is not loaded for other commands."""
 

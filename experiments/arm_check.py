@@ -157,7 +157,7 @@ class ArmCheck:
         return workspace.gripper_seen_at_home(0), float(seen.mean())
 
     def _settling(self) -> Table:
-        worst, compared = self._worst_px()
+        worst, compared = self.worst_px()
         if worst > SETTLED_PX:
             self.problems.append(
                 f"physics is {worst:.2f} px from where it would settle; use dynamics: kinematic"
@@ -166,11 +166,11 @@ class ArmCheck:
             [(f"physics, {MOTIONS} motions", worst, SETTLED_PX)],
             columns=["", "worst difference to kinematic, px", "required"],
         )
-        formats = {"worst difference to kinematic, px": ".3f", "required": ".1f"}
+        formats = {"worst difference to kinematic, px": ".0e", "required": ".1f"}
         note = f"The gripper's image points in the nominal robot's cameras, where seen (n = {compared})."
         return Table("settling", "Whether physics settles in a motion", frame, formats, note)
 
-    def _worst_px(self) -> tuple[float, int]:
+    def worst_px(self) -> tuple[float, int]:
         """Largest difference of the gripper's image points (px), and of how many."""
         rng, robot = np.random.default_rng(0), self._robot
         goals = rng.uniform(-FARTHEST, FARTHEST, (MOTIONS, len(robot.motors)))

@@ -52,8 +52,8 @@ LAYERS = {
         "statistics",
         "reporting",
         "tuning",
-        "benchmarks",
         "arm_check",
+        "benchmarks",
         "__main__",
     ],
 }
