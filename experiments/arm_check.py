@@ -13,7 +13,7 @@ import pandas as pd
 
 from calfree_gym import Arm, WorldDistribution, nominal
 from calfree_gym.geometry import Array
-from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT, inside
+from calfree_gym.image import PIXELS_PER_UNIT, inside
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.workspace import Workspaces, in_view, least_in_view
 from experiments.reporting.tables import Table
@@ -167,11 +167,13 @@ class ArmCheck:
             columns=["", "worst difference to kinematic, px", "required"],
         )
         formats = {"worst difference to kinematic, px": ".0e", "required": ".1f"}
-        note = f"The gripper's image points in the nominal robot's cameras, where seen (n = {compared})."
+        note = (
+            f"Image points of gripper and object in the nominal robot's cameras, where seen (n = {compared})."
+        )
         return Table("settling", "Whether physics settles in a motion", frame, formats, note)
 
     def worst_px(self) -> tuple[float, int]:
-        """Largest difference of the gripper's image points (px), and of how many."""
+        """Largest difference of image points (px) of gripper and object, and of how many."""
         rng, robot = np.random.default_rng(0), self._robot
         goals = rng.uniform(-FARTHEST, FARTHEST, (MOTIONS, len(robot.motors)))
         words = np.diff(goals, axis=0, prepend=np.zeros((1, len(robot.motors))))
@@ -181,12 +183,12 @@ class ArmCheck:
         return float(PIXELS_PER_UNIT * far.max(initial=0.0)), int(seen.sum())
 
     def _points(self, words: Array, dynamics: str) -> Array:
-        """Noise-free image points of the gripper (motions, 2, 2) after each of some words."""
+        """Noise-free image points (motions, 4, 2) of gripper and object after each of some words."""
         env = self._env(dynamics=dynamics, max_episode_steps=MOTIONS + 1)
         env.reset(seed=0)
-        found = [env.step(each)[-1]["truth"]["points"][:4] for each in words.astype(np.float32)]
+        found = [env.step(each)[-1]["truth"]["points"] for each in words.astype(np.float32)]
         env.close()
-        return np.array(found).reshape(-1, len(CAMERAS), 2)
+        return np.array(found).reshape(-1, 4, 2)
 
 
 def _listed(amounts: Array, units: Any) -> str:

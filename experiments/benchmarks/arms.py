@@ -40,7 +40,7 @@ def arms(worlds: int = WORLDS, chosen: Mapping[str, Mapping[str, Any]] | None = 
     note = (
         f"The oracle, which is told the object's registers; wild worlds 0-{worlds - 1}, physics, 0.5 px "
         f"noise, one trial each of at most {CAP} motions. Brackets: 95 % intervals over worlds. Px: the "
-        "largest difference of the gripper's image points to kinematics in random motions, nominal robot."
+        "largest difference of image points to kinematics in 100 random motions of the nominal robot."
     )
     formats = {
         "rendezvous": ".0%",
