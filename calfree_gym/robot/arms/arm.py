@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property, lru_cache
+from numbers import Real
 from pathlib import Path
 from typing import Any, Self
 
@@ -55,13 +56,14 @@ class Arm:
     assets: Mapping[str, str] | None = None
 
     def __post_init__(self) -> None:
+        self._check_kinds()
         text, assets = read(self.model)
         for file, digest in (self.assets or {}).items():
             if assets.get(file) != digest:
                 what = "is no longer among the model's files" if file not in assets else "has changed"
                 raise ValueError(f"the arm's asset {file} {what} since the arm was described")
         home = tuple(sorted(self.home.items())) if isinstance(self.home, Mapping) else self.home
-        motors = self.motors if self.motors is None or isinstance(self.motors, str) else tuple(self.motors)
+        motors = None if self.motors is None else tuple(self.motors)
         model = _model(text, tuple(assets.items()), self.gripper, motors, home, self.base)
         settled = {
             "model": text,
@@ -73,6 +75,25 @@ class Arm:
         for name, value in settled.items():
             object.__setattr__(self, name, value)
         object.__setattr__(self, "_robot", model)
+
+    def _check_kinds(self) -> None:
+        """Raises where an argument is of a kind that no arm has, such as a number in place of a name."""
+        motors, home = self.motors, self.home
+        names = isinstance(motors, list | tuple) and all(isinstance(each, str) for each in motors)
+        for name, right, what in (
+            ("gripper", isinstance(self.gripper, str), "the name of a site or body"),
+            ("motors", motors is None or names, "a list of joints' names"),
+            ("home", home is None or isinstance(home, str | Mapping), "a keyframe or positions by joint"),
+            ("base", self.base is None or isinstance(self.base, str), "the name of a body"),
+        ):
+            if not right:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; it must be {what}")
+        given: dict[str, Any] = dict(home) if isinstance(home, Mapping) else {}
+        for joint, value in given.items():
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise ValueError(
+                    f"home has {joint!r} at {value!r}; it must be a number, in rad or, for a slide, in m"
+                )
 
     @property
     def robot(self) -> ArmModel:
