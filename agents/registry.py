@@ -168,6 +168,13 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
 }
 
 
+OF_ONE_ARM = ("work_plane_servo", "affine_stereo", "model_based", "self_calibrating")
+"""Agents that are built on what the motors of the built-in arm do."""
+ARM = "movemaster"
+"""Name of that arm."""
+ARM_MOTORS = 3
+
+
 def names() -> tuple[str, ...]:
     """The names that `make` knows."""
     return tuple(_MAKERS)
@@ -184,12 +191,14 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
 
     Raises:
         ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
-        ValueError: An unknown name, with the near misses, or a setting that is not allowed.
+        ValueError: An unknown name, with the near misses, a setting that is not allowed, or an arm that the
+            agent does not know, with the agents that act on any.
     """
     _check_name(name)
     shape = getattr(env.action_space, "shape", None)
     if shape is None or (len(shape) != 1 and _MAKERS[name] is not _sb3):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
+    _check_arm(name, env, settings)
     with _told_what_to_install(name):
         settings = _defaults(name, settings) | settings
         allowed = _settings_of(name, settings)
@@ -223,6 +232,21 @@ def _check_name(name: str) -> None:
     if name not in _MAKERS:
         hint = near_misses(name, _MAKERS)
         raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(_MAKERS)}")
+
+
+def _check_arm(name: str, env: Environment, settings: Mapping[str, Any]) -> None:
+    """Raises where an agent, or its servo, knows no other arm than the built-in one, and this is another."""
+    spec, motors = getattr(env, "spec", None), env.action_space.shape[-1]  # type: ignore[index]
+    arm = spec.kwargs.get("arm", ARM) if spec is not None else ARM
+    if isinstance(arm, str) and arm == ARM and motors == ARM_MOTORS:
+        return
+    for each in (name, settings.get("servo")):
+        if each in OF_ONE_ARM:
+            of_any = ", ".join(known for known in _MAKERS if known not in (*OF_ONE_ARM, "recurrent_servo"))
+            raise ValueError(
+                f"agent {name!r}: {each} is built on the arm {ARM!r}, and this is another one, of {motors} "
+                f"motors; allowed with any arm: {of_any}; recurrent_servo with any of its network's motors"
+            )
 
 
 @contextmanager

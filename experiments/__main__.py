@@ -26,6 +26,7 @@ BENCHMARKS = (
     "priors",
     "sensitivity",
     "coverage",
+    "arms",
 )
 """As in `benchmarks.parts`, which is not loaded for other commands."""
 
@@ -91,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     picture.add_argument("table", type=Path, help="file that grid_table.save wrote")
     picture.add_argument("--out", type=Path, required=True, help="image file, such as table.png")
     picture.set_defaults(does=_picture)
+    _add_check_arm(commands)
     tables = commands.add_parser("results-tables", help="make the tables of README.md and docs/ anew")
     tables.add_argument("--check", action="store_true", help="change nothing; end with 1 where any differs")
     tables.set_defaults(does=_results_tables)
@@ -119,6 +121,38 @@ def _add_benchmark(commands: Any) -> None:
         help="time a Gymnasium environment of another interpreter beside ours (repeatable)",
     )
     benchmark.set_defaults(does=_benchmark)
+
+
+def _add_check_arm(commands: Any) -> None:
+    check = commands.add_parser("check-arm", help="show what comes of an arm's MJCF, and draw it")
+    check.add_argument("model", metavar="FILE", help="MJCF file")
+    check.add_argument("--gripper", required=True, metavar="NAME", help="site or body")
+    check.add_argument("--motors", nargs="+", metavar="JOINT", help="default: all from base to gripper")
+    home = check.add_mutually_exclusive_group()
+    home.add_argument("--home", metavar="KEY", help="keyframe (default: derived)")
+    home.add_argument(
+        "--home-degrees", nargs="+", type=_joint_at, metavar="JOINT=DEGREES", help="hinges at home"
+    )
+    check.add_argument("--base", metavar="BODY", help="where the chain starts (default: below the world)")
+    check.add_argument(
+        "--camera-mount",
+        nargs="+",
+        default=["waist"],
+        metavar="MOUNT",
+        help="waist, stand or a body; two of these for left and right (default: waist)",
+    )
+    check.add_argument("--out", type=Path, metavar="PICTURE", help="image file, such as arm.png")
+    check.set_defaults(does=_check_arm)
+
+
+def _joint_at(text: str) -> tuple[str, float]:
+    joint, _, degrees = text.rpartition("=")
+    if not joint:
+        raise argparse.ArgumentTypeError(f"found {text!r}; allowed: such as elbow=-30")
+    try:
+        return joint, float(degrees)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"found {text!r}: {degrees!r} is no number of degrees") from None
 
 
 def _validate(options: argparse.Namespace) -> int:
@@ -214,6 +248,29 @@ def _picture(options: argparse.Namespace) -> int:
     draw_table(options.table, options.out)
     print(f"picture: {options.out}")
     return 0
+
+
+def _check_arm(options: argparse.Namespace) -> int:
+    from experiments.arm_check import ArmCheck
+    from experiments.config.arms import as_arm
+    from experiments.reporting.tables import show
+
+    given = {name: getattr(options, name) for name in ("model", "gripper", "motors", "home", "base")}
+    mount = options.camera_mount
+    try:
+        if options.home_degrees:
+            given["home_degrees"] = dict(options.home_degrees)
+        check = ArmCheck(as_arm(given), mount[0] if len(mount) == 1 else tuple(mount))
+    except ValueError as error:
+        raise ConfigError(f"{error}") from None
+    for table in check.tables():
+        show([table])
+    if options.out:
+        check.picture(options.out)
+        print(f"picture: {options.out}")
+    for problem in check.problems:
+        print(f"problem: {problem}", file=sys.stderr)
+    return 1 if check.problems else 0
 
 
 def _results_tables(options: argparse.Namespace) -> int:

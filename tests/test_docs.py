@@ -20,7 +20,7 @@ from calfree_gym import WorldDistribution, nominal
 from calfree_gym.envs.goal import observation_space
 from calfree_gym.envs.single import StereoArmEnv
 from calfree_gym.perturbations import TYPES
-from calfree_gym.robot.arms.movemaster import MOTORS
+from calfree_gym.robot.arms.movemaster import MOTORS, MOVEMASTER
 from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config
@@ -123,7 +123,7 @@ def test_environments_page_is_the_docstrings(site):
     actions = page.table(f"{single}--action-space")
     assert [word for word, _ in actions.values()] == list(MOTORS)
     observations = page.table(f"{single}--observation-space")
-    shapes = {key: str(box.shape) for key, box in observation_space(()).items()}
+    shapes = {key: str(box.shape) for key, box in observation_space((), MOVEMASTER).items()}
     assert {key: shape for key, (shape, _) in observations.items()} == shapes
     arguments = page.table(f"{single}--arguments")
     parameters = inspect.signature(StereoArmEnv).parameters

@@ -52,6 +52,7 @@ LAYERS = {
         "statistics",
         "reporting",
         "tuning",
+        "arm_check",
         "benchmarks",
         "__main__",
     ],

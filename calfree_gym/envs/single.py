@@ -19,7 +19,7 @@ from calfree_gym.envs.goal import (
     placed_objects,
 )
 from calfree_gym.envs.stereo_arms import Applied, WorldChoice
-from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, ArmChoice
+from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World
 
 
@@ -27,9 +27,12 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     """A robot arm with two cameras and no calibration, whose task is to reach an object.
 
     ## Description
-    A robot arm with five joints is seen by two cameras. It must bring its gripper to an object. The
-    controller sends one control word to each of three motors and gets image points back. Cameras, arm and
-    motors are unknown to it: they are the hidden `World`. After V. Graefe, "Calibration-Free Robots" (1999).
+    A robot arm is seen by two cameras. It must bring its gripper to an object. The controller sends one
+    control word to each motor and gets image points back. Cameras, arm and motors are unknown to it: they are
+    the hidden `World`. After V. Graefe, "Calibration-Free Robots" (1999).
+
+    The tables below are those of the paper's arm, which has five joints and three motors. Any other, given as
+    `arm`, has three to seven motors: so many words and registers.
 
     ## Action space
     `Box(-1, 1, (3,), float32)`: one control word each for the motors of waist, shoulder and elbow.
@@ -81,8 +84,10 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
 
     Args:
         world: A `World`, or the distribution to draw from: "nominal", "coarse", "wild".
-        camera_mount: "waist" (cameras on the arm's first link, turning with it: the object then moves in the
-            images when the waist turns, and hindsight relabelling is not valid) or "stand" (in the room).
+        arm: "movemaster" (the paper's), a `calfree_gym.Arm`, or a mapping of its arguments.
+        camera_mount: "waist" (cameras on the body that the first motor moves, turning with it: the object
+            then moves in the images, and hindsight relabelling is not valid), "stand" (in the room), the name
+            of a body, or a pair of these, left and right.
         observation: "points".
         tolerance_px: Image distance of the rendezvous, in pixels of 512.
         dynamics: "physics", or "kinematic": the arm is placed where physics would settle.
@@ -93,13 +98,14 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         terminate_on_success: Whether the rendezvous ends the trial.
         keep_in_view: Whether worlds, perturbations and objects that the cameras do not see are drawn again.
         tell: Privileged quantities, as further observation keys: "joint_angles" (5,) and "joint_zeros" (4,)
-            in rad, "gripper_position" (3,) in m, "object_registers" (3,): those that reach the object.
+            in rad (of another arm: its motors' joints; m where they slide), "gripper_position" (3,) in m,
+            "object_registers" (3,): those that reach the object.
         truth: Whether `info` holds `truth`. A step is faster without it.
         reward: "sparse" or "dense".
         render_mode: None or "rgb_array".
 
     Raises:
-        ValueError: An argument is not allowed, or the given world is not in view.
+        ValueError: An argument is not allowed, the arm cannot be used, or the given world is not in view.
 
     ## Version history
     v0: first version.
@@ -111,7 +117,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         self,
         *,
         world: WorldChoice = "wild",
-        arm: ArmChoice = MOVEMASTER_NAME,
+        arm: ArmChoice = "movemaster",
         camera_mount: str | Sequence[str] = "waist",
         observation: str = "points",
         tolerance_px: float = 4.0,

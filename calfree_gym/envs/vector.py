@@ -22,7 +22,7 @@ from calfree_gym.envs.goal import (
 )
 from calfree_gym.envs.stereo_arms import Applied, WorldChoice
 from calfree_gym.errors import check_choice
-from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, ArmChoice
+from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World
 
 
@@ -56,7 +56,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 0,
         world: WorldChoice | Sequence[WorldChoice] = "wild",
-        arm: ArmChoice = MOVEMASTER_NAME,
+        arm: ArmChoice = "movemaster",
         camera_mount: str | Sequence[str] = "waist",
         observation: str = "points",
         tolerance_px: float = 4.0,

@@ -127,6 +127,12 @@ class Workspaces:
         """Whether both cameras see the gripper at home."""
         return bool(self._gripper_seen[row])
 
+    def judged(self, row: int) -> tuple[Flags, Flags]:
+        """Of the `CHECKED` candidates by which a world is judged: which are reached, and which also seen."""
+        robot = self._robot
+        found = self.candidates(_draws(robot.candidates, len(robot.motors)), np.array([row]))
+        return found.reached[found.within][:CHECKED], (found.seen & found.reached)[found.within][:CHECKED]
+
     def _inverse_of(self, row: int) -> InverseKinematics:
         one = slice(row, row + 1)
 
@@ -161,11 +167,7 @@ def in_view(world: World, robot: Robot, mounts: Mounts, whole: bool = False) -> 
     workspace.set_world(0, world)
     if not workspace.gripper_seen_at_home(0):
         return False
-    found = workspace.candidates(_draws(robot.candidates, len(robot.motors)), np.array([0]))
-    reached, good = (
-        found.reached[found.within][:CHECKED],
-        (found.seen & found.reached)[found.within][:CHECKED],
-    )
+    reached, good = workspace.judged(0)
     if len(good) < CHECKED or (whole and not reached.all()):
         return False
     return bool(good.mean() >= least_in_view(robot, mounts))

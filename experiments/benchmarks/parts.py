@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.benchmarks import baselines, changes, controllers, coverage, knowledge, priors
+from experiments.benchmarks import arms, baselines, changes, controllers, coverage, knowledge, priors
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.benchmarks.speed import rates as speed
 from experiments.reporting.tables import Table
@@ -26,6 +26,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "priors": priors.priors,
     "sensitivity": sensitivity.tables,
     "coverage": coverage.coverage,
+    "arms": arms.arms,
 }
 """All but `speed`, which alone has peers."""
 

@@ -1,6 +1,5 @@
 """What is compared with what: a suite, read from YAML into frozen models."""
 
-import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
@@ -9,12 +8,12 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import agents
 import calfree_gym
-from calfree_gym import Arm
 from calfree_gym.errors import near_misses
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations import TYPES, parse_perturbation, parse_schedule
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, robot_of
 from calfree_gym.world import DISTRIBUTIONS
+from experiments.config.arms import as_arm
 from experiments.config.claims import Claim, TrialsOf
 from experiments.config.model import Model, Name, distinct, one_of
 
@@ -49,13 +48,7 @@ class EnvironmentConfig(Model):
         """An arm's mapping, `home_degrees` among its keys, as the plain dict of the `Arm` that it means."""
         if not isinstance(value, dict):
             return one_of(value, (MOVEMASTER_NAME,))
-        given = dict(value)
-        degrees = given.pop("home_degrees", None)
-        if degrees is not None:
-            if not isinstance(degrees, dict):
-                raise ValueError(f"home_degrees is {degrees!r}; it must be a mapping of joints to degrees")
-            given["home"] = {**(given.get("home") or {}), **{k: math.radians(v) for k, v in degrees.items()}}
-        return Arm.from_dict(given).to_dict()
+        return as_arm(value).to_dict()
 
     @field_validator("camera_mount")
     @classmethod

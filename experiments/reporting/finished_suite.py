@@ -7,7 +7,8 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
+from calfree_gym import Arm
+from experiments.config.suite import AgentConfig, EnvironmentConfig, ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.tables import counted, must_know
 from experiments.running.plan import LifetimeRun, Run
 
@@ -87,13 +88,25 @@ def few_worlds(suite: Suite) -> str:
 
 def about(suite: Suite, scenario: ScenarioConfig) -> str:
     """What the runs of a scenario have in common, in words."""
-    env = scenario.env
     length, of = scenario.length
     return (
-        f"{env.id}, {env.world} worlds, cameras on the {env.camera_mount}, tolerance "
-        f"{env.tolerance_px:g} px, {env.dynamics} dynamics, at most {env.max_episode_steps} "
+        f"{about_environment(scenario.env)}, at most {scenario.env.max_episode_steps} "
         f"motions a trial, {length:,} {of} a lifetime, {counted(suite.worlds, 'world')}, the same "
         f"for every agent." + few_worlds(suite)
+    )
+
+
+def about_environment(env: EnvironmentConfig) -> str:
+    """An environment in words; of an arm that is not built in, its model's name, motors and digest."""
+    arm = ""
+    if not isinstance(env.arm, str):
+        given = Arm.from_dict(env.arm)
+        motors = ", ".join(given.robot.motors)
+        arm = f" arm {given.robot.spec.modelname} (motors {motors}; digest {given.digest[:12]}),"
+    mounts = env.camera_mount if isinstance(env.camera_mount, str) else " and ".join(env.camera_mount)
+    return (
+        f"{env.id}, {env.world} worlds,{arm} cameras on the {mounts}, tolerance {env.tolerance_px:g} px, "
+        f"{env.dynamics} dynamics"
     )
 
 

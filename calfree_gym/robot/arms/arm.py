@@ -7,7 +7,8 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
+from numbers import Real
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,11 +20,8 @@ from calfree_gym.robot.arms.robot import Robot
 
 MOVEMASTER_NAME = "movemaster"
 """The arm that is used where none is given."""
-FOLDERS = re.compile(r"""\s(asset|mesh|texture)dir=("[^"]*"|'[^']*')""")
-"""What says in MJCF where files are."""
-KEPT = 4
-"""So many arms stay compiled; large meshes take a hundred megabytes."""
-_MODELS: dict[str, ArmModel] = {}
+_FOLDERS = re.compile(r"""\s(assetdir|meshdir|texturedir)\s*=\s*("[^"]*"|'[^']*')""")
+"""Where MJCF says in which folders its assets are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +56,15 @@ class Arm:
     assets: Mapping[str, str] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        self._check_kinds()
         text, assets = read(self.model)
         for file, digest in (self.assets or {}).items():
             if assets.get(file) != digest:
                 what = "is no longer among the model's files" if file not in assets else "has changed"
                 raise ValueError(f"the arm's asset {file} {what} since the arm was described")
-        model = _model(assets, text, self.gripper, self.motors, self.home, self.base)
+        home = tuple(sorted(self.home.items())) if isinstance(self.home, Mapping) else self.home
+        motors = None if self.motors is None else tuple(self.motors)
+        model = _model(text, tuple(assets.items()), self.gripper, motors, home, self.base)
         settled = {
             "model": text,
             "motors": model.motors,
@@ -74,6 +75,25 @@ class Arm:
         for name, value in settled.items():
             object.__setattr__(self, name, value)
         object.__setattr__(self, "_robot", model)
+
+    def _check_kinds(self) -> None:
+        """Raises where an argument is of a kind that no arm has, such as a number in place of a name."""
+        motors, home = self.motors, self.home
+        names = isinstance(motors, list | tuple) and all(isinstance(each, str) for each in motors)
+        for name, right, what in (
+            ("gripper", isinstance(self.gripper, str), "the name of a site or body"),
+            ("motors", motors is None or names, "a list of joints' names"),
+            ("home", home is None or isinstance(home, str | Mapping), "a keyframe or positions by joint"),
+            ("base", self.base is None or isinstance(self.base, str), "the name of a body"),
+        ):
+            if not right:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; it must be {what}")
+        given: dict[str, Any] = dict(home) if isinstance(home, Mapping) else {}
+        for joint, value in given.items():
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise ValueError(
+                    f"home has {joint!r} at {value!r}; it must be a number, in rad or, for a slide, in m"
+                )
 
     @property
     def robot(self) -> ArmModel:
@@ -101,10 +121,12 @@ class Arm:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of all that the arm is, wherever its files are."""
-        text = FOLDERS.sub("", str(self.model))
-        for file in self.assets or {}:
+        assets = self.assets or {}
+        text = _FOLDERS.sub("", str(self.model))
+        for file in assets:
             text = text.replace(str(Path(file).parent), "")
-        value = self.to_dict() | {"model": text, "assets": sorted((self.assets or {}).values())}
+        named = sorted((Path(file).name, digest) for file, digest in assets.items())
+        value = self.to_dict() | {"model": text, "assets": named}
         return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
     def __eq__(self, other: object) -> bool:
@@ -120,14 +142,17 @@ class Arm:
         return self
 
 
-def _model(assets: Mapping[str, str], *description: Any) -> ArmModel:
+@lru_cache(maxsize=4)
+def _model(
+    text: str,
+    assets: tuple[tuple[str, str], ...],
+    gripper: str,
+    motors: tuple[str, ...] | None,
+    home: str | tuple[tuple[str, float], ...] | None,
+    base: str | None,
+) -> ArmModel:
     """What follows from an arm, whose assets have these hashes: to compile large meshes takes seconds."""
-    key = repr((assets, description))
-    if key not in _MODELS:
-        _MODELS[key] = ArmModel(*description)
-    if len(_MODELS) > KEPT:
-        del _MODELS[next(iter(_MODELS))]
-    return _MODELS[key]
+    return ArmModel(text, gripper, motors, dict(home) if isinstance(home, tuple) else home, base)
 
 
 ArmChoice = str | Arm | Mapping[str, Any]

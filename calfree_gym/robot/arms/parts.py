@@ -79,8 +79,6 @@ class Parts:
                     f"the arm has no keyframe {home!r}{near_misses(home, keys)}; it has {_list(keys)}"
                 )
             qpos = model.key_qpos[keys.index(home)].copy()
-        elif not (home is None or isinstance(home, Mapping)):
-            raise ValueError(f"home is {home!r}; it must be a keyframe's name, or positions by joint name")
         else:
             qpos = self._within_ranges(model.qpos0)
             for name, value in (home or {}).items():
@@ -127,10 +125,10 @@ class Parts:
         movable = {self.joints[j]: j for j in chain if model.jnt_type[j] in (HINGE, SLIDE)}
         if motors is None:
             found = list(movable.values())
-        elif not isinstance(motors, list | tuple) or len(set(map(str, motors))) != len(motors):
+        elif len(set(motors)) != len(motors):
             raise ValueError(f"motors is {motors!r}; it must be a list of different joints' names")
         else:
-            found = [self._motor(str(name), movable, chain) for name in motors]
+            found = [self._motor(name, movable, chain) for name in motors]
         if not FEWEST <= len(found) <= MOST:
             names = _list([self.joints[joint] for joint in found])
             raise ValueError(

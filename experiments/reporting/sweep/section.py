@@ -10,6 +10,7 @@ from experiments.reporting.finished_suite import (
     RENDEZVOUS,
     SUCCESS,
     FinishedSuite,
+    about_environment,
     few_worlds,
     places,
     where_it_stands,
@@ -91,15 +92,14 @@ def _decisive(finished: FinishedSuite, sweep: SweepConfig) -> dict[str, dict[str
 
 
 def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
-    env, do = sweep.env, sweep.do
+    do = sweep.do
     settings = [f"{key} {value}" for key, value in do.items() if key != "type"]
     settings += [f"any {key}" for key in TYPES[do["type"]].settings() if key not in (*do, sweep.vary)]
     settings.append(f"{sweep.vary} from {sweep.over[0]:g} to {sweep.over[-1]:g}")
     return (
-        f"{do['type']} ({', '.join(settings)}) before the first trial; {env.id}, {env.world} worlds, cameras "
-        f"on the {env.camera_mount}, tolerance {env.tolerance_px:g} px, {env.dynamics} dynamics, at most "
-        f"{env.max_episode_steps} motions. At each value every agent, without learning, makes one trial in "
-        f"each of {counted(finished.suite.worlds, 'world')}, the same for all agents and values."
+        f"{do['type']} ({', '.join(settings)}) before the first trial; {about_environment(sweep.env)}, "
+        f"at most {sweep.env.max_episode_steps} motions. At each value every agent, without learning, makes "
+        f"one trial in each of {counted(finished.suite.worlds, 'world')}, the same for all agents and values."
         + few_worlds(finished.suite)
     )
 

@@ -1,0 +1,198 @@
+"""What comes of an arm's file: its motors, its work space, what cameras see, and whether physics settles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import gymnasium
+import numpy as np
+import pandas as pd
+
+from calfree_gym import Arm, WorldDistribution, nominal
+from calfree_gym.geometry import Array
+from calfree_gym.image import PIXELS_PER_UNIT, inside
+from calfree_gym.robot.arms.robot import Mounts, Robot
+from calfree_gym.robot.workspace import Workspaces, in_view, least_in_view
+from experiments.reporting.tables import Table
+
+WILD_WORLDS = 100
+MOTIONS = 100
+"""Random motions by which physics is compared with kinematics, in the built robot."""
+FARTHEST = 0.4
+"""Of the registers of these motions: where objects lie, and some way beyond."""
+SETTLED_PX = 0.2
+"""Physics has settled where no image point is farther than this from where it will be."""
+
+
+class ArmCheck:
+    """What comes of an arm, as tables and a picture.
+
+    Attributes:
+        problems: What keeps it from being used, one line each; complete when all tables have been made.
+
+    Args:
+        arm: The arm.
+        camera_mount: As `gymnasium.make` takes it.
+
+    Raises:
+        ValueError: There is no such mount.
+    """
+
+    def __init__(self, arm: Arm, camera_mount: str | tuple[str, str]) -> None:
+        self._arm, self._camera_mount = arm, camera_mount
+        self._robot: Robot = arm.robot
+        self._mounts: Mounts = self._robot.mounts(camera_mount)
+        self.problems: list[str] = []
+
+    def tables(self) -> Iterator[Table]:
+        """Each as soon as it is there."""
+        yield self._motors()
+        yield self._work_space()
+        yield self._views()
+        yield self._settling()
+
+    def picture(self, path: Path) -> None:
+        """Writes the nominal robot at home, and beside it what its cameras see.
+
+        Raises:
+            OSError: The file cannot be written.
+            gymnasium.error.DependencyNotInstalled: OpenGL is missing.
+        """
+        env = self._env(render_mode="rgb_array")
+        env.reset(seed=0)
+        image: Any = env.render()
+        env.close()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not cv2.imwrite(str(path), image[..., ::-1]):
+            raise OSError(0, "no image can be written there", str(path))
+
+    def _env(self, **arguments: Any) -> gymnasium.Env[Any, Any]:
+        arguments |= {"arm": self._arm, "camera_mount": self._camera_mount, "keep_in_view": False}
+        return gymnasium.make("CalFree/Reach-v0", world="nominal", **arguments)
+
+    def _motors(self) -> Table:
+        robot = self._robot
+        unit = np.where(robot.slides, 1000.0, 180 / np.pi)
+        low, high = (robot.stops * unit[:, None]).T
+        frame = pd.DataFrame(
+            {
+                "motor": robot.motors,
+                "kind": np.where(robot.slides, "slide", "hinge"),
+                "unit": np.where(robot.slides, "mm", "degrees"),
+                "lowest": low,
+                "highest": high,
+                "home": robot.home * unit,
+                "span": robot.span * unit,
+            }
+        )
+        note = (
+            "Span: from home to the farther stop, as far as a control word of 1 moves the motor as built. "
+            f"A motor stops {_listed(robot.stop_margin * unit, frame['unit'])} before its joint does."
+        )
+        return Table(
+            "motors", "Motors", frame, dict.fromkeys(["lowest", "highest", "home", "span"], ".1f"), note
+        )
+
+    def _work_space(self) -> Table:
+        robot = self._robot
+        draws = np.random.default_rng(0).random((1000, len(robot.motors)))
+        joints = robot.lowest + draws * (robot.highest - robot.lowest)
+        points = robot.gripper_position(joints, robot.lengths)
+        home = robot.gripper_position(robot.built_home, robot.lengths)
+        left, right = robot.rig.position
+        rows = {
+            "gripper at home": home,
+            "middle of the work space": robot.rig.target,
+            "its lowest 5 %": np.quantile(points, 0.05, axis=0),
+            "its highest 5 %": np.quantile(points, 0.95, axis=0),
+            "left camera": left,
+            "right camera": right,
+        }
+        frame = pd.DataFrame(
+            [{"": name, **dict(zip("xyz", 1000 * at, strict=True))} for name, at in rows.items()]
+        )
+        size = 1000 * np.sqrt(np.square(points - robot.rig.target).sum(-1).mean())
+        note = (
+            f"In mm, in the room. Objects are {size:.0f} mm from the middle (root mean square): "
+            f"{robot.rig.scale:.2f} times as far as the built-in arm's, and so are cameras, rods and marks."
+        )
+        return Table("work space", "Work space", frame, dict.fromkeys("xyz", ",.0f"), note)
+
+    def _views(self) -> Table:
+        robot, mounts = self._robot, self._mounts
+        at_home, share = self._seen()
+        least = least_in_view(robot, mounts)
+        wild = WorldDistribution("wild")
+        seen = [
+            in_view(wild.sample(seed, robot=robot), robot, mounts, whole=True) for seed in range(WILD_WORLDS)
+        ]
+        rows = [
+            ("nominal: gripper at home", "seen" if at_home else "not seen", "seen"),
+            (
+                "nominal: work space in view",
+                f"{share:.0%}".replace("%", " %"),
+                f"{least:.0%}".replace("%", " %"),
+            ),
+            (f"wild: draws in view, of {WILD_WORLDS}", f"{sum(seen)}", "1"),
+        ]
+        if not at_home or share < least:
+            self.problems.append(
+                f"the nominal robot's cameras do not see enough on {robot.mount_name(mounts)}; try another "
+                "camera_mount, home or motors"
+            )
+        if not any(seen):
+            self.problems.append(f"no wild world of {WILD_WORLDS} is in view on {robot.mount_name(mounts)}")
+        frame = pd.DataFrame(rows, columns=["both cameras", "found", "required"])
+        note = "Wild worlds that are out of view are drawn again."
+        return Table("cameras", f"What both cameras see on {robot.mount_name(mounts)}", frame, note=note)
+
+    def _seen(self) -> tuple[bool, float]:
+        """Whether both cameras of the built robot see the gripper at home; how much of the work space."""
+        workspace = Workspaces(1, self._robot, self._mounts)
+        workspace.set_world(0, nominal(self._robot))
+        _, seen = workspace.judged(0)
+        return workspace.gripper_seen_at_home(0), float(seen.mean())
+
+    def _settling(self) -> Table:
+        worst, compared = self.worst_px()
+        if worst > SETTLED_PX:
+            self.problems.append(
+                f"physics is {worst:.2f} px from where it would settle; use dynamics: kinematic"
+            )
+        frame = pd.DataFrame(
+            [(f"physics, {MOTIONS} motions", worst, SETTLED_PX)],
+            columns=["", "worst difference to kinematic, px", "required"],
+        )
+        formats = {"worst difference to kinematic, px": ".0e", "required": ".1f"}
+        note = (
+            f"Image points of gripper and object in the nominal robot's cameras, where seen (n = {compared})."
+        )
+        return Table("settling", "Whether physics settles in a motion", frame, formats, note)
+
+    def worst_px(self) -> tuple[float, int]:
+        """Largest difference of image points (px) of gripper and object, and of how many."""
+        rng, robot = np.random.default_rng(0), self._robot
+        goals = rng.uniform(-FARTHEST, FARTHEST, (MOTIONS, len(robot.motors)))
+        words = np.diff(goals, axis=0, prepend=np.zeros((1, len(robot.motors))))
+        physics, kinematic = (self._points(words, dynamics) for dynamics in ("physics", "kinematic"))
+        seen = inside(physics).all(-1)
+        far = np.linalg.norm(physics - kinematic, axis=-1)[seen]
+        return float(PIXELS_PER_UNIT * far.max(initial=0.0)), int(seen.sum())
+
+    def _points(self, words: Array, dynamics: str) -> Array:
+        """Noise-free image points (motions, 4, 2) of gripper and object after each of some words."""
+        env = self._env(dynamics=dynamics, max_episode_steps=MOTIONS + 1)
+        env.reset(seed=0)
+        found = [env.step(each)[-1]["truth"]["points"] for each in words.astype(np.float32)]
+        env.close()
+        return np.array(found).reshape(-1, 4, 2)
+
+
+def _listed(amounts: Array, units: Any) -> str:
+    """Different amounts with their units, such as "0.6 degrees, 3.0 mm"."""
+    return ", ".join(
+        dict.fromkeys(f"{amount:.1f} {unit}" for amount, unit in zip(amounts, units, strict=True))
+    )

@@ -1,0 +1,43 @@
+"""Arms as people write them: a mapping of arguments, with angles in degrees where they wish."""
+
+import math
+from collections.abc import Mapping
+from numbers import Real
+from typing import Any
+
+from calfree_gym import Arm
+from calfree_gym.robot.arms.chain import SLIDE
+
+
+def as_arm(given: Mapping[str, Any]) -> Arm:
+    """The arm that a mapping means: the arguments of `Arm`, and `home_degrees`.
+
+    Args:
+        given: As `Arm` takes it. `home_degrees` maps hinges to degrees; it is put over a mapping `home`.
+
+    Raises:
+        ValueError: As `Arm` raises, or `home_degrees` is no mapping of hinges to numbers, or stands beside a
+            keyframe.
+    """
+    arguments = dict(given)
+    degrees = arguments.pop("home_degrees", None)
+    if degrees is not None:
+        home = arguments.get("home") or {}
+        if not isinstance(degrees, Mapping):
+            raise ValueError(f"home_degrees is {degrees!r}; it must be a mapping of joints to degrees")
+        if not isinstance(home, Mapping):
+            raise ValueError(
+                f"home is the keyframe {home!r}, and home_degrees is given too; give one of them"
+            )
+        arguments["home"] = {**home, **{joint: _radians(joint, value) for joint, value in degrees.items()}}
+    arm = Arm.from_dict(arguments)
+    for joint in degrees or ():
+        if arm.robot.model.joint(joint).type[0] == SLIDE:
+            raise ValueError(f"home_degrees names {joint!r}, which slides; give it under home, in m")
+    return arm
+
+
+def _radians(joint: str, degrees: Any) -> float:
+    if isinstance(degrees, bool) or not isinstance(degrees, Real):
+        raise ValueError(f"home_degrees has {joint!r} at {degrees!r}; it must be a number, in degrees")
+    return math.radians(degrees)
