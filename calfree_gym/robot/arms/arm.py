@@ -82,8 +82,8 @@ class Arm:
         names = isinstance(motors, list | tuple) and all(isinstance(each, str) for each in motors)
         for name, right, what in (
             ("gripper", isinstance(self.gripper, str), "the name of a site or body"),
-            ("motors", motors is None or names, "a list of joints' names"),
-            ("home", home is None or isinstance(home, str | Mapping), "a keyframe or positions by joint"),
+            ("motors", motors is None or names, "a list of different joints' names"),
+            ("home", home is None or isinstance(home, str | Mapping), "a keyframe's name, or positions by joint name"),
             ("base", self.base is None or isinstance(self.base, str), "the name of a body"),
         ):
             if not right:
