@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -83,14 +84,18 @@ class Arm:
         for name, right, what in (
             ("gripper", isinstance(self.gripper, str), "the name of a site or body"),
             ("motors", motors is None or names, "a list of different joints' names"),
-            ("home", home is None or isinstance(home, str | Mapping), "a keyframe's name, or positions by joint name"),
+            (
+                "home",
+                home is None or isinstance(home, str | Mapping),
+                "a keyframe's name, or positions by joint name",
+            ),
             ("base", self.base is None or isinstance(self.base, str), "the name of a body"),
         ):
             if not right:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; it must be {what}")
         given: dict[str, Any] = dict(home) if isinstance(home, Mapping) else {}
         for joint, value in given.items():
-            if isinstance(value, bool) or not isinstance(value, Real):
+            if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
                 raise ValueError(
                     f"home has {joint!r} at {value!r}; it must be a number, in rad or, for a slide, in m"
                 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -87,7 +86,7 @@ class Parts:
                         f"home names {name!r}{near_misses(name, self.turning)}; the arm's hinges and slides "
                         f"are {_list(self.turning)}"
                     )
-                qpos[model.joint(name).qposadr[0]] = _number(name, value)
+                qpos[model.joint(name).qposadr[0]] = value
         for joint in self.motors if home is not None else ():
             name, value, (low, high) = self.joints[joint], qpos[model.jnt_qposadr[joint]], self.stops(joint)
             if not low <= value <= high:
@@ -195,12 +194,6 @@ class Parts:
         model = self._model
         wraps = range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
         return [int(model.wrap_objid[i]) for i in wraps if model.wrap_type[i] == mujoco.mjtWrap.mjWRAP_JOINT]
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
-        raise ValueError(f"home has {name!r} at {value!r}; it must be a number, in rad or, for a slide, in m")
-    return float(value)
 
 
 def _list(names: Sequence[str]) -> str:
