@@ -26,6 +26,7 @@ WHAT_MAKES_A_RESULT = (
     "calfree_gym",
     "agents",
     "configs/agents",
+    "experiments/config/arms.py",
     "experiments/config/model.py",
     "experiments/config/requirements.py",
     "experiments/config/suite.py",

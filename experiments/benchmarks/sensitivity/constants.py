@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import resolve_name
 from statistics import NormalDist
 from types import ModuleType
 from typing import Any, TypeGuard
@@ -224,11 +225,16 @@ def places(module: str, owner: str, name: str) -> tuple[tuple[Any, str], ...]:
             for node in ast.walk(_tree(each))
             if isinstance(node, ast.ImportFrom)
             for alias in node.names
-            if (node.module, alias.name) in found
+            if (_imported(node, each), alias.name) in found
         }
         if importing <= found:
             return tuple((sys.modules[where], alias) for where, alias in sorted(found))
         found |= importing
+
+
+def _imported(node: ast.ImportFrom, module: ModuleType) -> str:
+    """Name of the module from which a module imports, relatively or not."""
+    return resolve_name("." * node.level + (node.module or ""), module.__package__)
 
 
 def _settings(agent: str) -> Iterator[Constant]:
