@@ -99,8 +99,7 @@ class ArmCheck:
     def _work_space(self) -> Table:
         robot = self._robot
         draws = np.random.default_rng(0).random((1000, len(robot.motors)))
-        joints = robot.lowest + draws * (robot.highest - robot.lowest)
-        points = robot.gripper_position(joints, robot.lengths)
+        points = robot.gripper_position(robot.postures(draws), robot.lengths)
         home = robot.gripper_position(robot.built_home, robot.lengths)
         left, right = robot.rig.position
         rows = {

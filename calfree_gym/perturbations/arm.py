@@ -76,8 +76,24 @@ class MotorSign(Perturbation):
         return self
 
 
+class _MotorError(Perturbation):
+    """Sets the quantity that its `type` names; as a drift, adds to it."""
+
+    motor: str
+    degrees: float
+
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+        place = robot.motors.index(self.motor)
+        return with_entry(world, self.type, place, amount_of(robot, place, self.degrees))
+
+    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
+        place = robot.motors.index(self.motor)
+        step = amount_of(robot, place, -self.degrees if back else self.degrees)
+        return with_entry(world, self.type, place, getattr(world, self.type)[place] + step)
+
+
 @dataclass(frozen=True)
-class Backlash(Perturbation):
+class Backlash(_MotorError):
     """Sets a motor's backlash to `degrees` (drawn: 0.2-2; of a slide, centimetres); as a drift, adds it.
 
     Its joint lags behind by half of that, on either side.
@@ -87,15 +103,9 @@ class Backlash(Perturbation):
     motor: str = one_of_the_arms("motors")
     degrees: float = amount(uniform(0.2, 2.0), least=0, most=45)
 
-    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        return _set(world, robot, "backlash", self.motor, self.degrees)
-
-    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
-        return _added(world, robot, "backlash", self.motor, -self.degrees if back else self.degrees)
-
 
 @dataclass(frozen=True)
-class Repeatability(Perturbation):
+class Repeatability(_MotorError):
     """Sets the standard deviation of a motor's motions to `degrees` (drawn: 0.1-1); as a drift, adds it.
 
     Of a slide, they are centimetres.
@@ -105,24 +115,8 @@ class Repeatability(Perturbation):
     motor: str = one_of_the_arms("motors")
     degrees: float = amount(uniform(0.1, 1.0), least=0, most=45)
 
-    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        return _set(world, robot, "repeatability", self.motor, self.degrees)
-
-    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
-        return _added(world, robot, "repeatability", self.motor, -self.degrees if back else self.degrees)
-
 
 def amount_of(robot: Robot, motor: int, degrees: float) -> float:
     """Degrees of a joint in rad; of one that slides, centimetres in m. Joints behind the motors turn."""
     slides = motor < len(robot.motors) and robot.slides[motor]
     return degrees / 100 if slides else math.radians(degrees)
-
-
-def _set(world: World, robot: Robot, name: str, motor: str, degrees: float) -> World:
-    place = robot.motors.index(motor)
-    return with_entry(world, name, place, amount_of(robot, place, degrees))
-
-
-def _added(world: World, robot: Robot, name: str, motor: str, degrees: float) -> World:
-    place = robot.motors.index(motor)
-    return with_entry(world, name, place, getattr(world, name)[place] + amount_of(robot, place, degrees))

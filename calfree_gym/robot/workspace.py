@@ -93,7 +93,7 @@ class Workspaces:
     def candidates(self, draws: Array, rows: Indices) -> Candidates:
         """Turns uniform draws in [0, 1) (n, k, m), one a motor of the n `rows`, into candidates."""
         robot = self._robot
-        positions = robot.lowest + draws * (robot.highest - robot.lowest)
+        positions = robot.postures(draws)
         angles = self._motors.angles(positions, rows)
         points = robot.gripper_position(angles, self._lengths[rows][:, None])
         within = robot.within(points)

@@ -2,6 +2,7 @@
 
 from functools import lru_cache
 
+import gymnasium as gym
 import pytest
 
 from calfree_gym import Arm
@@ -18,6 +19,18 @@ def arm_named(name):
     if (arguments := (ARMS | fetched_arms()).get(name)) is None:
         pytest.skip("`make arms` has not fetched it")
     return Arm(**arguments)
+
+
+def rows_of(arm, count, **arguments):
+    """So many rows of an arm, whose next trials begin when they are told to."""
+    return gym.make_vec(
+        "calfree_gym:CalFree/Reach-v0",
+        num_envs=count,
+        threads=1,
+        arm=arm,
+        autoreset_mode="Disabled",
+        **arguments,
+    )
 
 
 def moved_by(robot, motor):

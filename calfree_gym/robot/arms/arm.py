@@ -125,14 +125,8 @@ class Arm:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all that the arm is, wherever its files are."""
-        assets = self.assets or {}
-        text = _FOLDERS.sub("", str(self.model))
-        for file in assets:
-            text = text.replace(str(Path(file).parent), "")
-        named = sorted((Path(file).name, digest) for file, digest in assets.items())
-        value = self.to_dict() | {"model": text, "assets": named}
-        return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+        """See `digest_of`."""
+        return digest_of(self.to_dict())
 
     def __eq__(self, other: object) -> bool:
         return self.digest == other.digest if isinstance(other, Arm) else NotImplemented
@@ -145,6 +139,17 @@ class Arm:
 
     def __deepcopy__(self, memo: Any) -> Arm:
         return self
+
+
+def digest_of(values: Mapping[str, Any]) -> str:
+    """SHA-256 of all that an arm is, wherever its files are; of what `Arm.to_dict` gives."""
+    assets: Mapping[str, str] = values["assets"]
+    text = _FOLDERS.sub("", values["model"])
+    for file in assets:
+        text = text.replace(str(Path(file).parent), "")
+    named = sorted((Path(file).name, digest) for file, digest in assets.items())
+    value = {**values, "model": text, "assets": named}
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 @lru_cache(maxsize=4)

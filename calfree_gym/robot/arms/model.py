@@ -164,7 +164,7 @@ class ArmModel(Robot):
     def _rig(self) -> Rig:
         """Two cameras above and beside the work space, as far from it, for its size, as the RV-M2's."""
         shares = np.random.default_rng(1).random((POSTURES, len(self.motors)))
-        reached = self.gripper_position(self.lowest + shares * (self.highest - self.lowest), self.lengths)
+        reached = self.gripper_position(self.postures(shares), self.lengths)
         target = np.median(reached, axis=0)
         size = float(np.sqrt(np.square(reached - target).sum(-1).mean()))
         base = self.frames(self.parts.base, self.home, self.lengths)[0]

@@ -106,6 +106,10 @@ class Robot(ABC):
         names = {self.bodies[0]: "waist", ROOM: "stand"}
         return f"the {' and '.join(repr(names.get(each, each)) for each in dict.fromkeys(mounts))} mount"
 
+    def postures(self, shares: Array) -> Array:
+        """Positions of the motors' joints (..., m), in shares (..., m) of the way from lowest to highest."""
+        return self.lowest + shares * (self.highest - self.lowest)
+
     @abstractmethod
     def rest(self, zeros: Array) -> Array:
         """What `angles` must know of a world with these joint zeros (k,)."""

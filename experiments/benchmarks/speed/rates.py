@@ -24,7 +24,14 @@ REACH = "calfree_gym:CalFree/Reach-v0"
 ROUNDS = 60
 FLOORS = {("PandaReach-v3", 1): 5.0, ("PandaReach-v3", 256): 9.0}
 """The least ratio of physics substeps a second that the project asks of itself beside a peer, by our rows."""
-WAIST_TIMESTEP = float(MOVEMASTER.scene(("waist", "waist")).model.opt.timestep)
+
+
+def _bare_model() -> mujoco.MjModel:
+    """The arm with its cameras on the waist, and no environment around it."""
+    return MOVEMASTER.scene(("waist", "waist")).model
+
+
+WAIST_TIMESTEP = float(_bare_model().opt.timestep)
 
 
 @dataclass(frozen=True)
@@ -92,7 +99,7 @@ def _single(rounds: int, truth: bool, wanted: float | None, sensors: bool = True
     loop computes none.
     """
     steps = 50
-    model = MOVEMASTER.scene(("waist", "waist")).model
+    model = _bare_model()
     if not sensors:
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     data = mujoco.MjData(model)
@@ -110,7 +117,7 @@ def _single(rounds: int, truth: bool, wanted: float | None, sensors: bool = True
 def _batched(rounds: int) -> Ratio:
     """256 rows on all cores against a bare `Batch` over the same substeps."""
     rows, steps = 256, 4
-    batch = Batch(MOVEMASTER.scene(("waist", "waist")).model, rows)
+    batch = Batch(_bare_model(), rows)
 
     def bare() -> None:
         for _ in range(steps):
@@ -123,7 +130,7 @@ def _batched(rounds: int) -> Ratio:
 def _kinematic(rounds: int) -> Ratio:
     """1,024 rows of kinematic dynamics on all cores against a bare `Batch.forward(POS)`."""
     rows, steps = 1024, 60
-    batch = Batch(MOVEMASTER.scene(("waist", "waist")).model, rows)
+    batch = Batch(_bare_model(), rows)
     stage = int(mujoco.mjtStage.mjSTAGE_POS)
 
     def bare() -> None:

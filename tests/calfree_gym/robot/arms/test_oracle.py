@@ -1,13 +1,11 @@
 """A controller that knows the world reaches: so every world and every object of an arm can be reached."""
 
-import gymnasium as gym
 import pytest
 
-from tests.arms.every import arm_named, three_mounts
+from tests.arms.every import arm_named, rows_of, three_mounts
 from tests.arms.fetched import FETCHED
 from tests.arms.own import ARMS
 
-ID = "calfree_gym:CalFree/Reach-v0"
 FEW, MANY = 4, 50
 CASES = [
     *((name, FEW) for name in ARMS),
@@ -17,15 +15,12 @@ CASES = [
 
 def reached(arm, mount, worlds):
     """In how many worlds the oracle comes to the rendezvous within two motions."""
-    env = gym.make_vec(
-        ID,
-        num_envs=worlds,
-        threads=1,
-        arm=arm,
+    env = rows_of(
+        arm,
+        worlds,
         camera_mount=mount,
         dynamics="kinematic",
         terminate_on_success=False,
-        autoreset_mode="Disabled",
         tell=("object_registers",),
     )
     observation, infos = env.reset(seed=100)

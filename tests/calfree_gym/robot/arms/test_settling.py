@@ -1,29 +1,18 @@
 """Physics comes to rest where kinematics places the arm, and nothing but the motors has moved."""
 
-import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
 
-from tests.arms.every import EVERY, arm_named
+from tests.arms.every import EVERY, arm_named, rows_of
 
-ID = "calfree_gym:CalFree/Reach-v0"
 ROWS, MOTIONS = 4, 8
 HALF_AN_IMAGE = 256
 
 
 def both(arm, **arguments):
     made = [
-        gym.make_vec(
-            ID,
-            num_envs=ROWS,
-            threads=1,
-            arm=arm,
-            dynamics=dynamics,
-            terminate_on_success=False,
-            autoreset_mode="Disabled",
-            **arguments,
-        )
+        rows_of(arm, ROWS, dynamics=dynamics, terminate_on_success=False, **arguments)
         for dynamics in ("physics", "kinematic")
     ]
     assert [env.reset(seed=0)[0]["observation"][:, :4].min() for env in made] == [1, 1]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calfree_gym import DISTRIBUTIONS, World, WorldDistribution, nominal
-from tests.arms.every import EVERY, arm_named, three_mounts
+from tests.arms.every import EVERY, arm_named, rows_of, three_mounts
 from tests.arms.own import ARMS
 
 ID = "calfree_gym:CalFree/Reach-v0"
@@ -19,15 +19,12 @@ WORLDS = 4
 def test_every_kind_of_world_is_in_view_and_its_objects_are_reachable(name, kind):
     arm = arm_named(name)
     for mount in three_mounts(arm.robot):
-        env = gym.make_vec(
-            ID,
-            num_envs=WORLDS,
-            threads=1,
-            arm=arm,
+        env = rows_of(
+            arm,
+            WORLDS,
             camera_mount=mount,
             world=kind,
             dynamics="kinematic",
-            autoreset_mode="Disabled",
             tell=("object_registers",),
         )
         observation, infos = env.reset(seed=10)
