@@ -14,7 +14,7 @@ from .base.checks import check_flag, check_number, checked_array
 from .base.observation import POINTS, Array, Observation, RawObservation
 from .base.procedure import Procedure
 from .base.storage import with_present_names
-from .jacobian import distance_jacobian
+from .jacobian import Slopes, distance_jacobian
 from .knowledge.interface import Knowledge, Recall
 from .perception import ObservationFilter, Observing
 from .servo.redundancy import solve
@@ -79,7 +79,7 @@ class LearningServo(ServoAgent):
         """What it remembers."""
         return self.adaptation.knowledge
 
-    def procedure(self, first: Observation, findings: Findings) -> Procedure:
+    def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
         """See `ProcedureAgent`."""
         filter_ = ObservationFilter()
         now = yield from filter_.first(first)
@@ -89,7 +89,8 @@ class LearningServo(ServoAgent):
             now = yield from self._jump(knowledge, now, filter_, findings)
             jacobian = self.implied_jacobian(knowledge, now.registers)
             if jacobian is not None:
-                findings.estimator = self.servo.new_estimator(self.motors, jacobian)
+                slopes = Slopes.of(jacobian, now.registers)
+                findings.estimator = self.servo.new_estimator(self.motors, slopes)
         yield from self.servo(now, findings)
 
     def _jump(
@@ -100,8 +101,7 @@ class LearningServo(ServoAgent):
         if recall is None:
             return home
         after = yield recall.registers - home.registers
-        as_seen = after.points - home.points
-        after = yield from filter_.settle(after, home, as_seen, np.zeros(POINTS, bool))
+        after = yield from filter_.settle(after, home, after.points, np.zeros(POINTS))
         findings.trusted.append(after)
         if not after.visible.all():
             after = yield home.registers - after.registers
@@ -129,7 +129,7 @@ class LearningServo(ServoAgent):
         recall = knowledge.recall(home.object)
         return None if recall is None or recall.deviation_px > self.jump_px else recall
 
-    def learn_trial(self, findings: Findings, last: Observation, ended: bool) -> None:
+    def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`."""
         super().learn_trial(findings, last, ended)
         self._learn_camera_motors(findings.estimator.jacobian)
@@ -139,7 +139,7 @@ class LearningServo(ServoAgent):
         registers = [np.where(self.camera_motors, 0.0, each.registers) for each in trusted]
         sensors = [each.gripper for each in trusted]
         teaches = [self.every_look and bool(each.visible[:2].all()) for each in trusted]
-        registers.append(self._rendezvous(last))
+        registers.append(self._rendezvous(last, findings.estimator.jacobian))
         sensors.append(trusted[0].object)
         teaches.append(ended and bool(trusted[0].visible[2:].all()))
         self.adaptation.learn(np.array(sensors)[teaches], np.array(registers)[teaches])
@@ -150,11 +150,11 @@ class LearningServo(ServoAgent):
             gripper, object_ = np.square(jacobian).reshape(2, 4, -1).sum(1)
             self.camera_motors = object_ > gripper
 
-    def _rendezvous(self, last: Observation) -> Array:
+    def _rendezvous(self, last: Observation, jacobian: Array) -> Array:
         """Registers (m,) at which gripper and object would have met exactly: c* = c - J⁺ d."""
-        if self.jacobian is None or last.distance_px > self.LATE_PX:
+        if last.distance_px > self.LATE_PX:
             return last.registers
-        return last.registers + solve(distance_jacobian(self.jacobian), last.distance, 0.0)
+        return last.registers + solve(distance_jacobian(jacobian), last.distance, 0.0)
 
     def implied_jacobian(self, knowledge: Knowledge, registers: Array) -> Array | None:
         """The Jacobian (8, m) of gripper and object points that knowledge implies at `registers`.

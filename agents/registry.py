@@ -16,11 +16,9 @@ import gymnasium as gym
 from calfree_gym.errors import near_misses
 
 from .base.agent import Agent
-from .base.checks import check_number, check_one_of
 from .calibrated.affine_stereo import AffineStereo
 from .calibrated.model_based import ModelBased
 from .calibrated.self_calibrating import SelfCalibrating
-from .jacobian import ESTIMATORS
 from .knowledge.factored_table import FactoredTable
 from .knowledge.gaussian_process import GaussianProcess
 from .knowledge.grid_table import GridTable
@@ -29,6 +27,7 @@ from .knowledge.support_points import SupportPoints
 from .learning_servo import LearningServo
 from .oracle import Oracle
 from .random_agent import RandomAgent
+from .servo.jacobian_servo import JacobianServo
 from .servo.joint_space import JointSpaceServo
 from .servo.paper import PaperServo
 from .servo.servo_agent import Servo, ServoAgent
@@ -45,18 +44,10 @@ def _servo_agent(env: Environment, seed: int = 0, *, servo: str, **settings: Any
 def make_servo(name: str, settings: Mapping[str, Any]) -> Servo:
     """Makes a servo by its name in `SERVOS`.
 
-    `unified_servo` with `estimator="test_motions"` is another name of `paper_servo`, which has no `patience`.
-
     Raises:
         ValueError: A setting is not allowed.
     """
-    if name != "unified_servo" or "estimator" not in settings:
-        return SERVOS[name](**settings)
-    check_one_of("estimator", settings["estimator"], ("test_motions", *ESTIMATORS))
-    if settings["estimator"] != "test_motions":
-        return UnifiedServo(**settings)
-    check_number("patience", settings.get("patience", 1), least=1)
-    return PaperServo(**{key: settings[key] for key in settings if key not in ("estimator", "patience")})
+    return SERVOS[name](**settings)
 
 
 def _learning_servo(
@@ -131,19 +122,20 @@ KNOWLEDGE: dict[str, Callable[..., Knowledge]] = {
     "memory": GaussianProcess,
 }
 """Knowledge bases by name; `memory` is the best of them."""
-SERVOS: dict[str, type[PaperServo] | type[UnifiedServo] | type[WorkPlaneServo]] = {
+SERVOS: dict[str, type[PaperServo | JacobianServo | UnifiedServo | WorkPlaneServo]] = {
     "paper_servo": PaperServo,
+    "jacobian_servo": JacobianServo,
     "unified_servo": UnifiedServo,
     "work_plane_servo": WorkPlaneServo,
 }
 """The servos that knowledge can be laid over."""
 DEFAULTS: dict[str, dict[str, Any]] = {
-    "grid_table": {"every_look": False, "estimator": "test_motions", "jump_px": math.inf},
+    "grid_table": {"every_look": False, "servo": "paper_servo", "jump_px": math.inf},
     "gaussian_process": {"on_change": "recognise"},
     "memory": {"on_change": "recognise"},
 }
 """Settings of agents that bear a knowledge base's name. With the paper's table only success teaches, what is
-recalled is always tried, and the paper's servo corrects: `unified_servo` by test motions."""
+recalled is always tried, and the paper's servo corrects."""
 SB3 = ("sac", "sac_her", "td3", "tqc", "crossq", "ppo", "recurrent_ppo")
 """Learners of stable-baselines3 and sb3_contrib; each is its file in configs/agents."""
 SELF_TAUGHT = ("self_supervised", "cooperstock_milios")
@@ -200,7 +192,7 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
     _check_arm(name, env, settings)
     with _told_what_to_install(name):
-        settings = _defaults(name, settings) | settings
+        settings = _defaults(name) | settings
         allowed = _settings_of(name, settings)
         for setting in settings:
             if setting not in allowed:
@@ -223,7 +215,7 @@ def default_settings(name: str, **given: Any) -> dict[str, Any]:
     """
     _check_name(name)
     with _told_what_to_install(name):
-        chosen = _defaults(name, given) | given
+        chosen = _defaults(name) | given
         settings = _settings_of(name, chosen) | chosen
     return {setting: value for setting, value in settings.items() if value is not Parameter.empty}
 
@@ -260,14 +252,9 @@ def _told_what_to_install(name: str) -> Iterator[None]:
         ) from error
 
 
-def _defaults(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """An agent's own defaults; only `unified_servo` has an estimator."""
-    if name in SB3:
-        return tuned_settings(name)
-    defaults = dict(DEFAULTS.get(name, {}))
-    if given.get("servo", "unified_servo") != "unified_servo":
-        defaults.pop("estimator", None)
-    return defaults
+def _defaults(name: str) -> dict[str, Any]:
+    """An agent's own defaults."""
+    return tuned_settings(name) if name in SB3 else DEFAULTS.get(name, {})
 
 
 def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:

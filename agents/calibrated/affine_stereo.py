@@ -15,7 +15,7 @@ from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
 from ..jacobian import distance_jacobian
-from ..perception import ObservationFilter, Observing
+from ..perception import ObservationFilter, Observing, linear_deviations_px
 from ..servo.trial import half_way_back
 from .robot_model import RobotModel
 
@@ -103,7 +103,8 @@ class AffineStereo(ProcedureAgent):
             moved = np.zeros((POINTS, 2))
             if affine is not None:
                 moved = affine.moved(self._gripper_as_built(now) - self._gripper_as_built(last))
-            last = yield from filter_.settle(now, last, moved, np.full(POINTS, affine is not None))
+            deviations_px = linear_deviations_px(moved, np.full(POINTS, affine is not None))
+            last = yield from filter_.settle(now, last, last.points + moved, deviations_px)
             if not filter_.lost.any():
                 return last
             words = half_way_back(before, last)

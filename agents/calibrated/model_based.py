@@ -13,7 +13,7 @@ from calfree_gym.world import nominal
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
-from ..perception import ObservationFilter
+from ..perception import ObservationFilter, linear_deviations_px
 from ..servo.trial import half_way_back
 from .robot_model import RobotModel
 
@@ -108,7 +108,9 @@ def move_by_model(
         now = yield words
         registers = np.stack([observations[-1].registers, now.registers])
         start, end = model.points(registers, np.stack([object_, object_]))
-        settled = yield from filter_.settle(now, observations[-1], end - start, np.ones(POINTS, bool))
+        deviations_px = linear_deviations_px(end - start, np.ones(POINTS, bool))
+        expected = observations[-1].points + end - start
+        settled = yield from filter_.settle(now, observations[-1], expected, deviations_px)
         observations.append(settled)
         if not filter_.lost.any():
             return observations[1:]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.observation import Array, Observation
-from ..jacobian import TestMotions
+from ..jacobian import Estimator, TestMotions
 from ..servo.trial import Findings, Motions, Trial
 from .model_based import move_by_model
 from .robot_model import RobotModel
@@ -31,7 +31,7 @@ class RecordedTrial(Trial):
     times 8 coordinates)."""
 
     def __init__(self, first: Observation) -> None:
-        findings = Findings(TestMotions(len(first.registers)))
+        findings: Findings[Estimator] = Findings(TestMotions(len(first.registers)))
         super().__init__(first, findings, self.FIRST_WORD, self.TEST_PX)
         self.recorded: list[Observation] = []
 

@@ -1,6 +1,6 @@
 """The sensor-control Jacobian J = ∂d/∂c, estimated from motions and from what they did in the images."""
 
-from .estimator import Estimator, distance_jacobian
+from .estimator import Estimator, JacobianEstimate, Slopes, distance_jacobian
 from .kalman import Kalman
 from .least_squares import LocalLeastSquares, RecursiveLeastSquares
 from .rank_one import Broyden, TrustRegion
@@ -15,4 +15,12 @@ ESTIMATORS: dict[str, type[Estimator]] = {
 }
 """Estimators that keep J up to date by every motion, by name. `TestMotions` measures it anew."""
 
-__all__ = ["ESTIMATORS", "Estimator", "Kalman", "TestMotions", "distance_jacobian"]
+__all__ = [
+    "ESTIMATORS",
+    "Estimator",
+    "JacobianEstimate",
+    "Kalman",
+    "Slopes",
+    "TestMotions",
+    "distance_jacobian",
+]

@@ -8,7 +8,7 @@ executed words and the points' displacement.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -31,6 +31,41 @@ def distance_jacobian(points_jacobian: Array) -> Array:
     return points_jacobian[:4] - points_jacobian[4:]
 
 
+class Slopes(NamedTuple):
+    """The Jacobian at one place, as far as it is known from before.
+
+    Attributes:
+        registers: Of the place (m,).
+        jacobian: Gripper and object points by words (8, m), in image units.
+        variances: Covariances of a row of it, for each point (4, m, m), where they are known.
+    """
+
+    registers: Array
+    jacobian: Array
+    variances: Array
+
+    @classmethod
+    def of(cls, jacobian: Array, registers: Array | None = None) -> Self:
+        """Those of a Jacobian (8, m) without known variances; at home, unless registers (m,) are given."""
+        motors = jacobian.shape[1]
+        return cls(
+            np.zeros(motors) if registers is None else registers, jacobian, np.zeros((4, motors, motors))
+        )
+
+
+class JacobianEstimate(Protocol):
+    """What a servo has found out of the Jacobian in a trial.
+
+    Attributes:
+        jacobian: Gripper and object points by words (8, m), in image units; zero where nothing is known.
+    """
+
+    jacobian: Array
+
+    def slopes_for_next(self) -> Slopes | None:
+        """What the next trial begins with; None where nothing lasts."""
+
+
 class Estimator(ABC):
     """What is known of the Jacobian.
 
@@ -43,16 +78,20 @@ class Estimator(ABC):
 
     Args:
         motors: m.
-        start: A Jacobian (8, m) from an earlier trial, if there is one.
+        start: From an earlier trial, if there is one.
     """
 
     bridging: ClassVar[bool] = False
     lasting: ClassVar[bool] = True
 
-    def __init__(self, motors: int, start: Array | None = None) -> None:
-        self.jacobian = np.zeros((8, motors)) if start is None else start.copy()
+    def __init__(self, motors: int, start: Slopes | None = None) -> None:
+        self.jacobian = np.zeros((8, motors)) if start is None else start.jacobian.copy()
         self.noise_px = MARKER_NOISE_PX
         self.reach_px = np.inf
+
+    def slopes_for_next(self) -> Slopes | None:
+        """See `JacobianEstimate`."""
+        return Slopes.of(self.jacobian) if self.lasting else None
 
     def predict(self, words: Array) -> Array:
         """Displacement (4, 2) of the points by words (m,)."""

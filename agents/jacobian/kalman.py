@@ -7,7 +7,7 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array, Flags
-from .estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator
+from .estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator, Slopes
 
 
 class Kalman(Estimator):
@@ -34,7 +34,7 @@ class Kalman(Estimator):
     CURVE = 0.02
     """A straight line misses by this share of a displacement: tuned likewise."""
 
-    def __init__(self, motors: int, start: Array | None = None) -> None:
+    def __init__(self, motors: int, start: Slopes | None = None) -> None:
         super().__init__(motors, start)
         self._noise = (self.noise_px * IMAGE_UNIT) ** 2
         unsure = UNKNOWN_VARIANCE if start is None else self.START_DEVIATION**2

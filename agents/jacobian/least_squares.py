@@ -8,7 +8,7 @@ from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array, Flags
 from ..base.robust import cauchy_weights
-from .estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator
+from .estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator, Slopes
 
 
 class RecursiveLeastSquares(Estimator):
@@ -21,7 +21,7 @@ class RecursiveLeastSquares(Estimator):
     START_VARIANCE = 0.05
     """Of the entries of a Jacobian from an earlier trial, in (image units by word)²: tuned likewise."""
 
-    def __init__(self, motors: int, start: Array | None = None) -> None:
+    def __init__(self, motors: int, start: Slopes | None = None) -> None:
         super().__init__(motors, start)
         self._covariance = np.eye(motors) * (UNKNOWN_VARIANCE if start is None else self.START_VARIANCE)
 
@@ -63,7 +63,7 @@ class LocalLeastSquares(Estimator):
     PASSES = 3
     """So often residuals are weighed anew. Source: a few passes of IRLS are usual (Holland & Welsch 1977)."""
 
-    def __init__(self, motors: int, start: Array | None = None) -> None:
+    def __init__(self, motors: int, start: Slopes | None = None) -> None:
         super().__init__(motors, start)
         self.forget()
 

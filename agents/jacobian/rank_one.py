@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.observation import Array, Flags
-from .estimator import Estimator
+from .estimator import Estimator, Slopes
 
 
 class Broyden(Estimator):
@@ -34,7 +34,7 @@ class TrustRegion(Broyden):
     """Steps get longer and shorter by these factors. Source: usual for trust regions (Dennis & Schnabel
     1983)."""
 
-    def __init__(self, motors: int, start: Array | None = None) -> None:
+    def __init__(self, motors: int, start: Slopes | None = None) -> None:
         super().__init__(motors, start)
         self.reach_px = self.START_PX
 

@@ -1,4 +1,4 @@
-"""Which image points to believe: those near where they are predicted, or those that agree with each other."""
+"""Which image points to believe: those near where they are expected, or those that agree with each other."""
 
 from __future__ import annotations
 
@@ -7,18 +7,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calfree_gym.image import lengths_px
+from calfree_gym.image import IMAGE_SIZE, lengths_px
 
 from ..base.observation import POINTS, Array, Flags, Observation
+
+KNOWN_PX, UNKNOWN_PX, SHARE = 4.0, 6.0, 0.08
+"""A linear prediction misses by the first, or by the second where it does not rest on motions like this one,
+and by this share of the displacement, as standard deviations: tuned on wild worlds 3000 and up."""
+
+
+def linear_deviations_px(moved: Array, known: Flags) -> Array:
+    """By how much points (4,) may be off whose displacement (4, 2) was predicted by a linear function.
+
+    Args:
+        moved: The prediction, in image units.
+        known: For which points (4,) it rests on motions like this one.
+    """
+    return np.where(known, KNOWN_PX, UNKNOWN_PX) + SHARE * lengths_px(moved)
 
 
 class Estimate(NamedTuple):
     """Points as they are estimated.
 
     Attributes:
-        points: (4, 2); where nothing can be trusted, as predicted.
+        points: (4, 2); where nothing can be trusted, as expected.
         found: Which of them (4,) were seen and trusted.
-        inconsistent: Which of them (4,) were trusted although they are not where they were predicted.
+        inconsistent: Which of them (4,) were trusted although they are not where they were expected.
     """
 
     points: Array
@@ -27,70 +41,72 @@ class Estimate(NamedTuple):
 
 
 class Gating:
-    """Gates around predicted points; where too little is inside them, agreement of several observations.
+    """Gates around expected points; where too little is inside them, agreement of several observations.
 
-    Attributes:
-        mistakes: Whether mistaken points have been met: then gates are narrower, since observing again costs
-            less than a mistake.
+    A gate ends where a point is as likely to be mistaken, and so anywhere in the image, as to be seen right.
     """
 
-    GATE_PX, UNKNOWN_GATE_PX, WARY_GATE_PX = 30.0, 50.0, 15.0
-    """Largest distance from its prediction at which a point is trusted: after a motion that J predicts, after
-    any other motion, and, once mistaken points were met, after a motion that J predicts. Tuned on wild worlds
-    3000 and up, without and with 20-40 % mistaken points."""
-    GATE_SHARE = 0.6
-    """The gate grows by this share of the predicted displacement: tuned likewise."""
-    NOISES = 4.0
-    """The gate grows by this many standard deviations of the noise. Derived: noise in two coordinates is
-    longer once in exp(4² / 2), some 3,000 cases."""
-    AGREE_PX = 6.0
-    """Points of two observations agree within this, or within `NOISES` of their difference: tuned in a
-    small simulation that is not in this repository, where two that agreed within 6 px were right in 99.6 % of
-    the cases at 40 % mistaken points."""
-    MISTAKEN = 2.0
-    """A point was mistaken that is off by this many times what agreement allows: tuned likewise."""
+    TAILS = 4.0
+    """Degrees of freedom of Student's t distribution, in two coordinates, of what is expected: derived, of a
+    servo's expectations 5 % miss by more than 4 deviations and 1 % by more than 6 to 9."""
+    AGREE = 4.0
+    """Points of two observations agree within this many standard deviations of their difference. Derived:
+    noise in two coordinates is longer once in exp(4² / 2), some 3,000 cases."""
+    MISTAKEN, OF = 1.0, 100.0
+    """Beforehand so many of so many points are mistaken. Choice: a hundred looks outweigh it."""
 
     def __init__(self) -> None:
-        self.mistakes = False
+        self._mistaken, self._of = self.MISTAKEN, self.OF
 
-    def radii(self, predicted_px: Array, known: Flags) -> Array:
-        """Radii (4,) in pixels of the gates around predicted points, in clear images.
+    def radii(self, deviations_px: Array, noise_px: float) -> Array:
+        """Radii (4,) in pixels of the gates around expected points.
 
         Args:
-            predicted_px: Predicted displacements (4,).
-            known: For which points (4,) the prediction rests on motions like this one.
+            deviations_px: Of the coordinates of the points that are expected (4,).
+            noise_px: Standard deviation of an image coordinate.
         """
-        near = self.WARY_GATE_PX if self.mistakes else self.GATE_PX
-        return np.where(known, near, self.UNKNOWN_GATE_PX) + self.GATE_SHARE * predicted_px
+        squares = np.square(deviations_px) + noise_px**2
+        odds = self._mistaken / (self._of - self._mistaken)
+        highest = IMAGE_SIZE**2 / (2 * np.pi * squares * odds)
+        power = 2 / (self.TAILS + 2)
+        return np.sqrt(self.TAILS * squares * np.maximum(highest**power - 1, 0))
 
     def estimate(
-        self, observations: Sequence[Observation], predicted: Array, radii: Array, noise_px: float
+        self, observations: Sequence[Observation], expected: Array, radii: Array, noise_px: float
     ) -> Estimate:
         """The points (4, 2) that observations at one place, one or several, give reason to believe."""
-        radii = radii + self.NOISES * noise_px
         if len(observations) == 1:
             seen = observations[0].points
-            found = observations[0].visible & (lengths_px(seen - predicted) <= radii)
-            return Estimate(np.where(found[:, None], seen, predicted), found, np.zeros(POINTS, bool))
-        estimate = Estimate(predicted.copy(), np.zeros(POINTS, bool), np.zeros(POINTS, bool))
+            found = observations[0].visible & (lengths_px(seen - expected) <= radii)
+            return Estimate(np.where(found[:, None], seen, expected), found, np.zeros(POINTS, bool))
+        estimate = Estimate(expected.copy(), np.zeros(POINTS, bool), np.zeros(POINTS, bool))
         for i in range(POINTS):
             seen = np.array([each.points[i] for each in observations if each.visible[i]]).reshape(-1, 2)
-            self._estimate_point(i, seen, predicted[i], radii[i], noise_px, estimate)
+            self._estimate_point(i, seen, expected[i], radii[i], noise_px, estimate)
         return estimate
 
+    def count(self, observations: Sequence[Observation], estimate: Estimate, noise_px: float) -> None:
+        """Learns from observations at one place how many points are mistaken."""
+        for each in observations:
+            told = each.visible & estimate.found
+            self._of += np.count_nonzero(told)
+            self._mistaken += np.count_nonzero(
+                lengths_px(each.points - estimate.points)[told] > self._agree_px(noise_px)
+            )
+
+    def _agree_px(self, noise_px: float) -> float:
+        return self.AGREE * np.sqrt(2) * noise_px
+
     def _estimate_point(
-        self, i: int, seen: Array, predicted: Array, radius: float, noise_px: float, estimate: Estimate
+        self, i: int, seen: Array, expected: Array, radius: float, noise_px: float, estimate: Estimate
     ) -> None:
         """Writes point i into the estimate: what was seen (k, 2) inside the gate, or agrees."""
-        agree = max(self.AGREE_PX, self.NOISES * np.sqrt(2) * noise_px)
-        inside = seen[lengths_px(seen - predicted) <= radius]
+        inside = seen[lengths_px(seen - expected) <= radius]
         if len(inside):
             estimate.points[i], estimate.found[i] = np.median(inside, 0), True
         elif len(seen) > 1:
-            agreeing = lengths_px(seen[:, None] - seen[None]) <= agree
+            agreeing = lengths_px(seen[:, None] - seen[None]) <= self._agree_px(noise_px)
             best = agreeing.sum(1).argmax()
             if agreeing[best].sum() > 1:
                 estimate.points[i] = seen[agreeing[best]].mean(0)
                 estimate.found[i] = estimate.inconsistent[i] = True
-        if estimate.found[i]:
-            self.mistakes |= bool((lengths_px(seen - estimate.points[i]) > self.MISTAKEN * agree).any())

@@ -66,49 +66,48 @@ class ObservationFilter:
             found = found | new
         return observation.estimated(points, found)
 
-    def settle(self, observation: Observation, before: Observation, moved: Array, known: Flags) -> Observing:
+    def settle(
+        self, observation: Observation, before: Observation, expected: Array, deviations_px: Array
+    ) -> Observing:
         """Observes again until what was observed after a motion can be trusted.
 
         Args:
             observation: The first one after the motion.
             before: The trusted one before it.
-            moved: Predicted displacement (4, 2) of the points.
-            known: For which points (4,) the prediction rests on motions like this one.
+            expected: Where the points should be (4, 2).
+            deviations_px: Of their coordinates (4,), noise apart.
 
         Returns:
             An observation with estimated points; not visible where there was nothing to believe.
         """
         self._take_in(observation)
-        predicted, noise_px = before.points + moved, self.noise.px
-        predicted_px = lengths_px(predicted - before.points)
-        radii = self.gating.radii(predicted_px, known)
-        if self._as_predicted(observation, predicted, predicted_px, radii):
+        radii = self.gating.radii(deviations_px, self.noise.px)
+        if self._as_expected(observation, expected, radii):
             self.inconsistent = np.zeros(POINTS, bool)
             return observation
-        known_px = np.where(known, predicted_px, np.nan)
-        observations = yield from self.latency.wait(observation, before.points, known_px, noise_px)
+        surely_px = lengths_px(expected - before.points) - radii
+        observations = yield from self.latency.wait(observation, before.points, surely_px, self.noise.px)
         while True:
-            estimate = self.gating.estimate(observations, predicted, radii, self.noise.px)
-            self.inconsistent = estimate.inconsistent
+            radii = self.gating.radii(deviations_px, self.noise.px)
+            estimate = self.gating.estimate(observations, expected, radii, self.noise.px)
             enough = len(observations) == self.MOST_OBSERVATIONS
-            if enough or not self._worth_another(observations, estimate.found, known):
+            if enough or not self._worth_another(observations, estimate.found):
+                self.inconsistent = estimate.inconsistent
+                self.gating.count(observations, estimate, self.noise.px)
                 return observations[-1].estimated(estimate.points, estimate.found)
             observations.append((yield np.zeros_like(observation.registers)))
             self._take_in(observations[-1])
 
-    def _as_predicted(self, observation: Observation, predicted: Array, far: Array, radii: Array) -> bool:
-        """Whether an observation came in time, and all is seen and near where it is predicted."""
+    def _as_expected(self, observation: Observation, expected: Array, radii: Array) -> bool:
+        """Whether an observation came in time, and all is seen and near where it is expected."""
         if self.latency.motions or not self.latency.confirmed or not observation.visible.all():
             return False
-        off = lengths_px(observation.points - predicted)
-        noise_px = self.noise.px
-        near = (off <= radii + self.gating.NOISES * noise_px).all()
-        return bool(near and self.latency.in_time(far, off, noise_px))
+        return bool((lengths_px(observation.points - expected) <= radii).all())
 
-    def _worth_another(self, observations: list[Observation], found: Flags, known: Flags) -> bool:
+    def _worth_another(self, observations: list[Observation], found: Flags) -> bool:
         """Whether one more observation at this place may show what is not trusted yet."""
         seen = np.array([each.visible for each in observations]).any(0)
-        waiting = ~self.lost & ~(known & self.visibility.gaps)
+        waiting = ~self.lost & (not self.visibility.gaps)
         return bool((~found & (seen | waiting)).any())
 
     def _take_in(self, observation: Observation) -> None:

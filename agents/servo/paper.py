@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..base.checks import check_one_of
-from ..base.observation import Array, Observation
+from ..base.observation import Observation
 from ..base.procedure import Procedure
-from ..jacobian import Estimator, TestMotions
+from ..jacobian import Estimator, Slopes, TestMotions
 from .redundancy import REDUNDANCIES
 from .settings import SERVO_KNOWLEDGE, check_motions
 from .steps import Steps, solve_distance
@@ -47,11 +47,11 @@ class PaperServo:
         check_one_of("redundancy", self.redundancy, REDUNDANCIES)
         check_motions(self)
 
-    def new_estimator(self, motors: int, start: Array | None) -> Estimator:
+    def new_estimator(self, motors: int, start: Slopes | None) -> Estimator:
         """See `Servo`."""
         return TestMotions(motors, start)
 
-    def __call__(self, first: Observation, findings: Findings) -> Procedure:
+    def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:
         """Seeks the rendezvous from the first observation on, until the trial ends.
 
         Every control word goes to the robot by a `yield` (in `Trial._move`), which returns the observation

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import checked_array
-from ..base.observation import Array, Observation
+from ..base.observation import Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
-from ..jacobian import Estimator
+from ..jacobian import JacobianEstimate, Slopes
 from .trial import Findings
 
 _TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), patience=[^()]*\)")
@@ -27,10 +27,10 @@ class Servo(Protocol):
     def prior_knowledge(self) -> frozenset[PriorKnowledge]:
         """What it is built on, see `Agent`."""
 
-    def new_estimator(self, motors: int, start: Array | None) -> Estimator:
-        """Makes the estimator of its Jacobian, beginning with `start` (8, m) where one is known."""
+    def new_estimator(self, motors: int, start: Slopes | None) -> JacobianEstimate:
+        """Makes the estimator of its Jacobian, beginning with `start` where one is known."""
 
-    def __call__(self, first: Observation, findings: Findings) -> Procedure:
+    def __call__(self, first: Observation, findings: Findings[Any]) -> Procedure:
         """Seeks the rendezvous from `first` on, and writes into `findings` what it learns."""
 
 
@@ -39,7 +39,7 @@ class ServoAgent(ProcedureAgent):
 
     Attributes:
         servo: The servo.
-        jacobian: That Jacobian (8, m); None before the first trial, and where the servo's does not last.
+        slopes: That Jacobian; None before the first trial, and where the servo's does not last.
     """
 
     def __init__(self, env: gym.Env[Any, Any], servo: Servo, seed: int = 0) -> None:
@@ -47,20 +47,20 @@ class ServoAgent(ProcedureAgent):
         (self.motors,) = env.action_space.shape  # type: ignore[misc]
         self.servo = servo
         self.prior_knowledge = servo.prior_knowledge
-        self.jacobian: Array | None = None
+        self.slopes: Slopes | None = None
 
     def new_findings(self) -> Findings:
         """See `ProcedureAgent`."""
-        return Findings(self.servo.new_estimator(self.motors, self.jacobian))
+        return Findings(self.servo.new_estimator(self.motors, self.slopes))
 
-    def procedure(self, first: Observation, findings: Findings) -> Procedure:
+    def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
         """See `ProcedureAgent`."""
         return self.servo(first, findings)
 
-    def learn_trial(self, findings: Findings, last: Observation, ended: bool) -> None:
+    def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Motions teach the Jacobian, however the trial ends."""
-        if findings.estimator.lasting:
-            self.jacobian = findings.estimator.jacobian
+        if (slopes := findings.estimator.slopes_for_next()) is not None:
+            self.slopes = slopes
 
     @property
     def kind(self) -> str:
@@ -73,8 +73,16 @@ class ServoAgent(ProcedureAgent):
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """See `ProcedureAgent`."""
-        return {} if self.jacobian is None else {"jacobian": self.jacobian}
+        if self.slopes is None:
+            return {}
+        return {"jacobian": self.slopes.jacobian, "slope_variances": self.slopes.variances}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`."""
-        self.jacobian = checked_array(arrays, "jacobian", (8, None)) if "jacobian" in arrays else None
+        """See `ProcedureAgent`. Files of version 0.1 have no variances."""
+        self.slopes = None
+        if "jacobian" in arrays:
+            self.slopes = Slopes.of(checked_array(arrays, "jacobian", (8, self.motors)))
+        if "slope_variances" in arrays:
+            shape = (4, self.motors, self.motors)
+            variances = checked_array(arrays, "slope_variances", shape)
+            self.slopes = self.slopes and self.slopes._replace(variances=variances)

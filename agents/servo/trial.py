@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from calfree_gym.image import lengths_px
 
 from ..base.observation import POINTS, Array, Flags, Observation
-from ..jacobian import Estimator, distance_jacobian
+from ..jacobian import Estimator, JacobianEstimate, distance_jacobian
 from ..jacobian.estimator import SIGN_CHANGE
-from ..perception import ObservationFilter
+from ..perception import ObservationFilter, linear_deviations_px
 
 Motions = Generator[Array, Observation, Any]
 """Yields control words, is sent what is observed after them."""
 
 
+E = TypeVar("E", bound=JacobianEstimate)
+
+
 @dataclass
-class Findings:
+class Findings(Generic[E]):
     """What a servo finds out in a trial.
 
     Attributes:
@@ -28,7 +31,7 @@ class Findings:
         trusted: The observations that passed the filter, none of their points merely predicted.
     """
 
-    estimator: Estimator
+    estimator: E
     trusted: list[Observation] = field(default_factory=list)
 
 
@@ -73,7 +76,9 @@ class Trial:
     """A column is measured until it is this many times longer than its standard deviation; and anew below:
     tuned likewise."""
 
-    def __init__(self, first: Observation, findings: Findings, first_word: float, test_px: float) -> None:
+    def __init__(
+        self, first: Observation, findings: Findings[Estimator], first_word: float, test_px: float
+    ) -> None:
         motors = len(first.registers)
         self.now = first
         self.findings = findings
@@ -124,7 +129,9 @@ class Trial:
         moving = executed != 0
         known = np.asarray(self.known[:, moving].all(1))
         predicted = self.estimator.predict(executed)
-        observation = yield from self.filter.settle(observation, before, predicted, known)
+        deviations_px = linear_deviations_px(predicted, known)
+        expected = before.points + predicted
+        observation = yield from self.filter.settle(observation, before, expected, deviations_px)
         self._learn_stops(words - executed, observation.registers)
         moved, usable = self._learn_motion(executed, before, observation, known)
         if np.count_nonzero(moving) == 1:

@@ -1,4 +1,4 @@
-"""The second implementation without test motions where it can: J is learned from the steps themselves.
+"""The second implementation without test motions: what was seen in all motions tells the next one.
 
 "It should be possible to have the robot learn the relationships ... by having it observe its own motions
 during its ordinary operation" (section 2.3): the paper has not tested it.
@@ -7,93 +7,212 @@ during its ordinary operation" (section 2.3): the paper has not tested it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from ..base.checks import check_number, check_one_of
-from ..base.observation import Array, Observation
+from calfree_gym.image import IMAGE_UNIT
+
+from ..base.checks import check_number
+from ..base.observation import POINTS, Array, Observation
 from ..base.procedure import Procedure
-from ..jacobian import ESTIMATORS, Estimator
-from .redundancy import REDUNDANCIES
-from .settings import SERVO_KNOWLEDGE, check_motions
-from .steps import Steps, solve_distance
-from .trial import Findings, Trial
+from ..jacobian import Slopes
+from ..perception import ObservationFilter
+from .settings import SERVO_KNOWLEDGE, SMALLEST
+from .smooth_points import Expected, SmoothPoints
+from .trial import Findings, Motions
 
 
 @dataclass(frozen=True)
 class UnifiedServo:
-    """Solves -d = J c°, executes, repeats; an estimator keeps J up to date by every motion.
+    """Goes where the image distance is expected to be least; where that is far off, it tries something new.
 
-    Test motions are made of motors of which nothing is known, and of all where steps no longer bring the
-    gripper nearer. The settings below were tuned on wild worlds 3000 and up.
+    Image points are smooth functions of the registers (`SmoothPoints`), and every look tells more of them. A
+    motion is a step and a probe. The step goes to where the square of the image distance is expected to be
+    least, and among equals to the nearest. Where it would leave too much of the distance, a probe is added:
+    it moves the motors in a way of which least is known, several at once.
+
+    So it does not matter how many motors there are, or whether some move nothing in the images.
 
     Attributes:
-        estimator: How J is estimated: a name of `agents.jacobian.ESTIMATORS`.
-        redundancy: What is done with four equations for three words: one of
-            `agents.servo.redundancy.REDUNDANCIES`.
-        first_word: Size of the very first test word.
-        test_px: Image displacement wanted of a test motion; its word adapts to that.
-        step_px: No step is predicted to move a point further than this in an image.
-        step_word: No word of a step is larger.
-        damping: Of the least squares, relative to the columns' length.
-        border: Steps are predicted to keep every point within this part of the images.
-        patience: After this many steps without coming nearer, J is measured anew.
+        probe_px: How far a probe is to move the points in the images.
+        caution: How much the variance of the image distance counts, beside the square of its mean.
+        border: Motions are expected to keep every point within this part of the images.
     """
 
-    estimator: str = "kalman"
-    redundancy: str = "weighted"
-    first_word: float = 0.04
-    test_px: float = 16.0
-    step_px: float = 120.0
-    step_word: float = 0.7
-    damping: float = 0.05
+    probe_px: float = 16.0
+    caution: float = 0.1
     border: float = 0.95
-    patience: int = 6
 
     prior_knowledge = SERVO_KNOWLEDGE
 
-    NEARER: ClassVar[float] = 0.8
-    """A step came nearer that left less than this share of the least distance so far: tuned likewise."""
-    ARRIVED_PX: ClassVar[float] = 6.0
-    """Only a longer distance is worth new test motions. Derived: the usual tolerance of 4 px and three times
-    the noise of a good marker, 4 + 3 · 0.7, rounded."""
-    DOUBTFUL: ClassVar[float] = 4.0
-    """And only one of this many times the blur of points: tuned likewise."""
-    DOUBT: ClassVar[float] = 0.3
-    """J is then taken to be wrong by that share of its columns: tuned likewise."""
-
     def __post_init__(self) -> None:
-        check_one_of("estimator", self.estimator, ESTIMATORS)
-        check_one_of("redundancy", self.redundancy, REDUNDANCIES)
-        check_motions(self)
-        check_number("patience", self.patience, least=1)
+        for name in ("probe_px", "border"):
+            check_number(name, getattr(self, name), least=SMALLEST)
+        check_number("caution", self.caution, least=0)
 
-    def new_estimator(self, motors: int, start: Array | None) -> Estimator:
+    def new_estimator(self, motors: int, start: Slopes | None) -> SmoothPoints:
         """See `Servo`."""
-        return ESTIMATORS[self.estimator](motors, start)
+        return SmoothPoints(motors, start)
 
-    def __call__(self, first: Observation, findings: Findings) -> Procedure:
+    def __call__(self, first: Observation, findings: Findings[SmoothPoints]) -> Procedure:
         """Seeks the rendezvous from the first observation on, until the trial ends."""
-        trial = Trial(first, findings, self.first_word, self.test_px)
-        steps = Steps(trial, self.step_px, self.step_word, self.border)
-        nearest, steps_since = np.inf, 0
-        yield from trial.begin()
+        reach = Reach(self, first, findings)
+        yield from reach.begin()
         while True:
-            for motor in trial.unmeasured():
-                yield from trial.test(motor)
-            yield from steps.make(solve_distance(trial, self.redundancy, self.damping))
-            distance = trial.now.distance_px
-            came_nearer = distance < self.NEARER * nearest
-            nearest, steps_since = (distance, 0) if came_nearer else (nearest, steps_since + 1)
-            if trial.object_jumped:
-                trial.forget()
-            elif steps_since >= self.patience and distance > self._doubtful_px(trial):
-                trial.forget(self.DOUBT)
-            else:
-                continue
-            nearest, steps_since = distance, 0
+            yield from reach.move(reach.words())
+            while reach.filter.noise.needs_samples:
+                yield from reach.move(np.zeros_like(first.registers))
+            while reach.filter.lost.any():
+                yield from reach.move(reach.half_way_back())
 
-    def _doubtful_px(self, trial: Trial) -> float:
-        """The distance beyond which a servo that comes no nearer doubts its Jacobian."""
-        return max(self.ARRIVED_PX, self.DOUBTFUL * trial.estimator.blur_px)
+
+class Reach:
+    """One trial of the unified servo.
+
+    Attributes:
+        now: What is estimated after the last motion.
+        points: What is known of the image points.
+        filter: What is known of observations.
+        lowest, highest: Registers (m,) at which motors are known to stop.
+
+    Args:
+        servo: Its settings.
+        first: The first observation.
+        findings: What to begin with.
+    """
+
+    LEFT = 0.3
+    """A step that leaves more than this share of the distance needs a probe: tuned on wild worlds 3000 and
+    up; from 0.15 to 0.6 it hardly matters."""
+    ARRIVED = 4.0
+    """A distance of this many times the noise needs no probe. Derived: noise in two coordinates is longer
+    once in exp(4² / 2), some 3,000 cases."""
+    NOISES = 8.0
+    """A probe is to move the images by this many times the noise at least. Derived: then a slope is known to
+    a sixth (√2 / 8)."""
+    AS_UNKNOWN = 0.7
+    """Directions whose variance is this share of the largest are as unknown. Choice."""
+    NEAREST = 1e-4
+    """Weight of a word's square, in square image units (a guard: it decides among equals)."""
+    ITERATIONS, HALVINGS = 6, 5
+    """Gauss-Newton steps on the way to the least distance, and how often a word is halved (guards)."""
+    STOPPED = 1e-4
+    """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
+
+    def __init__(self, servo: UnifiedServo, first: Observation, findings: Findings[SmoothPoints]) -> None:
+        self.now = first
+        self.points = findings.estimator
+        self.filter = ObservationFilter()
+        self.lowest = np.full(len(first.registers), -1.0)
+        self.highest = np.full(len(first.registers), 1.0)
+        self._servo = servo
+        self._trusted = findings.trusted
+        self._all_seen_at = first.registers
+        self._random = np.random.default_rng(0)
+
+    @property
+    def _noise(self) -> float:
+        """Standard deviation of an image coordinate, in image units."""
+        return self.filter.noise.px * IMAGE_UNIT
+
+    def begin(self) -> Motions:
+        """Observes until all points were seen."""
+        self.now = yield from self.filter.first(self.now)
+        self.points.look(self.now, self.filter.noise.px)
+
+    def move(self, words: Array) -> Motions:
+        """Executes words (m,), and learns from what is then seen."""
+        before = self.now
+        observation = yield words
+        self._learn_stops(words - (observation.registers - before.registers), observation.registers)
+        expected = self.points.at(observation.registers)
+        deviations_px = np.sqrt(expected.variances) / IMAGE_UNIT
+        self.now = yield from self.filter.settle(observation, before, expected.points, deviations_px)
+        self._trusted.append(self.now)
+        self.points.look(self.now, self.filter.noise.px)
+        if self.filter.inconsistent.any():
+            self.points.start_again()
+        if self.now.visible.all():
+            self._all_seen_at = self.now.registers
+
+    def _learn_stops(self, short: Array, registers: Array) -> None:
+        """Motors whose words (m,) were not executed to the end have met a stop at `registers` (m,)."""
+        self.highest = np.where(short > self.STOPPED, registers, self.highest)
+        self.lowest = np.where(short < -self.STOPPED, registers, self.lowest)
+
+    def half_way_back(self) -> Array:
+        """Words (m,) half of the way back to where all points were seen last."""
+        return (self._all_seen_at - self.now.registers) / 2
+
+    def words(self) -> Array:
+        """The next words (m,): a step, and a probe where the step would leave too much of the distance."""
+        here = self.points.at(self.now.registers)
+        words, left = self._step()
+        if left > max(self.LEFT * np.linalg.norm(here.distance) / np.sqrt(2), self.ARRIVED * self._noise):
+            words = self._with_probe(words, left, here)
+        return self._within_images(words / max(1.0, float(np.abs(words).max())))
+
+    def _step(self) -> tuple[Array, float]:
+        """Words (m,) to where the least distance is expected, and how long it then is in an image."""
+        registers = self.now.registers
+        there, cost = self._expected(registers)
+        normal = 2 * self._servo.caution * there.slope_variances.sum(0)
+        normal.flat[:: len(registers) + 1] += self.NEAREST
+        for _ in range(self.ITERATIONS):
+            jacobian = there.distance_jacobian
+            slope = jacobian.T @ there.distance + self._servo.caution * there.variance_slopes.sum(0)
+            slope += self.NEAREST * (registers - self.now.registers)
+            free = np.where(slope > 0, registers > self.lowest, registers < self.highest)
+            towards = np.zeros_like(registers)
+            curved = (jacobian.T @ jacobian + normal)[np.ix_(free, free)]
+            towards[free] = -np.linalg.solve(curved, slope[free])
+            for halving in range(self.HALVINGS):
+                nearer = np.clip(registers + towards / 2**halving, self.lowest, self.highest)
+                expected, less = self._expected(nearer)
+                if less < cost:
+                    break
+            else:
+                break
+            registers, there, cost = nearer, expected, less
+        return registers - self.now.registers, float(np.sqrt(cost / 2))
+
+    def _expected(self, registers: Array) -> tuple[Expected, float]:
+        """What should be seen at registers (m,), and the square of the image distance that counts."""
+        expected, words = self.points.at(registers), registers - self.now.registers
+        variance = self._servo.caution * 2 * expected.variances.sum()
+        return expected, float(
+            expected.distance @ expected.distance + variance + self.NEAREST * words @ words
+        )
+
+    def _with_probe(self, words: Array, left: float, here: Expected) -> Array:
+        """A step (m,), and a probe in a way of which least is known.
+
+        A probe is no longer in the images than the distance that is left, and the step is so short that its
+        own errors do not hide what the probe does.
+        """
+        size = max(min(self._servo.probe_px * IMAGE_UNIT, left), self.NOISES * self._noise)
+        unknown = here.slope_variances.mean(0)
+        variances, ways = np.linalg.eigh(unknown)
+        ways = ways[:, variances > self.AS_UNKNOWN * variances[-1]]
+        probe = ways @ self._random.normal(size=ways.shape[1])
+        moved = here.jacobian @ probe
+        probe *= size / np.sqrt(2 * probe @ unknown @ probe + moved @ moved / POINTS)
+        if here.distance @ here.distance_jacobian @ probe > 0:
+            probe = -probe
+        for _ in range(self.HALVINGS):
+            if 2 * self.points.at(self.now.registers + words).variances.mean() < size**2:
+                break
+            words = words / 2
+        there = self.now.registers + words
+        if ((there + probe < self.lowest) | (there + probe > self.highest)).any():
+            probe = -probe
+        return np.clip(there + probe, self.lowest, self.highest) - self.now.registers
+
+    def _within_images(self, words: Array) -> Array:
+        """Words (m,), shorter where they are expected to lead points out of the images."""
+        limits = np.maximum(self._servo.border, np.abs(self.now.points))
+        for _ in range(self.HALVINGS):
+            if (np.abs(self.points.at(self.now.registers + words).points) <= limits).all():
+                break
+            words = words / 2
+        return words

@@ -22,7 +22,7 @@ from calfree_gym.image import IMAGE_UNIT
 from ..base.checks import check_number, check_one_of
 from ..base.observation import Array, Observation
 from ..base.procedure import Procedure
-from ..jacobian import Estimator, TestMotions
+from ..jacobian import Estimator, Slopes, TestMotions
 from .redundancy import solve, solve_within
 from .settings import SERVO_KNOWLEDGE, check_motions
 from .steps import Steps
@@ -118,11 +118,11 @@ class WorkPlaneServo:
         check_motions(self)
         check_number("in_plane_px", self.in_plane_px, least=0)
 
-    def new_estimator(self, motors: int, start: Array | None) -> Estimator:
+    def new_estimator(self, motors: int, start: Slopes | None) -> Estimator:
         """See `Servo`."""
         return TestMotions(motors, start)
 
-    def __call__(self, first: Observation, findings: Findings) -> Procedure:
+    def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:
         """Seeks the rendezvous from the first observation on, until the trial ends."""
         trial = Trial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
