@@ -148,7 +148,7 @@ class Reach:
         """The next words (m,): a step, and a probe where the step would leave too much of the distance."""
         here = self.points.at(self.now.registers)
         words, left = self._step()
-        if left > max(self.LEFT * np.linalg.norm(here.distance) / np.sqrt(2), self.ARRIVED * self._noise):
+        if left > max(self.LEFT * np.linalg.norm(here.distance) / np.sqrt(2), self.ARRIVED * np.sqrt(here.variances.mean())):
             words = self._with_probe(words, left, here)
         return self._within_images(words / max(1.0, float(np.abs(words).max())))
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.jacobian import Kalman
 from agents.servo.trial import Findings
 from agents.servo.unified import UnifiedServo
 
@@ -34,7 +33,7 @@ def share_reached(mount, trouble, motions, error_px, worlds):
     observations, _ = env.reset(seed=list(range(3000, 3000 + worlds)))
     servo, words, running = UnifiedServo(), np.zeros((worlds, 3), np.float32), []
     for row in range(worlds):
-        running.append(servo(of_row(observations, row), Findings(Kalman(3))))
+        running.append(servo(of_row(observations, row), Findings(servo.new_estimator(3, None))))
         words[row] = next(running[row])
     for _ in range(motions):
         observations, *_, info = env.step(words)

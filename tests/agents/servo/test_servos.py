@@ -14,7 +14,7 @@ from tests.agents.neural.quick import QUICK
 SERVOS = [
     ("work_plane_servo", {}),
     ("paper_servo", {}),
-    *[("unified_servo", {"estimator": name}) for name in ESTIMATORS],
+    *[("jacobian_servo", {"estimator": name}) for name in ESTIMATORS],
 ]
 
 
@@ -56,7 +56,7 @@ def test_unified_servo_reaches_in_fewer_motions(reach, mount, redundancy):
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_unified_servo_reaches_by_every_estimator(reach, estimator, mount):
-    records = reach("unified_servo", mount, range(16), estimator=estimator)
+    records = reach("jacobian_servo", mount, range(16), estimator=estimator)
     assert np.mean([r.rendezvous for r in records]) >= 0.93
     assert np.median([r.motions for r in records]) <= 10
 
@@ -85,18 +85,18 @@ def test_a_camera_rolled_in_mid_trial_is_tolerated_in_many_worlds(reach, name, s
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_what_the_last_trial_knew_of_the_jacobian_shortens_the_next(live, make_env, estimator, mount):
     lengths = np.array(
-        [live("unified_servo", make_env(mount), seed, trials=4, estimator=estimator)[1] for seed in range(8)]
+        [live("jacobian_servo", make_env(mount), seed, trials=4, estimator=estimator)[1] for seed in range(8)]
     )
     assert lengths[:, 1:].mean() <= 0.75 * lengths[:, 0].mean()
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_the_jacobian_is_saved_and_loaded_and_used(live, make_env, estimator, tmp_path):
-    agent, _ = live("unified_servo", make_env(), 3, trials=2, estimator=estimator)
+    agent, _ = live("jacobian_servo", make_env(), 3, trials=2, estimator=estimator)
     agent.save(tmp_path / "servo.npz")
     env = make_env(world=agent.env.unwrapped.world)
-    again = agents.make("unified_servo", env, estimator=estimator).load(tmp_path / "servo.npz")
-    fresh = agents.make("unified_servo", env, estimator=estimator)
+    again = agents.make("jacobian_servo", env, estimator=estimator).load(tmp_path / "servo.npz")
+    fresh = agents.make("jacobian_servo", env, estimator=estimator)
     np.testing.assert_array_equal(again.jacobian, agent.jacobian)
     observation, _ = env.reset(seed=5)
     np.testing.assert_array_equal(again.predict(observation)[0], agent.predict(observation)[0])

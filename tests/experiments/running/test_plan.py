@@ -1,5 +1,7 @@
+import math
+
 from experiments.config.suite import Suite
-from experiments.running.plan import runs_of
+from experiments.running.plan import parse_run, runs_of
 
 
 def test_agents_meet_the_same_worlds_and_trials(suite_data):
@@ -53,3 +55,11 @@ def test_who_else_takes_part_is_no_part_of_a_run(suite_data):
     alone = {run.id for run in runs_of(Suite.model_validate(suite_data))}
     suite_data["scenarios"][0]["evaluation"] = suite_data["evaluation"]
     assert {run.id for run in runs_of(Suite.model_validate(suite_data))} == alone < few
+
+
+def test_a_run_is_read_as_it_was_written_infinite_settings_too(suite_data):
+    suite_data["agents"] = [{"name": "memory", "settings": {"jump_px": math.inf}}]
+    run = runs_of(Suite.model_validate(suite_data))[0]
+    again = parse_run(run.model_dump_json(indent=2))
+    assert (again, again.id) == (run, run.id)
+    assert again.agent.settings["jump_px"] == math.inf
