@@ -99,11 +99,11 @@ class SmoothPoints:
         self._fit()
         self.jacobian = self.at(observation.registers).jacobian
 
-    def start_again(self) -> None:
-        """Forgets all looks but the last, as the world has changed; known slopes may still hold."""
-        self._slopes = self._slopes_at(self._registers[-1])
-        self._registers, self._points, self._seen = self._registers[-1:], self._points[-1:], self._seen[-1:]
-        self._fit()
+    def look_anew(self, observation: Observation, noise_px: float) -> None:
+        """As `look`, where the world has changed: forgets earlier looks; known slopes may still hold."""
+        self._slopes = self._slopes_at(observation.registers)
+        self._registers, self._points, self._seen = self._registers[:0], self._points[:0], self._seen[:0]
+        self.look(observation, noise_px)
 
     def slopes_for_next(self) -> Slopes:
         """What the next trial begins with: the Jacobian at home."""

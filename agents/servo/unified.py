@@ -129,9 +129,8 @@ class Reach:
         deviations_px = np.sqrt(expected.variances) / IMAGE_UNIT
         self.now = yield from self.filter.settle(observation, before, expected.points, deviations_px)
         self._trusted.append(self.now)
-        self.points.look(self.now, self.filter.noise.px)
-        if self.filter.inconsistent.any():
-            self.points.start_again()
+        look = self.points.look_anew if self.filter.inconsistent.any() else self.points.look
+        look(self.now, self.filter.noise.px)
         if self.now.visible.all():
             self._all_seen_at = self.now.registers
 
@@ -148,7 +147,10 @@ class Reach:
         """The next words (m,): a step, and a probe where the step would leave too much of the distance."""
         here = self.points.at(self.now.registers)
         words, left = self._step()
-        if left > max(self.LEFT * np.linalg.norm(here.distance) / np.sqrt(2), self.ARRIVED * np.sqrt(here.variances.mean())):
+        if left > max(
+            self.LEFT * np.linalg.norm(here.distance) / np.sqrt(2),
+            self.ARRIVED * np.sqrt(here.variances.mean()),
+        ):
             words = self._with_probe(words, left, here)
         return self._within_images(words / max(1.0, float(np.abs(words).max())))
 

@@ -1,46 +1,116 @@
-"""The unified servo in a linear world: when it makes test motions, and when it makes none."""
+"""The unified servo in linear worlds, of as many motors as one likes."""
 
 import numpy as np
+import pytest
 
-from agents.jacobian import Kalman
 from agents.servo.trial import Findings
-from agents.servo.unified import UnifiedServo
+from agents.servo.unified import Reach, UnifiedServo
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.linear_arm import LinearArm
 
 
-def arm_with_object(off_px):
-    """An arm that could reach the object, were it not for `off_px` that no words can make vanish."""
-    rng = np.random.default_rng(0)
+def arm_of(motors, rng, idle=0, goal=0.3):
+    """An arm whose gripper's three dimensions some of its motors move, and an object that it can reach."""
     arm = LinearArm([400.0] * 3)
-    arm.jacobian[:4] = rng.normal(size=(4, 3))
-    arm.jacobian[4:] = 0
-    contradiction = np.linalg.svd(arm.jacobian[:4])[0][:, -1] * off_px * IMAGE_UNIT
+    arm.jacobian = np.zeros((8, motors))
+    in_images = rng.normal(size=(4, 3))
+    arm.jacobian[:4, idle:] = in_images @ rng.normal(size=(3, motors - idle)) * 0.5
+    arm.registers = np.zeros(motors)
     arm.home = np.zeros((4, 2))
-    arm.home[2:] = (arm.jacobian[:4] @ [0.1, -0.1, 0.05] + contradiction).reshape(2, 2)
+    arm.home[2:] = (arm.jacobian[:4] @ rng.uniform(-goal, goal, motors)).reshape(2, 2)
     return arm
 
 
-def motors_moved(arm, servo, motions):
-    """How many motors each motion moves, where the true Jacobian is known from the last trial."""
-    running = servo(arm.observed(), Findings(Kalman(3, arm.jacobian)))
-    words, counts = next(running), []
+def lived(arm, motions, start=None, servo=None):
+    """Words (n, m) and image distances in pixels (n + 1,) of one trial, and what was found out."""
+    servo = servo or UnifiedServo()
+    findings = Findings(servo.new_estimator(len(arm.registers), start))
+    running = servo(arm.observed(), findings)
+    words, made, distances = next(running), [], [arm.observed().distance_px]
     for _ in range(motions):
-        counts.append(np.count_nonzero(words))
-        words = running.send(arm.observed(words))
-    return counts
+        made.append(words)
+        observation = arm.observed(words)
+        distances.append(observation.distance_px)
+        words = running.send(observation)
+    return np.array(made), np.array(distances), findings
 
 
-def test_it_makes_no_test_motion_while_steps_bring_the_gripper_nearer():
-    arm = arm_with_object(0.0)
-    assert 1 not in motors_moved(arm, UnifiedServo(), 40)
-    points = arm.observed().points
-    np.testing.assert_allclose(points[:2], points[2:], atol=IMAGE_UNIT)
+def motions_to(distances_px, px=2.0):
+    return int(np.argmax(distances_px < px))
 
 
-def test_it_measures_j_anew_where_as_many_steps_as_its_patience_bring_it_no_nearer():
-    counts = motors_moved(arm_with_object(80.0), UnifiedServo(patience=6), 40)
-    first = counts.index(1)
-    steps = np.count_nonzero(np.array(counts[:first]) == 3)
-    assert 6 <= steps <= 12
-    assert motors_moved(arm_with_object(80.0), UnifiedServo(patience=3), 40).index(1) < first
+@pytest.mark.parametrize("motors", range(3, 8))
+def test_it_reaches_with_any_number_of_motors_in_hardly_more_motions(motors):
+    made = [motions_to(lived(arm_of(motors, np.random.default_rng(seed)), 25)[1]) for seed in range(12)]
+    assert min(made) > 0
+    assert np.median(made) <= 10
+
+
+def test_a_motor_that_moves_nothing_costs_nothing():
+    plain = [motions_to(lived(arm_of(3, np.random.default_rng(seed)), 25)[1]) for seed in range(12)]
+    idle = [motions_to(lived(arm_of(5, np.random.default_rng(seed), idle=2), 25)[1]) for seed in range(12)]
+    assert np.median(idle) <= np.median(plain) + 2
+
+
+def test_with_slopes_from_before_one_motion_does():
+    for seed in range(5):
+        arm = arm_of(6, np.random.default_rng(seed), goal=0.1)
+        _, _, findings = lived(arm, 20)
+        arm.registers = np.zeros(6)
+        arm.home[2:] = (arm.jacobian[:4] @ np.random.default_rng(9).uniform(-0.1, 0.1, 6)).reshape(2, 2)
+        assert motions_to(lived(arm, 10, findings.estimator.slopes_for_next())[1], 4.0) <= 3
+
+
+def test_among_words_that_do_it_takes_small_ones():
+    arm = arm_of(7, np.random.default_rng(0))
+    _, _, findings = lived(arm, 25)
+    least = np.linalg.norm(np.linalg.pinv(arm.jacobian[:4]) @ (arm.home[2:].reshape(4)))
+    assert np.linalg.norm(arm.registers) < 3 * least
+    assert findings.trusted[-1].distance_px < 2
+
+
+def test_words_stay_within_bounds_and_stops_are_learned():
+    arm = arm_of(3, np.random.default_rng(1))
+    arm.lowest, arm.highest = np.array([-0.05, -1, -1]), np.array([0.05, 1, 1])
+    words, _, _ = lived(arm, 20)
+    assert np.abs(words).max() <= 1
+    beyond = np.abs(words[12:, 0]).max()
+    assert beyond <= 0.1 + 1e-6
+
+
+def test_probes_are_about_as_large_in_the_images_as_they_are_wanted():
+    moved = []
+    for seed in range(30):
+        arm = arm_of(4, np.random.default_rng(seed))
+        arm.jacobian *= 2.0 ** np.random.default_rng(seed).uniform(-1, 2)
+        arm.home[2:] = 0.9
+        start = arm.observed().points
+        words, _, _ = lived(arm, 3)
+        arm.registers = np.zeros(4)
+        moved.append(np.linalg.norm(arm.observed(words[1]).points - start) / 2 / IMAGE_UNIT)
+    assert 8 < np.median(moved) < 80
+
+
+def test_words_are_short_that_would_lead_points_out_of_the_images():
+    farthest = []
+    for border in (0.9, 9.0):
+        arm = arm_of(3, np.random.default_rng(2))
+        arm.home[2:] = 1.5
+        _, _, findings = lived(arm, 12, servo=UnifiedServo(border=border))
+        farthest.append(max(np.abs(each.points[:2]).max() for each in findings.trusted))
+    assert farthest[0] < 1.05 < farthest[1]
+
+
+def test_a_word_is_a_step_alone_where_that_is_expected_to_do():
+    arm = arm_of(3, np.random.default_rng(3))
+    servo = UnifiedServo()
+    findings = Findings(servo.new_estimator(3, None))
+    findings.estimator.look(arm.observed(), 0.7)
+    for words in np.vstack([np.eye(3), -np.eye(3)]) * 0.2:
+        arm.registers = np.zeros(3)
+        findings.estimator.look(arm.observed(words), 0.7)
+    arm.registers = np.zeros(3)
+    reach = Reach(servo, arm.observed(), findings)
+    np.testing.assert_allclose(
+        reach.words(), np.linalg.pinv(arm.jacobian[:4]) @ -arm.observed().distance, atol=0.03
+    )
