@@ -13,7 +13,8 @@ from calfree_gym.world import nominal
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
-from ..perception import ObservationFilter, linear_deviations_px
+from ..jacobian.linear import linear_deviations_px
+from ..perception import ObservationFilter
 from ..servo.trial import half_way_back
 from .robot_model import RobotModel
 

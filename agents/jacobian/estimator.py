@@ -15,10 +15,8 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array, Flags
+from ..perception.noise import MARKER_NOISE_PX
 
-MARKER_NOISE_PX = 0.7
-"""Noise of an image coordinate before any is known. Derived: the 0.5 px of a good marker, as in coarse
-and wild worlds, and a margin of √2."""
 UNKNOWN_VARIANCE = 1e4
 """Variance of a column of which nothing is known, in (image units per word)². Derived: 100², far beyond any
 motor, whose word crosses a few images at most."""

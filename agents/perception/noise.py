@@ -9,7 +9,10 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array
-from ..jacobian.estimator import MARKER_NOISE_PX
+
+MARKER_NOISE_PX = 0.7
+"""Noise of an image coordinate before any is known. Derived: the 0.5 px of a good marker, as in coarse
+and wild worlds, and a margin of √2."""
 
 
 class NoiseEstimate:

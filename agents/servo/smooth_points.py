@@ -9,7 +9,8 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import POINTS, Array, Observation
-from ..jacobian.estimator import MARKER_NOISE_PX, Slopes, distance_jacobian
+from ..jacobian import Slopes, distance_jacobian
+from ..perception.noise import MARKER_NOISE_PX
 
 SIDES = (slice(0, 2), slice(2, 4))
 """Points of the gripper, and of the object: those of one side are as smooth in both images."""

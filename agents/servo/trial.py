@@ -13,7 +13,8 @@ from calfree_gym.image import lengths_px
 from ..base.observation import POINTS, Array, Flags, Observation
 from ..jacobian import Estimator, JacobianEstimate, distance_jacobian
 from ..jacobian.estimator import SIGN_CHANGE
-from ..perception import ObservationFilter, linear_deviations_px
+from ..jacobian.linear import linear_deviations_px
+from ..perception import ObservationFilter
 
 Motions = Generator[Array, Observation, Any]
 """Yields control words, is sent what is observed after them."""

@@ -151,18 +151,17 @@ def test_a_success_is_remembered_at_the_true_rendezvous(make_env, mount):
         raw, *_ = env.step(wanted + off - env.unwrapped.arms.registers[0])
         last = Observation.of(raw)
         assert 0.2 < last.distance_px < LearningServo.LATE_PX
-        agent.jacobian = analytic.points_jacobian(env)
-        found = agent._rendezvous(last)
+        found = agent._rendezvous(last, analytic.points_jacobian(env))
         assert np.linalg.norm(found - wanted) < 0.1 * np.linalg.norm(last.registers - wanted)
 
 
 def test_what_ended_late_is_remembered_where_it_ended(make_env):
     """Points further apart than any tolerance came late: they do not belong to the last registers."""
     agent = agents.make("memory", make_env())
-    agent.jacobian = np.random.default_rng(0).normal(size=(8, 3))
+    jacobian = np.random.default_rng(0).normal(size=(8, 3))
     points = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 10 * IMAGE_UNIT], [0.0, 0.0]])
     last = Observation(points, np.ones(4, bool), np.array([0.1, 0.2, 0.3]))
-    np.testing.assert_array_equal(agent._rendezvous(last), last.registers)
+    np.testing.assert_array_equal(agent._rendezvous(last, jacobian), last.registers)
 
 
 def test_what_is_expected_of_the_first_motion_is_told_before(live, make_env):

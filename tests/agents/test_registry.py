@@ -32,9 +32,10 @@ def test_unknown_names_and_settings():
         ("random", {"limit": 2}),
         ("grid_table", {"cells": 0}),
         ("sac", {"word_limit": 0}),
-        ("unified_servo", {"test_px": -3}),
-        ("unified_servo", {"damping": "x"}),
-        ("unified_servo", {"estimator": "test_motions", "patience": 0}),
+        ("unified_servo", {"probe_px": -3}),
+        ("unified_servo", {"caution": "x"}),
+        ("jacobian_servo", {"damping": "x"}),
+        ("jacobian_servo", {"patience": 0}),
         ("paper_servo", {"step_word": 1.5}),
         ("work_plane_servo", {"camera": "middle"}),
         ("work_plane_servo", {"border": 0}),
@@ -42,33 +43,14 @@ def test_unknown_names_and_settings():
         with pytest.raises(ValueError, match=str(list(setting.values())[-1])):
             agents.make(name, env, **setting)
     with pytest.raises(ValueError, match=r"estimator is 'kalmann' \(did you mean kalman\?\)"):
-        agents.make("unified_servo", env, estimator="kalmann")
-
-
-def test_the_paper_s_servo_has_an_older_name(make_env):
-    """It was the unified servo by test motions, and still makes the same motions under that name."""
-    env = make_env(max_episode_steps=20)
-    words = []
-    for name, settings in (("paper_servo", {}), ("unified_servo", {"estimator": "test_motions"})):
-        agent = agents.make(name, env, redundancy="omit", **settings)
-        observation, _ = env.reset(seed=3)
-        state, made = None, []
-        for _ in range(12):
-            word, state = agent.predict(observation, state)
-            observation, *_ = env.step(word)
-            made.append(word)
-        words.append(made)
-    np.testing.assert_array_equal(*words)
+        agents.make("jacobian_servo", env, estimator="kalmann")
 
 
 def test_which_servo_corrects_the_paper_s_table(make_env):
-    """The paper's own; with an estimator chosen, the unified one by that."""
+    """The paper's own, unless another one is asked for."""
     env = make_env()
     assert agents.make("grid_table", env).servo == PaperServo()
-    assert agents.make("grid_table", env, estimator="kalman").servo == UnifiedServo()
-    assert agents.make("grid_table", env, estimator="test_motions").servo == PaperServo()
-    assert agents.make("grid_table", env, servo="unified_servo").servo == PaperServo()
-    assert agents.make("grid_table", env, patience=3).servo == PaperServo()
+    assert agents.make("grid_table", env, servo="unified_servo").servo == UnifiedServo()
     assert agents.make("grid_table", env, servo="work_plane_servo").servo == WorkPlaneServo()
     with pytest.raises(ValueError, match=r"has no setting 'estimator'.*allowed: .*in_plane_px"):
         agents.make("grid_table", env, servo="work_plane_servo", estimator="kalman")

@@ -32,18 +32,13 @@ from agents.servo.unified import UnifiedServo
 MODULES: dict[str, tuple[str, ...]] = {
     "unified_servo": (
         "agents.servo.unified",
-        "agents.servo.trial",
-        "agents.servo.steps",
-        "agents.servo.redundancy",
-        "agents.jacobian.estimator",
-        "agents.jacobian.kalman",
+        "agents.servo.smooth_points",
         "agents.perception",
     ),
     "memory": (
         "agents.learning_servo",
         "agents.knowledge.gaussian_process",
         "agents.adaptation",
-        "agents.jacobian.estimator",
     ),
 }
 """What each agent is made of: modules, and packages with all modules in them. Memory corrects by
@@ -52,9 +47,7 @@ MODULES: dict[str, tuple[str, ...]] = {
 OTHERS: dict[str, str] = {
     "agents.base": "no choices: how many points there are",
     "agents.calibrated": "the calibrated robots",
-    "agents.jacobian.least_squares": "other estimators",
-    "agents.jacobian.rank_one": "other estimators",
-    "agents.jacobian.test_motions": "the paper's servo",
+    "agents.jacobian": "other servos: linear estimators",
     "agents.knowledge.distance": "other knowledge bases",
     "agents.knowledge.factored_table": "other knowledge bases",
     "agents.knowledge.gain": "other knowledge bases",
@@ -63,9 +56,13 @@ OTHERS: dict[str, str] = {
     "agents.knowledge.support_points": "other knowledge bases",
     "agents.neural": "the neural agents",
     "agents.registry": "names of agents",
+    "agents.servo.jacobian_servo": "another servo",
     "agents.servo.joint_space": "another servo",
     "agents.servo.paper": "another servo",
+    "agents.servo.redundancy": "other servos",
     "agents.servo.settings": "checks of settings",
+    "agents.servo.steps": "other servos",
+    "agents.servo.trial": "other servos",
     "agents.servo.work_plane": "another servo",
 }
 """Modules and packages with numbers of their own that are no part of these agents."""

@@ -162,8 +162,8 @@ def test_damaged_and_foreign_files(tmp_path):
     make("grid_table")[0].save(tmp_path / "eight.npz")
     with pytest.raises(ValueError, match=r"GridTable\(cells=8.*GridTable\(cells=4"):
         make("grid_table", cells=4)[0].load(tmp_path / "eight.npz")
-    with pytest.raises(ValueError, match=r"test_px=16.0.*test_px=9"):
-        make("unified_servo", test_px=9)[0].load(tmp_path / "servo.npz")
+    with pytest.raises(ValueError, match=r"probe_px=16.0.*probe_px=9"):
+        make("unified_servo", probe_px=9)[0].load(tmp_path / "servo.npz")
 
 
 @pytest.mark.parametrize("patience", [6, 2])

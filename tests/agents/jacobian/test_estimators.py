@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from agents.base.observation import Observation
-from agents.jacobian import ESTIMATORS, TestMotions, distance_jacobian
+from agents.jacobian import ESTIMATORS, Slopes, TestMotions, distance_jacobian
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents import analytic
 
@@ -158,7 +158,7 @@ def test_a_test_motion_forth_or_back_measures_the_same_column(word):
 @settings(max_examples=50, deadline=None)
 @given(start=matrices(8, 3), words=matrices(3, low=0.0625), moved=matrices(8), other=matrices(3))
 def test_broyden_explains_the_last_motion_by_the_least_change(start, words, moved, other):
-    found = EVERY["broyden"](3, start)
+    found = EVERY["broyden"](3, Slopes.of(start))
     found.learn(words, moved.reshape(4, 2), ALL)
     np.testing.assert_allclose(found.jacobian @ words, moved, atol=1e-3)
     across = other - words * (other @ words) / (words @ words)
@@ -169,7 +169,7 @@ def test_broyden_explains_the_last_motion_by_the_least_change(start, words, move
 def test_what_was_not_seen_changes_nothing(estimator):
     rng = np.random.default_rng(0)
     start, seen = rng.normal(size=(8, 3)), np.array([True, True, False, True])
-    found = EVERY[estimator](3, start)
+    found = EVERY[estimator](3, Slopes.of(start))
     for words in 0.1 * np.eye(3):
         found.learn(words, rng.normal(size=(4, 2)), seen)
     rows = np.repeat(seen, 2)
@@ -181,7 +181,7 @@ def test_what_was_not_seen_changes_nothing(estimator):
 def test_an_estimator_begins_with_the_jacobian_that_it_is_given_and_a_copy_of_its_own(estimator):
     start = np.random.default_rng(0).normal(size=(8, 3))
     given_ = start.copy()
-    found = EVERY[estimator](3, given_)
+    found = EVERY[estimator](3, Slopes.of(given_))
     np.testing.assert_array_equal(found.jacobian, start)
     found.learn(np.array([0.1, 0.0, 0.0]), np.ones((4, 2)), ALL)
     np.testing.assert_array_equal(given_, start)
@@ -231,7 +231,7 @@ def test_local_least_squares_withstands_one_gross_outlier_among_its_motions():
 
 def test_trust_region_goes_further_where_it_predicts_well_and_less_far_where_not():
     true = np.random.default_rng(0).normal(size=(8, 3))
-    found = EVERY["trust_region"](3, true)
+    found = EVERY["trust_region"](3, Slopes.of(true))
     reach = found.reach_px
     found.learn(np.full(3, 0.1), moved_by(true, np.full(3, 0.1)), ALL)
     assert found.reach_px > reach

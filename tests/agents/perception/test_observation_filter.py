@@ -28,7 +28,8 @@ def off_px(trusted, px):
 def settled(filter_, observations, known=True):
     """The trusted observation after a motion from the places, and how many of `observations` it took."""
     home = Observation(PLACES, np.ones(4, bool), np.zeros(3))
-    running = filter_.settle(observations[0], home, MOVED_PX * IMAGE_UNIT * known, np.full(4, known))
+    expected = PLACES + MOVED_PX * IMAGE_UNIT * known
+    running = filter_.settle(observations[0], home, expected, np.full(4, 1.0 if known else 16.0))
     taken = 1
     try:
         words = next(running)

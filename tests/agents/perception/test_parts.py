@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_t
 
 from agents.base.observation import Observation
 from agents.perception.gating import Gating
@@ -39,11 +40,21 @@ def test_noise_is_that_of_a_good_marker_until_enough_is_known():
     assert noise.px == 0.7
 
 
+def test_gates_end_where_a_point_is_as_likely_to_be_mistaken_as_right():
+    """By the densities themselves: Student's t in two coordinates, and anywhere in the image."""
+    deviations_px, noise_px, share = np.array([1.0, 5.0, 20.0, 80.0]), 3.0, Gating.MISTAKEN / Gating.OF
+    radii = Gating().radii(deviations_px, noise_px)
+    scales = np.hypot(deviations_px, noise_px)
+    right = multivariate_t(shape=np.eye(2), df=Gating.TAILS)
+    densities = [right.pdf([r / s, 0]) / s**2 for r, s in zip(radii, scales, strict=True)]
+    np.testing.assert_allclose(np.array(densities) * (1 - share), share / 512**2, rtol=1e-6)
+
+
 @pytest.mark.parametrize("count", [1, 2])
-def test_gates_widen_by_four_standard_deviations_of_the_noise(count):
-    for noise_px, found in ((0.0, False), (4.0, False), (6.0, True)):
-        observations = [seen([50.0, 0.0]), seen([-300.0, 0.0])][:count]
-        assert Gating().estimate(observations, PREDICTED, RADII, noise_px).found[0] == found
+def test_a_point_is_trusted_within_its_gate_alone(count):
+    for px, found in ((29.0, True), (31.0, False)):
+        observations = [seen([px, 0.0]), seen([-300.0, 0.0])][:count]
+        assert Gating().estimate(observations, PREDICTED, RADII, 0.7).found[0] == found
 
 
 def test_points_outside_their_gates_are_trusted_where_two_observations_agree_and_only_there():
@@ -56,12 +67,16 @@ def test_points_outside_their_gates_are_trusted_where_two_observations_agree_and
     assert agreeing.inconsistent.tolist() == [True, False, False, False]
 
 
-def test_gates_get_narrower_where_mistaken_points_have_been_met():
-    gating = Gating()
-    before = gating.radii(np.full(4, 20.0), np.ones(4, bool))
-    gating.estimate([seen([200.0, 0.0]), seen([0.0, 0.0])], PREDICTED, RADII, 0.7)
-    after = gating.radii(np.full(4, 20.0), np.ones(4, bool))
-    np.testing.assert_allclose(before - after, Gating.GATE_PX - Gating.WARY_GATE_PX)
+def test_gates_get_narrower_the_more_mistaken_points_have_been_met():
+    gating, widths = Gating(), []
+    for far in [0.0] * 5 + [200.0] * 5:
+        widths.append(gating.radii(np.full(4, 5.0), 0.7)[0])
+        observations = [seen([far, 0.0]), seen([0.0, 0.0])]
+        gating.count(observations, gating.estimate(observations, PREDICTED, RADII, 0.7), 0.7)
+    widths.append(gating.radii(np.full(4, 5.0), 0.7)[0])
+    assert np.all(np.diff(widths[:6]) > 0)
+    assert np.all(np.diff(widths[5:]) < 0)
+    assert widths[-1] < 0.8 * widths[5]
 
 
 @pytest.mark.parametrize(("gaps", "patience"), [(False, 1), (True, 4)])
