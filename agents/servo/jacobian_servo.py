@@ -1,7 +1,6 @@
-"""The second implementation without test motions where it can: J is learned from the steps themselves.
+"""A Jacobian that is kept up to date by every motion, as others have done where the paper tests motors.
 
-"It should be possible to have the robot learn the relationships ... by having it observe its own motions
-during its ordinary operation" (section 2.3): the paper has not tested it.
+Hosoda & Asada (1994), Jägersand (1997), Piepmeier et al. (1999), Qian & Su (2002), Farahmand et al. (2007).
 """
 
 from __future__ import annotations
