@@ -85,6 +85,7 @@ class SmoothPoints:
         self._registers = np.empty((0, motors))
         self._points = np.empty((0, POINTS, 2))
         self._seen = np.empty((0, POINTS), bool)
+        self._fit()
 
     def look(self, observation: Observation, noise_px: float) -> None:
         """Takes in the points of an observation that are visible in it.
@@ -106,8 +107,10 @@ class SmoothPoints:
         self._registers, self._points, self._seen = self._registers[:0], self._points[:0], self._seen[:0]
         self.look(observation, noise_px)
 
-    def slopes_for_next(self) -> Slopes:
-        """What the next trial begins with: the Jacobian at home."""
+    def slopes_for_next(self) -> Slopes | None:
+        """What the next trial begins with: the Jacobian at home; without looks that from before."""
+        if not len(self._registers):
+            return self._slopes
         return self._slopes_at(np.zeros(self._registers.shape[1]))
 
     def _slopes_at(self, registers: Array) -> Slopes:

@@ -206,13 +206,15 @@ class Reach:
                 break
             words = words / 2
         there = self.now.registers + words
-        if ((there + probe < self.lowest) | (there + probe > self.highest)).any():
+        beyond = (there + probe < self.lowest) | (there + probe > self.highest)
+        if beyond.any() and probe @ words <= 0:  # else it would undo the step
             probe = -probe
         return np.clip(there + probe, self.lowest, self.highest) - self.now.registers
 
     def _within_images(self, words: Array) -> Array:
         """Words (m,), shorter where they are expected to lead points out of the images."""
-        limits = np.maximum(self._servo.border, np.abs(self.now.points))
+        farthest = np.abs(self.now.points).reshape(2, 2, 2).max(0)  # of gripper and object, in each image
+        limits = np.tile(np.maximum(self._servo.border, farthest), (2, 1))
         for _ in range(self.HALVINGS):
             if (np.abs(self.points.at(self.now.registers + words).points) <= limits).all():
                 break

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from agents.base.observation import Observation
-from agents.jacobian import TestMotions
+from agents.jacobian import Slopes, TestMotions
 from agents.servo.steps import Steps
 from agents.servo.trial import Findings, Trial
 from calfree_gym.image import lengths_px
@@ -21,7 +21,7 @@ def numbers(*shape, most=1.0):
 
 def steps_in(jacobian, points):
     """Steps of a trial in which J (8, 3) is known and points (4, 2) are seen."""
-    findings = Findings(TestMotions(3, jacobian))
+    findings = Findings(TestMotions(3, Slopes.of(jacobian)))
     trial = Trial(Observation(points, np.ones(4, bool), np.zeros(3)), findings, 0.04, 16.0)
     return Steps(trial, STEP_PX, STEP_WORD, BORDER)
 

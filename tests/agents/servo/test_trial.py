@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.jacobian import Kalman, TestMotions
+from agents.jacobian import Kalman, Slopes, TestMotions
 from agents.servo.trial import Findings, Trial, half_way_back
 from calfree_gym.image import lengths_px
 from tests.agents.linear_arm import LinearArm
@@ -42,7 +42,7 @@ def test_test_words_get_the_size_that_moves_the_images_as_wanted(estimator, px_b
 
 def test_a_test_motion_moves_one_motor_and_towards_the_object():
     arm = LinearArm([400.0, 400.0, 400.0])
-    trial = trial_of(arm, TestMotions(3, arm.jacobian))
+    trial = trial_of(arm, TestMotions(3, Slopes.of(arm.jacobian)))
     for motor in range(3):
         before = trial.now.distance
         words = carry_out(trial.test(motor), arm)
@@ -52,7 +52,7 @@ def test_a_test_motion_moves_one_motor_and_towards_the_object():
 
 def test_where_a_motor_stops_is_learned_from_what_it_does_not_execute():
     arm = LinearArm([100.0] * 3, lowest=np.array([-1, -0.3, -1]), highest=np.array([0.2, 1, 1]))
-    trial = trial_of(arm, TestMotions(3, arm.jacobian))
+    trial = trial_of(arm, TestMotions(3, Slopes.of(arm.jacobian)))
     carry_out(trial.move(np.array([0.5, -0.5, 0.1])), arm)
     np.testing.assert_allclose(trial.highest, [0.2, 1, 1])
     np.testing.assert_allclose(trial.lowest, [-1, -0.3, -1])
