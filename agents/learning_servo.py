@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from .adaptation.adaptive_knowledge import AdaptiveKnowledge
 from .base.checks import check_flag, check_number, checked_array
 from .base.observation import POINTS, Array, Observation, RawObservation
 from .base.procedure import Procedure
@@ -20,6 +19,16 @@ from .perception import ObservationFilter, Observing
 from .servo.redundancy import solve
 from .servo.servo_agent import Servo, ServoAgent
 from .servo.trial import Findings
+
+
+def jump(registers: Array, home: Observation, filter_: ObservationFilter, findings: Findings) -> Observing:
+    """Moves at once to registers (m,) that are recalled; back where that loses a point from view."""
+    after = yield registers - home.registers
+    after = yield from filter_.settle(after, home, after.points, np.zeros(POINTS))
+    findings.trusted.append(after)
+    if not after.visible.all():
+        after = yield home.registers - after.registers
+    return after
 
 
 class LearningServo(ServoAgent):
@@ -42,8 +51,6 @@ class LearningServo(ServoAgent):
         jump_px: It moves at once only where it expects to end up no further off than this; tuned on
             wild worlds 3000 and up.
         every_look: Whether every observation of the gripper teaches, not only the rendezvous.
-        on_change: What it does with its knowledge where the world has changed: one of
-            `agents.adaptation.adaptive_knowledge.ON_CHANGE`.
     """
 
     LATE_PX = 6.0
@@ -59,53 +66,29 @@ class LearningServo(ServoAgent):
         seed: int = 0,
         jump_px: float = 60.0,
         every_look: bool = True,
-        on_change: str = "keep",
     ) -> None:
         super().__init__(env, servo, seed)
         check_number("jump_px", jump_px, least=0, finite=False)
         check_flag("every_look", every_look)
-        if on_change != "keep" and not every_look:
-            raise ValueError(
-                f"on_change {on_change!r} needs every_look: changes show in observations of the gripper"
-            )
-        self.adaptation = AdaptiveKnowledge(knowledge, self.motors, on_change)
-        self.prior_knowledge |= knowledge.prior_knowledge | self.adaptation.prior_knowledge
+        self.knowledge = knowledge
+        self.prior_knowledge |= knowledge.prior_knowledge
         self.jump_px = jump_px
         self.every_look = every_look
         self.camera_motors = np.zeros(self.motors, bool)
-
-    @property
-    def knowledge(self) -> Knowledge:
-        """What it remembers."""
-        return self.adaptation.knowledge
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
         """See `ProcedureAgent`."""
         filter_ = ObservationFilter()
         now = yield from filter_.first(first)
         findings.trusted.append(now)
-        knowledge = self.adaptation.knowledge_for(now.gripper)
-        if knowledge is not None:
-            now = yield from self._jump(knowledge, now, filter_, findings)
-            jacobian = self.implied_jacobian(knowledge, now.registers)
-            if jacobian is not None:
-                slopes = Slopes.of(jacobian, now.registers)
-                findings.estimator = self.servo.new_estimator(self.motors, slopes)
+        recall = self._recall(now)
+        if recall is not None:
+            now = yield from jump(recall.registers, now, filter_, findings)
+        jacobian = self.implied_jacobian(now.registers)
+        if jacobian is not None:
+            slopes = Slopes.of(jacobian, now.registers)
+            findings.estimator = self.servo.new_estimator(self.motors, slopes)
         yield from self.servo(now, findings)
-
-    def _jump(
-        self, knowledge: Knowledge, home: Observation, filter_: ObservationFilter, findings: Findings
-    ) -> Observing:
-        """Moves at once to the registers that are recalled; back where that loses a point from view."""
-        recall = self._recall(knowledge, home)
-        if recall is None:
-            return home
-        after = yield recall.registers - home.registers
-        after = yield from filter_.settle(after, home, after.points, np.zeros(POINTS))
-        findings.trusted.append(after)
-        if not after.visible.all():
-            after = yield home.registers - after.registers
-        return after
 
     def expected_px(self, first: RawObservation) -> float | None:
         """How far off it expects to be after its first motion, told before that motion is made.
@@ -118,15 +101,12 @@ class LearningServo(ServoAgent):
             once, or does not see the object.
         """
         home = Observation.of(first)
-        knowledge = self.adaptation.knowledge_for(home.gripper)
-        if knowledge is None or not home.visible.all():
-            return None
-        recall = self._recall(knowledge, home)
+        recall = self._recall(home) if home.visible.all() else None
         return None if recall is None else recall.deviation_px
 
-    def _recall(self, knowledge: Knowledge, home: Observation) -> Recall | None:
+    def _recall(self, home: Observation) -> Recall | None:
         """What it remembers of the object's place, if that is sure enough to move there at once."""
-        recall = knowledge.recall(home.object)
+        recall = self.knowledge.recall(home.object)
         return None if recall is None or recall.deviation_px > self.jump_px else recall
 
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
@@ -142,7 +122,9 @@ class LearningServo(ServoAgent):
         registers.append(self._rendezvous(last, findings.estimator.jacobian))
         sensors.append(trusted[0].object)
         teaches.append(ended and bool(trusted[0].visible[2:].all()))
-        self.adaptation.learn(np.array(sensors)[teaches], np.array(registers)[teaches])
+        for seen, there, teach in zip(sensors, registers, teaches, strict=True):
+            if teach:
+                self.knowledge.learn(seen, there)
 
     def _learn_camera_motors(self, jacobian: Array) -> None:
         """Tells by J (8, m), once all motors are in it, which of them move the object's image more."""
@@ -156,13 +138,13 @@ class LearningServo(ServoAgent):
             return last.registers
         return last.registers + solve(distance_jacobian(jacobian), last.distance, 0.0)
 
-    def implied_jacobian(self, knowledge: Knowledge, registers: Array) -> Array | None:
-        """The Jacobian (8, m) of gripper and object points that knowledge implies at `registers`.
+    def implied_jacobian(self, registers: Array) -> Array | None:
+        """The Jacobian (8, m) of gripper and object points that its knowledge implies at `registers`.
 
         Motors that move the cameras leave the gripper's image where it is, and move the object's the
         opposite way.
         """
-        jacobian = knowledge.jacobian(np.where(self.camera_motors, 0.0, registers))
+        jacobian = self.knowledge.jacobian(np.where(self.camera_motors, 0.0, registers))
         if jacobian is None:
             return None
         return np.concatenate([jacobian * ~self.camera_motors, -jacobian * self.camera_motors])
@@ -171,15 +153,15 @@ class LearningServo(ServoAgent):
     def kind(self) -> str:
         """See `ProcedureAgent`."""
         settings = f"jump_px={self.jump_px:g}, every_look={self.every_look}"
-        return f"{self.knowledge!r} over {self.servo!r}, {settings}, on_change={self.adaptation.on_change}"
+        return f"{self.knowledge!r} over {self.servo!r}, {settings}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        return super().arrays() | self.adaptation.arrays() | {"camera_motors": self.camera_motors}
+        return super().arrays() | self.knowledge.arrays() | {"camera_motors": self.camera_motors}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
         super().restore(arrays)
         arrays = with_present_names(arrays, {"carriers": "camera_motors"})
-        self.adaptation.restore(arrays)
+        self.knowledge.restore(arrays)
         self.camera_motors = checked_array(arrays, "camera_motors", (self.motors,)) > 0

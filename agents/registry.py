@@ -15,16 +15,16 @@ import gymnasium as gym
 
 from calfree_gym.errors import near_misses
 
+from .adaptation.remembered import Remembered
 from .base.agent import Agent
 from .calibrated.affine_stereo import AffineStereo
 from .calibrated.model_based import ModelBased
 from .calibrated.self_calibrating import SelfCalibrating
 from .knowledge.factored_table import FactoredTable
-from .knowledge.gaussian_process import GaussianProcess
 from .knowledge.grid_table import GridTable
-from .knowledge.interface import Knowledge
 from .knowledge.support_points import SupportPoints
 from .learning_servo import LearningServo
+from .memory import Memory
 from .oracle import Oracle
 from .random_agent import RandomAgent
 from .servo.jacobian_servo import JacobianServo
@@ -50,22 +50,41 @@ def make_servo(name: str, settings: Mapping[str, Any]) -> Servo:
     return SERVOS[name](**settings)
 
 
-def _learning_servo(
+def _learning_servo(env: Environment, seed: int = 0, knowledge: str = "memory", **settings: Any) -> Agent:
+    maker = _memory if knowledge == "memory" else _table
+    return maker(env, seed, knowledge, **settings)
+
+
+def _table(
     env: Environment,
-    seed: int = 0,
-    knowledge: str = "memory",
+    seed: int,
+    knowledge: str,
     servo: str = "unified_servo",
     jump_px: float = 60.0,
     every_look: bool = True,
-    on_change: str = "keep",
     **settings: Any,
 ) -> Agent:
-    own = _own_settings(knowledge)
-    remembered = KNOWLEDGE[knowledge](
-        env.action_space.shape[0],  # type: ignore[index]
-        **{name: settings.pop(name) for name in own if name in settings},
-    )
-    return LearningServo(env, remembered, make_servo(servo, settings), seed, jump_px, every_look, on_change)
+    table = _knowledge(env, knowledge, settings)
+    return LearningServo(env, table, make_servo(servo, settings), seed, jump_px, every_look)
+
+
+def _memory(
+    env: Environment,
+    seed: int,
+    knowledge: str,
+    servo: str = "unified_servo",
+    jump_px: float = 60.0,
+    on_change: str = "recognise",
+    **settings: Any,
+) -> Agent:
+    remembered = _knowledge(env, knowledge, settings)
+    return Memory(env, remembered, make_servo(servo, settings), seed, jump_px, on_change)
+
+
+def _knowledge(env: Environment, name: str, settings: dict[str, Any]) -> Any:
+    """A knowledge base by its name; takes its own from the settings."""
+    own = {each: settings.pop(each) for each in _own_settings(name) if each in settings}
+    return KNOWLEDGE[name](env.action_space.shape[0], **own)  # type: ignore[index]
 
 
 def _own_settings(knowledge: str) -> dict[str, Any]:
@@ -114,12 +133,11 @@ def _recurrent_servo(env: Environment, seed: int = 0, weights: str | None = None
     return RecurrentServo(env, seed, weights)
 
 
-KNOWLEDGE: dict[str, Callable[..., Knowledge]] = {
+KNOWLEDGE: dict[str, Callable[..., Any]] = {
     "grid_table": GridTable,
     "factored_table": FactoredTable,
     "support_points": SupportPoints,
-    "gaussian_process": GaussianProcess,
-    "memory": GaussianProcess,
+    "memory": Remembered,
 }
 """Knowledge bases by name; `memory` is the best of them."""
 SERVOS: dict[str, type[PaperServo | JacobianServo | UnifiedServo | WorkPlaneServo]] = {
@@ -131,8 +149,6 @@ SERVOS: dict[str, type[PaperServo | JacobianServo | UnifiedServo | WorkPlaneServ
 """The servos that knowledge can be laid over."""
 DEFAULTS: dict[str, dict[str, Any]] = {
     "grid_table": {"every_look": False, "servo": "paper_servo", "jump_px": math.inf},
-    "gaussian_process": {"on_change": "recognise"},
-    "memory": {"on_change": "recognise"},
 }
 """Settings of agents that bear a knowledge base's name. With the paper's table only success teaches, what is
 recalled is always tried, and the paper's servo corrects."""
@@ -286,7 +302,9 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
                 f"agent {name!r}: {setting} is {chosen[setting]!r}{near_misses(chosen[setting], known)}; "
                 f"allowed: {', '.join(known)}"
             )
-    return named | _own_settings(chosen["knowledge"]) | _fields(chosen["servo"])
+    over = _named_settings(_memory if chosen["knowledge"] == "memory" else _table)
+    settings = named | {setting: over[setting] for setting in over if setting not in ("seed", "knowledge")}
+    return settings | _own_settings(chosen["knowledge"]) | _fields(chosen["servo"])
 
 
 def _named_settings(maker: Callable[..., Any]) -> dict[str, Any]:

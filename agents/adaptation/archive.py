@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ..base.observation import Array, camera_lengths_px
 from ..base.storage import prefixed, under
-from ..knowledge.gaussian_process import GaussianProcess
 from .home_view import HomeView
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -23,8 +22,8 @@ class Archive:
     """
 
     KEPT = 8
-    """This many worlds are kept. Choice: it bounds memory; a Gaussian process holds at most
-    `points` + `SPARE` pairs in each."""
+    """This many worlds are kept. Choice: it bounds memory; each holds as many looks
+    as `Remembered` keeps."""
 
     def __init__(self) -> None:
         self.worlds: list[Arrays] = []
@@ -33,9 +32,9 @@ class Archive:
         """Sets aside what was known while the gripper at home was seen there (4,); drops the oldest."""
         self.worlds = [*self.worlds, {**known, "home": home}][-self.KEPT :]
 
-    def find(self, gripper: Array) -> Arrays | None:
+    def find(self, gripper: Array, noise_px: float) -> Arrays | None:
         """The latest world in which the gripper at home was seen there (4,), as well as noise can tell."""
-        near_px = HomeView.SIGMAS * GaussianProcess.NOISE_PX
+        near_px = HomeView.SIGMAS * noise_px
         for known in reversed(self.worlds):
             if (camera_lengths_px(gripper - known["home"]) < near_px).all():
                 return known

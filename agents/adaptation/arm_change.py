@@ -10,17 +10,15 @@ from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array
 from ..base.robust import huber_weights
-from ..knowledge.gaussian_process import GaussianProcess
+from ..servo.smooth_function import SmoothFunction
+from .pairs import Pairs
 from .robust import HUBER, coordinate_variance
 
 PRIOR_STD = 0.5
 """Prior deviation of a scale, about 1 or -1, and of an offset, about 0. Choice: gains of wild worlds differ
 by up to a factor of 4, joint zeros by some tenths of a register."""
-REGISTER_STD = 0.01
-"""Standard deviation of a register that is recalled. Derived: an error of some 2.5 px, where a register moves
-a point by half an image, 256 px."""
 ITERATIONS = 8
-"""Reweightings of a line. Choice."""
+"""Gauss-Newton steps. Choice."""
 LEAST_SCALE = 0.1
 """Guard: a motor's scale is no smaller, so that it can be undone."""
 
@@ -45,43 +43,63 @@ class ArmChange:
 
     kind = "arm changed"
 
-    def __call__(self, sensors: Array, registers: Array) -> tuple[Array, Array]:
-        """Sensor vectors (n, 4), and the registers (n, m) that now belong to them."""
-        return sensors, registers * self.scale + self.offset
+    def sensors(self, sensors: Array) -> Array:
+        """What has become of sensor vectors (n, 4): they stay."""
+        return sensors
+
+    def registers(self, registers: Array) -> Array:
+        """Registers (n, m) that now lead where these led."""
+        return registers * self.scale + self.offset
+
+    def old_home(self, motors: int) -> Array:
+        """Registers (m,) that led where home is now."""
+        assert motors == len(self.scale)
+        return -self.offset / self.scale
 
 
-def fit_arm(before: GaussianProcess, sensors: Array, registers: Array) -> ArmChange:
-    """Fits what has become of the arm.
+def fit_arm(before: SmoothFunction, since: Pairs) -> ArmChange:
+    """Fits what has become of the arm; no motor has changed its sign, or one has.
 
     Args:
-        before: Views from before the change; not empty.
-        sensors: Sensor vectors (n, 4) seen since, in image units.
-        registers: Where (n, m).
+        before: The gripper's points by registers, from before the change; not empty.
+        since: What was seen since.
     """
-    recalls = [recall for each in sensors if (recall := before.recall(each))]
-    recalled = np.array([recall.registers for recall in recalls])
-    weights = 1 / np.square([1 + recall.deviation_px for recall in recalls])
-    lines = [_line(*motor, weights) for motor in zip(recalled.T, registers.T, strict=True)]
-    scale, offset = np.array(lines).T
-    views, _ = before.views((registers - offset) / scale)
-    errors = (sensors - views).reshape(-1, 2, 2).swapaxes(0, 1)
-    correction = len(sensors) / max(len(sensors) - registers.shape[1], 1)
-    deviation_px = np.sqrt([coordinate_variance(camera) * correction for camera in errors]) / IMAGE_UNIT
-    return ArmChange(scale, offset, deviation_px)
+    motors = since.registers.shape[1]
+    signs = [np.ones(motors), *(np.ones(motors) - 2 * np.eye(motors))]
+    fits = [_fit(before, since, each) for each in signs]
+    scale, offset, _ = min(fits, key=lambda fit: fit[2])
+    errors, *_ = _errors(before, since, scale, offset)
+    correction = len(since) / max(len(since) - motors, 1)
+    deviation_px = np.sqrt([coordinate_variance(camera) * correction for camera in errors.swapaxes(0, 1)])
+    return ArmChange(scale, offset, deviation_px / IMAGE_UNIT)
 
 
-def _line(recalled: Array, now: Array, known: Array) -> tuple[float, float]:
-    """Scale and offset of one motor's registers now (n,) over those recalled (n,).
-
-    Robust least squares with weights `known` (n,); the prior is that nothing changed, but for the sign.
-    """
-    columns = np.column_stack([recalled, np.ones_like(recalled)])
-    prior_mean = np.array([1.0 if known @ (recalled * now) >= 0 else -1.0, 0.0])
-    line = prior_mean
+def _fit(before: SmoothFunction, since: Pairs, signs: Array) -> tuple[Array, Array, float]:
+    """Scales (m,) of these signs, offsets (m,), and how badly they fit: robust Gauss-Newton steps."""
+    motors, prior = len(signs), np.concatenate([signs, np.zeros(len(signs))])
+    parameters, best = prior, (signs, np.zeros(motors), np.inf)
     for _ in range(ITERATIONS):
-        weights = known * huber_weights((now - columns @ line) / REGISTER_STD, HUBER) / REGISTER_STD**2
-        jt_w = columns.T * weights
-        normal = jt_w @ columns + np.eye(2) / PRIOR_STD**2
-        line = np.linalg.solve(normal, jt_w @ now + prior_mean / PRIOR_STD**2)
-    scale = np.sign(prior_mean[0]) * max(abs(line[0]), LEAST_SCALE)
-    return float(scale), float(line[1])
+        scale, offset = parameters[:motors], parameters[motors:]
+        scale = signs * np.maximum(signs * scale, LEAST_SCALE)
+        errors, variances, slopes = _errors(before, since, scale, offset)
+        sizes = np.hypot(errors[..., 0], errors[..., 1]) / np.sqrt(variances)
+        weights = huber_weights(sizes, HUBER) / variances
+        apart = parameters - prior
+        misfit = np.minimum(sizes, HUBER) * sizes + np.log(variances)
+        badness = float(misfit.sum() + apart @ apart / PRIOR_STD**2)
+        if badness < best[2]:
+            best = scale, offset, badness
+        old = (since.registers - offset) / scale
+        moved = np.concatenate([slopes * -(old / scale)[:, None, None], slopes * -(1 / scale)], 3)
+        weighed = moved * weights[..., None, None]
+        normal = np.einsum("kpci,kpcj->ij", weighed, moved) + np.eye(2 * motors) / PRIOR_STD**2
+        step = np.linalg.solve(normal, np.einsum("kpci,kpc->i", weighed, errors) - apart / PRIOR_STD**2)
+        parameters = np.concatenate([scale, offset]) + step
+    return best
+
+
+def _errors(before: SmoothFunction, since: Pairs, scale: Array, offset: Array) -> tuple[Array, Array, Array]:
+    """How far what was seen is from what should be (k, 2, 2), variances (k, 2), and slopes (k, 2, 2, m)."""
+    points, variances, slopes = before.at_all((since.registers - offset) / scale)
+    noise = np.square(since.noise_px * IMAGE_UNIT)
+    return since.sensors.reshape(-1, 2, 2) - points, variances + noise[:, None], slopes

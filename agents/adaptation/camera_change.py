@@ -15,7 +15,8 @@ from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array
 from ..base.robust import huber_weights
-from ..knowledge.gaussian_process import GaussianProcess
+from ..servo.smooth_function import SmoothFunction
+from .pairs import Pairs
 from .robust import HUBER, coordinate_variance
 
 INVERSE_FOCAL_SQUARE = 0.6
@@ -147,13 +148,21 @@ class CameraChange:
     deviation_px: Array
     parallax_px: float
 
-    def __call__(self, sensors: Array, registers: Array) -> tuple[Array, Array]:
-        """What has become of sensor vectors (n, 4); and their registers (n, m), which stay."""
+    def sensors(self, sensors: Array) -> Array:
+        """What has become of sensor vectors (n, 4)."""
         changed = sensors.copy()
         changed[:, 2 * self.camera : 2 * self.camera + 2] = self.map(
             *_point_and_depth(sensors, self.camera, self.plane)
         )
-        return changed, registers
+        return changed
+
+    def registers(self, registers: Array) -> Array:
+        """What has become of registers (n, m): they stay."""
+        return registers
+
+    def old_home(self, motors: int) -> Array:
+        """Registers (m,) that led where home is now: home."""
+        return np.zeros(motors)
 
     @property
     def kind(self) -> str:
@@ -166,20 +175,19 @@ class CameraChange:
         return "moved" if self.deviation_px.max() > MOVED_PX else "re-aimed"
 
 
-def fit_camera(before: GaussianProcess, camera: int, sensors: Array, registers: Array) -> CameraChange:
+def fit_camera(before: SmoothFunction, camera: int, since: Pairs) -> CameraChange:
     """Fits what has become of one camera: robust Gauss-Newton steps, with a prior towards a turned camera.
 
     Args:
-        before: Views from before the change; not empty.
+        before: The gripper's points by registers, from before the change; not empty.
         camera: 0, left, or 1, right.
-        sensors: Sensor vectors (n, 4) seen since, in image units.
-        registers: Where (n, m).
+        since: What was seen since.
     """
-    views, view_variances = before.views(registers)
-    plane = _plane(before.sensors, camera)
-    own, depth = _point_and_depth(views, camera, plane)
-    seen, _ = _both(sensors, camera)
-    known_variances = view_variances[:, camera] + before.noise
+    views, view_variances, _ = before.at_all(since.registers)
+    plane = _plane(before.points.reshape(-1, 4), camera)
+    own, depth = _point_and_depth(views.reshape(-1, 4), camera, plane)
+    seen, _ = _both(since.sensors, camera)
+    known_variances = view_variances[:, camera] + np.square(since.noise_px * IMAGE_UNIT)
     variances = known_variances
     parameters = _similarity(own, seen, variances)
     for _ in range(ITERATIONS):

@@ -14,8 +14,8 @@ from ..base.checks import checked_array
 from ..base.observation import Array, camera_lengths_px
 from ..base.storage import prefixed, under
 from .home_view import Cameras, HomeView
-from .knowledge_with_views import KnowledgeWithViews
 from .pairs import Pairs
+from .remembered import Remembered
 
 NO_CAMERA = np.zeros(2, bool)
 NO_CAMERA.flags.writeable = False
@@ -92,7 +92,7 @@ class ChangeDetector:
         self.unconfirmed_home = np.empty((0, 4))
         self.usual_scores = np.empty((0, 2))
 
-    def examine(self, pairs: Pairs, known: KnowledgeWithViews, announced: Cameras = NO_CAMERA) -> Finding:
+    def examine(self, pairs: Pairs, known: Remembered, announced: Cameras = NO_CAMERA) -> Finding:
         """Examines one trial.
 
         Args:
@@ -125,7 +125,7 @@ class ChangeDetector:
         self.usual_scores = np.empty((0, 2))
         return finding
 
-    def _home_jump(self, pairs: Pairs, known: KnowledgeWithViews) -> tuple[Pairs, Cameras]:
+    def _home_jump(self, pairs: Pairs, known: Remembered) -> tuple[Pairs, Cameras]:
         """In which cameras home is seen elsewhere, and so is most of the rest, or home was so once before.
 
         Otherwise that observation was mistaken, and home is taken to be seen where it was.
@@ -140,15 +140,15 @@ class ChangeDetector:
         sensors = np.concatenate([self.home.reference()[None], pairs.sensors[1:]])
         return replace(pairs, sensors=sensors), np.zeros(2, bool)
 
-    def _mostly_off(self, away: Pairs, known: KnowledgeWithViews) -> Cameras:
+    def _mostly_off(self, away: Pairs, known: Remembered) -> Cameras:
         """In which cameras (2,) most pairs away from home are off; of more than two, half is enough."""
         errors_px, scores = known.errors(away)
         off = (scores > self.home.SIGMAS) & (errors_px > self.INCONSISTENT_PX)
         return np.asarray(2 * off.sum(0) > len(off) - (len(off) > 2))
 
-    def _inconsistent(self, away: Pairs, known: KnowledgeWithViews) -> NDArray[np.bool_]:
+    def _inconsistent(self, away: Pairs, known: Remembered) -> NDArray[np.bool_]:
         """Which pairs (n, 2) away from home, in each camera, are off by far more than is usual."""
-        if not len(known.views.registers) or not len(away):
+        if not len(known.gripper) or not len(away):
             return np.zeros((len(away), 2), bool)
         errors_px, scores = known.errors(away)
         limit = np.full(2, np.inf)
@@ -166,7 +166,7 @@ class ChangeDetector:
         mostly = bool(inconsistent.any(1).mean() > 0.5)
         return len(inconsistent) >= self.ENOUGH_IN_ONE_TRIAL and mostly
 
-    def _credible(self, suspects: Pairs, known: KnowledgeWithViews) -> Pairs:
+    def _credible(self, suspects: Pairs, known: Remembered) -> Pairs:
         """Without those that were far off and were not confirmed: they were mistaken."""
         errors_px, _ = known.errors(suspects.away())
         return suspects.only(np.concatenate([[True], (errors_px < self.MISTAKEN_PX).all(1)]))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.observation import Array
-from ..knowledge.gaussian_process import GaussianProcess
+from ..servo.smooth_function import SmoothFunction
 from .arm_change import ArmChange, fit_arm
 from .camera_change import CameraChange, fit_camera
 from .home_view import Cameras
@@ -50,18 +50,18 @@ class Explanation:
         return "replaced" if discarded and self.one_camera else self.changes[0].kind
 
 
-def explain_jump(before: GaussianProcess, since: Pairs, cameras: Cameras) -> Explanation:
+def explain_jump(before: SmoothFunction, since: Pairs, cameras: Cameras) -> Explanation:
     """Explains a jump by a change of the cameras (2,) that show it or of the arm, whichever fits better.
 
     Two cameras rarely change at once: where both show it, the arm may be off by twice as much as they.
     """
     changed = _camera_changes(before, since, cameras)
-    arm = [fit_arm(before, since.sensors, since.registers)]
+    arm = [fit_arm(before, since)]
     arm_fits_better = _deviation_px(arm) < len(changed) * _deviation_px(changed)
     return Explanation(arm if arm_fits_better else changed, len(changed) == 1)
 
 
-def explain_drift(before: GaussianProcess, recent: Pairs, cameras: Cameras) -> Explanation:
+def explain_drift(before: SmoothFunction, recent: Pairs, cameras: Cameras) -> Explanation:
     """Explains a drift by a change of the cameras (2,) that show it."""
     return Explanation(_camera_changes(before, recent, cameras), int(cameras.sum()) == 1)
 
@@ -75,14 +75,14 @@ def as_seen_now(pairs: Pairs, cameras: Cameras, rate: Array, now: int) -> Pairs:
         rate: How far home moves per trial (4,), in image units.
         now: The number of the present trial.
     """
-    moving = np.where(cameras.repeat(2), rate, 0.0)
-    return replace(pairs, sensors=pairs.sensors + np.outer(now - pairs.trials, moving))
+    moved = np.outer(now - pairs.trials, np.where(cameras.repeat(2), rate, 0.0))
+    return replace(
+        pairs, sensors=pairs.sensors + moved, objects=pairs.objects + moved, homes=pairs.homes + moved
+    )
 
 
-def _camera_changes(before: GaussianProcess, pairs: Pairs, cameras: Cameras) -> list[CameraChange]:
-    return [
-        fit_camera(before, int(camera), pairs.sensors, pairs.registers) for camera in np.flatnonzero(cameras)
-    ]
+def _camera_changes(before: SmoothFunction, pairs: Pairs, cameras: Cameras) -> list[CameraChange]:
+    return [fit_camera(before, int(camera), pairs) for camera in np.flatnonzero(cameras)]
 
 
 def _deviation_px(changes: Changes) -> float:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array, camera_lengths_px
-from ..knowledge.gaussian_process import GaussianProcess
+from ..perception.noise import MARKER_NOISE_PX
 
 Cameras = NDArray[np.bool_]
 """Which of the two cameras (2,): left, right."""
@@ -55,10 +55,10 @@ class HomeView:
         self.sensors = self.sensors[len(self.sensors) - latest :]
 
     def noise_px(self) -> float:
-        """Standard deviation of a coordinate, in pixels: the median step, with `NOISE_PX` as a prior."""
+        """Standard deviation of a coordinate, in pixels: the median step, with a marker's noise as a prior."""
         if self._noise_px is None:
             steps = self.steps.ravel() / (np.sqrt(2) * IMAGE_UNIT)
-            prior = np.full(self.PRIOR_STEPS, self.NORMAL_MEDIAN * GaussianProcess.NOISE_PX)
+            prior = np.full(self.PRIOR_STEPS, self.NORMAL_MEDIAN * MARKER_NOISE_PX)
             self._noise_px = float(np.median(np.concatenate([steps, prior]))) / self.NORMAL_MEDIAN
         return self._noise_px
 

@@ -1,36 +1,67 @@
-"""What was seen, and where."""
+"""What was seen of gripper and object, and where."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import checked_array
-from ..base.observation import Array
+from ..base.observation import Array, Observation
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """Registers and what is seen there.
+    """Registers and what is seen there; each gripper point in both images.
 
     Attributes:
         registers: Registers (n, m).
-        sensors: Sensor vectors (n, 4) of what is seen there, in image units.
+        sensors: Sensor vectors (n, 4) of the gripper there, in image units.
+        objects: Sensor vectors (n, 4) of the object there; NaN where it was not seen in both images.
+        homes: Sensor vectors (n, 4) of the object at home, in the same trial.
+        noise_px: Standard deviation (n,) of an image coordinate, as far as known in that trial.
         trials: The trial (n,) of each, counted from 0.
     """
 
     registers: Array
     sensors: Array
+    objects: Array
+    homes: Array
+    noise_px: Array
     trials: NDArray[np.int64]
 
     @classmethod
     def none(cls, motors: int) -> Self:
         """No pairs, for that number of registers."""
-        return cls(np.empty((0, motors)), np.empty((0, 4)), np.empty(0, np.int64))
+        nothing = np.empty((0, 4))
+        return cls(np.empty((0, motors)), nothing, nothing, nothing, np.empty(0), np.empty(0, np.int64))
+
+    @classmethod
+    def of_trial(cls, looks: Sequence[Observation], home: Array, noise_px: float, trial: int) -> Self:
+        """The looks of a trial that show the gripper in both images.
+
+        Args:
+            looks: What was observed, at home first.
+            home: The object's sensor vector at home (4,).
+            noise_px: Standard deviation of an image coordinate.
+            trial: The trial's number.
+        """
+        looks = [look for look in looks if look.visible[:2].all()]
+        shown = [look.visible[2:].all() for look in looks]
+        count = len(looks)
+        return cls(
+            np.array([look.registers for look in looks]).reshape(count, -1),
+            np.array([look.gripper for look in looks]).reshape(count, 4),
+            np.array(
+                [look.object if seen else np.full(4, np.nan) for look, seen in zip(looks, shown, strict=True)]
+            ).reshape(count, 4),
+            np.tile(home, (count, 1)),
+            np.full(count, noise_px),
+            np.full(count, trial),
+        )
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
@@ -40,31 +71,30 @@ class Pairs:
             ValueError: An array is missing, or of another shape than the others.
         """
         registers = checked_array(arrays, "registers", (None, None))
-        sensors = checked_array(arrays, "sensors", (len(registers), 4))
-        trials = checked_array(arrays, "trials", (len(registers),))
-        return cls(registers, sensors, trials.astype(np.int64))
+        count = len(registers)
+        sensors, homes = (checked_array(arrays, name, (count, 4)) for name in ("sensors", "homes"))
+        objects = checked_array(arrays, "objects", (count, 4), allow_nan=True)
+        noise_px, trials = (checked_array(arrays, name, (count,)) for name in ("noise_px", "trials"))
+        return cls(registers, sensors, objects, homes, noise_px, trials.astype(np.int64))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """As named arrays."""
-        return {"registers": self.registers, "sensors": self.sensors, "trials": self.trials}
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def __len__(self) -> int:
         return len(self.trials)
 
     def __add__(self, other: Pairs) -> Pairs:
-        return Pairs(
-            np.concatenate([self.registers, other.registers]),
-            np.concatenate([self.sensors, other.sensors]),
-            np.concatenate([self.trials, other.trials]),
-        )
+        both = zip(self.arrays().values(), other.arrays().values(), strict=True)
+        return Pairs(*(np.concatenate(arrays) for arrays in both))
 
     def only(self, chosen: NDArray[np.bool_]) -> Pairs:
         """Those that are chosen (n,)."""
-        return Pairs(self.registers[chosen], self.sensors[chosen], self.trials[chosen])
+        return Pairs(*(array[chosen] for array in self.arrays().values()))
 
     def away(self) -> Pairs:
         """All but the first, in a trial that begins at home."""
-        return Pairs(self.registers[1:], self.sensors[1:], self.trials[1:])
+        return self.only(np.arange(len(self)) > 0)
 
     def latest(self, trials: int) -> Pairs:
         """Those of that number of latest trials."""

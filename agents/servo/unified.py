@@ -17,8 +17,9 @@ from ..base.observation import POINTS, Array, Observation
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
 from ..perception import ObservationFilter
+from .least_distance import Seeker
 from .settings import SERVO_KNOWLEDGE, SMALLEST
-from .smooth_points import Expected, SmoothPoints
+from .smooth_points import OBJECT, ExpectedPoints, SmoothPoints
 from .trial import Findings, Motions
 
 
@@ -92,10 +93,8 @@ class Reach:
     a sixth (√2 / 8)."""
     AS_UNKNOWN = 0.7
     """Directions whose variance is this share of the largest are as unknown. Choice."""
-    NEAREST = 1e-4
-    """Weight of a word's square, in square image units (a guard: it decides among equals)."""
-    ITERATIONS, HALVINGS = 6, 5
-    """Gauss-Newton steps on the way to the least distance, and how often a word is halved (guards)."""
+    HALVINGS = 5
+    """How often a word is halved (a guard)."""
     STOPPED = 1e-4
     """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
 
@@ -108,6 +107,7 @@ class Reach:
         self._servo = servo
         self._trusted = findings.trusted
         self._all_seen_at = first.registers
+        self._object_stays = True
         self._random = np.random.default_rng(0)
 
     @property
@@ -128,7 +128,9 @@ class Reach:
         expected = self.points.at(observation.registers)
         deviations_px = np.sqrt(expected.variances) / IMAGE_UNIT
         self.now = yield from self.filter.settle(observation, before, expected.points, deviations_px)
-        self._trusted.append(self.now)
+        self._object_stays &= not self.filter.inconsistent[OBJECT].any()
+        shown = self.now.visible & np.repeat([True, self._object_stays], 2)
+        self._trusted.append(self.now.estimated(self.now.points, shown))
         look = self.points.look_anew if self.filter.inconsistent.any() else self.points.look
         look(self.now, self.filter.noise.px)
         if self.now.visible.all():
@@ -156,37 +158,11 @@ class Reach:
 
     def _step(self) -> tuple[Array, float]:
         """Words (m,) to where the least distance is expected, and how long it then is in an image."""
-        registers = self.now.registers
-        there, cost = self._expected(registers)
-        normal = 2 * self._servo.caution * there.slope_variances.sum(0)
-        normal.flat[:: len(registers) + 1] += self.NEAREST
-        for _ in range(self.ITERATIONS):
-            jacobian = there.distance_jacobian
-            slope = jacobian.T @ there.distance + self._servo.caution * there.variance_slopes.sum(0)
-            slope += self.NEAREST * (registers - self.now.registers)
-            free = np.where(slope > 0, registers > self.lowest, registers < self.highest)
-            towards = np.zeros_like(registers)
-            curved = (jacobian.T @ jacobian + normal)[np.ix_(free, free)]
-            towards[free] = -np.linalg.solve(curved, slope[free])
-            for halving in range(self.HALVINGS):
-                nearer = np.clip(registers + towards / 2**halving, self.lowest, self.highest)
-                expected, less = self._expected(nearer)
-                if less < cost:
-                    break
-            else:
-                break
-            registers, there, cost = nearer, expected, less
-        return registers - self.now.registers, float(np.sqrt(cost / 2))
+        bounds = self.lowest, self.highest
+        found = Seeker(self.points, self.now.registers, *bounds, self._servo.caution).seek()
+        return found.registers - self.now.registers, float(np.sqrt(found.square / 2))
 
-    def _expected(self, registers: Array) -> tuple[Expected, float]:
-        """What should be seen at registers (m,), and the square of the image distance that counts."""
-        expected, words = self.points.at(registers), registers - self.now.registers
-        variance = self._servo.caution * 2 * expected.variances.sum()
-        return expected, float(
-            expected.distance @ expected.distance + variance + self.NEAREST * words @ words
-        )
-
-    def _with_probe(self, words: Array, left: float, here: Expected) -> Array:
+    def _with_probe(self, words: Array, left: float, here: ExpectedPoints) -> Array:
         """A step (m,), and a probe in a way of which least is known.
 
         A probe is no longer in the images than the distance that is left, and the step is so short that its

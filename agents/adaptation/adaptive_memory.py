@@ -7,7 +7,7 @@ was; while more is seen, the explanation of the change is fitted again, and what
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from typing import Any
 
@@ -15,30 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import checked_array
-from ..base.observation import Array
+from ..base.observation import Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
-from ..base.storage import prefixed, under, with_present_names
-from ..knowledge.interface import Knowledge
+from ..base.storage import prefixed, under
 from .archive import Archive
 from .detector import NO_CAMERA, ChangeDetector, Finding, Verdict
 from .explanation import as_seen_now, explain_drift, explain_jump
 from .home_view import Cameras
-from .knowledge_with_views import KnowledgeWithViews
 from .pairs import Pairs
+from .remembered import Remembered
 
 ON_CHANGE = ("recognise", "map", "discard", "keep")
 """What is done after a jump: what is best by what was seen, or always the same. A drift is followed, unless
 all is to be kept."""
 
 Arrays = Mapping[str, NDArray[Any]]
-
-_EARLIER_NAMES = {
-    "held": "suspects",
-    "doubted": "unconfirmed_home",
-    "scores": "usual_scores",
-    "since": "after_change",
-}
-"""What arrays were called in files of earlier versions, and what they are called now."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +76,11 @@ class Drift:
     cameras: Cameras
 
 
-class AdaptiveKnowledge:
-    """Teaches a knowledge base, and keeps, maps, discards or recalls it where the world has changed.
+class AdaptiveMemory:
+    """Remembers what was seen; keeps, maps, discards or recalls it where the world has changed.
 
     Attributes:
-        knowledge: The knowledge base.
+        known: What is remembered of the present world.
         on_change: One of `ON_CHANGE`.
         detector: Says whether anything has changed.
         archive: What was known in earlier worlds.
@@ -97,8 +88,7 @@ class AdaptiveKnowledge:
         change: The jump that is being explained or the drift that is being followed; None in a steady world.
 
     Args:
-        knowledge: An empty knowledge base.
-        motors: Number of registers m.
+        known: What remembers; empty.
         on_change: One of `ON_CHANGE`.
 
     Raises:
@@ -113,17 +103,17 @@ class AdaptiveKnowledge:
     DRIFT_TRIALS = 12
     """Trials by which a drift is followed. Tuned (wild worlds 3000-)."""
 
-    def __init__(self, knowledge: Knowledge, motors: int, on_change: str = "recognise") -> None:
+    def __init__(self, known: Remembered, on_change: str = "recognise") -> None:
         if on_change not in ON_CHANGE:
             raise ValueError(f"on_change is {on_change!r}; allowed: {', '.join(ON_CHANGE)}")
         self.on_change = on_change
-        self.detector = ChangeDetector(motors)
+        self.detector = ChangeDetector(known.motors)
         self.archive = Archive()
         self.events: list[Event] = []
         self.change: Jump | Drift | None = None
-        self._known = KnowledgeWithViews(knowledge, motors)
-        self._nothing = self._known.arrays()
-        self._none = Pairs.none(motors)
+        self.known = known
+        self._nothing = self.known.arrays()
+        self._none = Pairs.none(known.motors)
         self._recent = self._none
         self._announced = NO_CAMERA
         self._trial = 0
@@ -138,41 +128,39 @@ class AdaptiveKnowledge:
         keeps = self.on_change == "keep"
         return frozenset() if keeps else frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE})
 
-    @property
-    def knowledge(self) -> Knowledge:
-        """The knowledge base."""
-        return self._known.knowledge
-
-    def knowledge_for(self, gripper: Array) -> Knowledge | None:
-        """The knowledge to use if the gripper at home is seen at `gripper` (4,), in image units.
+    def known_for(self, gripper: Array) -> Remembered | None:
+        """What to go by if the gripper at home is seen at `gripper` (4,), in image units.
 
         None where the world has changed and the archive knows none like it.
         """
         if self.on_change == "keep" or not (self._announced | self.detector.home.jumped(gripper)).any():
-            return self.knowledge
-        archived = self._recalled(gripper)
-        return archived.knowledge if archived else None
+            return self.known
+        return self._recalled(gripper)
 
     def announce_change(self, cameras: Cameras) -> None:
         """The user says that these cameras (2,) have changed before the next trial; both mean the arm."""
         self._announced = np.asarray(cameras, bool)
 
-    def learn(self, sensors: Array, registers: Array) -> None:
-        """Takes in a trial: what was seen (n, 4), in image units, and at which registers (n, m); home first.
+    def learn(self, looks: Sequence[Observation], home: Array, noise_px: float) -> None:
+        """Takes in a trial. One in which home was not seen teaches nothing, unless all is kept whatever changes.
 
-        A trial in which home was not seen teaches nothing, unless all is kept whatever changes.
+        Args:
+            looks: What was observed, at home first.
+            home: The object's sensor vector at home (4,).
+            noise_px: Standard deviation of an image coordinate.
         """
-        pairs = Pairs(registers, sensors.copy(), np.full(len(registers), self._trial))
+        pairs = Pairs.of_trial(looks, home, noise_px, self._trial)
         self._trial += 1
+        if not len(pairs):
+            return
         if self.on_change == "keep":
-            for pair in zip(pairs.sensors, pairs.registers, strict=True):
-                self.knowledge.learn(*pair)
+            self.known.learn(pairs)
             return
-        if not len(pairs) or registers[0].any():
+        if pairs.registers[0].any():
             return
-        announced = self._announced if len(self._known.views.registers) else NO_CAMERA
+        announced = self._announced if len(self.known.gripper) else NO_CAMERA
         self._announced = NO_CAMERA
-        finding = self.detector.examine(pairs, self._known, announced)
+        finding = self.detector.examine(pairs, self.known, announced)
         if finding.verdict is Verdict.CHANGED:
             self._meet_jump(finding)
         elif finding.verdict is Verdict.UNCHANGED:
@@ -180,19 +168,19 @@ class AdaptiveKnowledge:
 
     def _meet_jump(self, found: Finding) -> None:
         """Sets aside what was known, and recalls, discards or maps it."""
-        before = self._known.arrays()
+        before = self.known.arrays()
         archived = self._recalled(found.pairs.sensors[0])
         self.archive.add(before, found.home_before)
         self.change, self._recent = None, self._none
         first = int(found.pairs.trials[0])
         if self.on_change == "discard":
             self.events.append(Event(first, "unknown", "discard"))
-            self._known.restore(self._nothing)
-            self._known.learn(found.pairs)
-        elif archived and archived.agrees_with(found.pairs, self._known):
+            self.known.restore(self._nothing)
+            self.known.learn(found.pairs)
+        elif archived and archived.agrees_with(found.pairs, self.known):
             self.events.append(Event(first, "back", "recall"))
-            self._known.restore(archived.arrays())
-            self._known.learn(found.pairs)
+            self.known.restore(archived.arrays())
+            self.known.learn(found.pairs)
         else:
             self.events.append(Event(first, "unknown", "map"))
             self._refit_explanation(Jump(before, found.cameras, found.pairs))
@@ -206,20 +194,21 @@ class AdaptiveKnowledge:
             if age <= self.REFIT_TRIALS or age % self.REFIT_TRIALS == 0:
                 self._refit_explanation(self.change)
             else:
-                self._known.learn(pairs)
+                self.known.learn(pairs)
         elif isinstance(self.change, Drift):
             self._refit_explanation(self.change)
         else:
-            self._known.learn(pairs)
+            self.known.learn(pairs)
             drifting = self.detector.home.drifting()
             if drifting.any():
                 self.events.append(Event(self._trial - 1, "drift", "map"))
-                self._refit_explanation(Drift(self._known.arrays(), drifting))
+                self._refit_explanation(Drift(self.known.arrays(), drifting))
 
     def _refit_explanation(self, change: Jump | Drift) -> None:
         """Explains the change by all that was seen since, and maps or discards what was known by it."""
-        self.change, views = change, self._known.views
-        self._known.restore(change.before)
+        self.change = change
+        self.known.restore(change.before)
+        views = self.known.gripper.function
         if isinstance(change, Jump):
             seen = change.after_change
             explanation = explain_jump(views, seen, change.cameras)
@@ -229,10 +218,10 @@ class AdaptiveKnowledge:
             explanation = explain_drift(views, seen, change.cameras)
         discard = self.on_change == "recognise" and not explanation.convinces
         if discard:
-            self._known.restore(self._nothing)
+            self.known.restore(self._nothing)
         else:
-            self._known.map(explanation.changes)
-        self._known.learn(seen)
+            self.known.map(explanation.changes)
+        self.known.learn(seen)
         if isinstance(change, Jump):
             kind, action = explanation.kind(discard), "discard" if discard else "map"
             self.events[-1] = replace(self.events[-1], kind=kind, action=action)
@@ -241,19 +230,20 @@ class AdaptiveKnowledge:
             if isinstance(change, Drift):
                 self.detector.home.keep(self.DRIFT_TRIALS)
 
-    def _recalled(self, gripper: Array) -> KnowledgeWithViews | None:
+    def _recalled(self, gripper: Array) -> Remembered | None:
         """What is archived of a world in which the gripper at home was seen there (4,)."""
-        archived = self.archive.find(gripper) if self.on_change == "recognise" else None
-        return self._known.copy_of(archived) if archived else None
+        noise_px = self.detector.home.noise_px()
+        archived = self.archive.find(gripper, noise_px) if self.on_change == "recognise" else None
+        return self.known.copy_of(archived) if archived else None
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All that it knows, as named arrays."""
         if self.on_change == "keep":
-            return self.knowledge.arrays()
+            return self.known.arrays()
         change = self.change
         after_change = change.after_change if isinstance(change, Jump) else self._none
         return {
-            **self._known.arrays(),
+            **self.known.arrays(),
             **self.archive.arrays(),
             **self.detector.arrays(),
             **prefixed("before", change.before if change else {}),
@@ -265,17 +255,16 @@ class AdaptiveKnowledge:
         }
 
     def restore(self, arrays: Arrays) -> None:
-        """Takes over what `arrays` returned, of earlier versions too, which it warns of.
+        """Takes over what `arrays` returned.
 
         Raises:
             KeyError: An array of the archive or of a change is missing.
             ValueError: Another array is missing, or one has another shape.
         """
         if self.on_change == "keep":
-            self.knowledge.restore(arrays)
+            self.known.restore(arrays)
             return
-        arrays = with_present_names(arrays, _EARLIER_NAMES)
-        self._known.restore(arrays)
+        self.known.restore(arrays)
         self.archive.restore(arrays)
         self.detector.restore(arrays)
         self._recent, after_change = (Pairs.of(under(key, arrays)) for key in ("recent", "after_change"))

@@ -1,0 +1,125 @@
+"""Remembers every look, over any servo; sees by itself that the world has changed (paper, sections 4 and 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.image import IMAGE_UNIT
+
+from .adaptation.adaptive_memory import AdaptiveMemory
+from .adaptation.remembered import Remembered
+from .base.checks import check_number
+from .base.observation import Array, Observation, RawObservation
+from .base.procedure import Procedure
+from .jacobian import Slopes
+from .learning_servo import jump
+from .perception import ObservationFilter
+from .servo.least_distance import Seeker
+from .servo.servo_agent import Servo, ServoAgent
+from .servo.smooth_points import SmoothPoints
+from .servo.trial import Findings
+from .servo.unified import UnifiedServo
+
+
+class Memory(ServoAgent):
+    """A servo that begins each trial with all that was ever seen.
+
+    The unified servo needs no more: where it remembers enough, its first step ends at the rendezvous. Other
+    servos begin where the least distance is expected, with the Jacobian there.
+
+    Attributes:
+        adaptation: What it remembers, and what it does with that where the world has changed.
+
+    Args:
+        env: See `Agent`.
+        remembered: Remembers; empty.
+        servo: Goes where it is told by what is remembered.
+        seed: See `Agent`.
+        jump_px: With another servo than the unified one, it moves at once only where it expects to end up no
+            further off than this.
+        on_change: What it does with what it remembers where the world has changed: one of
+            `agents.adaptation.adaptive_memory.ON_CHANGE`.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        remembered: Remembered,
+        servo: Servo,
+        seed: int = 0,
+        jump_px: float = 60.0,
+        on_change: str = "recognise",
+    ) -> None:
+        super().__init__(env, servo, seed)
+        self.jump_px = check_number("jump_px", jump_px, least=0, finite=False)
+        self.adaptation = AdaptiveMemory(remembered, on_change)
+        self.prior_knowledge |= remembered.prior_knowledge | self.adaptation.prior_knowledge
+
+    def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
+        """See `ProcedureAgent`."""
+        filter_ = ObservationFilter()
+        now = yield from filter_.first(first)
+        findings.trusted.append(now)
+        points = self._points(now)
+        if points is not None and isinstance(self.servo, UnifiedServo):
+            findings.estimator = points
+        elif points is not None:
+            registers, expected_px = self._recall(points)
+            if expected_px <= self.jump_px:
+                now = yield from jump(registers, now, filter_, findings)
+            expected = points.at(now.registers)
+            slopes = Slopes(now.registers, expected.jacobian, expected.slope_variances)
+            findings.estimator = self.servo.new_estimator(self.motors, slopes)
+        yield from self.servo(now, findings)
+
+    def _points(self, home: Observation) -> SmoothPoints | None:
+        """What is known of gripper and object points, of an object and in a world as they are seen at home."""
+        known = self.adaptation.known_for(home.gripper)
+        return known.points(home.object) if known and len(known.gripper) else None
+
+    def _recall(self, points: SmoothPoints) -> tuple[Array, float]:
+        """Registers (m,) where the least distance is expected, and how long it is there, in pixels."""
+        stops = np.ones(self.motors)
+        found = Seeker(points, np.zeros(self.motors), -stops, stops, caution=1.0).seek()
+        return found.registers, float(np.sqrt(found.square / 2)) / IMAGE_UNIT
+
+    def expected_px(self, first: RawObservation) -> float | None:
+        """How far off it expects to be after its first motion, told before that motion is made.
+
+        Args:
+            first: What a trial begins with.
+
+        Returns:
+            The distance in an image, root mean square, in pixels; None where it remembers nothing of this
+            world, or does not see the object.
+        """
+        home = Observation.of(first)
+        points = self._points(home) if home.visible.all() else None
+        return None if points is None else self._recall(points)[1]
+
+    def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
+        """See `ProcedureAgent`. Every look teaches, however the trial ends."""
+        super().learn_trial(findings, last, ended)
+        if findings.trusted:
+            home = findings.trusted[0].object
+            self.adaptation.learn(findings.trusted, home, findings.estimator.noise_px)
+
+    @property
+    def kind(self) -> str:
+        """See `ProcedureAgent`."""
+        settings = f"jump_px={self.jump_px:g}, on_change={self.adaptation.on_change}"
+        return f"{self.adaptation.known!r} over {self.servo!r}, {settings}"
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """See `ProcedureAgent`."""
+        return super().arrays() | self.adaptation.arrays()
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """See `ProcedureAgent`."""
+        super().restore(arrays)
+        self.adaptation.restore(arrays)

@@ -1,0 +1,88 @@
+"""Where gripper and object are expected to meet."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base.observation import Array
+from .smooth_points import ExpectedPoints, SmoothPoints
+
+NEAREST = 1e-4
+"""Weight of a word's square, in square image units (a guard: it decides among equals)."""
+ITERATIONS, HALVINGS = 20, 5
+"""Gauss-Newton steps on the way, and how often one is halved (guards)."""
+ENOUGH = 0.99
+"""It is found where a Gauss-Newton step leaves this share of the square (a guard)."""
+
+
+class LeastDistance(NamedTuple):
+    """Where the least square of the image distance is expected.
+
+    Attributes:
+        registers: There (m,).
+        square: What is expected of both images together, in square image units, with what is unsure of it.
+    """
+
+    registers: Array
+    square: float
+
+
+class Seeker:
+    """Seeks it by Gauss-Newton steps, between the motors' stops; among equals the nearest.
+
+    Args:
+        points: What is known of the points.
+        here: Registers (m,) to go from.
+        lowest, highest: Registers (m,) at which motors are known to stop.
+        caution: How much the variance of the image distance counts, beside the square of its mean.
+    """
+
+    def __init__(
+        self, points: SmoothPoints, here: Array, lowest: Array, highest: Array, caution: float
+    ) -> None:
+        self._points = points
+        self._here = here
+        self._lowest, self._highest = lowest, highest
+        self._caution = caution
+
+    def seek(self) -> LeastDistance:
+        """From here, and from where the gripper was seen nearest to the object; the better one."""
+        found = (self._from(start) for start in (self._here, self._points.nearest(self._here)))
+        return min(found, key=lambda each: each.square)
+
+    def _from(self, registers: Array) -> LeastDistance:
+        there, square = self._expected(registers)
+        for _ in range(ITERATIONS):
+            towards = self._step(registers, there)
+            for halving in range(HALVINGS):
+                nearer = np.clip(registers + towards / 2**halving, self._lowest, self._highest)
+                expected, less = self._expected(nearer)
+                if less < square:
+                    break
+            else:
+                break
+            enough = less > ENOUGH * square
+            registers, there, square = nearer, expected, less
+            if enough:
+                break
+        return LeastDistance(registers, square)
+
+    def _expected(self, registers: Array) -> tuple[ExpectedPoints, float]:
+        """What should be seen at registers (m,), and the square that counts."""
+        expected, words = self._points.at(registers), registers - self._here
+        unsure = self._caution * 2 * expected.variances.sum()
+        return expected, float(expected.distance @ expected.distance + unsure + NEAREST * words @ words)
+
+    def _step(self, registers: Array, there: ExpectedPoints) -> Array:
+        """A Gauss-Newton step (m,) of the motors that do not press against their stops."""
+        jacobian = there.distance_jacobian
+        slope = jacobian.T @ there.distance + self._caution * there.variance_slopes.sum(0)
+        slope += NEAREST * (registers - self._here)
+        curved = jacobian.T @ jacobian + 2 * self._caution * there.slope_variances.sum(0)
+        curved.flat[:: len(registers) + 1] += NEAREST
+        free = np.where(slope > 0, registers > self._lowest, registers < self._highest)
+        step = np.zeros_like(registers)
+        step[free] = -np.linalg.solve(curved[np.ix_(free, free)], slope[free])
+        return step
