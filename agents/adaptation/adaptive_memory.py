@@ -53,12 +53,12 @@ class Jump:
     """A jump that is still being explained.
 
     Attributes:
-        before: What was known before it, as named arrays.
+        before: What was known before it.
         cameras: The cameras (2,) that show it.
         after_change: All pairs seen since.
     """
 
-    before: Arrays
+    before: Remembered
     cameras: Cameras
     after_change: Pairs
 
@@ -68,11 +68,11 @@ class Drift:
     """A drift that is being followed.
 
     Attributes:
-        before: What was known before it, as named arrays.
+        before: What was known before it.
         cameras: The cameras (2,) that show it.
     """
 
-    before: Arrays
+    before: Remembered
     cameras: Cameras
 
 
@@ -112,7 +112,6 @@ class AdaptiveMemory:
         self.events: list[Event] = []
         self.change: Jump | Drift | None = None
         self.known = known
-        self._nothing = self.known.arrays()
         self._none = Pairs.none(known.motors)
         self._recent = self._none
         self._announced = NO_CAMERA
@@ -168,18 +167,18 @@ class AdaptiveMemory:
 
     def _meet_jump(self, found: Finding) -> None:
         """Sets aside what was known, and recalls, discards or maps it."""
-        before = self.known.arrays()
+        before = self.known.copy()
         archived = self._recalled(found.pairs.sensors[0])
-        self.archive.add(before, found.home_before)
+        self.archive.add(before.arrays(), found.home_before)
         self.change, self._recent = None, self._none
         first = int(found.pairs.trials[0])
         if self.on_change == "discard":
             self.events.append(Event(first, "unknown", "discard"))
-            self.known.restore(self._nothing)
+            self.known = before.nothing()
             self.known.learn(found.pairs)
         elif archived and archived.agrees_with(found.pairs, self.known):
             self.events.append(Event(first, "back", "recall"))
-            self.known.restore(archived.arrays())
+            self.known = archived
             self.known.learn(found.pairs)
         else:
             self.events.append(Event(first, "unknown", "map"))
@@ -202,29 +201,22 @@ class AdaptiveMemory:
             drifting = self.detector.home.drifting()
             if drifting.any():
                 self.events.append(Event(self._trial - 1, "drift", "map"))
-                self._refit_explanation(Drift(self.known.arrays(), drifting))
+                self._refit_explanation(Drift(self.known.copy(), drifting))
 
     def _refit_explanation(self, change: Jump | Drift) -> None:
         """Explains the change by all that was seen since, and maps or discards what was known by it."""
         self.change = change
-        self.known.restore(change.before)
-        views = self.known.gripper.function
         if isinstance(change, Jump):
-            seen = change.after_change
-            explanation = explain_jump(views, seen, change.cameras)
+            seen, may_discard = change.after_change, self.on_change == "recognise"
+            explanation = explain_jump(change.before, seen, change.cameras, may_discard)
+            action = "map" if explanation.changes else "discard"
+            self.events[-1] = replace(self.events[-1], kind=explanation.kind, action=action)
         else:
             rate = self.detector.home.drift_rate(self.DRIFT_TRIALS)
             seen = as_seen_now(self._recent, change.cameras, rate, self._trial - 1)
-            explanation = explain_drift(views, seen, change.cameras)
-        discard = self.on_change == "recognise" and not explanation.convinces
-        if discard:
-            self.known.restore(self._nothing)
-        else:
-            self.known.map(explanation.changes)
+            explanation = explain_drift(change.before, seen, change.cameras)
+        self.known = explanation.known
         self.known.learn(seen)
-        if isinstance(change, Jump):
-            kind, action = explanation.kind(discard), "discard" if discard else "map"
-            self.events[-1] = replace(self.events[-1], kind=kind, action=action)
         if self._trial - self.events[-1].trial >= self.EXPLAINED_TRIALS:
             self.change = None
             if isinstance(change, Drift):
@@ -246,7 +238,7 @@ class AdaptiveMemory:
             **self.known.arrays(),
             **self.archive.arrays(),
             **self.detector.arrays(),
-            **prefixed("before", change.before if change else {}),
+            **prefixed("before", change.before.arrays() if change else {}),
             **prefixed("after_change", after_change.arrays()),
             **prefixed("recent", self._recent.arrays()),
             "cameras": change.cameras if change else NO_CAMERA,
@@ -271,8 +263,9 @@ class AdaptiveMemory:
         cameras = checked_array(arrays, "cameras", (2,)) > 0
         trial, drifting = checked_array(arrays, "clock", (2,))
         self._trial = int(trial)
-        before = under("before", arrays)
+        saved = under("before", arrays)
         self.change = None
-        if before:
+        if saved:
+            before = self.known.copy_of(saved)
             self.change = Drift(before, cameras) if drifting else Jump(before, cameras, after_change)
         self.events = [Event(int(trial), kind, action) for trial, kind, action in arrays["events"]]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,9 +11,11 @@ from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array
 from ..base.robust import huber_weights
-from ..servo.smooth_function import SmoothFunction
 from .pairs import Pairs
 from .robust import HUBER, coordinate_variance
+
+if TYPE_CHECKING:
+    from .remembered import Remembered
 
 PRIOR_STD = 0.5
 """Prior deviation of a scale, about 1 or -1, and of an offset, about 0. Choice: gains of wild worlds differ
@@ -43,6 +46,11 @@ class ArmChange:
 
     kind = "arm changed"
 
+    @property
+    def parameters(self) -> int:
+        """How many numbers it is made of."""
+        return 2 * len(self.scale)
+
     def sensors(self, sensors: Array) -> Array:
         """What has become of sensor vectors (n, 4): they stay."""
         return sensors
@@ -57,27 +65,27 @@ class ArmChange:
         return -self.offset / self.scale
 
 
-def fit_arm(before: SmoothFunction, since: Pairs) -> ArmChange:
+def fit_arm(before: Remembered, since: Pairs) -> ArmChange:
     """Fits what has become of the arm; no motor has changed its sign, or one has.
 
     Args:
-        before: The gripper's points by registers, from before the change; not empty.
+        before: What was known before the change.
         since: What was seen since.
     """
-    motors = since.registers.shape[1]
+    motors = before.motors
     signs = [np.ones(motors), *(np.ones(motors) - 2 * np.eye(motors))]
     fits = [_fit(before, since, each) for each in signs]
     scale, offset, _ = min(fits, key=lambda fit: fit[2])
     errors, *_ = _errors(before, since, scale, offset)
-    correction = len(since) / max(len(since) - motors, 1)
+    correction = len(errors) / max(len(errors) - motors, 1)
     deviation_px = np.sqrt([coordinate_variance(camera) * correction for camera in errors.swapaxes(0, 1)])
     return ArmChange(scale, offset, deviation_px / IMAGE_UNIT)
 
 
-def _fit(before: SmoothFunction, since: Pairs, signs: Array) -> tuple[Array, Array, float]:
+def _fit(before: Remembered, since: Pairs, signs: Array) -> tuple[Array, Array, float]:
     """Scales (m,) of these signs, offsets (m,), and how badly they fit: robust Gauss-Newton steps."""
     motors, prior = len(signs), np.concatenate([signs, np.zeros(len(signs))])
-    parameters, best = prior, (signs, np.zeros(motors), np.inf)
+    parameters, best = prior, (signs, np.zeros(len(signs)), np.inf)
     for _ in range(ITERATIONS):
         scale, offset = parameters[:motors], parameters[motors:]
         scale = signs * np.maximum(signs * scale, LEAST_SCALE)
@@ -85,21 +93,40 @@ def _fit(before: SmoothFunction, since: Pairs, signs: Array) -> tuple[Array, Arr
         sizes = np.hypot(errors[..., 0], errors[..., 1]) / np.sqrt(variances)
         weights = huber_weights(sizes, HUBER) / variances
         apart = parameters - prior
-        misfit = np.minimum(sizes, HUBER) * sizes + np.log(variances)
-        badness = float(misfit.sum() + apart @ apart / PRIOR_STD**2)
+        misfit = (np.minimum(sizes, HUBER) * sizes + np.log(variances)).sum()
+        badness = float(misfit + apart @ apart / PRIOR_STD**2)
         if badness < best[2]:
             best = scale, offset, badness
-        old = (since.registers - offset) / scale
-        moved = np.concatenate([slopes * -(old / scale)[:, None, None], slopes * -(1 / scale)], 3)
-        weighed = moved * weights[..., None, None]
-        normal = np.einsum("kpci,kpcj->ij", weighed, moved) + np.eye(2 * motors) / PRIOR_STD**2
+        weighed = slopes * weights[..., None, None]
+        normal = np.einsum("kpci,kpcj->ij", weighed, slopes) + np.eye(2 * motors) / PRIOR_STD**2
         step = np.linalg.solve(normal, np.einsum("kpci,kpc->i", weighed, errors) - apart / PRIOR_STD**2)
         parameters = np.concatenate([scale, offset]) + step
     return best
 
 
-def _errors(before: SmoothFunction, since: Pairs, scale: Array, offset: Array) -> tuple[Array, Array, Array]:
-    """How far what was seen is from what should be (k, 2, 2), variances (k, 2), and slopes (k, 2, 2, m)."""
-    points, variances, slopes = before.at_all((since.registers - offset) / scale)
-    noise = np.square(since.noise_px * IMAGE_UNIT)
-    return since.sensors.reshape(-1, 2, 2) - points, variances + noise[:, None], slopes
+def _errors(before: Remembered, since: Pairs, scale: Array, offset: Array) -> tuple[Array, Array, Array]:
+    """How far gripper and object are seen from where they should be (k, 2, 2).
+
+    The object's home view was another one from where home was before.
+
+    Returns:
+        Those errors, their variances (k, 2), and how points change with scales and offsets (k, 2, 2, 2 m).
+    """
+    old, home = (since.registers - offset) / scale, -offset / scale
+    errors, variances, slopes = before.gripper_errors(since, old)
+    moved = _by_parameters(slopes, old, scale)
+    shown = np.isfinite(since.objects).all(1)
+    seen, at_home = since.only(shown), replace(since.only(shown), objects=since.homes[shown])
+    off, off_variances, slopes = before.object_errors(seen, old[shown])
+    homes, _, home_slopes = before.object_errors(at_home, np.tile(home, (len(seen), 1)))
+    off_moved = _by_parameters(slopes, old[shown], scale) - _by_parameters(home_slopes, home, scale)
+    return (
+        np.concatenate([errors, off - homes]),
+        np.concatenate([variances, off_variances]),
+        np.concatenate([moved, off_moved]),
+    )
+
+
+def _by_parameters(slopes: Array, old: Array, scale: Array) -> Array:
+    """Derivatives by scales and offsets (k, 2, 2, 2 m), from those by the old registers (k, 2, 2, m)."""
+    return np.concatenate([slopes * -(np.atleast_2d(old) / scale)[:, None, None], slopes * -(1 / scale)], 3)

@@ -164,6 +164,8 @@ class CameraChange:
         """Registers (m,) that led where home is now: home."""
         return np.zeros(motors)
 
+    parameters = PARAMETERS
+
     @property
     def kind(self) -> str:
         """What has been done to the camera."""

@@ -1,4 +1,4 @@
-"""What has changed? The change of cameras or arm by which what was known best predicts what is seen since.
+"""What has changed? The change of cameras or arm by which what was known explains best what is seen since.
 
 Pure functions of the views before the change, the pairs seen since, and the cameras that show it.
 """
@@ -11,14 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.observation import Array
-from ..servo.smooth_function import SmoothFunction
 from .arm_change import ArmChange, fit_arm
 from .camera_change import CameraChange, fit_camera
 from .home_view import Cameras
 from .pairs import Pairs
-
-DISCARD_PX = 40.0
-"""Where the best explanation is off by more, it is better to start empty. Tuned (wild worlds 3000-)."""
+from .remembered import Remembered
 
 Changes = Sequence[CameraChange] | Sequence[ArmChange]
 
@@ -28,42 +25,50 @@ class Explanation:
     """What has changed, as far as it is understood.
 
     Attributes:
-        changes: Of each camera that changed, or one of the arm.
-        one_camera: Whether only one camera shows the change.
+        kind: What has been done.
+        changes: Of each camera that changed, or one of the arm; none where nothing explains what is seen.
+        known: What is then known of the present world, without what was seen since.
     """
 
+    kind: str
     changes: Changes
-    one_camera: bool
+    known: Remembered
 
-    @property
-    def deviation_px(self) -> float:
-        """How far off the changes are, in the worst camera, in pixels."""
-        return _deviation_px(self.changes)
+    @classmethod
+    def by(cls, before: Remembered, changes: Changes) -> Explanation:
+        """That by changes, at least one."""
+        known = before.copy()
+        known.map(changes)
+        return cls(changes[0].kind, changes, known)
 
-    @property
-    def convinces(self) -> bool:
-        """Whether what was known is better mapped by it than discarded."""
-        return self.deviation_px <= DISCARD_PX
-
-    def kind(self, discarded: bool) -> str:
-        """What has been done: the kind of the first change; a camera that nothing explains was replaced."""
-        return "replaced" if discarded and self.one_camera else self.changes[0].kind
+    def odds(self, since: Pairs) -> float:
+        """The logarithm of how well what was seen since is explained, less for each parameter (Schwarz 1978)."""
+        parameters = sum(change.parameters for change in self.changes)
+        return self.known.evidence(since) - parameters / 2 * float(np.log(max(since.sensors.size, 1)))
 
 
-def explain_jump(before: SmoothFunction, since: Pairs, cameras: Cameras) -> Explanation:
-    """Explains a jump by a change of the cameras (2,) that show it or of the arm, whichever fits better.
+def explain_jump(before: Remembered, since: Pairs, cameras: Cameras, may_discard: bool) -> Explanation:
+    """Explains a jump by a change of the cameras (2,) that show it, of the arm, or by nothing known before.
 
-    Two cameras rarely change at once: where both show it, the arm may be off by twice as much as they.
+    Args:
+        before: What was known before.
+        since: What was seen since.
+        cameras: Those that show it.
+        may_discard: Whether it may be that nothing explains it.
     """
-    changed = _camera_changes(before, since, cameras)
-    arm = [fit_arm(before, since)]
-    arm_fits_better = _deviation_px(arm) < len(changed) * _deviation_px(changed)
-    return Explanation(arm if arm_fits_better else changed, len(changed) == 1)
+    explanations = [
+        Explanation.by(before, _camera_changes(before, since, cameras)),
+        Explanation.by(before, [fit_arm(before, since)]),
+    ]
+    if may_discard:
+        kind = "replaced" if cameras.sum() == 1 else "unknown"
+        explanations.append(Explanation(kind, (), before.nothing()))
+    return max(explanations, key=lambda each: each.odds(since))
 
 
-def explain_drift(before: SmoothFunction, recent: Pairs, cameras: Cameras) -> Explanation:
+def explain_drift(before: Remembered, recent: Pairs, cameras: Cameras) -> Explanation:
     """Explains a drift by a change of the cameras (2,) that show it."""
-    return Explanation(_camera_changes(before, recent, cameras), int(cameras.sum()) == 1)
+    return Explanation.by(before, _camera_changes(before, recent, cameras))
 
 
 def as_seen_now(pairs: Pairs, cameras: Cameras, rate: Array, now: int) -> Pairs:
@@ -81,9 +86,6 @@ def as_seen_now(pairs: Pairs, cameras: Cameras, rate: Array, now: int) -> Pairs:
     )
 
 
-def _camera_changes(before: SmoothFunction, pairs: Pairs, cameras: Cameras) -> list[CameraChange]:
-    return [fit_camera(before, int(camera), pairs) for camera in np.flatnonzero(cameras)]
-
-
-def _deviation_px(changes: Changes) -> float:
-    return max(float(change.deviation_px.max()) for change in changes)
+def _camera_changes(before: Remembered, pairs: Pairs, cameras: Cameras) -> list[CameraChange]:
+    function = before.gripper.function
+    return [fit_camera(function, int(camera), pairs) for camera in np.flatnonzero(cameras)]

@@ -43,21 +43,40 @@ class Looks:
     def __len__(self) -> int:
         return len(self.function.places)
 
-    def add(self, places: Array, points: Array, noise_px: Array) -> None:
-        """Takes in looks at places (n, d): points (n, 2, 2), in image units, and their noise (n,)."""
-        seen = np.ones(2, bool)
-        for place, point, variance in zip(places, points, noise_px, strict=True):
-            self.function = self.function.with_look(place, point, variance, seen)
+    def add(self, places: Array, points: Array, variances: Array) -> None:
+        """Takes in looks at places (n, d): points (n, 2, 2), and variances (n,), in image units."""
+        self.function = self._with(places, points, variances)
         if len(self) > self._most + self.SPARE:
             self._drop()
         elif len(self) >= max(2 * self._settled, self.FIRST):
             self.function, self._settled = self.function.refitted(), len(self)
 
-    def replace(self, places: Array, points: Array, variances: Array) -> None:
-        """Puts other places (n, d), points (n, 2, 2) and variances (n, 2) in place of those that are stored."""
+    def evidence(self, places: Array, points: Array, variances: Array) -> float:
+        """The logarithm of how probable such looks are, given those before."""
+        after = self._with(places, points, variances)
+        return float(after.evidence.max() - self.function.evidence.max())
+
+    def _with(self, places: Array, points: Array, variances: Array) -> SmoothFunction:
+        function = self.function
+        for look in zip(places, points, variances, strict=True):
+            function = function.with_look(*look, np.ones(2, bool))
+        return function
+
+    def map(self, places: Array, points: Array, deviations: Array) -> None:
+        """What is stored is seen elsewhere now: at places (n, d) as points (n, 2, 2).
+
+        Args:
+            places: Where.
+            points: What is seen there, in image units.
+            deviations: How far off that may be in each image (2,), in image units.
+        """
+        function = self.function
+        self._keep(places, points, function.variances, np.hypot(function.doubts, deviations))
+
+    def _keep(self, places: Array, points: Array, variances: Array, doubts: Array) -> None:
         function = self.function
         lengths = function.lengths[function.evidence.argmax()]
-        self.function = function.of(places, function.motors, lengths, points, variances)
+        self.function = function.of(places, function.motors, lengths, points, variances, doubts)
         self._settled = len(self)
 
     def _drop(self) -> None:
@@ -72,7 +91,8 @@ class Looks:
             column = inverses[:, index]
             inverses = inverses - column[:, :, None] * (column / column[:, [index]])[:, None]
             kept[index] = False
-        self.replace(function.places[kept], function.points[kept], function.variances[kept])
+        looks = function.places, function.points, function.variances, function.doubts
+        self._keep(*(each[kept] for each in looks))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All looks, and what was chosen by them, as named arrays."""
@@ -82,6 +102,7 @@ class Looks:
             "places": function.places,
             "points": function.points,
             "variances": function.variances,
+            "doubts": function.doubts,
             "lengths": lengths,
             "settled": np.array([self._settled]),
         }
@@ -91,13 +112,15 @@ class Looks:
         dimensions = self._unknown.places.shape[1]
         places = checked_array(arrays, "places", (None, dimensions))
         points = checked_array(arrays, "points", (len(places), 2, 2))
-        variances = checked_array(arrays, "variances", (len(places), 2))
+        variances, doubts = (
+            checked_array(arrays, name, (len(places), 2)) for name in ("variances", "doubts")
+        )
         lengths = checked_array(arrays, "lengths", (None, dimensions))
         (settled,) = checked_array(arrays, "settled", (1,)).astype(int)
         function, motors = self._unknown, self._unknown.motors
         if settled:
-            before = slice(0, settled)
-            function = function.of(places[before], motors, lengths[0], points[before], variances[before])
+            looks = (each[:settled] for each in (points, variances, doubts))
+            function = function.of(places[:settled], motors, lengths[0], *looks)
         for look in zip(places[settled:], points[settled:], variances[settled:], strict=True):
             function = function.with_look(*look, np.ones(2, bool))
         self.function, self._settled = function, int(settled)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.checks import check_number
-from ..base.observation import Array, camera_lengths_px
+from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.storage import prefixed, under
 from ..servo.smooth_points import SmoothPoints
@@ -63,46 +63,77 @@ class Remembered:
 
     def learn(self, pairs: Pairs) -> None:
         """Takes in what was seen."""
+        self.gripper.add(*self._gripper_looks(pairs))
+        self.object.add(*self._object_looks(pairs))
+
+    def _gripper_looks(self, pairs: Pairs) -> tuple[Array, Array, Array]:
+        """Places (n, m), points (n, 2, 2) and variances (n,)."""
         noise = np.square(pairs.noise_px * IMAGE_UNIT)
-        self.gripper.add(pairs.registers, pairs.sensors.reshape(-1, 2, 2), noise)
-        shown = np.isfinite(pairs.objects).all(1) & pairs.registers.any(1)
-        seen = pairs.only(shown)
+        return pairs.registers, pairs.sensors.reshape(-1, 2, 2), noise
+
+    def _object_looks(self, pairs: Pairs) -> tuple[Array, Array, Array]:
+        """Places (n, m + 4), points relative to the home view (n, 2, 2) and variances (n,): that is noisy too."""
+        seen = pairs.only(np.isfinite(pairs.objects).all(1))
+        noise = np.square(seen.noise_px * IMAGE_UNIT)
         places = np.column_stack([seen.registers, seen.homes])
-        self.object.add(places, (seen.objects - seen.homes).reshape(-1, 2, 2), 2 * noise[shown])
+        return places, (seen.objects - seen.homes).reshape(-1, 2, 2), 2 * noise
 
     def map(self, changes: Sequence[CameraChange] | Sequence[ArmChange]) -> None:
         """Maps all that is stored by each of the changes."""
         for change in changes:
-            variances = np.square(change.deviation_px * IMAGE_UNIT)
+            deviations = change.deviation_px * IMAGE_UNIT
             gripper, object_, motors = self.gripper.function, self.object.function, self.motors
             if len(self.gripper):
                 sensors = change.sensors(gripper.points.reshape(-1, 4)).reshape(-1, 2, 2)
-                self.gripper.replace(change.registers(gripper.places), sensors, gripper.variances + variances)
+                self.gripper.map(change.registers(gripper.places), sensors, deviations)
             if len(self.object):
                 registers, homes = object_.places[:, :motors], object_.places[:, motors:]
                 seen = change.sensors(object_.points.reshape(-1, 4) + homes)
-                at_new_home = np.column_stack([np.tile(change.old_home(motors), (len(homes), 1)), homes])
-                homes = change.sensors(homes + object_.at_all(at_new_home)[0].reshape(-1, 4))
-                self.object.replace(
+                at_home = np.column_stack([np.tile(change.old_home(motors), (len(homes), 1)), homes])
+                homes = change.sensors(homes + object_.at_all(at_home)[0].reshape(-1, 4))
+                self.object.map(
                     np.column_stack([change.registers(registers), homes]),
                     (seen - homes).reshape(-1, 2, 2),
-                    object_.variances + variances,
+                    deviations,
                 )
 
-    def views(self, registers: Array) -> tuple[Array, Array]:
-        """What should be seen of the gripper at registers (k, m): sensors (k, 4), and variances (k, 2)."""
-        points, variances, _ = self.gripper.function.at_all(registers)
-        return points.reshape(-1, 4), variances
-
     def errors(self, pairs: Pairs) -> tuple[Array, Array]:
-        """How far the gripper is seen from where it should be.
+        """How far gripper or object is seen from where it should be, whichever is worse.
 
         Returns:
             Errors (n, 2) in each camera, in pixels, and the same in units of their standard deviation.
         """
-        expected, variances = self.views(pairs.registers)
-        errors_px = camera_lengths_px(pairs.sensors - expected)
-        return errors_px, errors_px / np.sqrt(variances / IMAGE_UNIT**2 + pairs.noise_px[:, None] ** 2)
+        off, variances, _ = self.gripper_errors(pairs)
+        off_object, object_variances, _ = self.object_errors(pairs)
+        errors_px = np.linalg.norm([off, off_object], axis=-1) / IMAGE_UNIT
+        scores = errors_px / (np.sqrt([variances, object_variances]) / IMAGE_UNIT)
+        return errors_px.max(0), scores.max(0)
+
+    def gripper_errors(self, pairs: Pairs, old: Array | None = None) -> tuple[Array, Array, Array]:
+        """How far the gripper is seen from where it should be, in image units.
+
+        Args:
+            pairs: What was seen.
+            old: The registers (n, m) that led there, where others do now.
+
+        Returns:
+            Errors (n, 2, 2), their variances (n, 2), and how points change with registers (n, 2, 2, m).
+        """
+        points, variances, slopes = self.gripper.function.at_all(pairs.registers if old is None else old)
+        noise = np.square(pairs.noise_px * IMAGE_UNIT)
+        return pairs.sensors.reshape(-1, 2, 2) - points, variances + noise[:, None], slopes
+
+    def object_errors(self, pairs: Pairs, old: Array | None = None) -> tuple[Array, Array, Array]:
+        """The same of the object; nothing where it was not seen, and what is known of it says nothing."""
+        points, variances, slopes = self.object.function.at_all(
+            np.column_stack([pairs.registers if old is None else old, pairs.homes])
+        )
+        errors = (pairs.objects - pairs.homes).reshape(-1, 2, 2) - points
+        return (
+            np.where(np.isfinite(errors), errors, 0.0),
+            variances + 2 * np.square(pairs.noise_px * IMAGE_UNIT)[:, None],
+            slopes,
+        )
 
     def agrees_with(self, pairs: Pairs, other: Self) -> bool:
         """Whether most pairs are seen where they should be, and on average nearer there than by `other`.
@@ -113,11 +144,25 @@ class Remembered:
         agrees = np.median(errors_px) < HomeView.SIGMAS * pairs.noise_px.mean()
         return bool(agrees and errors_px.mean() < by_other_px.mean())
 
+    def evidence(self, pairs: Pairs) -> float:
+        """The logarithm of how probable pairs are, given what is known."""
+        return self.gripper.evidence(*self._gripper_looks(pairs)) + self.object.evidence(
+            *self._object_looks(pairs)
+        )
+
+    def copy(self) -> Self:
+        """A second one that knows the same."""
+        other = copy.copy(self)
+        other.gripper, other.object = copy.copy(self.gripper), copy.copy(self.object)
+        return other
+
+    def nothing(self) -> Self:
+        """A second one that knows nothing."""
+        return type(self)(self.motors, self.looks)
+
     def copy_of(self, arrays: Arrays) -> Self:
         """A second one that knows what `arrays` returned."""
-        other = copy.copy(self)
-        other.gripper = Looks(self.motors, self.motors, self.looks)
-        other.object = Looks(self.motors + 4, self.motors, self.looks)
+        other = self.nothing()
         other.restore(arrays)
         return other
 

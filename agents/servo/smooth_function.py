@@ -50,6 +50,8 @@ class SmoothFunction:
         white: What was seen, whitened by them (h, 2, n, 2).
         points: What was seen (n, 2, 2).
         variances: Of the noise of each look, in each image (n, 2).
+        doubts: How far off what was seen may be there now (n, 2): a standard deviation in each image, of an
+            error that is as smooth as the points.
         known_slopes: How many of them are slopes from before.
     """
 
@@ -61,6 +63,7 @@ class SmoothFunction:
     white: Array
     points: Array
     variances: Array
+    doubts: Array
     known_slopes: int = 0
 
     SPREAD = 2.0
@@ -94,64 +97,52 @@ class SmoothFunction:
             white=np.empty((hypotheses, 2, 0, 2)),
             points=np.empty((0, 2, 2)),
             variances=np.empty((0, 2)),
+            doubts=np.empty((0, 2)),
         )
 
     @classmethod
-    def of(cls, places: Array, motors: int, lengths: Array, points: Array, variances: Array) -> Self:
-        """One of which all was seen at once.
-
-        Args:
-            places: Where (n, d).
-            motors: m.
-            lengths: Over which points are smooth, for each component of a place (d,).
-            points: What was seen in both images (n, 2, 2).
-            variances: Of a coordinate in each image (n, 2).
-        """
-        whitening, white, evidence = cls._whitened(places, lengths, points, variances)
-        return cls(
-            places,
-            motors,
-            lengths[None],
-            np.array([evidence]),
-            whitening[None],
-            white[None],
-            points,
-            variances,
-        )
-
-    @classmethod
-    def _whitened(
-        cls, places: Array, lengths: Array, points: Array, variances: Array
-    ) -> tuple[Array, Array, float]:
-        """Whitening (2, n, n), whitened points (2, n, 2), and the evidence."""
+    def of(
+        cls, places: Array, motors: int, lengths: Array, points: Array, variances: Array, doubts: Array
+    ) -> Self:
+        """One of which all was seen at once: for lengths (d,), and else as the attributes."""
         scaled = places / lengths
         norms = np.einsum("nd,nd->n", scaled, scaled)
-        squares = norms[:, None] + norms - 2 * scaled @ scaled.T
-        covariance = cls.SPREAD**2 * np.exp(-squares / 2) + cls.OFFSET**2
-        alike = bool((variances[:, 0] == variances[:, 1]).all())
-        noises = variances.T[: 1 if alike else 2]
-        factors = np.linalg.cholesky(covariance + noises[:, :, None] * np.eye(len(places)))
+        near = np.exp(scaled @ scaled.T - (norms[:, None] + norms) / 2)
+        alike = bool((variances[:, 0] == variances[:, 1]).all() and (doubts[:, 0] == doubts[:, 1]).all())
+        noises, errors = variances.T[: 1 if alike else 2], doubts.T[: 1 if alike else 2]
+        covariances = (cls.SPREAD**2 + errors[:, :, None] * errors[:, None]) * near + cls.OFFSET**2
+        factors = np.linalg.cholesky(covariances + noises[:, :, None] * np.eye(len(places)))
         whitening = np.linalg.inv(factors)
         white = whitening @ points.swapaxes(0, 1)
-        spread = np.log(np.einsum("pii->pi", factors)).sum() * (2 if alike else 1)
-        prior = (np.log(lengths / cls.USUAL) ** 2).sum() / (2 * cls.UNUSUAL**2)
-        evidence = -2 * spread - np.square(white).sum() / 2 - prior
-        return np.broadcast_to(whitening, (2, *whitening.shape[1:])), white, float(evidence)
+        evidence = -2 * np.log(np.einsum("pii->pi", factors)).sum() * (2 if alike else 1)
+        evidence -= np.square(white).sum() / 2
+        evidence -= (np.log(lengths / cls.USUAL) ** 2).sum() / (2 * cls.UNUSUAL**2)
+        return cls(
+            places=places,
+            motors=motors,
+            lengths=lengths[None],
+            evidence=np.array([evidence]),
+            whitening=np.broadcast_to(whitening, (2, *whitening.shape[1:]))[None],
+            white=white[None],
+            points=points,
+            variances=variances,
+            doubts=doubts,
+        )
 
     def refitted(self) -> Self:
-        """The same over lengths that explain better what was seen: each halved or doubled while that helps."""
-        lengths = self.lengths[self.evidence.argmax()]
-        best = self.of(self.places, self.motors, lengths, self.points, self.variances)
+        """The same over lengths that explain better what was seen: halved or doubled while that helps."""
+        looks = self.points, self.variances, self.doubts
+        best = self.of(self.places, self.motors, self.lengths[self.evidence.argmax()], *looks)
         improves = True
         while improves:
             improves = False
-            for component in range(len(lengths)):
+            for component in range(self.places.shape[1]):
                 for factor in (0.5, 2.0):
-                    other = best.lengths[0].copy()
-                    other[component] *= factor
-                    tried = self.of(self.places, self.motors, other, self.points, self.variances)
-                    if tried.evidence[0] > best.evidence[0]:
-                        best, improves = tried, True
+                    lengths = best.lengths[0].copy()
+                    lengths[component] *= factor
+                    other = self.of(self.places, self.motors, lengths, *looks)
+                    if other.evidence[0] > best.evidence[0]:
+                        best, improves = other, True
                         break
         return best
 
@@ -181,6 +172,7 @@ class SmoothFunction:
             white=np.concatenate([np.zeros_like(white), white]),
             points=np.zeros((motors, 2, 2)),
             variances=np.full((motors, 2), np.inf),
+            doubts=np.zeros((motors, 2)),
             known_slopes=motors,
         )
 
@@ -214,6 +206,7 @@ class SmoothFunction:
             white=np.concatenate([self.white, white], 2)[kept],
             points=np.concatenate([self.points, [points]]),
             variances=np.concatenate([self.variances, [np.where(seen, variances, np.inf)]]),
+            doubts=np.concatenate([self.doubts, np.zeros((1, 2))]),
         )
 
     def at(self, place: Array) -> Expected:
