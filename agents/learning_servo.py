@@ -15,16 +15,16 @@ from .base.procedure import Procedure
 from .base.storage import with_present_names
 from .jacobian import Slopes, distance_jacobian
 from .knowledge.interface import Knowledge, Recall
-from .perception import ObservationFilter, Observing
+from .perception import Observing
 from .servo.redundancy import solve
 from .servo.servo_agent import Servo, ServoAgent
 from .servo.trial import Findings
 
 
-def jump(registers: Array, home: Observation, filter_: ObservationFilter, findings: Findings) -> Observing:
+def jump(registers: Array, home: Observation, findings: Findings) -> Observing:
     """Moves at once to registers (m,) that are recalled; back where that loses a point from view."""
     after = yield registers - home.registers
-    after = yield from filter_.settle(after, home, after.points, np.zeros(POINTS))
+    after = yield from findings.filter.settle(after, home, after.points, np.zeros(POINTS))
     findings.trusted.append(after)
     if not after.visible.all():
         after = yield home.registers - after.registers
@@ -78,12 +78,11 @@ class LearningServo(ServoAgent):
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
         """See `ProcedureAgent`."""
-        filter_ = ObservationFilter()
-        now = yield from filter_.first(first)
+        now = yield from findings.filter.first(first)
         findings.trusted.append(now)
         recall = self._recall(now)
         if recall is not None:
-            now = yield from jump(recall.registers, now, filter_, findings)
+            now = yield from jump(recall.registers, now, findings)
         jacobian = self.implied_jacobian(now.registers)
         if jacobian is not None:
             slopes = Slopes.of(jacobian, now.registers)

@@ -18,7 +18,6 @@ from .base.observation import Array, Observation, RawObservation
 from .base.procedure import Procedure
 from .jacobian import Slopes
 from .learning_servo import jump
-from .perception import ObservationFilter
 from .servo.least_distance import Seeker
 from .servo.servo_agent import Servo, ServoAgent
 from .servo.smooth_points import SmoothPoints
@@ -62,8 +61,7 @@ class Memory(ServoAgent):
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
         """See `ProcedureAgent`."""
-        filter_ = ObservationFilter()
-        now = yield from filter_.first(first)
+        now = yield from findings.filter.first(first)
         findings.trusted.append(now)
         points = self._points(now)
         if points is not None and isinstance(self.servo, UnifiedServo):
@@ -71,7 +69,7 @@ class Memory(ServoAgent):
         elif points is not None:
             registers, expected_px = self._recall(points)
             if expected_px <= self.jump_px:
-                now = yield from jump(registers, now, filter_, findings)
+                now = yield from jump(registers, now, findings)
             expected = points.at(now.registers)
             slopes = Slopes(now.registers, expected.jacobian, expected.slope_variances)
             findings.estimator = self.servo.new_estimator(self.motors, slopes)
@@ -107,7 +105,7 @@ class Memory(ServoAgent):
         super().learn_trial(findings, last, ended)
         if findings.trusted:
             home = findings.trusted[0].object
-            self.adaptation.learn(findings.trusted, home, findings.estimator.noise_px)
+            self.adaptation.learn(findings.trusted, home, findings.filter.noise.px)
 
     @property
     def kind(self) -> str:

@@ -30,6 +30,9 @@ class Gating:
     """Gates around expected points; where too little is inside them, agreement of several observations.
 
     A gate ends where a point is as likely to be mistaken, and so anywhere in the image, as to be seen right.
+
+    Attributes:
+        counts: How many points were mistaken, of how many (2,), with what is taken for granted beforehand.
     """
 
     TAILS = 4.0
@@ -42,7 +45,12 @@ class Gating:
     """Beforehand so many of so many points are mistaken. Choice: a hundred looks outweigh it."""
 
     def __init__(self) -> None:
-        self._mistaken, self._of = self.MISTAKEN, self.OF
+        self.counts = np.array([self.MISTAKEN, self.OF])
+
+    @property
+    def mistaken(self) -> float:
+        """The share of points that are mistaken, as far as known."""
+        return float(self.counts[0] / self.counts[1])
 
     def radii(self, deviations_px: Array, noise_px: float) -> Array:
         """Radii (4,) in pixels of the gates around expected points.
@@ -52,7 +60,7 @@ class Gating:
             noise_px: Standard deviation of an image coordinate.
         """
         squares = np.square(deviations_px) + noise_px**2
-        odds = self._mistaken / (self._of - self._mistaken)
+        odds = self.mistaken / (1 - self.mistaken)
         highest = IMAGE_SIZE**2 / (2 * np.pi * squares * odds)
         power = 2 / (self.TAILS + 2)
         return np.sqrt(self.TAILS * squares * np.maximum(highest**power - 1, 0))
@@ -75,10 +83,8 @@ class Gating:
         """Learns from observations at one place how many points are mistaken."""
         for each in observations:
             told = each.visible & estimate.found
-            self._of += np.count_nonzero(told)
-            self._mistaken += np.count_nonzero(
-                lengths_px(each.points - estimate.points)[told] > self._agree_px(noise_px)
-            )
+            wrong = lengths_px(each.points - estimate.points)[told] > self._agree_px(noise_px)
+            self.counts = self.counts + [np.count_nonzero(wrong), len(wrong)]
 
     def _agree_px(self, noise_px: float) -> float:
         return self.AGREE * np.sqrt(2) * noise_px

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 
 from calfree_gym.image import IMAGE_UNIT
@@ -28,8 +26,8 @@ class NoiseEstimate:
     ENOUGH = 24
     """Differences of a coordinate: three re-observations of all four points. Derived: the estimate is then
     within 15 % (1 / √(2 · 24))."""
-    LATEST = 40
-    """This many re-observations are kept; more than a trial of 60 motions usually has (a guard)."""
+    LATEST = 320
+    """This many differences are kept: forty re-observations of all four points (a guard)."""
     QUANTILE, QUANTILE_OF_NORMAL = 0.15, 0.189
     """This share of normal deviates is smaller than that. Derived: Φ⁻¹(0.575) = 0.189, and a share so small
     that 40 % mistaken points hardly move it."""
@@ -43,17 +41,26 @@ class NoiseEstimate:
 
     def __init__(self) -> None:
         self.px = MARKER_NOISE_PX
-        self._differences: deque[Array] = deque(maxlen=self.LATEST)
+        self._differences = np.empty(0)
 
     @property
     def needs_samples(self) -> bool:
         """Whether it is worth observing again only to learn how noisy image points are."""
-        return self.px > self.NOISY_PX and sum(map(len, self._differences)) < self.ENOUGH
+        return self.px > self.NOISY_PX and len(self._differences) < self.ENOUGH
 
     def add(self, difference: Array) -> None:
         """Learns from the difference (k, 2), in image units, of points seen twice at one place."""
-        self._differences.append(np.abs(difference).ravel() / IMAGE_UNIT)
-        pool = np.concatenate(self._differences) / np.sqrt(2)
+        new = np.abs(difference).ravel() / IMAGE_UNIT
+        self.restore(np.concatenate([self._differences, new])[-self.LATEST :])
+
+    def arrays(self) -> Array:
+        """The differences (n,) that it is known by, in pixels."""
+        return self._differences
+
+    def restore(self, differences: Array) -> None:
+        """Estimates it by differences (n,) that are known."""
+        self._differences = differences
+        pool = differences / np.sqrt(2)
         if len(pool) < self.ENOUGH:
             return
         noise = np.quantile(pool, self.QUANTILE) / self.QUANTILE_OF_NORMAL

@@ -15,6 +15,7 @@ from ..base.observation import Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
 from ..jacobian import JacobianEstimate, Slopes
+from ..perception import ObservationFilter
 from .trial import Findings
 
 _TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), patience=[^()]*\)")
@@ -40,6 +41,7 @@ class ServoAgent(ProcedureAgent):
     Attributes:
         servo: The servo.
         slopes: That Jacobian; None before the first trial, and where the servo's does not last.
+        filter: What is known of observations.
     """
 
     def __init__(self, env: gym.Env[Any, Any], servo: Servo, seed: int = 0) -> None:
@@ -48,10 +50,12 @@ class ServoAgent(ProcedureAgent):
         self.servo = servo
         self.prior_knowledge = servo.prior_knowledge
         self.slopes: Slopes | None = None
+        self.filter = ObservationFilter()
 
     def new_findings(self) -> Findings:
         """See `ProcedureAgent`."""
-        return Findings(self.servo.new_estimator(self.motors, self.slopes))
+        estimator = self.servo.new_estimator(self.motors, self.slopes)
+        return Findings(estimator, self.filter.for_next_trial())
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
         """See `ProcedureAgent`."""
@@ -61,6 +65,7 @@ class ServoAgent(ProcedureAgent):
         """See `ProcedureAgent`. Motions teach the Jacobian, however the trial ends."""
         if (slopes := findings.estimator.slopes_for_next()) is not None:
             self.slopes = slopes
+        self.filter = findings.filter
 
     @property
     def kind(self) -> str:
@@ -73,13 +78,15 @@ class ServoAgent(ProcedureAgent):
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """See `ProcedureAgent`."""
-        if self.slopes is None:
-            return {}
-        return {"jacobian": self.slopes.jacobian, "slope_variances": self.slopes.variances}
+        arrays = self.filter.arrays()
+        if self.slopes is not None:
+            arrays |= {"jacobian": self.slopes.jacobian, "slope_variances": self.slopes.variances}
+        return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`. Files of version 0.1 have no variances."""
         self.slopes = None
+        self.filter.restore(arrays)
         if "jacobian" in arrays:
             self.slopes = Slopes.of(checked_array(arrays, "jacobian", (8, self.motors)))
         if "slope_variances" in arrays:

@@ -29,10 +29,12 @@ class Findings(Generic[E]):
 
     Attributes:
         estimator: What is known of the Jacobian.
+        filter: What is known of observations.
         trusted: The observations that passed the filter, none of their points merely predicted.
     """
 
     estimator: E
+    filter: ObservationFilter = field(default_factory=ObservationFilter)
     trusted: list[Observation] = field(default_factory=list)
 
 
@@ -83,7 +85,7 @@ class Trial:
         motors = len(first.registers)
         self.now = first
         self.findings = findings
-        self.filter = ObservationFilter()
+        self.filter = findings.filter
         self.known = np.tile(self.estimator.jacobian.any(0), (POINTS, 1))
         self.test_words = np.full(motors, first_word)
         self.lowest = np.full(motors, -1.0)

@@ -16,7 +16,6 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
-from ..perception import ObservationFilter
 from .least_distance import Seeker
 from .settings import SERVO_KNOWLEDGE, SMALLEST
 from .smooth_points import OBJECT, ExpectedPoints, SmoothPoints
@@ -101,7 +100,7 @@ class Reach:
     def __init__(self, servo: UnifiedServo, first: Observation, findings: Findings[SmoothPoints]) -> None:
         self.now = first
         self.points = findings.estimator
-        self.filter = ObservationFilter()
+        self.filter = findings.filter
         self.lowest = np.full(len(first.registers), -1.0)
         self.highest = np.full(len(first.registers), 1.0)
         self._servo = servo
