@@ -224,7 +224,7 @@ class AdaptiveMemory:
 
     def _recalled(self, gripper: Array) -> Remembered | None:
         """What is archived of a world in which the gripper at home was seen there (4,)."""
-        noise_px = self.detector.home.noise_px()
+        noise_px = self.detector.home.noise_px
         archived = self.archive.find(gripper, noise_px) if self.on_change == "recognise" else None
         return self.known.copy_of(archived) if archived else None
 

@@ -102,7 +102,7 @@ class ChangeDetector:
         """
         pairs, jumped = self._home_jump(pairs, known)
         jumped = jumped | announced
-        self.home.add(pairs.sensors[0])
+        self.home.add(pairs.sensors[0], float(pairs.noise_px[0]))
         inconsistent = self._inconsistent(pairs.away(), known)
         if jumped.any():
             return self._changed(pairs, jumped)
@@ -132,7 +132,7 @@ class ChangeDetector:
         """
         home = pairs.sensors[0]
         jumped = self.home.jumped(home)
-        near = camera_lengths_px(self.unconfirmed_home - home) < self.home.SIGMAS * self.home.noise_px()
+        near = camera_lengths_px(self.unconfirmed_home - home) < self.home.SIGMAS * self.home.noise_px
         if not jumped.any() or (jumped & self._mostly_off(pairs.away(), known)).any() or near.all(1).any():
             self.unconfirmed_home = np.empty((0, 4))
             return pairs, jumped
@@ -175,7 +175,7 @@ class ChangeDetector:
         """All that it keeps, as named arrays."""
         return {
             "home": self.home.sensors,
-            "steps": self.home.steps,
+            "home_noise_px": np.array([self.home.noise_px]),
             "unconfirmed_home": self.unconfirmed_home,
             "usual_scores": self.usual_scores,
             **prefixed("suspects", self.suspects.arrays()),
@@ -183,9 +183,8 @@ class ChangeDetector:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Takes over what `arrays` returned; raises ValueError where it does not fit."""
-        self.home = HomeView(
-            checked_array(arrays, "home", (None, 4)), checked_array(arrays, "steps", (None, 4))
-        )
+        (noise_px,) = checked_array(arrays, "home_noise_px", (1,))
+        self.home = HomeView(checked_array(arrays, "home", (None, 4)), float(noise_px))
         self.unconfirmed_home = checked_array(arrays, "unconfirmed_home", (None, 4))
         self.usual_scores = checked_array(arrays, "usual_scores", (None, 2))
         self.suspects = Pairs.of(under("suspects", arrays))

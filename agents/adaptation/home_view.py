@@ -19,8 +19,7 @@ class HomeView:
 
     Attributes:
         sensors: Sensor vectors (n, 4) in image units, the latest last.
-        steps: Absolute differences (n, 4) from each observation to the next, whatever changed between: they
-            tell the noise.
+        noise_px: Standard deviation of an image coordinate, as it was known in the last trial.
     """
 
     SIGMAS = 5.0
@@ -34,33 +33,18 @@ class HomeView:
     JUMP_REFERENCE = 4
     """A jump is looked for against the mean of this many trials: few, so that a slow drift is no jump. Tuned
     (wild worlds 3000-)."""
-    PRIOR_STEPS = 12
-    """The assumed noise counts as much as this many steps of a coordinate, that is three trials. Choice."""
-    NORMAL_MEDIAN = 0.6745
-    """Median of a standard normal deviate's absolute value. Derived."""
-
-    def __init__(self, sensors: Array | None = None, steps: Array | None = None) -> None:
+    def __init__(self, sensors: Array | None = None, noise_px: float = MARKER_NOISE_PX) -> None:
         self.sensors = np.empty((0, 4)) if sensors is None else sensors
-        self.steps = np.empty((0, 4)) if steps is None else steps
-        self._noise_px: float | None = None
+        self.noise_px = noise_px
 
-    def add(self, gripper: Array) -> None:
-        """Takes in where the gripper (4,) is seen in this trial."""
-        self.steps = np.concatenate([self.steps, np.abs(gripper - self.sensors[-1:])])[-self.KEPT :]
+    def add(self, gripper: Array, noise_px: float) -> None:
+        """Takes in where the gripper (4,) is seen in this trial, and how noisily."""
         self.sensors = np.concatenate([self.sensors, [gripper]])[-self.KEPT :]
-        self._noise_px = None
+        self.noise_px = noise_px
 
     def keep(self, latest: int) -> None:
         """Forgets all but the latest trials."""
         self.sensors = self.sensors[len(self.sensors) - latest :]
-
-    def noise_px(self) -> float:
-        """Standard deviation of a coordinate, in pixels: the median step, with a marker's noise as a prior."""
-        if self._noise_px is None:
-            steps = self.steps.ravel() / (np.sqrt(2) * IMAGE_UNIT)
-            prior = np.full(self.PRIOR_STEPS, self.NORMAL_MEDIAN * MARKER_NOISE_PX)
-            self._noise_px = float(np.median(np.concatenate([steps, prior]))) / self.NORMAL_MEDIAN
-        return self._noise_px
 
     def reference(self) -> Array:
         """Where the gripper should be seen (4,): the mean of the last few trials."""
@@ -93,5 +77,5 @@ class HomeView:
         sums = sensors.cumsum(0)
         earlier = sums[-latest - 1]
         apart = (sums[-1] - earlier) / after - earlier / before
-        noise = self.noise_px() * np.sqrt(1 / after + 1 / before)
+        noise = self.noise_px * np.sqrt(1 / after + 1 / before)
         return np.asarray(camera_lengths_px(apart) > self.SIGMAS * noise)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,11 @@ from numpy.typing import NDArray
 
 from ..base.checks import checked_array
 from ..base.observation import Array
+from ..perception.gating import Gating
 from ..servo.smooth_function import SmoothFunction
+
+IMAGE_AREA = 4.0
+"""In square image units."""
 
 
 class Looks:
@@ -31,6 +36,11 @@ class Looks:
 
     FIRST = 8
     """Distances are first chosen by this many looks. Choice."""
+    NOISIER = 2.0
+    """Where looks turn out to have this times the variance that was known of earlier ones, those had it, too.
+    Choice: noise is known to a fifth."""
+    MISTAKEN = Gating.MISTAKEN / Gating.OF
+    """So many looks are mistaken, beforehand. As there."""
     SPARE = 30
     """This many more looks are kept before some are dropped. Choice: that takes time."""
 
@@ -46,10 +56,49 @@ class Looks:
     def add(self, places: Array, points: Array, variances: Array) -> None:
         """Takes in looks at places (n, d): points (n, 2, 2), and variances (n,), in image units."""
         self.function = self._with(places, points, variances)
-        if len(self) > self._most + self.SPARE:
+        if len(variances) and (self.function.variances < variances[-1] / self.NOISIER).any():
+            self._refit()
+        elif len(self) > self._most + self.SPARE:
             self._drop()
         elif len(self) >= max(2 * self._settled, self.FIRST):
-            self.function, self._settled = self.function.refitted(), len(self)
+            self._refit()
+
+    def _refit(self) -> None:
+        """Chooses distances anew, where no look is less noisy than the latest, and leaves out mistaken ones."""
+        variances = np.maximum(self.function.variances, self.function.variances[-1])
+        function = replace(self.function, variances=variances)
+        all_, without = function.refitted(), self._without_mistaken(function)
+        left_out = len(all_.places) - len(without.places)
+        if left_out:
+            without = without.refitted()
+            price = left_out * np.log(self.MISTAKEN / IMAGE_AREA)
+        better = left_out and without.evidence[0] + price > all_.evidence[0]
+        self.function = without if better else all_
+        self._settled = len(self)
+
+    def _without_mistaken(self, function: SmoothFunction) -> SmoothFunction:
+        """Without looks that are more likely mistaken, and so anywhere in the image, than where the others say."""
+        lengths = np.full(function.places.shape[1], function.USUAL)
+        looks = function.points, function.variances, function.doubts
+        usual = function.of(function.places, function.motors, lengths, *looks)
+        whitening, white = usual.whitening[0], usual.white[0]
+        inverses, sums = whitening.swapaxes(1, 2) @ whitening, whitening.swapaxes(1, 2) @ white
+        kept = np.ones(len(self), bool)
+        for _ in range(len(self) // 2):
+            certain = np.maximum(np.einsum("pii->ip", inverses), 1e-12)
+            odds = np.square(sums).sum(2).T / (2 * certain) - np.log(
+                IMAGE_AREA * certain / (2 * np.pi * self.MISTAKEN)
+            )
+            index = int(np.where(kept, odds.max(1), -np.inf).argmax())
+            if odds[index].max() < 0:
+                break
+            column = inverses[:, index]
+            share = column / column[:, [index]]
+            inverses = inverses - column[:, :, None] * share[:, None]
+            sums = sums - share[:, :, None] * sums[:, [index]]
+            kept[index] = False
+        looks = (each[kept] for each in looks)
+        return function.of(function.places[kept], function.motors, lengths, *looks)
 
     def evidence(self, places: Array, points: Array, variances: Array) -> float:
         """The logarithm of how probable such looks are, given those before."""

@@ -57,9 +57,10 @@ class Remembered:
     def __repr__(self) -> str:
         return f"Remembered(looks={self.looks})"
 
-    def points(self, home: Array) -> SmoothPoints:
-        """What is known of gripper and object points, of an object seen from home at `home` (4,)."""
-        return SmoothPoints.remembered(self.gripper.function, self.object.function, home.reshape(2, 2))
+    def points(self, home: Array, noise_px: float) -> SmoothPoints:
+        """What is known of gripper and object points, of an object seen from home at `home` (4,), noisily."""
+        functions = self.gripper.function, self.object.function
+        return SmoothPoints.remembered(*functions, home.reshape(2, 2), noise_px)
 
     def learn(self, pairs: Pairs) -> None:
         """Takes in what was seen."""

@@ -84,7 +84,7 @@ class Gating:
         for each in observations:
             told = each.visible & estimate.found
             wrong = lengths_px(each.points - estimate.points)[told] > self._agree_px(noise_px)
-            self.counts = self.counts + [np.count_nonzero(wrong), len(wrong)]
+            self.counts = self.counts + np.array([np.count_nonzero(wrong), len(wrong)])
 
     def _agree_px(self, noise_px: float) -> float:
         return self.AGREE * np.sqrt(2) * noise_px

@@ -23,9 +23,8 @@ class NoiseEstimate:
         px: The estimate; that of a good marker until there are `ENOUGH` differences.
     """
 
-    ENOUGH = 24
-    """Differences of a coordinate: three re-observations of all four points. Derived: the estimate is then
-    within 15 % (1 / √(2 · 24))."""
+    ENOUGH = 12
+    """Differences of a coordinate. Derived: the estimate is then within 20 % (1 / √(2 · 12))."""
     LATEST = 320
     """This many differences are kept: forty re-observations of all four points (a guard)."""
     QUANTILE, QUANTILE_OF_NORMAL = 0.15, 0.189

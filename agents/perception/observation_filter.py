@@ -38,6 +38,7 @@ class ObservationFilter:
         gating: Which of them can be trusted.
         visibility: Which of them are out of view.
         inconsistent: Which points (4,) were last trusted although they were not where they were predicted.
+        home: Where the gripper was seen at home in the last trial (2, 2); NaN where it was not.
     """
 
     MOST_OBSERVATIONS = 8
@@ -54,6 +55,7 @@ class ObservationFilter:
         self.gating = Gating()
         self.visibility = Visibility()
         self.inconsistent = np.zeros(POINTS, bool)
+        self.home = np.full((2, 2), np.nan)
         self._last: Observation | None = None
 
     @property
@@ -69,16 +71,24 @@ class ObservationFilter:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What lasts, as named arrays."""
-        return {"noise_differences": self.noise.arrays(), "mistaken": self.gating.counts}
+        known = {"noise_differences": self.noise.arrays(), "mistaken": self.gating.counts}
+        return known | {"last_home": self.home}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Takes over what `arrays` returned; nothing, where it is of a version that kept nothing."""
         if "mistaken" in arrays:
             self.noise.restore(checked_array(arrays, "noise_differences", (None,)))
             self.gating.counts = checked_array(arrays, "mistaken", (2,))
+            self.home = checked_array(arrays, "last_home", (2, 2), allow_nan=True)
 
     def first(self, observation: Observation) -> Observing:
-        """Observes again until every point has been seen; twice alike where many points are mistaken."""
+        """Observes again until every point has been seen; twice alike where many points are mistaken.
+
+        An observation that has come out of it is taken as it is.
+        """
+        if self._last is not None and observation.visible.all():
+            return observation
+        self._compare_homes(observation)
         if POINTS * self.gating.mistaken > self.LIKELY:
             return (yield from self._agreed(observation))
         points, found = observation.points.copy(), observation.visible
@@ -92,6 +102,15 @@ class ObservationFilter:
             points[new] = observation.points[new]
             found = found | new
         return observation.estimated(points, found)
+
+    def _compare_homes(self, observation: Observation) -> None:
+        """Learns how noisy points are from the gripper, which every trial shows at the same place, at home."""
+        if self._last is None and not observation.registers.any():
+            seen = observation.visible[:2]
+            both = seen & np.isfinite(self.home).all(1)
+            if both.any():
+                self.noise.add((observation.points[:2] - self.home)[both])
+            self.home = np.where(seen[:, None], observation.points[:2], self.home)
 
     def _agreed(self, observation: Observation) -> Observing:
         """Observes again until two observations of every point agree."""
@@ -127,7 +146,7 @@ class ObservationFilter:
         radii = self.gating.radii(deviations_px, self.noise.px)
         if self._as_expected(observation, expected, radii):
             self.inconsistent = np.zeros(POINTS, bool)
-            self.gating.counts = self.gating.counts + [0, POINTS]
+            self.gating.counts = self.gating.counts + np.array([0, POINTS])
             return observation
         surely_px = lengths_px(expected - before.points) - radii
         observations = yield from self.latency.wait(observation, before.points, surely_px, self.noise.px)

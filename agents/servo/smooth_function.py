@@ -53,6 +53,8 @@ class SmoothFunction:
         doubts: How far off what was seen may be there now (n, 2): a standard deviation in each image, of an
             error that is as smooth as the points.
         known_slopes: How many of them are slopes from before.
+        earlier: How many of them are of earlier trials.
+        shared: Variance of an error that the others share, and what should be seen next.
     """
 
     places: Array
@@ -65,6 +67,8 @@ class SmoothFunction:
     variances: Array
     doubts: Array
     known_slopes: int = 0
+    earlier: int = 0
+    shared: float = 0.0
 
     SPREAD = 2.0
     """Standard deviation of where points may be, in image units. Derived: the width of an image."""
@@ -187,7 +191,7 @@ class SmoothFunction:
         """
         variances = np.broadcast_to(variances, 2)
         cross = self.whitening @ self._covariances(place)[:, None, :, None]
-        unexplained = self.SPREAD**2 + self.OFFSET**2 - np.square(cross).sum((2, 3))
+        unexplained = self._most - np.square(cross).sum((2, 3))
         deviations = np.sqrt(np.maximum(unexplained, 0.0) + variances)[..., None]
         errors = (points - (cross * self.white).sum(2)) / deviations
         odds = -2 * np.log(deviations[..., 0]) - np.square(errors).sum(2) / 2
@@ -209,6 +213,20 @@ class SmoothFunction:
             doubts=np.concatenate([self.doubts, np.zeros((1, 2))]),
         )
 
+    def in_new_trial(self, shared: float) -> Self:
+        """The same in a new trial, whose looks share an error of that variance."""
+        return replace(self, earlier=len(self.places), shared=shared)
+
+    @property
+    def _most(self) -> float:
+        """Variance of where a point may be, as long as nothing was seen."""
+        return self.SPREAD**2 + self.OFFSET**2 + self.shared
+
+    @property
+    def _everywhere(self) -> Array:
+        """Covariances with looks (n,) of what is added everywhere."""
+        return self.OFFSET**2 + self.shared * (np.arange(len(self.places)) >= self.earlier)
+
     def at(self, place: Array) -> Expected:
         """What should be seen at a place (d,)."""
         best = int(self.evidence.argmax())
@@ -218,7 +236,7 @@ class SmoothFunction:
         squares = lengths[0, :motors] ** 2
         towards = towards[:, :motors] / squares
         before = self.known_slopes
-        cross = near + self.OFFSET**2
+        cross = near + self._everywhere
         steep = -near[:, None] * towards
         if before:
             first, moved = near[:before], towards[0]
@@ -227,7 +245,7 @@ class SmoothFunction:
         known, leaning = whitening @ cross, whitening @ steep
         return Expected(
             points=np.einsum("pn,pnc->pc", known, white),
-            variances=np.maximum(self.SPREAD**2 + self.OFFSET**2 - np.square(known).sum(1), 0.0),
+            variances=np.maximum(self._most - np.square(known).sum(1), 0.0),
             slopes=white.swapaxes(1, 2) @ leaning,
             slope_variances=np.diag(self.SPREAD**2 / squares) - leaning.swapaxes(1, 2) @ leaning,
             variance_slopes=-2 * np.einsum("pn,pnm->pm", known, leaning),
@@ -261,7 +279,7 @@ class SmoothFunction:
     def _covariances(self, place: Array) -> Array:
         """The same (h, n) with what is added everywhere, and with slopes from before."""
         near, towards = self._near(place, self.lengths)
-        cross, known = near + self.OFFSET**2, self.known_slopes
+        cross, known = near + self._everywhere, self.known_slopes
         if known:
             squares = self.lengths[:, : self.motors] ** 2
             cross[:, :known] = near[:, :known] * towards[0, : self.motors] / squares

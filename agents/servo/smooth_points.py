@@ -90,10 +90,13 @@ class SmoothPoints:
         self.jacobian = np.zeros((2 * POINTS, motors)) if start is None else start.jacobian
 
     @classmethod
-    def remembered(cls, gripper: SmoothFunction, object_: SmoothFunction, home: Array) -> SmoothPoints:
-        """With all that is remembered of earlier trials, of an object seen at `home` (2, 2)."""
+    def remembered(
+        cls, gripper: SmoothFunction, object_: SmoothFunction, home: Array, noise_px: float
+    ) -> SmoothPoints:
+        """With all that is remembered of earlier trials, of an object seen at `home` (2, 2), noisily."""
         points = cls(gripper.motors)
-        points.gripper, points.object, points.home = gripper, object_, home
+        points.gripper, points.home = gripper, home
+        points.object = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
         points._looked = True
         points.jacobian = points.at(np.zeros(gripper.motors)).jacobian
         return points
@@ -125,9 +128,9 @@ class SmoothPoints:
         registers, points, seen = observation.registers, observation.points, observation.visible
         variance = (noise_px * IMAGE_UNIT) ** 2
         self.gripper = self.gripper.with_look(registers, points[GRIPPER], variance, seen[GRIPPER])
-        self.object = self.object.with_look(
-            self._place(registers), points[OBJECT] - self.home, variance, seen[OBJECT]
-        )
+        from_home = points[OBJECT] - self.home
+        if from_home.any():  # the look that tells home tells no more
+            self.object = self.object.with_look(self._place(registers), from_home, variance, seen[OBJECT])
         self.jacobian = self.at(registers).jacobian
 
     def look_anew(self, observation: Observation, noise_px: float) -> None:
