@@ -1,4 +1,4 @@
-"""Remembers every look, over any servo; sees by itself that the world has changed (paper, sections 4 and 5)."""
+"""Remembers every look, over any servo, and sees that the world has changed (paper, sections 4 and 5)."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Memory(ServoAgent):
         yield from self.servo(now, findings)
 
     def _points(self, home: Observation, noise_px: float) -> SmoothPoints | None:
-        """What is known of gripper and object points, of an object and in a world as they are seen at home."""
+        """What is known of the points, of an object and in a world as they are seen at home."""
         known = self.adaptation.known_for(home.gripper)
         return known.points(home.object, noise_px) if known and len(known.gripper) else None
 

@@ -141,7 +141,9 @@ class AdaptiveMemory:
         self._announced = np.asarray(cameras, bool)
 
     def learn(self, looks: Sequence[Observation], home: Array, noise_px: float) -> None:
-        """Takes in a trial. One in which home was not seen teaches nothing, unless all is kept whatever changes.
+        """Takes in a trial.
+
+        One in which home was not seen teaches nothing, unless all is kept whatever changes.
 
         Args:
             looks: What was observed, at home first.

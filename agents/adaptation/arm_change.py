@@ -115,7 +115,7 @@ def _errors(before: Remembered, since: Pairs, scale: Array, offset: Array) -> tu
     old, home = (since.registers - offset) / scale, -offset / scale
     errors, variances, slopes = before.gripper_errors(since, old)
     moved = _by_parameters(slopes, old, scale)
-    shown = np.isfinite(since.objects).all(1)
+    shown = since.with_object
     seen, at_home = since.only(shown), replace(since.only(shown), objects=since.homes[shown])
     off, off_variances, slopes = before.object_errors(seen, old[shown])
     homes, _, home_slopes = before.object_errors(at_home, np.tile(home, (len(seen), 1)))

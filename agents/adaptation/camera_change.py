@@ -186,7 +186,7 @@ def fit_camera(before: SmoothFunction, camera: int, since: Pairs) -> CameraChang
         since: What was seen since.
     """
     views, view_variances, _ = before.at_all(since.registers)
-    plane = _plane(before.points.reshape(-1, 4), camera)
+    plane = _plane(before.looks.points.reshape(-1, 4), camera)
     own, depth = _point_and_depth(views.reshape(-1, 4), camera, plane)
     seen, _ = _both(since.sensors, camera)
     known_variances = view_variances[:, camera] + np.square(since.noise_px * IMAGE_UNIT)

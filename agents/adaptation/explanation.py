@@ -42,7 +42,7 @@ class Explanation:
         return cls(changes[0].kind, changes, known)
 
     def odds(self, since: Pairs) -> float:
-        """The logarithm of how well what was seen since is explained, less for each parameter (Schwarz 1978)."""
+        """The logarithm of how probable what was seen since is, less for each parameter (Schwarz 1978)."""
         parameters = sum(change.parameters for change in self.changes)
         return self.known.evidence(since) - parameters / 2 * float(np.log(max(since.sensors.size, 1)))
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import IMAGE_UNIT
-
 from ..base.observation import Array, camera_lengths_px
 from ..perception.noise import MARKER_NOISE_PX
 
@@ -33,6 +31,7 @@ class HomeView:
     JUMP_REFERENCE = 4
     """A jump is looked for against the mean of this many trials: few, so that a slow drift is no jump. Tuned
     (wild worlds 3000-)."""
+
     def __init__(self, sensors: Array | None = None, noise_px: float = MARKER_NOISE_PX) -> None:
         self.sensors = np.empty((0, 4)) if sensors is None else sensors
         self.noise_px = noise_px

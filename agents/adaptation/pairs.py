@@ -88,6 +88,11 @@ class Pairs:
         both = zip(self.arrays().values(), other.arrays().values(), strict=True)
         return Pairs(*(np.concatenate(arrays) for arrays in both))
 
+    @property
+    def with_object(self) -> NDArray[np.bool_]:
+        """Which of them (n,) show the object in both images."""
+        return np.asarray(np.isfinite(self.objects).all(1))
+
     def only(self, chosen: NDArray[np.bool_]) -> Pairs:
         """Those that are chosen (n,)."""
         return Pairs(*(array[chosen] for array in self.arrays().values()))

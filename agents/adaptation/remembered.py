@@ -24,7 +24,7 @@ from ..servo.smooth_points import SmoothPoints
 from .arm_change import ArmChange
 from .camera_change import CameraChange
 from .home_view import HomeView
-from .looks import Looks
+from .kept_looks import KeptLooks
 from .pairs import Pairs
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -40,8 +40,8 @@ class Remembered:
 
     Args:
         motors: Number of registers m.
-        looks: So many looks are kept, at the gripper and at the object. Choice: in arms of three motors 300 are
-            no better than 200, and a motion takes longer.
+        looks: So many looks are kept, at the gripper and at the object. Choice: 700 are no better with seven
+            motors.
     """
 
     prior_knowledge: ClassVar = frozenset(
@@ -51,8 +51,8 @@ class Remembered:
     def __init__(self, motors: int, looks: int = 300) -> None:
         self.looks = check_number("looks", looks, least=10, whole=True)
         self.motors = motors
-        self.gripper = Looks(motors, motors, looks)
-        self.object = Looks(motors + 4, motors, looks)
+        self.gripper = KeptLooks(motors, motors, looks)
+        self.object = KeptLooks(motors + 4, motors, looks)
 
     def __repr__(self) -> str:
         return f"Remembered(looks={self.looks})"
@@ -73,8 +73,8 @@ class Remembered:
         return pairs.registers, pairs.sensors.reshape(-1, 2, 2), noise
 
     def _object_looks(self, pairs: Pairs) -> tuple[Array, Array, Array]:
-        """Places (n, m + 4), points relative to the home view (n, 2, 2) and variances (n,): that is noisy too."""
-        seen = pairs.only(np.isfinite(pairs.objects).all(1))
+        """Places (n, m + 4), points from the home view, which is noisy, too (n, 2, 2), and variances (n,)."""
+        seen = pairs.only(pairs.with_object)
         noise = np.square(seen.noise_px * IMAGE_UNIT)
         places = np.column_stack([seen.registers, seen.homes])
         return places, (seen.objects - seen.homes).reshape(-1, 2, 2), 2 * noise
@@ -83,13 +83,13 @@ class Remembered:
         """Maps all that is stored by each of the changes."""
         for change in changes:
             deviations = change.deviation_px * IMAGE_UNIT
-            gripper, object_, motors = self.gripper.function, self.object.function, self.motors
+            gripper, object_, motors = self.gripper.function.looks, self.object.function, self.motors
             if len(self.gripper):
                 sensors = change.sensors(gripper.points.reshape(-1, 4)).reshape(-1, 2, 2)
                 self.gripper.map(change.registers(gripper.places), sensors, deviations)
             if len(self.object):
-                registers, homes = object_.places[:, :motors], object_.places[:, motors:]
-                seen = change.sensors(object_.points.reshape(-1, 4) + homes)
+                registers, homes = np.split(object_.looks.places, [motors], axis=1)
+                seen = change.sensors(object_.looks.points.reshape(-1, 4) + homes)
                 at_home = np.column_stack([np.tile(change.old_home(motors), (len(homes), 1)), homes])
                 homes = change.sensors(homes + object_.at_all(at_home)[0].reshape(-1, 4))
                 self.object.map(

@@ -46,8 +46,8 @@ class ObservationFilter:
     agree in 99 % of the cases (binomial), and with 30 % missing points one is seen in 99.99 %."""
 
     LIKELY = 0.1
-    """Where one of four points is mistaken more often, the first are seen twice. Derived: that costs a motion,
-    and to begin with a mistaken point about ten."""
+    """Where one of four points is mistaken more often, the first are seen twice. Derived: that costs a
+    motion, and to begin with a mistaken point about ten."""
 
     def __init__(self) -> None:
         self.noise = NoiseEstimate()
@@ -104,7 +104,7 @@ class ObservationFilter:
         return observation.estimated(points, found)
 
     def _compare_homes(self, observation: Observation) -> None:
-        """Learns how noisy points are from the gripper, which every trial shows at the same place, at home."""
+        """Learns how noisy points are from the gripper at home, where every trial shows it."""
         if self._last is None and not observation.registers.any():
             seen = observation.visible[:2]
             both = seen & np.isfinite(self.home).all(1)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.observation import Array, Flags
+from .looks import Looks
 
 
 class Expected(NamedTuple):
@@ -41,31 +42,24 @@ class SmoothFunction:
     A look makes a new function of an old one: the inverse Cholesky factors grow by a row.
 
     Attributes:
-        places: Where was looked (n, d), slopes from before first, each as often as there are motors.
+        looks: What was seen (n); slopes from before stand first, as looks of which nothing was seen.
         motors: m; the first components of a place are registers.
         lengths: Over which points may be smooth, for each component of a place: hypotheses (h, d).
         evidence: For each of them (h,): the logarithm of its odds.
-        whitening: Inverses of the Cholesky factors of the covariances of what was seen (h, 2, n, n); zero rows
-            for what was not.
+        whitening: Inverses of the Cholesky factors of the covariances of what was seen (h, 2, n, n); zero
+            rows for what was not.
         white: What was seen, whitened by them (h, 2, n, 2).
-        points: What was seen (n, 2, 2).
-        variances: Of the noise of each look, in each image (n, 2).
-        doubts: How far off what was seen may be there now (n, 2): a standard deviation in each image, of an
-            error that is as smooth as the points.
         known_slopes: How many of them are slopes from before.
         earlier: How many of them are of earlier trials.
         shared: Variance of an error that the others share, and what should be seen next.
     """
 
-    places: Array
+    looks: Looks
     motors: int
     lengths: Array
     evidence: Array
     whitening: Array
     white: Array
-    points: Array
-    variances: Array
-    doubts: Array
     known_slopes: int = 0
     earlier: int = 0
     shared: float = 0.0
@@ -93,22 +87,18 @@ class SmoothFunction:
         """One of which nothing was seen, over places of that many components."""
         hypotheses = len(cls.LENGTHS)
         return cls(
-            places=np.empty((0, dimensions)),
+            looks=Looks.none(dimensions),
             motors=motors,
             lengths=np.tile(cls.LENGTHS[:, None], dimensions),
             evidence=-(np.log(cls.LENGTHS / cls.USUAL) ** 2) / (2 * cls.UNUSUAL**2),
             whitening=np.empty((hypotheses, 2, 0, 0)),
             white=np.empty((hypotheses, 2, 0, 2)),
-            points=np.empty((0, 2, 2)),
-            variances=np.empty((0, 2)),
-            doubts=np.empty((0, 2)),
         )
 
     @classmethod
-    def of(
-        cls, places: Array, motors: int, lengths: Array, points: Array, variances: Array, doubts: Array
-    ) -> Self:
-        """One of which all was seen at once: for lengths (d,), and else as the attributes."""
+    def of(cls, looks: Looks, motors: int, lengths: Array) -> Self:
+        """One of which all was seen at once, for lengths (d,)."""
+        places, points, variances, doubts = looks
         scaled = places / lengths
         norms = np.einsum("nd,nd->n", scaled, scaled)
         near = np.exp(scaled @ scaled.T - (norms[:, None] + norms) / 2)
@@ -122,29 +112,30 @@ class SmoothFunction:
         evidence -= np.square(white).sum() / 2
         evidence -= (np.log(lengths / cls.USUAL) ** 2).sum() / (2 * cls.UNUSUAL**2)
         return cls(
-            places=places,
+            looks=looks,
             motors=motors,
             lengths=lengths[None],
             evidence=np.array([evidence]),
             whitening=np.broadcast_to(whitening, (2, *whitening.shape[1:]))[None],
             white=white[None],
-            points=points,
-            variances=variances,
-            doubts=doubts,
         )
+
+    @property
+    def best(self) -> int:
+        """Which of the hypotheses explains best what was seen."""
+        return int(self.evidence.argmax())
 
     def refitted(self) -> Self:
         """The same over lengths that explain better what was seen: halved or doubled while that helps."""
-        looks = self.points, self.variances, self.doubts
-        best = self.of(self.places, self.motors, self.lengths[self.evidence.argmax()], *looks)
+        best = self.of(self.looks, self.motors, self.lengths[self.best])
         improves = True
         while improves:
             improves = False
-            for component in range(self.places.shape[1]):
+            for component in range(len(best.lengths[0])):
                 for factor in (0.5, 2.0):
                     lengths = best.lengths[0].copy()
                     lengths[component] *= factor
-                    other = self.of(self.places, self.motors, lengths, *looks)
+                    other = self.of(self.looks, self.motors, lengths)
                     if other.evidence[0] > best.evidence[0]:
                         best, improves = other, True
                         break
@@ -158,7 +149,6 @@ class SmoothFunction:
             covariances: As far as their errors are known (2, m, m).
             place: Where (d,).
         """
-        assert not len(self.places)
         motors, unit = self.motors, np.eye(self.motors)
         usual = self.SLOPE_ERROR**2 * np.square(slopes).mean()
         steep = (self.SPREAD / self.lengths[:, 0, None, None, None]) ** 2
@@ -167,16 +157,18 @@ class SmoothFunction:
         white = whitening @ slopes.swapaxes(1, 2)
         return replace(
             self,
-            places=np.tile(place, (motors, 1)),
+            looks=Looks(
+                places=np.tile(place, (motors, 1)),
+                points=np.zeros((motors, 2, 2)),
+                variances=np.full((motors, 2), np.inf),
+                doubts=np.zeros((motors, 2)),
+            ),
             lengths=np.tile(self.lengths, (2, 1)),
             evidence=np.concatenate(
-                [self.evidence + np.log(self.CHANGED), self.evidence + np.log(1 - self.CHANGED)]
+                [self.evidence + np.log(odds) for odds in (self.CHANGED, 1 - self.CHANGED)]
             ),
             whitening=np.concatenate([np.zeros_like(whitening), whitening]),
             white=np.concatenate([np.zeros_like(white), white]),
-            points=np.zeros((motors, 2, 2)),
-            variances=np.full((motors, 2), np.inf),
-            doubts=np.zeros((motors, 2)),
             known_slopes=motors,
         )
 
@@ -203,19 +195,16 @@ class SmoothFunction:
         white = np.where(seen[:, None], errors, 0.0)[:, :, None]
         return replace(
             self,
-            places=np.concatenate([self.places, [place]]),
+            looks=self.looks.plus(place, points, np.where(seen, variances, np.inf)),
             lengths=self.lengths[kept],
             evidence=evidence[kept],
             whitening=np.concatenate([grown, row], 2)[kept],
             white=np.concatenate([self.white, white], 2)[kept],
-            points=np.concatenate([self.points, [points]]),
-            variances=np.concatenate([self.variances, [np.where(seen, variances, np.inf)]]),
-            doubts=np.concatenate([self.doubts, np.zeros((1, 2))]),
         )
 
     def in_new_trial(self, shared: float) -> Self:
         """The same in a new trial, whose looks share an error of that variance."""
-        return replace(self, earlier=len(self.places), shared=shared)
+        return replace(self, earlier=len(self.looks.places), shared=shared)
 
     @property
     def _most(self) -> float:
@@ -225,12 +214,15 @@ class SmoothFunction:
     @property
     def _everywhere(self) -> Array:
         """Covariances with looks (n,) of what is added everywhere."""
-        return self.OFFSET**2 + self.shared * (np.arange(len(self.places)) >= self.earlier)
+        return np.asarray(self.OFFSET**2 + self.shared * (np.arange(len(self.looks.places)) >= self.earlier))
 
     def at(self, place: Array) -> Expected:
         """What should be seen at a place (d,)."""
-        best = int(self.evidence.argmax())
-        whitening, white, lengths = self.whitening[best], self.white[best], self.lengths[[best]]
+        whitening, white, lengths = (
+            self.whitening[self.best],
+            self.white[self.best],
+            self.lengths[[self.best]],
+        )
         motors = self.motors
         (near,), towards = self._near(place, lengths)
         squares = lengths[0, :motors] ** 2
@@ -257,9 +249,8 @@ class SmoothFunction:
         Returns:
             Points (k, 2, 2), variances (k, 2), and slopes by registers (k, 2, 2, m).
         """
-        best = int(self.evidence.argmax())
-        whitening, white, lengths = self.whitening[best], self.white[best], self.lengths[best]
-        towards = (places[:, None] - self.places) / lengths
+        whitening, white, lengths = self.whitening[self.best], self.white[self.best], self.lengths[self.best]
+        towards = (places[:, None] - self.looks.places) / lengths
         near = self.SPREAD**2 * np.exp(-np.square(towards).sum(2) / 2)
         known = whitening @ (near + self.OFFSET**2).T
         sums = whitening.swapaxes(1, 2) @ white
@@ -271,8 +262,8 @@ class SmoothFunction:
         )
 
     def _near(self, place: Array, lengths: Array) -> tuple[Array, Array]:
-        """Prior covariances (h, n) of what is seen at a place (d,) and at those looked at; differences (n, d)."""
-        towards = place - self.places
+        """Prior covariances (h, n) of a place (d,) and those looked at, and how far it is from them (n, d)."""
+        towards = place - self.looks.places
         squares = np.square(towards / lengths[:, None]).sum(2)
         return self.SPREAD**2 * np.exp(-squares / 2), towards
 

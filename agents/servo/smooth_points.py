@@ -150,10 +150,10 @@ class SmoothPoints:
     def nearest(self, registers: Array) -> Array:
         """Registers (m,) where the gripper was seen nearest to where the object is seen from `registers`."""
         known = self.gripper.known_slopes
-        if len(self.gripper.places) == known:
+        if len(self.gripper.looks.places) == known:
             return registers
-        apart = self.gripper.points[known:] - self.at(registers).object.points
-        return self.gripper.places[known + int(np.square(apart).sum((1, 2)).argmin())]
+        apart = self.gripper.looks.points[known:] - self.at(registers).object.points
+        return self.gripper.looks.places[known + int(np.square(apart).sum((1, 2)).argmin())]
 
     def at(self, registers: Array) -> ExpectedPoints:
         """What should be seen at registers (m,)."""

@@ -1,0 +1,167 @@
+"""The looks of many trials at one point: a smooth function of the place that is kept small."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.checks import checked_array
+from ..base.observation import Array
+from ..perception.gating import Gating
+from ..servo.looks import Looks
+from ..servo.smooth_function import SmoothFunction
+
+IMAGE_AREA = 4.0
+"""In square image units."""
+
+
+class KeptLooks:
+    """A smooth function that looks are added to.
+
+    Over what distances the point is smooth is chosen anew each time that their number has doubled. Where
+    there are too many, those that add least to the others are dropped (the paper asks for support points "in
+    an irregular pattern where they are actually needed", section 4.3).
+
+    Attributes:
+        function: What was seen where.
+
+    Args:
+        dimensions: Components of a place.
+        motors: m; the first components of a place are registers.
+        most: So many looks are kept.
+    """
+
+    FIRST = 8
+    """Distances are first chosen by this many looks. Choice."""
+    NOISIER = 2.0
+    """Where looks turn out to have this times the variance that was known of earlier ones, those had it, too.
+    Choice: noise is known to a fifth."""
+    MISTAKEN = Gating.MISTAKEN / Gating.OF
+    """So many looks are mistaken, beforehand. As there."""
+    SPARE = 30
+    """This many more looks are kept before some are dropped. Choice: that takes time."""
+
+    def __init__(self, dimensions: int, motors: int, most: int) -> None:
+        self.function = SmoothFunction.unknown(dimensions, motors)
+        self._unknown = self.function
+        self._most = most
+        self._settled = 0
+
+    def __len__(self) -> int:
+        return len(self.function.looks.places)
+
+    def add(self, places: Array, points: Array, variances: Array) -> None:
+        """Takes in looks at places (n, d): points (n, 2, 2), and variances (n,), in image units."""
+        self.function = self._with(places, points, variances)
+        if len(variances) and (self.function.looks.variances < variances[-1] / self.NOISIER).any():
+            self._refit()
+        elif len(self) > self._most + self.SPARE:
+            self._drop()
+        elif len(self) >= max(2 * self._settled, self.FIRST):
+            self._refit()
+
+    def _refit(self) -> None:
+        """Chooses distances anew, where no look is less noisy than the latest; leaves out mistaken ones."""
+        looks, motors = self.function.looks, self.function.motors
+        looks = looks._replace(variances=np.maximum(looks.variances, looks.variances[-1]))
+        self.function = replace(self.function, looks=looks).refitted()
+        lengths = np.full(looks.places.shape[1], self.function.USUAL)
+        right = self._not_mistaken(self.function.of(looks, motors, lengths))
+        if not right.all():
+            other = self.function.of(looks.only(right), motors, lengths).refitted()
+            price = np.count_nonzero(~right) * np.log(self.MISTAKEN / IMAGE_AREA)
+            if other.evidence[0] + price > self.function.evidence[0]:
+                self.function = other
+        self._settled = len(self)
+
+    def _not_mistaken(self, function: SmoothFunction) -> NDArray[np.bool_]:
+        """Which looks (n,) are not more likely mistaken, and so anywhere, than where the others say."""
+        inverses, sums = _solved(function)
+        kept = np.ones(len(sums[0]), bool)
+        for _ in range(len(kept) // 2):
+            certain = np.maximum(np.einsum("pii->ip", inverses), 1e-12)
+            mistaken = np.square(sums).sum(2).T / (2 * certain)
+            mistaken -= np.log(IMAGE_AREA * certain / (2 * np.pi * self.MISTAKEN))
+            index = int(np.where(kept, mistaken.max(1), -np.inf).argmax())
+            if mistaken[index].max() < 0:
+                break
+            inverses, sums = _without(index, inverses, sums)
+            kept[index] = False
+        return kept
+
+    def evidence(self, places: Array, points: Array, variances: Array) -> float:
+        """The logarithm of how probable such looks are, given those before."""
+        after = self._with(places, points, variances)
+        return float(after.evidence.max() - self.function.evidence.max())
+
+    def _with(self, places: Array, points: Array, variances: Array) -> SmoothFunction:
+        function = self.function
+        for look in zip(places, points, variances, strict=True):
+            function = function.with_look(*look, np.ones(2, bool))
+        return function
+
+    def map(self, places: Array, points: Array, deviations: Array) -> None:
+        """What is stored is seen elsewhere now: at places (n, d) as points (n, 2, 2).
+
+        Args:
+            places: Where.
+            points: What is seen there, in image units.
+            deviations: How far off that may be in each image (2,), in image units.
+        """
+        looks = self.function.looks
+        self._keep(Looks(places, points, looks.variances, np.hypot(looks.doubts, deviations)))
+
+    def _keep(self, looks: Looks) -> None:
+        function = self.function
+        self.function = function.of(looks, function.motors, function.lengths[function.best])
+        self._settled = len(self)
+
+    def _drop(self) -> None:
+        """Drops, one after the other, the looks that add least to the others."""
+        inverses, sums = _solved(self.function)
+        kept = np.ones(len(self), bool)
+        for _ in range(len(self) - self._most):
+            redundant = np.einsum("pii,ip->i", inverses, self.function.looks.variances)
+            index = int(np.where(kept, redundant, -np.inf).argmax())
+            inverses, sums = _without(index, inverses, sums)
+            kept[index] = False
+        self._keep(self.function.looks.only(kept))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All looks, and what was chosen by them, as named arrays."""
+        function = self.function
+        lengths = function.lengths if self._settled else np.empty((0, function.lengths.shape[1]))
+        return function.looks._asdict() | {"lengths": lengths, "settled": np.array([self._settled])}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Takes over what `arrays` returned; raises ValueError where it does not fit."""
+        dimensions = self._unknown.lengths.shape[1]
+        places = checked_array(arrays, "places", (None, dimensions))
+        points = checked_array(arrays, "points", (len(places), 2, 2))
+        noise = (checked_array(arrays, name, (len(places), 2)) for name in ("variances", "doubts"))
+        looks = Looks(places, points, *noise)
+        lengths = checked_array(arrays, "lengths", (None, dimensions))
+        settled = int(checked_array(arrays, "settled", (1,))[0])
+        function = self._unknown
+        if settled:
+            function = function.of(looks.only(slice(settled)), function.motors, lengths[0])
+        for place, point, variances, _ in zip(*looks.only(slice(settled, None)), strict=True):
+            function = function.with_look(place, point, variances, np.ones(2, bool))
+        self.function, self._settled = function, settled
+
+
+def _solved(function: SmoothFunction) -> tuple[Array, Array]:
+    """Inverse covariances (2, n, n) of what was seen, and their product with it (2, n, 2)."""
+    whitening, white = function.whitening[function.best], function.white[function.best]
+    return whitening.swapaxes(1, 2) @ whitening, whitening.swapaxes(1, 2) @ white
+
+
+def _without(index: int, inverses: Array, sums: Array) -> tuple[Array, Array]:
+    """The same without one look."""
+    column = inverses[:, index]
+    share = column / column[:, [index]]
+    return inverses - column[:, :, None] * share[:, None], sums - share[:, :, None] * sums[:, [index]]
