@@ -103,12 +103,12 @@ class ChangeDetector:
         pairs, jumped = self._home_jump(pairs, known)
         jumped = jumped | announced
         self.home.add(pairs.sensors[0], float(pairs.noise_px[0]))
-        inconsistent = self._inconsistent(pairs.away(), known)
+        gripper, object_ = self._inconsistent(pairs.away(), known)
         if jumped.any():
             return self._changed(pairs, jumped)
-        if inconsistent.any():
-            if len(self.suspects) or self._enough(inconsistent):
-                return self._changed(self.suspects + pairs, np.asarray(inconsistent.any(0)))
+        if gripper.any() or object_.any():
+            if len(self.suspects) or self._enough(gripper):
+                return self._changed(self.suspects + pairs, np.asarray((gripper | object_).any(0)))
             self.suspects = pairs
             return Finding(Verdict.SUSPECT, pairs)
         if len(self.suspects) and pairs.trials[0] - self.suspects.trials[0] >= self.CONFIRM_TRIALS - 1:
@@ -142,14 +142,14 @@ class ChangeDetector:
 
     def _mostly_off(self, away: Pairs, known: Remembered) -> Cameras:
         """In which cameras (2,) most pairs away from home are off; of more than two, half is enough."""
-        errors_px, scores = known.errors(away)
+        (errors_px, _), (scores, _) = known.errors(away)
         off = (scores > self.home.SIGMAS) & (errors_px > self.INCONSISTENT_PX)
         return np.asarray(2 * off.sum(0) > len(off) - (len(off) > 2))
 
     def _inconsistent(self, away: Pairs, known: Remembered) -> NDArray[np.bool_]:
-        """Which pairs (n, 2) away from home, in each camera, are off by far more than is usual."""
+        """Where gripper and object (2, n, 2), away from home, are off by far more than is usual."""
         if not len(known.gripper) or not len(away):
-            return np.zeros((len(away), 2), bool)
+            return np.zeros((2, len(away), 2), bool)
         errors_px, scores = known.errors(away)
         limit = np.full(2, np.inf)
         if len(self.usual_scores) >= self.USUAL_TRIALS:
@@ -157,18 +157,18 @@ class ChangeDetector:
             limit = np.maximum(self.home.SIGMAS, self.INCONSISTENT_FACTOR * usual)
         inconsistent = (scores > limit) & (errors_px > self.INCONSISTENT_PX)
         if not inconsistent.any():
-            latest = np.concatenate([self.usual_scores, [scores.max(0)]])
+            latest = np.concatenate([self.usual_scores, [scores.max((0, 1))]])
             self.usual_scores = latest[-self.USUAL_TRIALS :]
         return np.asarray(inconsistent)
 
     def _enough(self, inconsistent: NDArray[np.bool_]) -> bool:
-        """Whether the pairs (n, 2) of one trial that are inconsistent need no other trial."""
+        """Whether gripper points (n, 2) of one trial that are inconsistent need no other trial."""
         mostly = bool(inconsistent.any(1).mean() > 0.5)
         return len(inconsistent) >= self.ENOUGH_IN_ONE_TRIAL and mostly
 
     def _credible(self, suspects: Pairs, known: Remembered) -> Pairs:
         """Without those that were far off and were not confirmed: they were mistaken."""
-        errors_px, _ = known.errors(suspects.away())
+        errors_px = known.errors(suspects.away())[0].max(0)
         return suspects.only(np.concatenate([[True], (errors_px < self.MISTAKEN_PX).all(1)]))
 
     def arrays(self) -> dict[str, NDArray[Any]]:

@@ -99,16 +99,16 @@ class Remembered:
                 )
 
     def errors(self, pairs: Pairs) -> tuple[Array, Array]:
-        """How far gripper or object is seen from where it should be, whichever is worse.
+        """How far gripper and object are seen from where they should be; zero where the object is not seen.
 
         Returns:
-            Errors (n, 2) in each camera, in pixels, and the same in units of their standard deviation.
+            Errors (2, n, 2) of gripper and object in each camera, in pixels, and the same in units of their
+            standard deviation.
         """
-        off, variances, _ = self.gripper_errors(pairs)
-        off_object, object_variances, _ = self.object_errors(pairs)
-        errors_px = np.linalg.norm([off, off_object], axis=-1) / IMAGE_UNIT
-        scores = errors_px / (np.sqrt([variances, object_variances]) / IMAGE_UNIT)
-        return errors_px.max(0), scores.max(0)
+        gripper, gripper_variances, _ = self.gripper_errors(pairs)
+        object_, object_variances, _ = self.object_errors(pairs)
+        errors_px = np.linalg.norm([gripper, object_], axis=-1) / IMAGE_UNIT
+        return errors_px, errors_px * IMAGE_UNIT / np.sqrt([gripper_variances, object_variances])
 
     def gripper_errors(self, pairs: Pairs, old: Array | None = None) -> tuple[Array, Array, Array]:
         """How far the gripper is seen from where it should be, in image units.
@@ -141,7 +141,7 @@ class Remembered:
 
         Most may agree with both: a motor that has reversed shows only where it has moved.
         """
-        (errors_px, _), (by_other_px, _) = self.errors(pairs), other.errors(pairs)
+        errors_px, by_other_px = (each.errors(pairs)[0].max(0) for each in (self, other))
         agrees = np.median(errors_px) < HomeView.SIGMAS * pairs.noise_px.mean()
         return bool(agrees and errors_px.mean() < by_other_px.mean())
 

@@ -262,7 +262,7 @@ class SmoothFunction:
         )
 
     def _near(self, place: Array, lengths: Array) -> tuple[Array, Array]:
-        """Prior covariances (h, n) of a place (d,) and those looked at, and how far it is from them (n, d)."""
+        """Prior covariances (h, n) of a place (d,) and those looked at, and where from them it is (n, d)."""
         towards = place - self.looks.places
         squares = np.square(towards / lengths[:, None]).sum(2)
         return self.SPREAD**2 * np.exp(-squares / 2), towards

@@ -18,7 +18,7 @@ from ..base.procedure import Procedure
 from ..jacobian import Slopes
 from .least_distance import Seeker
 from .settings import SERVO_KNOWLEDGE, SMALLEST
-from .smooth_points import OBJECT, ExpectedPoints, SmoothPoints
+from .smooth_points import ExpectedPoints, SmoothPoints
 from .trial import Findings, Motions
 
 
@@ -106,7 +106,6 @@ class Reach:
         self._servo = servo
         self._trusted = findings.trusted
         self._all_seen_at = first.registers
-        self._object_stays = True
         self._random = np.random.default_rng(0)
 
     @property
@@ -127,9 +126,7 @@ class Reach:
         expected = self.points.at(observation.registers)
         deviations_px = np.sqrt(expected.variances) / IMAGE_UNIT
         self.now = yield from self.filter.settle(observation, before, expected.points, deviations_px)
-        self._object_stays &= not self.filter.inconsistent[OBJECT].any()
-        shown = self.now.visible & np.repeat([True, self._object_stays], 2)
-        self._trusted.append(self.now.estimated(self.now.points, shown))
+        self._trusted.append(self.now)
         look = self.points.look_anew if self.filter.inconsistent.any() else self.points.look
         look(self.now, self.filter.noise.px)
         if self.now.visible.all():
