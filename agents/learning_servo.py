@@ -42,6 +42,8 @@ class LearningServo(ServoAgent):
 
     Attributes:
         camera_motors: Which motors (m,) move the cameras: they move the object's image, not the gripper's.
+        looks_teach: Whether every observation of the gripper teaches. Where a motor moves both images, as
+            where the cameras are on the forearm, it does not show where an object would be seen from home.
 
     Args:
         env: See `Agent`.
@@ -53,6 +55,9 @@ class LearningServo(ServoAgent):
         every_look: Whether every observation of the gripper teaches, not only the rendezvous.
     """
 
+    BOTH = 0.2
+    """A motor moves both images where it moves one by more than this share of the other. Choice: where the
+    cameras are on the waist, motors move one of them."""
     LATE_PX = 6.0
     """A last observation with a larger image distance is taken for a late one: its registers are stored
     without correction. Derived for `tolerance_px=4`: 4 + 3 · 0.5, rounded up. With a larger tolerance many
@@ -74,6 +79,7 @@ class LearningServo(ServoAgent):
         self.prior_knowledge |= knowledge.prior_knowledge
         self.jump_px = jump_px
         self.every_look = every_look
+        self.looks_teach = every_look
         self.camera_motors = np.zeros(self.motors, bool)
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
@@ -117,7 +123,7 @@ class LearningServo(ServoAgent):
             return
         registers = [np.where(self.camera_motors, 0.0, each.registers) for each in trusted]
         sensors = [each.gripper for each in trusted]
-        teaches = [self.every_look and bool(each.visible[:2].all()) for each in trusted]
+        teaches = [self.looks_teach and bool(each.visible[:2].all()) for each in trusted]
         registers.append(self._rendezvous(last, findings.estimator.jacobian))
         sensors.append(trusted[0].object)
         teaches.append(ended and bool(trusted[0].visible[2:].all()))
@@ -128,8 +134,10 @@ class LearningServo(ServoAgent):
     def _learn_camera_motors(self, jacobian: Array) -> None:
         """Tells by J (8, m), once all motors are in it, which of them move the object's image more."""
         if jacobian.any(0).all():
-            gripper, object_ = np.square(jacobian).reshape(2, 4, -1).sum(1)
+            gripper, object_ = np.sqrt(np.square(jacobian).reshape(2, 4, -1).sum(1))
             self.camera_motors = object_ > gripper
+            both = np.minimum(gripper, object_) > self.BOTH * np.maximum(gripper, object_)
+            self.looks_teach = self.every_look and not both.any()
 
     def _rendezvous(self, last: Observation, jacobian: Array) -> Array:
         """Registers (m,) at which gripper and object would have met exactly: c* = c - J⁺ d."""
@@ -156,7 +164,10 @@ class LearningServo(ServoAgent):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        return super().arrays() | self.knowledge.arrays() | {"camera_motors": self.camera_motors}
+        return super().arrays() | self.knowledge.arrays() | self._motors()
+
+    def _motors(self) -> dict[str, NDArray[Any]]:
+        return {"camera_motors": self.camera_motors, "looks_teach": np.array([self.looks_teach])}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
@@ -164,3 +175,5 @@ class LearningServo(ServoAgent):
         arrays = with_present_names(arrays, {"carriers": "camera_motors"})
         self.knowledge.restore(arrays)
         self.camera_motors = checked_array(arrays, "camera_motors", (self.motors,)) > 0
+        if "looks_teach" in arrays:
+            self.looks_teach = bool(checked_array(arrays, "looks_teach", (1,))[0])

@@ -164,7 +164,8 @@ class CameraChange:
         """Registers (m,) that led where home is now: home."""
         return np.zeros(motors)
 
-    parameters = PARAMETERS
+    parameters = 4
+    """How many numbers it is made of that nothing is known of beforehand: similarity and shift."""
 
     @property
     def kind(self) -> str:

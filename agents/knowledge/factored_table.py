@@ -14,7 +14,7 @@ from ..base.checks import check_number, checked_array
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from .gain import Gain
-from .interface import Change, Recall
+from .interface import Recall
 
 DIMENSIONS = 4
 PAIRS = ((0, 1), (2, 3), (0, 2), (1, 3))
@@ -32,12 +32,10 @@ class FactoredTable:
     Attributes:
         records: Parts of registers (records, m): the 1-D tables', then the 2-D tables'.
         covariance: Of where they lead (records, records), in px²: the registers' own scale cancels.
-        pairs: The latest sensors and registers learned (n, 4 + m), the oldest first; `map` needs them.
 
     Args:
         motors: Number of registers m.
         cells: Cells along each sensor dimension.
-        points: This many pairs are kept.
         rate: Share of a recall's error that one success corrects, where the gain is constant.
         kalman: Whether the Kalman filter decides instead.
     """
@@ -47,9 +45,9 @@ class FactoredTable:
     """Prior standard deviation of where nothing but home is known to lead. Derived: half an image, as objects
     may lie anywhere in it."""
     DEPARTURE_VARIANCE = 0.05
-    """Prior variance of what is not a quadratic, as a share of `SCALE_PX`². As `GaussianProcess`."""
+    """Prior variance of what is not a quadratic, as a share of `SCALE_PX`². Tuned (wild worlds 3000-)."""
     DEPARTURE_LENGTH = 0.6
-    """How far such a departure reaches in the images, in image units. As `GaussianProcess`."""
+    """How far such a departure reaches in the images, in image units. Tuned, as above."""
     SUCCESS_VARIANCE = 8.0
     """Of a success, px². Derived: an end anywhere within 4 px of the object misses by 4 px / √2."""
     DRIFT_VARIANCE = 0.2
@@ -58,22 +56,15 @@ class FactoredTable:
     UNKNOWN_PX = 128.0
     """Where more uncertain than that, nothing is known. Choice: a quarter of the image."""
 
-    def __init__(
-        self, motors: int, cells: int = 8, points: int = 300, rate: float = 0.7, kalman: bool = True
-    ) -> None:
+    def __init__(self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = True) -> None:
         self.cells = check_number("cells", cells, least=1, whole=True)
-        self.points = check_number("points", points, least=1, whole=True)
         self.gain = Gain(rate, kalman, self.SUCCESS_VARIANCE, self.DRIFT_VARIANCE)
         self._prior = self._smooth()
         self.records: Array = np.zeros((len(self._prior), motors))
         self.covariance: Array = self._prior.copy()
-        self.pairs: Array = np.empty((0, DIMENSIONS + motors))
 
     def __repr__(self) -> str:
-        return (
-            f"FactoredTable(cells={self.cells}, points={self.points}, "
-            f"rate={self.gain.rate}, kalman={self.gain.kalman})"
-        )
+        return f"FactoredTable(cells={self.cells}, rate={self.gain.rate}, kalman={self.gain.kalman})"
 
     def recall(self, sensors: Array) -> Recall | None:
         """See `Knowledge`. None where it leads is known to no better than `UNKNOWN_PX`."""
@@ -87,9 +78,8 @@ class FactoredTable:
 
     def learn(self, sensors: Array, registers: Array) -> None:
         """See `Knowledge`."""
-        self.pairs = np.concatenate([self.pairs, [[*sensors, *registers]]])[-self.points :]
         if self.gain.kalman:
-            self._drift(self.gain.drift_variance)
+            self.covariance += self.gain.drift_variance / self.SCALE_PX**2 * self._prior
         which, near = self._between(sensors)
         weights = np.zeros(len(self.records))
         weights[which] = near
@@ -101,34 +91,15 @@ class FactoredTable:
             gains, covariances
         )
 
-    def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
-        """See `Knowledge`. The pairs that were kept are learned anew from where they have gone."""
-        sensors, registers = np.split(self.pairs, [DIMENSIONS], axis=1)
-        if not len(sensors):
-            return
-        gone, registers = change(sensors, registers)
-        inside = (np.abs(gone) <= 1).all(1)
-        self.records = np.zeros_like(self.records)
-        self.covariance = self._prior.copy()
-        self.pairs = self.pairs[:0]
-        for place, there in zip(gone[inside], registers[inside], strict=True):
-            self.learn(place, there)
-        self._drift(float(np.square(deviation_px).max()))
-
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""
-        return {name: getattr(self, name).copy() for name in ("records", "covariance", "pairs")}
+        return {name: getattr(self, name).copy() for name in ("records", "covariance")}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `Knowledge`."""
         records = checked_array(arrays, "records", self.records.shape)
         covariance = checked_array(arrays, "covariance", self.covariance.shape)
-        pairs = checked_array(arrays, "pairs", (None, self.pairs.shape[1]))
-        self.records, self.covariance, self.pairs = records, covariance, pairs
-
-    def _drift(self, variance: float) -> None:
-        """All may have gone elsewhere, by this variance in px², as smoothly as a priori."""
-        self.covariance += variance / self.SCALE_PX**2 * self._prior
+        self.records, self.covariance = records, covariance
 
     def _between(self, sensors: Array) -> tuple[NDArray[np.intp], Array]:
         """The records around a sensor vector: two in each 1-D, four in each 2-D table; and their weights."""

@@ -14,7 +14,7 @@ from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from .distance import squared_px
 from .gain import Gain
-from .interface import Change, Recall
+from .interface import Recall
 
 DIMENSIONS = 4
 _CORNERS = np.array(list(product((0, 1), repeat=DIMENSIONS)))
@@ -89,32 +89,6 @@ class GridTable:
         gains, self.variances[corners] = self.gain.correct(weights, variances)
         self.records[corners] = records + gains[:, None] * (registers - weights @ records)
         self.successes[corners] += 1
-
-    def map(self, change: Change, deviation_px: Array) -> None:
-        """See `Knowledge`. Each record is taken for a success at where its corner has gone.
-
-        All of them at once, so that their order does not matter: corners get the averages by interpolation
-        weights, and then are corrected until they fit. What has gone out of the images is lost.
-        """
-        filled = np.flatnonzero(~np.isnan(self.records).any(1))
-        if not len(filled):
-            return
-        gone, registers = change(self._places[filled], self.records[filled])
-        inside = (np.abs(gone) <= 1 + 1e-9).all(1)
-        filled, gone, registers = filled[inside], gone[inside], registers[inside]
-        corners, weights = self._cell(gone)
-        off = squared_px(self._places[corners] - gone[:, None]) + np.square(deviation_px).max()
-        landed = self._spread(corners, weights)
-        here = landed > 0
-        share = np.divide(1, landed, out=np.zeros_like(landed), where=here)
-        self.variances = self._spread(corners, weights**2 * (self.variances[filled, None] + off)) * share**2
-        self.successes = self._spread(corners, weights * self.successes[filled, None]) * share
-        mapped = np.zeros_like(self.records)
-        for _ in range(self.SWEEPS):
-            missed = registers - np.einsum("nk,nkm->nm", weights, mapped[corners])
-            for motor, by in enumerate(missed.T):
-                mapped[:, motor] += self._spread(corners, weights * by[:, None]) * share
-        self.records = np.where(here[:, None], mapped, np.nan)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
-
-Change = Callable[[Array, Array], tuple[Array, Array]]
-"""From sensor vectors (n, 4) and registers (n, m) that belonged together, to those that now do."""
 
 
 @dataclass(frozen=True)
@@ -44,14 +40,6 @@ class Knowledge(Protocol):
 
     def learn(self, sensors: Array, registers: Array) -> None:
         """Takes in that `registers` (m,) bring the gripper to an object seen at `sensors` (4,) from home."""
-
-    def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
-        """Maps all that is stored at once, as after a camera was turned.
-
-        Args:
-            change: What became of the sensor vectors.
-            deviation_px: How far off that may be, in each camera (2,), in pixels.
-        """
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All that it knows, as named arrays."""

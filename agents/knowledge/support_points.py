@@ -13,7 +13,7 @@ from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from .distance import squared_px
 from .gain import Gain
-from .interface import Change, Recall
+from .interface import Recall
 from .local_fit import LocalFit
 
 
@@ -104,12 +104,6 @@ class SupportPoints:
         self.variances = np.concatenate([self.variances, [self.gain.success_variance]])
         if len(self.registers) > self.points:
             self._keep(np.delete(np.arange(len(self.registers)), self.variances[:-1].argmax()))
-
-    def map(self, change: Change, deviation_px: NDArray[np.float64]) -> None:
-        """See `Knowledge`."""
-        if len(self.sensors):
-            self.sensors, self.registers = change(self.sensors, self.registers)
-            self.variances = self.variances + np.square(deviation_px).max()
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""

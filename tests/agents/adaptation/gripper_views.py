@@ -1,11 +1,12 @@
-"""What a robot sees of its gripper in a world before and after a known change."""
+"""What a robot sees in a world before and after a known change, and of a smooth view of three registers."""
 
 import gymnasium as gym
 import numpy as np
 
-from agents.adaptation.knowledge_with_views import KnowledgeWithViews
 from agents.adaptation.pairs import Pairs
-from agents.knowledge.gaussian_process import GaussianProcess
+from agents.adaptation.remembered import Remembered
+from agents.base.observation import Observation
+from calfree_gym.image import IMAGE_UNIT
 
 
 def wild(seed):
@@ -15,34 +16,63 @@ def wild(seed):
     return env.unwrapped.world
 
 
-def trial(world, number, places=4, reach=0.4):
-    """Pairs of one trial on the stand mount: at home, then at random registers where both cameras see it."""
+def trial(world, number, places=4, reach=0.4, mount="stand"):
+    """Pairs of one trial: at home, then at random registers where both cameras see gripper and object."""
     env = gym.make(
         "CalFree/Reach-v0",
         world=world,
-        camera_mount="stand",
+        camera_mount=mount,
         dynamics="kinematic",
         terminate_on_success=False,
         keep_in_view=False,
         max_episode_steps=1_000,
     )
     observation, _ = env.reset(seed=number)
-    rng, registers, sensors = np.random.default_rng(number), [], []
-    while len(sensors) <= places:
-        visible, now = observation["observation"][:2], observation["observation"][4:]
-        if visible.all():
-            registers.append(now)
-            sensors.append(observation["achieved_goal"])
-        observation, *_ = env.step((rng.uniform(-reach, reach, 3) - now).astype(np.float32))
-    return Pairs(np.array(registers, float), np.array(sensors, float), np.full(len(sensors), number))
+    rng, looks = np.random.default_rng(number), []
+    while len(looks) <= places:
+        now = Observation.of(observation)
+        if now.visible.all():
+            looks.append(now)
+        words = rng.uniform(-reach, reach, 3) - now.registers
+        observation, *_ = env.step((words if looks else np.zeros(3)).astype(np.float32))
+    return Pairs.of_trial(looks, looks[0].object, 0.5, number)
 
 
-def known(world, trials=30, learn=None):
-    """What a Gaussian process knows of a world after so many trials; `learn` is given each of them first."""
-    knowledge = KnowledgeWithViews(GaussianProcess(3), 3)
+def known(world, trials=30, learn=None, mount="stand"):
+    """What is remembered of a world after so many trials; `learn` is given each of them first."""
+    remembered = Remembered(3)
     for number in range(trials):
-        pairs = trial(world, number)
+        pairs = trial(world, number, mount=mount)
         if learn is not None:
-            learn(pairs, knowledge)
-        knowledge.learn(pairs)
-    return knowledge
+            learn(pairs, remembered)
+        remembered.learn(pairs)
+    return remembered
+
+
+def view(registers):
+    """A smooth stereo view of three registers."""
+    a, b, c = np.moveaxis(np.asarray(registers), -1, 0)
+    return 0.5 * np.stack(
+        [np.sin(a + 0.3 * b), np.sin(b - 0.4 * c), np.sin(a - 0.3 * c) + 0.2 * b * c, np.cos(c) + b], -1
+    )
+
+
+def seen_at(registers, sensors, noise_px=0.5):
+    """Pairs of gripper points alone."""
+    count = len(registers)
+    nothing = np.full((count, 4), np.nan)
+    return Pairs(
+        registers, sensors, nothing, np.zeros((count, 4)), np.full(count, noise_px), np.arange(count)
+    )
+
+
+def taught(count, seed=0, noise_px=0.5, **settings):
+    """What is remembered after so many looks at `view`."""
+    rng = np.random.default_rng(seed)
+    registers = rng.uniform(-0.7, 0.7, (count, 3))
+    remembered = Remembered(3, **settings)
+    noise = rng.normal(0, noise_px * IMAGE_UNIT, (count, 4))
+    for i in range(count):
+        one = slice(i, i + 1)
+        remembered.learn(seen_at(registers[one], (view(registers) + noise)[one], noise_px))
+    return remembered

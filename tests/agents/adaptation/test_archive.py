@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from agents.adaptation.archive import Archive
-from agents.adaptation.knowledge_with_views import KnowledgeWithViews
-from agents.knowledge.gaussian_process import GaussianProcess
-from agents.knowledge.grid_table import GridTable
+from agents.adaptation.remembered import Remembered
 from calfree_gym.perturbations import CameraReplace, MotorSign
 from tests.agents.adaptation.gripper_views import known, trial, wild
 
@@ -18,8 +16,8 @@ def test_the_old_world_is_found_and_agrees_and_another_one_does_not(seed):
     archive = Archive()
     archive.add(known(old).arrays(), np.mean([trial(old, i, 0).sensors[0] for i in range(5)], 0))
     back, elsewhere = trial(old, 99), trial(new, 99)
-    assert archive.find(elsewhere.sensors[0]) is None
-    found = KnowledgeWithViews(GaussianProcess(3), 3).copy_of(archive.find(back.sensors[0]))
+    assert archive.find(elsewhere.sensors[0], 0.7) is None
+    found = Remembered(3).copy_of(archive.find(back.sensors[0], 0.7))
     now = known(new)
     assert found.agrees_with(back, now)
     assert not found.agrees_with(elsewhere, now)
@@ -41,8 +39,8 @@ def test_of_like_worlds_the_latest_is_found_and_the_oldest_go():
     for i in range(Archive.KEPT + 3):
         archive.add({"registers": np.full(1, i)}, np.zeros(4) if i in (0, 4, 5) else np.full(4, 0.5))
     assert len(archive.worlds) == Archive.KEPT
-    assert archive.find(np.zeros(4))["registers"] == 5
-    assert archive.find(np.full(4, -0.5)) is None
+    assert archive.find(np.zeros(4), 0.7)["registers"] == 5
+    assert archive.find(np.full(4, -0.5), 0.7) is None
 
 
 def test_a_restored_archive_is_the_same():
@@ -57,13 +55,9 @@ def test_a_restored_archive_is_the_same():
 
 
 def test_a_copy_knows_what_was_archived_and_changes_nothing_else():
-    """Beside a table, which cannot tell what should be seen, a Gaussian process learns the same."""
-    table = KnowledgeWithViews(GridTable(3), 3)
-    assert table.views is not table.knowledge
-    table.learn(trial(wild(4112), 0))
-    empty = KnowledgeWithViews(GridTable(3), 3).arrays()
-    copy = table.copy_of(empty)
-    assert np.isnan(copy.knowledge.records).all()
-    assert not len(copy.views.registers)
-    assert np.isfinite(table.knowledge.records).any()
-    assert len(table.views.registers)
+    remembered = known(wild(4112), 2)
+    copy = remembered.copy()
+    copy.learn(trial(wild(4112), 5))
+    nothing = remembered.copy_of(remembered.nothing().arrays())
+    assert len(copy.gripper) == len(remembered.gripper) + 5
+    assert len(nothing.gripper) == len(nothing.object) == 0

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from agents.adaptation.camera_change import fit_camera
-from agents.knowledge.gaussian_process import GaussianProcess
+from agents.adaptation.remembered import Remembered
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from calfree_gym.perturbations import CameraAim
 from tests.agents import analytic
+from tests.agents.adaptation.gripper_views import seen_at
 
 
 def grippers(env, registers):
@@ -23,16 +24,16 @@ def test_three_observations_of_a_turned_camera_tell_where_all_other_points_have_
     """
     env, rng = make_env("stand", world="nominal", keep_in_view=False).unwrapped, np.random.default_rng(0)
     env.reset(seed=0)
-    nominal, knowledge = env.world, GaussianProcess(3)
+    nominal, remembered = env.world, Remembered(3)
     places, elsewhere = rng.uniform(-0.25, 0.25, (100, 3)), rng.uniform(-0.25, 0.25, (30, 3))
-    for sensors, registers in zip(grippers(env, places), places, strict=True):
-        knowledge.learn(sensors + 0.5 * IMAGE_UNIT * rng.normal(size=4), registers)
+    remembered.learn(seen_at(places, grippers(env, places) + 0.5 * IMAGE_UNIT * rng.normal(size=(100, 4))))
     before, missed = grippers(env, elsewhere), []
     for _ in range(12):
         env.set_world(CameraAim(("left", "right")[camera], 20.0).apply(nominal, rng))
         registers = rng.uniform(-0.25, 0.25, (3, 3))
         seen = grippers(env, registers) + 0.5 * IMAGE_UNIT * rng.normal(size=(3, 4))
-        after, _ = fit_camera(knowledge, camera, seen, registers)(before, elsewhere)
+        change = fit_camera(remembered.gripper.function, camera, seen_at(registers, seen))
+        after = change.sensors(before)
         off = lengths_px((after - grippers(env, elsewhere)).reshape(-1, 2, 2)[:, camera])
         missed.append(np.median(off))
     assert np.median(missed) < 3

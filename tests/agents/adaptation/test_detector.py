@@ -17,7 +17,7 @@ def homes(count, seed, rate_px=0.0):
     rng = np.random.default_rng(seed)
     for i in range(count):
         gone = np.array([i * rate_px * IMAGE_UNIT, 0, 0, 0])
-        home.add(gone + rng.normal(0, 0.5 * IMAGE_UNIT, 4))
+        home.add(gone + rng.normal(0, 0.5 * IMAGE_UNIT, 4), 0.5)
     return home
 
 
@@ -28,7 +28,7 @@ def test_a_view_that_only_trembles_neither_jumps_nor_drifts():
         for _ in range(50):
             seen = rng.normal(0, 0.5 * IMAGE_UNIT, 4)
             alarms += home.jumped(seen).any()
-            home.add(seen)
+            home.add(seen, 0.5)
             alarms += home.drifting().any()
     assert alarms <= 3
 

@@ -7,13 +7,12 @@ from hypothesis import strategies as st
 
 from agents.adaptation.arm_change import fit_arm
 from agents.adaptation.camera_change import CameraMap, fit_camera
-from agents.adaptation.explanation import DISCARD_PX, as_seen_now, explain_drift, explain_jump
+from agents.adaptation.explanation import as_seen_now, explain_drift, explain_jump
 from agents.adaptation.pairs import Pairs
 from agents.base.observation import camera_lengths_px
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, CameraZoom, MotorGain, MotorSign
-from tests.agents.adaptation.gripper_views import known, trial, wild
-from tests.agents.knowledge.test_gaussian_process import taught, view
+from tests.agents.adaptation.gripper_views import known, seen_at, taught, trial, view, wild
 
 PLACES = np.random.default_rng(0).uniform(-0.6, 0.6, (12, 3))
 NOISE = np.random.default_rng(1).normal(0, 0.5 * IMAGE_UNIT, (12, 4))
@@ -36,9 +35,9 @@ def test_a_turned_and_zoomed_camera_is_fitted_from_a_dozen_points(roll, tilt, pa
     """Against the homography of a pinhole camera, at places that were not fitted."""
     seen = view(PLACES) + NOISE
     seen[:, 2:] = turned(seen[:, 2:], roll, tilt, pan, zoom)
-    change = fit_camera(KNOWLEDGE, 1, seen, PLACES)
+    change = fit_camera(KNOWLEDGE.gripper.function, 1, seen_at(PLACES, seen))
     elsewhere = view(np.random.default_rng(2).uniform(-0.5, 0.5, (60, 3)))
-    mapped, _ = change(elsewhere, np.zeros((60, 3)))
+    mapped = change.sensors(elsewhere)
     off = np.hypot(*(mapped[:, 2:] - turned(elsewhere[:, 2:], roll, tilt, pan, zoom)).T) / IMAGE_UNIT
     np.testing.assert_array_equal(mapped[:, :2], elsewhere[:, :2])
     assert np.median(off) < 3
@@ -53,7 +52,7 @@ def test_a_turned_and_zoomed_camera_is_fitted_from_a_dozen_points(roll, tilt, pa
 def test_what_was_done_to_a_camera_is_called_by_its_name(kind, motion):
     seen = view(PLACES) + NOISE
     seen[:, :2] = turned(seen[:, :2], **motion)
-    change = fit_camera(KNOWLEDGE, 0, seen, PLACES)
+    change = fit_camera(KNOWLEDGE.gripper.function, 0, seen_at(PLACES, seen))
     assert change.kind == kind
 
 
@@ -61,7 +60,7 @@ def test_two_mistaken_points_hardly_change_the_fit():
     seen = view(PLACES) + NOISE
     seen[:, :2] = turned(seen[:, :2], roll=0.3)
     seen[:2, :2] += 0.3
-    change = fit_camera(KNOWLEDGE, 0, seen, PLACES)
+    change = fit_camera(KNOWLEDGE.gripper.function, 0, seen_at(PLACES, seen))
     assert change.map.rotation == pytest.approx(0.3, abs=0.03)
 
 
@@ -72,7 +71,7 @@ def test_an_arm_of_another_sign_gain_and_zero_is_fitted(sign, gain, zero):
     once = PLACES[:, :3] * 0.8
     now = once.copy()
     now[:, 1] = once[:, 1] * sign * gain + zero
-    change = fit_arm(KNOWLEDGE, view(once) + NOISE, now)
+    change = fit_arm(KNOWLEDGE, seen_at(now, view(once) + NOISE))
     np.testing.assert_allclose(change.scale, [1, sign * gain, 1], atol=0.06)
     np.testing.assert_allclose(change.offset, [0, zero, 0], atol=0.03)
     assert change.deviation_px.max() < 4
@@ -103,7 +102,7 @@ def changed(world, *perturbations):
 
 def error_px(knowledge, pairs):
     """Median error in the worse camera."""
-    return np.median(knowledge.errors(pairs)[0].max(1))
+    return np.median(knowledge.errors(pairs)[0].max((0, 2)))
 
 
 BOTH, LEFT = np.array([True, True]), np.array([True, False])
@@ -129,11 +128,9 @@ def test_a_known_change_of_a_world_is_explained_and_what_was_known_predicts_agai
     world, before = lived_in
     after = changed(world, perturbation)
     seen, held_out = trial(after, 100, places=20), trial(after, 101, places=20)
-    explanation = explain_jump(before.views, seen, cameras)
-    assert explanation.kind(discarded=False) in kinds
-    assert explanation.convinces
-    mapped = before.copy_of(before.arrays())
-    mapped.map(explanation.changes)
+    explanation = explain_jump(before, seen, cameras, may_discard=True)
+    assert explanation.kind in kinds
+    mapped = explanation.known
     unavoidable = error_px(before, trial(world, 101, places=20))
     made = error_px(before, held_out) - unavoidable
     assert error_px(mapped, held_out) - unavoidable < left * made
@@ -144,10 +141,11 @@ def test_what_nothing_explains_is_a_replaced_camera(lived_in):
     seen = trial(world, 100, places=20)
     scattered = np.random.default_rng(0).uniform(-0.9, 0.9, (len(seen), 2))
     seen.sensors[:, :2] = scattered
-    explanation = explain_jump(before.views, seen, LEFT)
-    assert explanation.deviation_px > DISCARD_PX
-    assert not explanation.convinces
-    assert explanation.kind(discarded=True) == "replaced"
+    explanation = explain_jump(before, seen, LEFT, may_discard=True)
+    assert explanation.kind == "replaced"
+    assert not explanation.changes
+    assert len(explanation.known.gripper) == 0
+    assert explain_jump(before, seen, LEFT, may_discard=False).changes
 
 
 def test_a_drift_is_explained_by_the_camera_that_drifts(lived_in):
@@ -162,10 +160,9 @@ def test_a_drift_is_explained_by_the_camera_that_drifts(lived_in):
     now = as_seen_now(recent, LEFT, step / 12, 111)
     np.testing.assert_array_equal(now.sensors[:, 2:], recent.sensors[:, 2:])
     np.testing.assert_array_equal(now.sensors[-4:], recent.sensors[-4:])
-    explanation = explain_drift(before.views, now, LEFT)
+    explanation = explain_drift(before, now, LEFT)
     assert [change.camera for change in explanation.changes] == [0]
-    mapped = before.copy_of(before.arrays())
-    mapped.map(explanation.changes)
+    mapped = explanation.known
     held_out = trial(world, 200, places=20)
     assert error_px(mapped, held_out) < 0.7 * error_px(before, held_out)
     assert camera_lengths_px(step).argmax() == 0

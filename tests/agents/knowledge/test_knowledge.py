@@ -109,31 +109,6 @@ def test_foreign_shapes_are_not_restored(name):
     assert recalled(knowledge, places) == before
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_recalls_move_with_a_known_change(name):
-    knowledge = taught(name, 400 if name == "grid_table" else 100)
-
-    def aimed(sensors):
-        return sensors * [1.1, 1.1, 1, 1] + [0.2, -0.15, 0, 0]
-
-    places = seen(np.random.default_rng(3).uniform(-0.2, 0.2, (40, 3)))
-    before = [recall for place in places if (recall := knowledge.recall(place)) is not None]
-    unmapped = [missed_px(r, p) for p in places if (r := knowledge.recall(aimed(p))) is not None]
-    knowledge.map(seen_as(aimed), np.array([1.0, 0.0]))
-    after = [missed_px(r, p) for p in places if (r := knowledge.recall(aimed(p))) is not None]
-    assert len(after) >= 0.9 * len(before)
-    assert np.median(after) < 0.25 * np.median(unmapped)
-
-
-@pytest.mark.parametrize("name", ["factored_table", "support_points", "gaussian_process"])
-def test_mapping_with_doubt_makes_recalls_doubtful(name):
-    sharp, blurred = taught(name), taught(name)
-    for knowledge, deviation in ((sharp, 0.0), (blurred, 30.0)):
-        knowledge.map(seen_as(lambda sensors: sensors), np.array([deviation, 0.0]))
-    place = seen(np.array([0.1, 0.0, -0.1]))
-    assert blurred.recall(place).deviation_px > sharp.recall(place).deviation_px + 3
-
-
 @pytest.mark.parametrize("name", ["factored_table", "support_points"])
 @pytest.mark.parametrize(
     "setting", [{"points": 0}, {"rate": 0}, {"rate": 2}, {"kalman": "yes"}, {"points": "x"}]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents.adaptation.adaptive_knowledge import Drift, Jump
+from agents.adaptation.adaptive_memory import Jump
 
 
 @pytest.fixture
@@ -78,30 +78,6 @@ def test_an_agent_saved_while_it_explains_a_change_goes_on_alike(lived, make_env
         np.testing.assert_array_equal(array, traces[1][name], err_msg=name)
 
 
-EARLIER_NAMES = {
-    "suspects": "held",
-    "unconfirmed_home": "doubted",
-    "usual_scores": "scores",
-    "after_change": "since",
-}
-
-
-@pytest.mark.parametrize("phase", [Jump, Drift])
-def test_what_an_earlier_version_saved_is_read_under_its_names_with_a_warning(lived, phase):
-    slow = {"drift": {"per": "trial"}, "do": {"type": "camera_aim", "camera": "left", "degrees": 0.04}}
-    agent, _ = lived([REPLACE if phase is Jump else slow], motions=110)
-    assert isinstance(agent.adaptation.change, phase)
-    earlier = {}
-    for name, array in agent.arrays().items():
-        first, *rest = name.split("/")
-        earlier["/".join([EARLIER_NAMES.get(first, first), *rest])] = array
-    again = agents.make("memory", agent.env)
-    with pytest.warns(UserWarning, match=r"held \(now suspects\).*since \(now after_change\)"):
-        again.restore(earlier)
-    for name, array in agent.arrays().items():
-        np.testing.assert_array_equal(again.arrays()[name], array, err_msg=name)
-
-
 def test_a_change_announced_before_anything_is_known_changes_nothing(make_env):
     agent = agents.make("memory", make_env())
     agent.adaptation.announce_change(np.array([True, False]))
@@ -112,9 +88,6 @@ def test_a_change_announced_before_anything_is_known_changes_nothing(make_env):
     assert len(agent.adaptation.events) == 1
 
 
-def test_it_needs_observations_of_the_gripper_to_see_change(make_env):
-    env = make_env()
-    with pytest.raises(ValueError, match="needs every_look"):
-        agents.make("memory", env, every_look=False)
+def test_another_reaction_to_change_is_refused(make_env):
     with pytest.raises(ValueError, match="on_change is 'forget'; allowed: recognise, map, discard, keep"):
-        agents.make("memory", env, on_change="forget")
+        agents.make("memory", make_env(), on_change="forget")

@@ -1,0 +1,150 @@
+"""What is remembered: against the textbook's formula, and against the geometry of the arm."""
+
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime
+
+import agents
+from agents.adaptation.kept_looks import KeptLooks
+from agents.adaptation.remembered import Remembered
+from agents.base.observation import Observation
+from agents.servo.smooth_function import SmoothFunction
+from calfree_gym.image import IMAGE_UNIT
+from tests.agents.adaptation.gripper_views import seen_at, taught, view
+from tests.agents.analytic import distance_jacobian
+
+PLACES = np.random.default_rng(1).uniform(-0.6, 0.6, (8, 3))
+
+
+def textbook(looks, lengths, place, image):
+    """Mean (2,) and variance of a Gaussian process (Rasmussen & Williams, equation 2.25), entry by entry."""
+
+    def kernel(x, y):
+        return SmoothFunction.SPREAD**2 * np.exp(-(((x - y) / lengths) ** 2).sum() / 2)
+
+    shares = looks.doubts[:, image] / SmoothFunction.SPREAD
+    covariance = np.array([[kernel(x, y) for y in looks.places] for x in looks.places])
+    covariance *= 1 + np.outer(shares, shares)
+    covariance += SmoothFunction.OFFSET**2 + np.diag(looks.variances[:, image])
+    between = np.array([kernel(place, x) for x in looks.places]) + SmoothFunction.OFFSET**2
+    weights = np.linalg.solve(covariance, between)
+    prior = SmoothFunction.SPREAD**2 + SmoothFunction.OFFSET**2
+    return weights @ looks.points[:, image], prior - weights @ between
+
+
+@pytest.mark.parametrize("count", [6, 20, 40])
+def test_views_are_the_posterior_of_the_kernel_as_defined(count):
+    """Also after some looks more than those by which lengths were chosen, and where some are doubted."""
+    remembered = taught(count)
+    looks = remembered.gripper.function.looks
+    remembered.gripper.map(looks.places, looks.points, np.array([3 * IMAGE_UNIT, 0.0]))
+    remembered.learn(seen_at(PLACES[:2], view(PLACES[:2])))
+    function = remembered.gripper.function
+    for place in PLACES[2:]:
+        expected = function.at(place)
+        for image in range(2):
+            mean, variance = textbook(function.looks, function.lengths[function.best], place, image)
+            np.testing.assert_allclose(expected.points[image], mean, atol=1e-5)
+            assert expected.variances[image] == pytest.approx(variance, rel=1e-3, abs=1e-8)
+
+
+def test_many_places_at_once_are_the_same_and_slopes_are_derivatives():
+    function = taught(40).gripper.function
+    points, variances, slopes = function.at_all(PLACES)
+    for i, place in enumerate(PLACES):
+        expected = function.at(place)
+        np.testing.assert_allclose(points[i], expected.points, atol=1e-9)
+        np.testing.assert_allclose(variances[i], expected.variances, atol=1e-9)
+        np.testing.assert_allclose(slopes[i], expected.slopes, atol=1e-9)
+        derivative = approx_fprime(place, lambda x: function.at(x).points.ravel(), 1e-6)
+        np.testing.assert_allclose(slopes[i].reshape(4, 3), derivative, atol=1e-4)
+
+
+def test_a_motor_that_moves_nothing_gets_a_great_length():
+    rng = np.random.default_rng(0)
+    registers = rng.uniform(-0.7, 0.7, (80, 3))
+    still = registers * [1, 1, 0]
+    remembered = Remembered(3)
+    remembered.learn(seen_at(registers, view(still) + rng.normal(0, 0.5 * IMAGE_UNIT, (80, 4))))
+    lengths = remembered.gripper.function.lengths[0]
+    assert lengths[2] > 4 * lengths[:2].max()
+
+
+def test_expected_errors_are_as_large_as_errors():
+    function = taught(60).gripper.function
+    places = np.random.default_rng(3).uniform(-0.6, 0.6, (200, 3))
+    points, variances, _ = function.at_all(places)
+    scores = np.linalg.norm(points - view(places).reshape(-1, 2, 2), axis=2) / np.sqrt(2 * variances)
+    assert 0.5 < np.sqrt(np.square(scores).mean()) < 2
+
+
+def test_mistaken_looks_are_left_out():
+    rng = np.random.default_rng(4)
+    registers = rng.uniform(-0.7, 0.7, (64, 3))
+    sensors = view(registers) + rng.normal(0, 0.5 * IMAGE_UNIT, (64, 4))
+    sensors[::9] = rng.uniform(-1, 1, (8, 4))
+    remembered = Remembered(3)
+    remembered.learn(seen_at(registers, sensors))
+    kept = (registers[:, None] == remembered.gripper.function.looks.places).all(2).any(1)
+    assert not kept[::9].any()
+    assert kept.sum() >= 53
+    off = np.abs(remembered.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES))
+    assert np.median(off) < 2 * IMAGE_UNIT
+
+
+def test_noise_that_is_found_out_late_holds_for_earlier_looks():
+    remembered = taught(12, noise_px=0.5)
+    remembered.learn(seen_at(PLACES, view(PLACES), noise_px=3.0))
+    np.testing.assert_allclose(remembered.gripper.function.looks.variances, (3 * IMAGE_UNIT) ** 2)
+
+
+def test_it_keeps_what_adds_most_and_no_more_than_its_bound():
+    few = taught(200, looks=60)
+    assert 60 <= len(few.gripper) <= 60 + KeptLooks.SPARE
+    off = np.abs(few.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES)).max(1) / IMAGE_UNIT
+    assert np.median(off) < 1.5
+    assert (np.ptp(few.gripper.function.looks.places, axis=0) > 1.2).all()
+
+
+def test_a_saved_one_goes_on_bit_for_bit_alike():
+    first, second = taught(90, looks=50), Remembered(3, looks=50)
+    second.restore({name: array.copy() for name, array in first.arrays().items()})
+    for i in range(40):
+        pairs = seen_at(PLACES[i % 8][None] + 0.01 * i, view(PLACES[i % 8][None]))
+        expected = [each.gripper.function.at(PLACES[0]).points for each in (first, second)]
+        assert expected[0].tobytes() == expected[1].tobytes()
+        for each in (first, second):
+            each.learn(pairs)
+
+
+def test_it_knows_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_where_not(make_env, mount):
+    """At rendezvous, after some trials of its own; by MuJoCo's derivatives."""
+    env = make_env(mount)
+    env.reset(seed=7)
+    agent = agents.make("memory", env)
+    agent.learn(150)
+    observation, _ = env.reset()
+    home = Observation.of(observation).object
+    state, over = None, False
+    while not over:
+        words, state = agent.predict(observation, state)
+        observation, _, terminated, truncated, _ = env.step(words)
+        over = terminated or truncated
+    points = agent.adaptation.known.points(home, 0.5)
+    jacobian = points.at(Observation.of(observation).registers).distance_jacobian
+    truth = distance_jacobian(env)
+    off = np.linalg.norm(jacobian - truth, axis=0) / np.linalg.norm(truth, axis=0)
+    assert (off < 0.15).all()
+
+
+def test_a_few_dozen_reaches_make_nearly_every_further_one_a_single_motion(live, make_env, mount):
+    env = make_env(mount)
+    env.reset(seed=11)
+    _, lengths = live("memory", env, motions=220)
+    assert np.mean(lengths[60:-1]) < 1.2
+    assert np.mean(lengths[60:-1]) < np.mean(lengths[:3]) / 2
+
+
+def test_a_bound_too_small_is_refused():
+    with pytest.raises(ValueError, match="looks is 3; it must be a whole number, 10 or more"):
+        Remembered(3, looks=3)
