@@ -51,6 +51,12 @@ class ArmChange:
         """How many numbers it is made of."""
         return 2 * len(self.scale)
 
+    @property
+    def log_prior(self) -> float:
+        """The logarithm of how probable it is beforehand, but for a constant."""
+        apart = np.concatenate([np.abs(self.scale) - 1, self.offset])
+        return -float(apart @ apart) / (2 * PRIOR_STD**2)
+
     def sensors(self, sensors: Array) -> Array:
         """What has become of sensor vectors (n, 4): they stay."""
         return sensors

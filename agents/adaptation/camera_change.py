@@ -164,6 +164,7 @@ class CameraChange:
         """Registers (m,) that led where home is now: home."""
         return np.zeros(motors)
 
+    log_prior = 0.0
     parameters = 4
     """How many numbers it is made of that nothing is known of beforehand: similarity and shift."""
 

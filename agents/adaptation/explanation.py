@@ -35,16 +35,21 @@ class Explanation:
     known: Remembered
 
     @classmethod
-    def by(cls, before: Remembered, changes: Changes) -> Explanation:
-        """That by changes, at least one."""
+    def by(cls, before: Remembered, changes: Changes, since: Pairs) -> Explanation:
+        """That by changes, at least one; what was seen of the object tells how well they hold for it."""
         known = before.copy()
         known.map(changes)
+        errors, variances, _ = known.object_errors(since.only(since.with_object))
+        if len(errors):
+            off = np.square(errors).mean((0, 2)) - variances.mean(0)
+            known.object.doubt(np.sqrt(np.maximum(off, 0.0)))
         return cls(changes[0].kind, changes, known)
 
     def odds(self, since: Pairs) -> float:
         """The logarithm of how probable what was seen since is, less for each parameter (Schwarz 1978)."""
         parameters = sum(change.parameters for change in self.changes)
-        return self.known.evidence(since) - parameters / 2 * float(np.log(max(since.sensors.size, 1)))
+        prior = sum(change.log_prior for change in self.changes)
+        return self.known.evidence(since) + prior - parameters / 2 * float(np.log(since.sensors.size))
 
 
 def explain_jump(before: Remembered, since: Pairs, cameras: Cameras, may_discard: bool) -> Explanation:
@@ -57,8 +62,8 @@ def explain_jump(before: Remembered, since: Pairs, cameras: Cameras, may_discard
         may_discard: Whether it may be that nothing explains it.
     """
     explanations = [
-        Explanation.by(before, _camera_changes(before, since, cameras)),
-        Explanation.by(before, [fit_arm(before, since)]),
+        Explanation.by(before, _camera_changes(before, since, cameras), since),
+        Explanation.by(before, [fit_arm(before, since)], since),
     ]
     if may_discard:
         kind = "replaced" if cameras.sum() == 1 else "unknown"
@@ -68,7 +73,7 @@ def explain_jump(before: Remembered, since: Pairs, cameras: Cameras, may_discard
 
 def explain_drift(before: Remembered, recent: Pairs, cameras: Cameras) -> Explanation:
     """Explains a drift by a change of the cameras (2,) that show it."""
-    return Explanation.by(before, _camera_changes(before, recent, cameras))
+    return Explanation.by(before, _camera_changes(before, recent, cameras), recent)
 
 
 def as_seen_now(pairs: Pairs, cameras: Cameras, rate: Array, now: int) -> Pairs:

@@ -115,6 +115,12 @@ class KeptLooks:
         looks = self.function.looks
         self._keep(Looks(places, points, looks.variances, np.hypot(looks.doubts, deviations)))
 
+    def doubt(self, deviations: Array) -> None:
+        """What is stored may be off by that in each image (2,), in image units, besides."""
+        looks = self.function.looks
+        if len(self):
+            self._keep(looks._replace(doubts=np.hypot(looks.doubts, deviations)))
+
     def _keep(self, looks: Looks) -> None:
         function = self.function
         self.function = function.of(looks, function.motors, function.lengths[function.best])

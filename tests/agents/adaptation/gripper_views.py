@@ -17,7 +17,7 @@ def wild(seed):
 
 
 def trial(world, number, places=4, reach=0.4, mount="stand"):
-    """Pairs of one trial: at home, then at random registers where both cameras see gripper and object."""
+    """Pairs of one trial: at home, then at random registers where both cameras see the gripper."""
     env = gym.make(
         "CalFree/Reach-v0",
         world=world,
@@ -31,8 +31,9 @@ def trial(world, number, places=4, reach=0.4, mount="stand"):
     rng, looks = np.random.default_rng(number), []
     while len(looks) <= places:
         now = Observation.of(observation)
-        if now.visible.all():
-            looks.append(now)
+        if now.visible[:2].all():
+            shown = now.visible & np.repeat([True, bool((looks or [now])[0].visible[2:].all())], 2)
+            looks.append(now.estimated(now.points, shown))
         words = rng.uniform(-reach, reach, 3) - now.registers
         observation, *_ = env.step((words if looks else np.zeros(3)).astype(np.float32))
     return Pairs.of_trial(looks, looks[0].object, 0.5, number)
