@@ -25,19 +25,21 @@ from typing import Any, TypeGuard
 import numpy as np
 
 import agents
-from agents.knowledge.gaussian_process import GaussianProcess
-from agents.learning_servo import LearningServo
+from agents.adaptation.remembered import Remembered
+from agents.memory import Memory
 from agents.servo.unified import UnifiedServo
 
 MODULES: dict[str, tuple[str, ...]] = {
     "unified_servo": (
         "agents.servo.unified",
+        "agents.servo.least_distance",
+        "agents.servo.looks",
+        "agents.servo.smooth_function",
         "agents.servo.smooth_points",
         "agents.perception",
     ),
     "memory": (
-        "agents.learning_servo",
-        "agents.knowledge.gaussian_process",
+        "agents.memory",
         "agents.adaptation",
     ),
 }
@@ -48,6 +50,7 @@ OTHERS: dict[str, str] = {
     "agents.base": "no choices: how many points there are",
     "agents.calibrated": "the calibrated robots",
     "agents.jacobian": "other servos: linear estimators",
+    "agents.learning_servo": "tables over a servo",
     "agents.knowledge.distance": "other knowledge bases",
     "agents.knowledge.factored_table": "other knowledge bases",
     "agents.knowledge.gain": "other knowledge bases",
@@ -69,7 +72,7 @@ OTHERS: dict[str, str] = {
 
 SETTINGS: dict[str, tuple[type[Any], ...]] = {
     "unified_servo": (UnifiedServo,),
-    "memory": (LearningServo, GaussianProcess),
+    "memory": (Memory, Remembered),
 }
 """Whose arguments are an agent's settings."""
 
@@ -77,7 +80,6 @@ LEFT_OUT: dict[str, str] = {
     "seed": "no constant",
     "estimator.SIGN_CHANGE": "exact: from j to -j",
     "NoiseEstimate.QUANTILE_OF_NORMAL": "exact, follows from QUANTILE",
-    "HomeView.NORMAL_MEDIAN": "exact",
     "robust.MEAN_SQUARE_MEDIAN": "exact",
     "camera_change.PARAMETERS": "exact: there are twelve",
     "Archive.KEPT": "bounds what is kept; no lifetime here has this many changes",
