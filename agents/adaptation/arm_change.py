@@ -21,7 +21,7 @@ PRIOR_STD = 0.5
 """Prior deviation of a scale, about 1 or -1, and of an offset, about 0. Choice: gains of wild worlds differ
 by up to a factor of 4, joint zeros by some tenths of a register."""
 ITERATIONS = 8
-"""Gauss-Newton steps. Choice."""
+"""Gauss-Newton steps (a guard: more change nothing)."""
 LEAST_SCALE = 0.1
 """Guard: a motor's scale is no smaller, so that it can be undone."""
 

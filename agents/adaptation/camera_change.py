@@ -32,9 +32,9 @@ PARALLAX_STD = 0.1
 WIDE_STD = 1.0
 """Prior deviation of similarity and shift: half an image, that is unknown. Choice."""
 ITERATIONS = 12
-"""Gauss-Newton steps; more change nothing. Choice."""
+"""Gauss-Newton steps (a guard: more change nothing)."""
 SIMILARITY_ITERATIONS = 8
-"""Reweightings of the similarity that they begin with. Choice."""
+"""Reweightings of the similarity that they begin with (a guard)."""
 TURNED = float(np.radians(3))
 """A camera that has rolled further, in rad, counts as rolled. Tuned (wild worlds 3000-)."""
 ZOOMED = 0.04

@@ -24,7 +24,7 @@ class HomeView:
     """A displacement of this many standard deviations is a change. Derived: noise in two coordinates is
     longer in exp(-5²/2), 4 of a million cases; the margin is there because the noise itself is estimated."""
     KEPT = 40
-    """Trials that are kept. Choice: the noise is then known to about 10 %."""
+    """Trials that are kept (a guard: drifts need fewer)."""
     DRIFT_LATEST = 8
     """A drift is looked for in the means of at most this many of the latest trials. Tuned (wild worlds
     3000-)."""

@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
+
 from ..base.checks import checked_array
 from ..base.observation import Array
 from ..perception.gating import Gating
 from ..servo.looks import Looks
 from ..servo.smooth_function import SmoothFunction
 
-IMAGE_AREA = 4.0
+IMAGE_AREA = (IMAGE_SIZE * IMAGE_UNIT) ** 2
 """In square image units."""
 
 
@@ -40,10 +42,8 @@ class KeptLooks:
     NOISIER = 2.0
     """Where looks turn out to have this times the variance that was known of earlier ones, those had it, too.
     Choice: noise is known to a fifth."""
-    MISTAKEN = Gating.MISTAKEN / Gating.OF
-    """So many looks are mistaken, beforehand. As there."""
     SPARE = 30
-    """This many more looks are kept before some are dropped. Choice: that takes time."""
+    """This many more looks are kept before some are dropped (a guard: that takes time)."""
 
     def __init__(self, dimensions: int, motors: int, most: int) -> None:
         self.function = SmoothFunction.unknown(dimensions, motors)
@@ -73,7 +73,7 @@ class KeptLooks:
         right = self._not_mistaken(self.function.of(looks, motors, lengths))
         if not right.all():
             other = self.function.of(looks.only(right), motors, lengths).refitted()
-            price = np.count_nonzero(~right) * np.log(self.MISTAKEN / IMAGE_AREA)
+            price = np.count_nonzero(~right) * np.log(Gating.MISTAKEN / Gating.OF / IMAGE_AREA)
             if other.evidence[0] + price > self.function.evidence[0]:
                 self.function = other
         self._settled = len(self)
@@ -85,7 +85,7 @@ class KeptLooks:
         for _ in range(len(kept) // 2):
             certain = np.maximum(np.einsum("pii->ip", inverses), 1e-12)
             mistaken = np.square(sums).sum(2).T / (2 * certain)
-            mistaken -= np.log(IMAGE_AREA * certain / (2 * np.pi * self.MISTAKEN))
+            mistaken -= np.log(IMAGE_AREA * certain / (2 * np.pi * Gating.MISTAKEN / Gating.OF))
             index = int(np.where(kept, mistaken.max(1), -np.inf).argmax())
             if mistaken[index].max() < 0:
                 break

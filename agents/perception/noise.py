@@ -30,9 +30,11 @@ class NoiseEstimate:
     QUANTILE, QUANTILE_OF_NORMAL = 0.15, 0.189
     """This share of normal deviates is smaller than that. Derived: Φ⁻¹(0.575) = 0.189, and a share so small
     that 40 % mistaken points hardly move it."""
-    WITHIN, REFINEMENTS = 3.0, 3
-    """Differences within this many standard deviations refine the estimate, this often. Source: usual in
-    sigma clipping."""
+    WITHIN = 3.0
+    """Differences within this many standard deviations refine the estimate. Source: usual in sigma
+    clipping."""
+    REFINEMENTS = 3
+    """They do so this often (a guard: then it changes little)."""
     LEAST_PX, MOST_PX = 0.5, 40.0
     """Bounds (guards): no marker is known better than half a pixel, and beyond 40 px nothing is reached."""
     NOISY_PX = 3.0

@@ -81,6 +81,7 @@ LEFT_OUT: dict[str, str] = {
     "estimator.SIGN_CHANGE": "exact: from j to -j",
     "NoiseEstimate.QUANTILE_OF_NORMAL": "exact, follows from QUANTILE",
     "robust.MEAN_SQUARE_MEDIAN": "exact",
+    "kept_looks.IMAGE_AREA": "exact: two by two image units",
     "camera_change.PARAMETERS": "exact: there are twelve",
     "Archive.KEPT": "bounds what is kept; no lifetime here has this many changes",
     "camera_change.TURNED": "only names a change, and moves nothing",
