@@ -5,7 +5,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.knowledge.factored_table import PAIRS, FactoredTable
-from tests.agents.changes import seen_as
 
 POINT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(np.array)
 
@@ -75,15 +74,6 @@ def test_a_constant_gain_corrects_a_recall_by_its_rate():
         table.learn(np.full(4, 0.3), np.array([registers]))
         after = table.records[table._between(np.full(4, 0.3))[0]].T @ table._between(np.full(4, 0.3))[1]
         np.testing.assert_allclose(after, before + 0.4 * (registers - before), atol=1e-9)
-
-
-def test_mapping_to_the_same_place_changes_nothing():
-    table = FactoredTable(2)
-    for sensors in np.random.default_rng(0).uniform(-0.5, 0.5, (100, 4)):
-        table.learn(sensors, parts(sensors[None])[0])
-    before = table.records
-    table.map(seen_as(lambda sensors: sensors), np.zeros(2))
-    np.testing.assert_allclose(table.records, before, atol=1e-12)
 
 
 def test_skill_improves_by_doing(live, make_env, mount):

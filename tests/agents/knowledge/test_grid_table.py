@@ -1,13 +1,11 @@
 """The paper's table against what section 4.2 says of it."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import agents
 from agents.knowledge.grid_table import GridTable
-from tests.agents.changes import seen_as
 from tests.agents.lengths import Lengths
 
 POINT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(np.array)
@@ -96,51 +94,6 @@ def missed(table, places, wanted):
     recalls = [table.recall(place) for place in places]
     pairs = zip(recalls, wanted, strict=True)
     return np.array([np.nan if r is None else np.abs(r.registers - w).max() for r, w in pairs])
-
-
-@pytest.mark.parametrize("cells", [3, 8])
-def test_mapping_to_the_same_place_changes_nothing(cells):
-    table = experienced(500, cells=cells)
-    before = table.arrays()
-    table.map(seen_as(lambda sensors: sensors + 0.0), np.zeros(2))
-    for name, array in table.arrays().items():
-        known = ~np.isnan(before["records"]).any(1)
-        np.testing.assert_allclose(array[known], before[name][known], atol=1e-12, err_msg=name)
-    np.testing.assert_array_equal(np.isnan(table.records), np.isnan(before["records"]))
-
-
-def test_after_a_re_aim_a_mapped_table_recalls_far_better_than_an_unmapped_one():
-    """The left camera is turned: a homography of its image."""
-    matrix = np.array([[0.98, -0.10, 0.16], [0.11, 0.97, -0.10], [0.05, -0.04, 1.0]])
-
-    def turned(sensors):
-        after = np.column_stack([sensors[:, :2], np.ones(len(sensors))]) @ matrix.T
-        return np.column_stack([after[:, :2] / after[:, 2:], sensors[:, 2:]])
-
-    table, stale = experienced(), experienced()
-    places = np.random.default_rng(1).uniform(-0.3, 0.3, (200, 4))
-    table.map(seen_as(turned), np.zeros(2))
-    found, unmapped = (missed(t, turned(places), line(places)) for t in (table, stale))
-    assert np.isfinite(found).all()
-    assert np.mean(found) < 0.2 * np.nanmean(unmapped)
-
-
-def test_the_order_of_records_makes_no_difference_to_mapping():
-    """Records mirrored before are the mirror image of records mapped."""
-    table, mirrored = experienced(300), experienced(300)
-    mirrored.records = mirrored.records[::-1].copy()
-    mirrored.variances = mirrored.variances[::-1].copy()
-    mirrored.successes = mirrored.successes[::-1].copy()
-    table.map(seen_as(lambda sensors: 0.9 * sensors + 0.07), np.ones(2))
-    mirrored.map(seen_as(lambda sensors: 0.9 * sensors - 0.07), np.ones(2))
-    np.testing.assert_allclose(mirrored.records[::-1], table.records, atol=1e-12)
-    np.testing.assert_allclose(mirrored.variances[::-1], table.variances, rtol=1e-9)
-
-
-def test_what_has_gone_out_of_the_images_is_lost():
-    table = experienced(300)
-    table.map(seen_as(lambda sensors: sensors + np.array([2.5, 0, 0, 0])), np.zeros(2))
-    assert np.isnan(table.records).all()
 
 
 def test_cells_are_filled_by_one_success_and_trusted_after_some():
