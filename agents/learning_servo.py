@@ -89,11 +89,15 @@ class LearningServo(ServoAgent):
         recall = self._recall(now)
         if recall is not None:
             now = yield from jump(recall.registers, now, findings)
-        jacobian = self.implied_jacobian(now.registers)
-        if jacobian is not None:
-            slopes = Slopes.of(jacobian, now.registers)
-            findings.estimator = self.servo.new_estimator(self.motors, slopes)
+        findings.estimator = self.servo.new_estimator(self.motors, self._slopes_at(now.registers))
         yield from self.servo(now, findings)
+
+    def _slopes_at(self, registers: Array) -> Slopes | None:
+        """The Jacobian that knowledge implies at registers (m,), else that from where it began the trial before."""
+        jacobian = self.implied_jacobian(registers)
+        if jacobian is not None:
+            return Slopes.of(jacobian, registers)
+        return self.slopes and self.slopes._replace(registers=registers)
 
     def expected_px(self, first: RawObservation) -> float | None:
         """How far off it expects to be after its first motion, told before that motion is made.

@@ -176,7 +176,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
 }
 
 
-OF_ONE_ARM = ("work_plane_servo", "affine_stereo", "model_based", "self_calibrating")
+OF_ONE_ARM = ("affine_stereo", "model_based", "self_calibrating")
 """Agents that are built on what the motors of the built-in arm do."""
 ARM = "movemaster"
 """Name of that arm."""

@@ -86,6 +86,7 @@ class SmoothPoints:
         self.noise_px = MARKER_NOISE_PX
         self.motors = motors
         self._slopes = start
+        self._began: Array | None = None
         self._forget()
         self.jacobian = np.zeros((2 * POINTS, motors)) if start is None else start.jacobian
 
@@ -97,14 +98,13 @@ class SmoothPoints:
         points = cls(gripper.motors)
         points.gripper, points.home = gripper, home
         points.object = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
-        points._looked = True
+        points._began = np.zeros(gripper.motors)
         points.jacobian = points.at(np.zeros(gripper.motors)).jacobian
         return points
 
     def _forget(self) -> None:
         """Knows nothing but slopes from before."""
         self.home = np.zeros((2, 2))
-        self._looked = False
         self.gripper = SmoothFunction.unknown(self.motors, self.motors)
         self.object = SmoothFunction.unknown(self.motors + 4, self.motors)
         if self._slopes is not None:
@@ -124,8 +124,9 @@ class SmoothPoints:
             observation: Points as they were seen.
             noise_px: Standard deviation of an image coordinate, as far as known.
         """
-        self.noise_px, self._looked = noise_px, True
+        self.noise_px = noise_px
         registers, points, seen = observation.registers, observation.points, observation.visible
+        self._began = registers if self._began is None else self._began
         variance = (noise_px * IMAGE_UNIT) ** 2
         self.gripper = self.gripper.with_look(registers, points[GRIPPER], variance, seen[GRIPPER])
         from_home = points[OBJECT] - self.home
@@ -140,8 +141,8 @@ class SmoothPoints:
         self.look(observation, noise_px)
 
     def slopes_for_next(self) -> Slopes | None:
-        """What the next trial begins with: the Jacobian at home; without looks that from before."""
-        return self._slopes_at(np.zeros(self.motors)) if self._looked else self._slopes
+        """What the next trial begins with: the Jacobian where this one began; without looks that from before."""
+        return self._slopes if self._began is None else self._slopes_at(self._began)
 
     def _slopes_at(self, registers: Array) -> Slopes:
         expected = self.at(registers)

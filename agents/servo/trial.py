@@ -47,6 +47,7 @@ class Trial:
         filter: What is known of observations.
         known: For which points and motors (4, m) J was learned from motions.
         test_words: The next test word of each motor (m,).
+        still: Motors (m,) that moved nothing in the images: they are not tested again in this trial.
         object_jumped: Whether the object was last seen where J cannot have brought it.
         lowest, highest: Registers (m,) at which motors are known to stop.
 
@@ -88,6 +89,7 @@ class Trial:
         self.filter = findings.filter
         self.known = np.tile(self.estimator.jacobian.any(0), (POINTS, 1))
         self.test_words = np.full(motors, first_word)
+        self.still = np.zeros(motors, bool)
         self.lowest = np.full(motors, -1.0)
         self.highest = np.full(motors, 1.0)
         self.object_jumped = False
@@ -200,14 +202,19 @@ class Trial:
                 self.test_words[motor] *= -1
             else:
                 self._tested[motor] = executed[motor]
-                self._adapt(motor, float(executed[motor]), float(lengths_px(moved).max()))
+                moved_px = float(lengths_px(moved).max())
+                largest = abs(words[motor]) >= self.LARGEST_TEST
+                self._adapt(motor, float(executed[motor]), moved_px)
                 if self._measured(self.CLEAR)[motor]:
+                    return
+                if largest or max(moved_px, self.filter.noise.px) < self.LEAST_PX:
+                    self.still[motor] = True
                     return
                 self.test_words[motor] *= -1
 
     def unmeasured(self) -> Iterator[int]:
         """The motors of whose columns nothing is known now, or no more than noise."""
-        return (int(motor) for motor in np.flatnonzero(~self._measured(self.HIDDEN)))
+        return (int(motor) for motor in np.flatnonzero(~self._measured(self.HIDDEN) & ~self.still))
 
     def _measured(self, times: float) -> Flags:
         """Which columns (m,) were learned, and are this many times longer than their standard deviation."""

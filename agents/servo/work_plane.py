@@ -1,7 +1,9 @@
 """The paper's first implementation: the waist is known, and turns the work plane to the object (section 3.2).
 
-Motor 1 is known to turn the arm about its vertical axis; motors 2 and 3 move the gripper within the work
-plane. There each camera alone has two equations for two words, by a sensor-control Jacobian of its own.
+Motor 1 is known to turn the arm about its vertical axis; the others, motors 2 and 3 of the paper's arm, move
+the gripper within the work plane. There each camera alone has two equations for two words, by a
+sensor-control Jacobian of its own. Of more motors than these, only the two ways that move the images most
+are used: an arm whose other axes are not parallel has no work plane, and this servo often misses.
 Where their solutions differ, the cameras see the object in different places of the work plane, so it does
 not lie in it (figure 6): their disparity tells how far the waist is to turn.
 
@@ -29,16 +31,23 @@ from .steps import Steps
 from .trial import Findings, Trial
 
 WAIST = 0
-ARM = (1, 2)
+RANK = 1e-9
+"""Directions of a relative square below this are none (a guard above rounding)."""
 EQUATIONS = {"left": slice(0, 2), "right": slice(2, 4), "both": slice(0, 4)}
 """Each camera's among the four."""
 
 
+def within_plane(jacobian: Array) -> Array:
+    """J (4, m) of motions in the work plane: of the motors beside the waist, the two strongest ways alone."""
+    ways = np.linalg.svd(jacobian[:, 1:], full_matrices=False)[2][:2]
+    return np.column_stack([jacobian[:, WAIST], jacobian[:, 1:] @ ways.T @ ways])
+
+
 def disparity(jacobian: Array, distance: Array, damping: float) -> Array:
-    """The left camera's solution of -d = J c for the words (2,) of motors 2 and 3, minus the right one's.
+    """The left camera's solution of -d = J c for the words (m - 1,) of motors 2 to m, minus the right one's.
 
     Args:
-        jacobian: Image distance by words (4, 3).
+        jacobian: Image distance by words (4, m).
         distance: Image distance d (4,); the waist's column in its place gives the disparity's derivative.
         damping: See `redundancy.solve`.
     """
@@ -50,21 +59,21 @@ def disparity(jacobian: Array, distance: Array, damping: float) -> Array:
 
 
 def disparity_weight(jacobian: Array) -> Array:
-    """Weight (2, 2) of a disparity: the inverse of its covariance, for image points of unit noise.
+    """Weight (m - 1, m - 1) of a disparity: the inverse of its covariance, for image points of unit noise.
 
     A disparity δ has the length √(δᵀWδ): the image distance (norm over both cameras, in image units)
-    that no words of motors 2 and 3 can remove.
+    that no motion in the work plane can remove.
     """
     left, right = (jacobian[EQUATIONS[camera], 1:] for camera in ("left", "right"))
     left, right = left.T @ left, right.T @ right
-    return np.asarray(left @ np.linalg.pinv(left + right) @ right)
+    return np.asarray(left @ np.linalg.pinv(left + right, hermitian=True, rcond=RANK) @ right)
 
 
 def turn(jacobian: Array, distance: Array, damping: float) -> float:
     """The waist's word that makes the disparity as small as it can, if the world were linear.
 
     Args:
-        jacobian: Image distance by words (4, 3).
+        jacobian: Image distance by words (4, m).
         distance: Image distance d (4,).
         damping: See `redundancy.solve`.
 
@@ -82,7 +91,7 @@ def turn(jacobian: Array, distance: Array, damping: float) -> float:
 class WorkPlaneServo:
     """Turns the work plane to the object, moves the gripper within it, and repeats.
 
-    Each round measures the columns of motors 2 and 3 anew by test motions, and the waist's only where a turn
+    Each round measures the columns of motors 2 to m anew by test motions, and the waist's only where a turn
     is needed. After a turn, the motion in the plane uses the columns measured before it. The numbers below
     were tuned on wild worlds 3000 and up.
 
@@ -129,27 +138,31 @@ class WorkPlaneServo:
         yield from trial.begin()
         while True:
             trial.forget()
-            for motor in ARM:
-                yield from trial.test(motor)
-            if not self._in_plane(trial):
+            for motor in trial.unmeasured():
+                if motor != WAIST:
+                    yield from trial.test(motor)
+            if not trial.still[WAIST] and not self._in_plane(trial):
                 yield from trial.test(WAIST)
                 yield from steps.make(self._turn(trial))
             yield from steps.make(self._motion_in_plane(trial))
 
     def _in_plane(self, trial: Trial) -> bool:
-        apart = disparity(trial.jacobian, trial.now.distance, self.damping)
-        squared = float(apart @ disparity_weight(trial.jacobian) @ apart)
+        jacobian = within_plane(trial.jacobian)
+        apart = disparity(jacobian, trial.now.distance, self.damping)
+        squared = float(apart @ disparity_weight(jacobian) @ apart)
         return squared < (self.in_plane_px * IMAGE_UNIT) ** 2
 
     def _turn(self, trial: Trial) -> Array:
-        """Control words (3,) that bring the object into the work plane."""
+        """Control words (m,) that bring the object into the work plane."""
         lowest, highest = trial.word_bounds
-        word = turn(trial.jacobian, trial.now.distance, self.damping)
-        return np.array([np.clip(word, lowest[WAIST], highest[WAIST]), 0.0, 0.0])
+        word = turn(within_plane(trial.jacobian), trial.now.distance, self.damping)
+        words = np.zeros_like(lowest)
+        words[WAIST] = np.clip(word, lowest[WAIST], highest[WAIST])
+        return words
 
     def _motion_in_plane(self, trial: Trial) -> Array:
-        """Control words (3,) that bring the gripper to an object in the work plane."""
+        """Control words (m,) that bring the gripper to an object in the work plane."""
         equations = EQUATIONS[self.camera]
         lowest, highest = trial.word_bounds
-        jacobian, distance = trial.jacobian[equations, 1:], trial.now.distance[equations]
+        jacobian, distance = within_plane(trial.jacobian)[equations, 1:], trial.now.distance[equations]
         return np.array([0.0, *solve_within(jacobian, distance, self.damping, lowest[1:], highest[1:])])
