@@ -141,6 +141,16 @@ class SmoothFunction:
                         break
         return best
 
+    @classmethod
+    def slope_error(cls, slopes: Array) -> float:
+        """Variance of how far slopes may be from those from before (2, 2, m)."""
+        return float(cls.SLOPE_ERROR**2 * np.square(slopes).mean())
+
+    @property
+    def slopes_hold(self) -> bool:
+        """Whether slopes from before explain best what was seen."""
+        return bool(self.whitening[self.best, :, : self.known_slopes].any())
+
     def with_slopes(self, slopes: Array, covariances: Array, place: Array) -> Self:
         """The same, where slopes at one place are known from before, unless they no longer hold.
 
@@ -150,7 +160,7 @@ class SmoothFunction:
             place: Where (d,).
         """
         motors, unit = self.motors, np.eye(self.motors)
-        usual = self.SLOPE_ERROR**2 * np.square(slopes).mean()
+        usual = self.slope_error(slopes)
         steep = (self.SPREAD / self.lengths[:, 0, None, None, None]) ** 2
         factors = np.linalg.cholesky(covariances.mean(0) + unit * usual + unit * steep)
         whitening = np.linalg.inv(factors).repeat(2, 1)

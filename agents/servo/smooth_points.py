@@ -141,8 +141,25 @@ class SmoothPoints:
         self.look(observation, noise_px)
 
     def slopes_for_next(self) -> Slopes | None:
-        """What the next trial begins with: the Jacobian where this one began; without looks that from before."""
-        return self._slopes if self._began is None else self._slopes_at(self._began)
+        """What the next trial begins with: the Jacobian where this one began; without looks that from before.
+
+        Slopes are taken to differ from trial to trial, as they do from place to place, by `slope_error`: a
+        trial corrects those from before by as much as they were unsure.
+        """
+        if self._began is None:
+            return self._slopes
+        now, before = self._slopes_at(self._began), self._slopes
+        if before is None:
+            return now
+        jacobian, variances = now.jacobian.reshape(POINTS, 2, -1), now.variances.copy()
+        for function, point in ((self.gripper, GRIPPER), (self.object, OBJECT)):
+            if function.slopes_hold:
+                slopes, unsure = before.jacobian.reshape(POINTS, 2, -1)[point], before.variances[point]
+                assumed = unsure + function.slope_error(slopes) * np.eye(self.motors)
+                gains = unsure @ np.linalg.inv(assumed)
+                jacobian[point] = slopes + (jacobian[point] - slopes) @ gains.swapaxes(1, 2)
+                variances[point] = unsure - gains @ (assumed - variances[point]) @ gains.swapaxes(1, 2)
+        return Slopes(self._began, jacobian.reshape(2 * POINTS, -1), variances)
 
     def _slopes_at(self, registers: Array) -> Slopes:
         expected = self.at(registers)
