@@ -14,7 +14,7 @@ from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
 from ..base.checks import checked_array
 from ..base.observation import Array
 from ..perception.gating import Gating
-from ..servo.looks import Looks
+from ..servo.looks import NOISIER, Looks
 from ..servo.smooth_function import SmoothFunction
 
 IMAGE_AREA = (IMAGE_SIZE * IMAGE_UNIT) ** 2
@@ -39,9 +39,6 @@ class KeptLooks:
 
     FIRST = 8
     """Distances are first chosen by this many looks. Choice."""
-    NOISIER = 2.0
-    """Where looks turn out to have this times the variance that was known of earlier ones, those had it, too.
-    Choice: noise is known to a fifth."""
     SPARE = 30
     """This many more looks are kept before some are dropped (a guard: that takes time)."""
 
@@ -57,7 +54,7 @@ class KeptLooks:
     def add(self, places: Array, points: Array, variances: Array) -> None:
         """Takes in looks at places (n, d): points (n, 2, 2), and variances (n,), in image units."""
         self.function = self._with(places, points, variances)
-        if len(variances) and (self.function.looks.variances < variances[-1] / self.NOISIER).any():
+        if len(variances) and (self.function.looks.variances < variances[-1] / NOISIER).any():
             self._refit()
         elif len(self) > self._most + self.SPARE:
             self._drop()

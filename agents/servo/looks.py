@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 
 from ..base.observation import Array
 
+NOISIER = 2.0
+"""Where looks turn out to have this times the variance that was known of earlier ones, those had it, too.
+Choice: noise is known to a fifth."""
+
 
 class Looks(NamedTuple):
     """Looks at one point.

@@ -8,9 +8,10 @@ import numpy as np
 
 from calfree_gym.image import IMAGE_UNIT
 
-from ..base.observation import POINTS, Array, Observation
+from ..base.observation import POINTS, Array, Flags, Observation
 from ..jacobian import Slopes, distance_jacobian
 from ..perception.noise import MARKER_NOISE_PX
+from .looks import NOISIER
 from .smooth_function import Expected, SmoothFunction
 
 GRIPPER, OBJECT = slice(0, 2), slice(2, 4)
@@ -87,7 +88,9 @@ class SmoothPoints:
         self.motors = motors
         self._slopes = start
         self._began: Array | None = None
-        self._forget()
+        self.home = np.zeros((2, 2))
+        self.gripper, self.object = self._unknown()
+        self._before, self._seen = (self.gripper, self.object), list[Observation]()
         self.jacobian = np.zeros((2 * POINTS, motors)) if start is None else start.jacobian
 
     @classmethod
@@ -99,19 +102,20 @@ class SmoothPoints:
         points.gripper, points.home = gripper, home
         points.object = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
         points._began = np.zeros(gripper.motors)
+        points._before = points.gripper, points.object
         points.jacobian = points.at(np.zeros(gripper.motors)).jacobian
         return points
 
-    def _forget(self) -> None:
-        """Knows nothing but slopes from before."""
-        self.home = np.zeros((2, 2))
-        self.gripper = SmoothFunction.unknown(self.motors, self.motors)
-        self.object = SmoothFunction.unknown(self.motors + 4, self.motors)
+    def _unknown(self) -> tuple[SmoothFunction, SmoothFunction]:
+        """Gripper and object, as long as nothing was seen of them."""
+        gripper = SmoothFunction.unknown(self.motors, self.motors)
+        object_ = SmoothFunction.unknown(self.motors + 4, self.motors)
         if self._slopes is not None:
             registers, jacobian, variances = self._slopes
             slopes = jacobian.reshape(POINTS, 2, -1)
-            self.gripper = self.gripper.with_slopes(slopes[GRIPPER], variances[GRIPPER], registers)
-            self.object = self.object.with_slopes(slopes[OBJECT], variances[OBJECT], self._place(registers))
+            gripper = gripper.with_slopes(slopes[GRIPPER], variances[GRIPPER], registers)
+            object_ = object_.with_slopes(slopes[OBJECT], variances[OBJECT], self._place(registers))
+        return gripper, object_
 
     def _place(self, registers: Array) -> Array:
         """Where the object depends on (m + 4,)."""
@@ -124,20 +128,35 @@ class SmoothPoints:
             observation: Points as they were seen.
             noise_px: Standard deviation of an image coordinate, as far as known.
         """
-        self.noise_px = noise_px
+        self._began = observation.registers if self._began is None else self._began
+        self._seen.append(observation)
+        if noise_px**2 > NOISIER * self.noise_px**2:
+            self.noise_px = noise_px
+            self.gripper, self.object = self._before
+            for each in self._seen:
+                self._take_in(each)
+        else:
+            self.noise_px = noise_px
+            self._take_in(observation)
+        self.jacobian = self.at(observation.registers).jacobian
+
+    def _take_in(self, observation: Observation) -> None:
         registers, points, seen = observation.registers, observation.points, observation.visible
-        self._began = registers if self._began is None else self._began
-        variance = (noise_px * IMAGE_UNIT) ** 2
+        variance = (self.noise_px * IMAGE_UNIT) ** 2
         self.gripper = self.gripper.with_look(registers, points[GRIPPER], variance, seen[GRIPPER])
         from_home = points[OBJECT] - self.home
         if from_home.any():  # the look that tells home tells no more
             self.object = self.object.with_look(self._place(registers), from_home, variance, seen[OBJECT])
-        self.jacobian = self.at(registers).jacobian
 
-    def look_anew(self, observation: Observation, noise_px: float) -> None:
-        """As `look`, where the world has changed: forgets earlier looks; known slopes may still hold."""
+    def look_anew(self, observation: Observation, noise_px: float, changed: Flags) -> None:
+        """As `look`, where points (4,) have changed: forgets where they were; known slopes may still hold."""
         self._slopes = self._slopes_at(observation.registers)
-        self._forget()
+        if changed[OBJECT].any():
+            self.home = np.zeros((2, 2))
+        gripper, object_ = self._unknown()
+        self.gripper = gripper if changed[GRIPPER].any() else self.gripper
+        self.object = object_ if changed[OBJECT].any() else self.object
+        self._before, self._seen = (self.gripper, self.object), []
         self.look(observation, noise_px)
 
     def slopes_for_next(self) -> Slopes | None:
@@ -156,7 +175,7 @@ class SmoothPoints:
             if function.slopes_hold:
                 slopes, unsure = before.jacobian.reshape(POINTS, 2, -1)[point], before.variances[point]
                 assumed = unsure + function.slope_error(slopes) * np.eye(self.motors)
-                gains = unsure @ np.linalg.inv(assumed)
+                gains = unsure @ np.linalg.pinv(assumed, hermitian=True)
                 jacobian[point] = slopes + (jacobian[point] - slopes) @ gains.swapaxes(1, 2)
                 variances[point] = unsure - gains @ (assumed - variances[point]) @ gains.swapaxes(1, 2)
         return Slopes(self._began, jacobian.reshape(2 * POINTS, -1), variances)

@@ -127,8 +127,10 @@ class Reach:
         deviations_px = np.sqrt(expected.variances) / IMAGE_UNIT
         self.now = yield from self.filter.settle(observation, before, expected.points, deviations_px)
         self._trusted.append(self.now)
-        look = self.points.look_anew if self.filter.inconsistent.any() else self.points.look
-        look(self.now, self.filter.noise.px)
+        if self.filter.inconsistent.any():
+            self.points.look_anew(self.now, self.filter.noise.px, self.filter.inconsistent)
+        else:
+            self.points.look(self.now, self.filter.noise.px)
         if self.now.visible.all():
             self._all_seen_at = self.now.registers
 

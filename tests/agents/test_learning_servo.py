@@ -64,13 +64,13 @@ def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(make_env, tmp
     with np.load(tmp_path / "whole.npz") as file:
         arrays = {name: file[name] for name in file.files}
     fresh = agents.make("memory", env)
-    for name in ("registers", "camera_motors", "home", "usual_scores", "clock", "suspects/trials"):
+    for name in ("gripper/places", "object/lengths", "home", "usual_scores", "clock", "suspects/trials"):
         damaged = {key: array for key, array in arrays.items() if key != name}
         np.savez(tmp_path / "damaged.npz", **damaged)
         with pytest.raises(ValueError, match=r"damaged\.npz is damaged"):
             fresh.load(tmp_path / "damaged.npz")
         assert fresh.num_timesteps == 0
-        assert len(fresh.knowledge.registers) == 0
+        assert len(fresh.adaptation.known.gripper) == 0
     with pytest.raises(ValueError, match=r"on_change=recognise.*on_change=keep"):
         agents.make("memory", env, on_change="keep").load(tmp_path / "whole.npz")
 
@@ -79,7 +79,7 @@ def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(make_env, tmp
 def test_settings_that_are_not_allowed(make_env, setting):
     ((name, value),) = setting.items()
     with pytest.raises(ValueError, match=f"{name} is {value!r}"):
-        agents.make("memory", make_env(), **setting)
+        agents.make("factored_table", make_env(), **setting)
 
 
 def test_the_first_trial_is_the_bare_servos(lengths_of):
@@ -145,7 +145,7 @@ def test_a_success_is_remembered_at_the_true_rendezvous(make_env, mount):
     env.reset(seed=5)
     env.unwrapped.set_world(replace(env.unwrapped.world, point_noise=0.0))
     env.reset()
-    agent = agents.make("memory", env)
+    agent = agents.make("factored_table", env)
     wanted = analytic.rendezvous(env)
     for off in 0.003 * np.concatenate([np.eye(3), -np.eye(3)]):
         raw, *_ = env.step(wanted + off - env.unwrapped.arms.registers[0])
@@ -157,7 +157,7 @@ def test_a_success_is_remembered_at_the_true_rendezvous(make_env, mount):
 
 def test_what_ended_late_is_remembered_where_it_ended(make_env):
     """Points further apart than any tolerance came late: they do not belong to the last registers."""
-    agent = agents.make("memory", make_env())
+    agent = agents.make("factored_table", make_env())
     jacobian = np.random.default_rng(0).normal(size=(8, 3))
     points = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 10 * IMAGE_UNIT], [0.0, 0.0]])
     last = Observation(points, np.ones(4, bool), np.array([0.1, 0.2, 0.3]))

@@ -5,6 +5,7 @@ import pytest
 
 from agents.base.observation import Observation
 from agents.jacobian import Slopes
+from agents.servo.smooth_function import SmoothFunction
 from agents.servo.smooth_points import SmoothPoints
 from calfree_gym.image import IMAGE_UNIT
 
@@ -68,8 +69,8 @@ def test_slopes_and_those_of_the_variances_are_derivatives(scene, rng):
 def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(scene, rng, monkeypatch):
     """Against one joint Gaussian of looks, slopes from before and a new place, conditioned by brute force."""
     length = 1.3
-    monkeypatch.setattr(SmoothPoints, "LENGTHS", np.array([length]))
-    monkeypatch.setattr(SmoothPoints, "CHANGED", 1e-300)
+    monkeypatch.setattr(SmoothFunction, "LENGTHS", np.array([length]))
+    monkeypatch.setattr(SmoothFunction, "CHANGED", 1e-300)
     points, at, seen, start = scene
     known = looked(points, at, start, seen)
     new = rng.uniform(-0.4, 0.4, MOTORS)
@@ -83,10 +84,10 @@ def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(sc
         if start is not None:
             side = slice(0, 4) if point < 2 else slice(4, 8)
             error = start.variances[point] + np.eye(MOTORS) * (
-                SmoothPoints.SLOPE_ERROR**2 * np.square(start.jacobian[side]).mean()
+                SmoothFunction.SLOPE_ERROR**2 * np.square(start.jacobian[side]).mean()
             )
             across = with_slopes(places, start.registers, length)
-            own = np.eye(MOTORS) * SmoothPoints.SPREAD**2 / length**2 + error
+            own = np.eye(MOTORS) * SmoothFunction.SPREAD**2 / length**2 + error
             joint = np.block([[joint, across], [across.T, own]])
             order = [*range(len(shown)), *range(len(places), len(joint)), len(shown)]
             joint = joint[np.ix_(order, order)]
@@ -100,7 +101,7 @@ def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(sc
 
 def covariances(one, other, length):
     squares = np.square(one[:, None] - other).sum(-1)
-    return SmoothPoints.SPREAD**2 * np.exp(-squares / (2 * length**2)) + SmoothPoints.OFFSET**2
+    return SmoothFunction.SPREAD**2 * np.exp(-squares / (2 * length**2)) + SmoothFunction.OFFSET**2
 
 
 def with_slopes(places, where, length):
