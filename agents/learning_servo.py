@@ -93,7 +93,7 @@ class LearningServo(ServoAgent):
         yield from self.servo(now, findings)
 
     def _slopes_at(self, registers: Array) -> Slopes | None:
-        """The Jacobian that knowledge implies at registers (m,), else that with which the last trial began."""
+        """The Jacobian that knowledge implies at registers (m,), else that of the last trial's beginning."""
         jacobian = self.implied_jacobian(registers)
         if jacobian is not None:
             return Slopes.of(jacobian, registers)

@@ -9,16 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
-
 from ..base.checks import checked_array
 from ..base.observation import Array
-from ..perception.gating import Gating
 from ..servo.looks import NOISIER, Looks
+from ..servo.mistaken import PRICE, right_looks, solved, without
 from ..servo.smooth_function import SmoothFunction
-
-IMAGE_AREA = (IMAGE_SIZE * IMAGE_UNIT) ** 2
-"""In square image units."""
 
 
 class KeptLooks:
@@ -67,28 +62,12 @@ class KeptLooks:
         looks = looks._replace(variances=np.maximum(looks.variances, looks.variances[-1]))
         self.function = replace(self.function, looks=looks).refitted()
         lengths = np.full(looks.places.shape[1], self.function.USUAL)
-        right = self._not_mistaken(self.function.of(looks, motors, lengths))
+        right = right_looks(self.function.of(looks, motors, lengths)).all(1)
         if not right.all():
             other = self.function.of(looks.only(right), motors, lengths).refitted()
-            price = np.count_nonzero(~right) * np.log(Gating.MISTAKEN / Gating.OF / IMAGE_AREA)
-            if other.evidence[0] + price > self.function.evidence[0]:
+            if other.evidence[0] + np.count_nonzero(~right) * PRICE > self.function.evidence[0]:
                 self.function = other
         self._settled = len(self)
-
-    def _not_mistaken(self, function: SmoothFunction) -> NDArray[np.bool_]:
-        """Which looks (n,) are not more likely mistaken, and so anywhere, than where the others say."""
-        inverses, sums = _solved(function)
-        kept = np.ones(len(sums[0]), bool)
-        for _ in range(len(kept) // 2):
-            certain = np.maximum(np.einsum("pii->ip", inverses), 1e-12)
-            mistaken = np.square(sums).sum(2).T / (2 * certain)
-            mistaken -= np.log(IMAGE_AREA * certain / (2 * np.pi * Gating.MISTAKEN / Gating.OF))
-            index = int(np.where(kept, mistaken.max(1), -np.inf).argmax())
-            if mistaken[index].max() < 0:
-                break
-            inverses, sums = _without(index, inverses, sums)
-            kept[index] = False
-        return kept
 
     def evidence(self, places: Array, points: Array, variances: Array) -> float:
         """The logarithm of how probable such looks are, given those before."""
@@ -125,12 +104,12 @@ class KeptLooks:
 
     def _drop(self) -> None:
         """Drops, one after the other, the looks that add least to the others."""
-        inverses, sums = _solved(self.function)
+        inverses, sums = solved(self.function)
         kept = np.ones(len(self), bool)
         for _ in range(len(self) - self._most):
             redundant = np.einsum("pii,ip->i", inverses, self.function.looks.variances)
             index = int(np.where(kept, redundant, -np.inf).argmax())
-            inverses, sums = _without(index, inverses, sums)
+            inverses, sums = without(index, inverses, sums)
             kept[index] = False
         self._keep(self.function.looks.only(kept))
 
@@ -155,16 +134,3 @@ class KeptLooks:
         for place, point, variances, _ in zip(*looks.only(slice(settled, None)), strict=True):
             function = function.with_look(place, point, variances, np.ones(2, bool))
         self.function, self._settled = function, settled
-
-
-def _solved(function: SmoothFunction) -> tuple[Array, Array]:
-    """Inverse covariances (2, n, n) of what was seen, and their product with it (2, n, 2)."""
-    whitening, white = function.whitening[function.best], function.white[function.best]
-    return whitening.swapaxes(1, 2) @ whitening, whitening.swapaxes(1, 2) @ white
-
-
-def _without(index: int, inverses: Array, sums: Array) -> tuple[Array, Array]:
-    """The same without one look."""
-    column = inverses[:, index]
-    share = column / column[:, [index]]
-    return inverses - column[:, :, None] * share[:, None], sums - share[:, :, None] * sums[:, [index]]

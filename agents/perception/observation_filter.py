@@ -63,6 +63,11 @@ class ObservationFilter:
         """Which points (4,) must be out of view."""
         return self.visibility.lost
 
+    @property
+    def often_mistaken(self) -> bool:
+        """Whether so many points are mistaken that one of the four is in more than `LIKELY` of the looks."""
+        return POINTS * self.gating.mistaken > self.LIKELY
+
     def for_next_trial(self) -> ObservationFilter:
         """One that knows what lasts."""
         other = ObservationFilter()
@@ -89,7 +94,7 @@ class ObservationFilter:
         if self._last is not None and observation.visible.all():
             return observation
         self._compare_homes(observation)
-        if POINTS * self.gating.mistaken > self.LIKELY:
+        if self.often_mistaken:
             return (yield from self._agreed(observation))
         points, found = observation.points.copy(), observation.visible
         self._take_in(observation)

@@ -12,6 +12,7 @@ from ..base.observation import POINTS, Array, Flags, Observation
 from ..jacobian import Slopes, distance_jacobian
 from ..perception.noise import MARKER_NOISE_PX
 from .looks import NOISIER
+from .mistaken import without_mistaken
 from .smooth_function import Expected, SmoothFunction
 
 GRIPPER, OBJECT = slice(0, 2), slice(2, 4)
@@ -130,13 +131,13 @@ class SmoothPoints:
         """
         self._began = observation.registers if self._began is None else self._began
         self._seen.append(observation)
-        if noise_px**2 > NOISIER * self.noise_px**2:
-            self.noise_px = noise_px
+        noisier = noise_px**2 > NOISIER * self.noise_px**2
+        self.noise_px = noise_px
+        if noisier:
             self.gripper, self.object = self._before
             for each in self._seen:
                 self._take_in(each)
         else:
-            self.noise_px = noise_px
             self._take_in(observation)
         self.jacobian = self.at(observation.registers).jacobian
 
@@ -147,6 +148,13 @@ class SmoothPoints:
         from_home = points[OBJECT] - self.home
         if from_home.any():  # the look that tells home tells no more
             self.object = self.object.with_look(self._place(registers), from_home, variance, seen[OBJECT])
+
+    def leave_out_mistaken(self) -> None:
+        """Leaves out looks of this trial that are not where the others say."""
+        gripper, object_ = self._before
+        if len(gripper.looks.places) == gripper.known_slopes:
+            self.gripper = without_mistaken(self.gripper, gripper)
+            self.object = without_mistaken(self.object, object_)
 
     def look_anew(self, observation: Observation, noise_px: float, changed: Flags) -> None:
         """As `look`, where points (4,) have changed: forgets where they were; known slopes may still hold."""

@@ -131,6 +131,8 @@ class Reach:
             self.points.look_anew(self.now, self.filter.noise.px, self.filter.inconsistent)
         else:
             self.points.look(self.now, self.filter.noise.px)
+        if self.filter.often_mistaken:
+            self.points.leave_out_mistaken()
         if self.now.visible.all():
             self._all_seen_at = self.now.registers
 
