@@ -17,24 +17,45 @@ PRICE = float(np.log(Gating.MISTAKEN / Gating.OF / IMAGE_AREA))
 
 
 def right_looks(function: SmoothFunction) -> Flags:
-    """Which looks (n, 2), in each image, are not more likely mistaken than right.
-
-    The worst is left out first, and each of the rest judged by what remains, up to half of them.
-    """
-    inverses, sums = solved(function)
-    right = np.ones((len(function.looks.places), 2), bool)
+    """Which looks (n, 2), in each image, are not more likely mistaken than right."""
     seen = np.isfinite(function.looks.variances)
-    for _ in range(np.count_nonzero(seen) // 2):
-        certain = np.maximum(np.einsum("pii->ip", inverses), 1e-12)
-        odds = np.square(sums).sum(2).T / (2 * certain) + np.log(2 * np.pi / certain) + PRICE
-        worst, image = np.unravel_index(np.where(seen & right, odds, -np.inf).argmax(), odds.shape)
-        if odds[worst, image] < 0:
-            break
-        inverses[image], sums[image] = (
-            each[0] for each in without(int(worst), inverses[[image]], sums[[image]])
-        )
-        right[worst, image] = False
+    right = np.ones_like(seen)
+    for image, known in enumerate(zip(*solved(function), strict=True)):
+        right[_mistaken(*known, seen[:, image]), image] = False
     return right
+
+
+def _mistaken(inverse: Array, sums: Array, seen: Flags) -> list[int]:
+    """Which of the looks at an image that were seen (n,) are mistaken, at most half of them.
+
+    The worst is left out first, and each of the rest judged by what remains; in the end each of those by the
+    ones that stay: what was mistaken may have made it look so.
+    """
+    left_out: list[int] = []
+    staying = inverse, sums
+    for _ in range(np.count_nonzero(seen) // 2):
+        odds = np.where(seen, _odds(*staying), -np.inf)
+        odds[left_out] = -np.inf
+        worst = int(odds.argmax())
+        if odds[worst] < 0:
+            break
+        left_out.append(worst)
+        staying = without(worst, *staying)
+    mistaken = []
+    for look in left_out:
+        known = inverse, sums
+        for other in left_out:
+            known = known if other == look else without(other, *known)
+        if _odds(*known)[look] > 0:
+            mistaken.append(look)
+    return mistaken
+
+
+def _odds(inverse: Array, sums: Array) -> Array:
+    """The logarithms of the odds (n,) of each look to be mistaken, by the others."""
+    certain = np.maximum(np.diagonal(inverse), 1e-12)
+    odds = np.square(sums).sum(1) / (2 * certain) + np.log(2 * np.pi / certain) + PRICE
+    return np.asarray(odds)
 
 
 def without_mistaken(function: SmoothFunction, before: SmoothFunction) -> SmoothFunction:
@@ -63,7 +84,10 @@ def solved(function: SmoothFunction) -> tuple[Array, Array]:
 
 
 def without(index: int, inverses: Array, sums: Array) -> tuple[Array, Array]:
-    """The same without one look."""
-    column = inverses[:, index]
-    share = column / column[:, [index]]
-    return inverses - column[:, :, None] * share[:, None], sums - share[:, :, None] * sums[:, [index]]
+    """The same, in one image (n, n), (n, 2) or both, without one look."""
+    column = inverses[..., index]
+    share = column / column[..., [index]]
+    return (
+        inverses - column[..., :, None] * share[..., None, :],
+        sums - share[..., :, None] * sums[..., [index], :],
+    )

@@ -8,7 +8,7 @@ import numpy as np
 
 from calfree_gym.image import IMAGE_UNIT
 
-from ..base.observation import POINTS, Array, Flags, Observation
+from ..base.observation import POINTS, Array, Observation
 from ..jacobian import Slopes, distance_jacobian
 from ..perception.noise import MARKER_NOISE_PX
 from .looks import NOISIER
@@ -89,9 +89,7 @@ class SmoothPoints:
         self.motors = motors
         self._slopes = start
         self._began: Array | None = None
-        self.home = np.zeros((2, 2))
-        self.gripper, self.object = self._unknown()
-        self._before, self._seen = (self.gripper, self.object), list[Observation]()
+        self._forget()
         self.jacobian = np.zeros((2 * POINTS, motors)) if start is None else start.jacobian
 
     @classmethod
@@ -107,16 +105,18 @@ class SmoothPoints:
         points.jacobian = points.at(np.zeros(gripper.motors)).jacobian
         return points
 
-    def _unknown(self) -> tuple[SmoothFunction, SmoothFunction]:
-        """Gripper and object, as long as nothing was seen of them."""
-        gripper = SmoothFunction.unknown(self.motors, self.motors)
-        object_ = SmoothFunction.unknown(self.motors + 4, self.motors)
+    def _forget(self) -> None:
+        """Knows nothing but slopes from before."""
+        self.home = np.zeros((2, 2))
+        self.gripper = SmoothFunction.unknown(self.motors, self.motors)
+        self.object = SmoothFunction.unknown(self.motors + 4, self.motors)
         if self._slopes is not None:
             registers, jacobian, variances = self._slopes
             slopes = jacobian.reshape(POINTS, 2, -1)
-            gripper = gripper.with_slopes(slopes[GRIPPER], variances[GRIPPER], registers)
-            object_ = object_.with_slopes(slopes[OBJECT], variances[OBJECT], self._place(registers))
-        return gripper, object_
+            self.gripper = self.gripper.with_slopes(slopes[GRIPPER], variances[GRIPPER], registers)
+            self.object = self.object.with_slopes(slopes[OBJECT], variances[OBJECT], self._place(registers))
+        self._before = self.gripper, self.object
+        self._seen: list[Observation] = []
 
     def _place(self, registers: Array) -> Array:
         """Where the object depends on (m + 4,)."""
@@ -156,15 +156,10 @@ class SmoothPoints:
             self.gripper = without_mistaken(self.gripper, gripper)
             self.object = without_mistaken(self.object, object_)
 
-    def look_anew(self, observation: Observation, noise_px: float, changed: Flags) -> None:
-        """As `look`, where points (4,) have changed: forgets where they were; known slopes may still hold."""
+    def look_anew(self, observation: Observation, noise_px: float) -> None:
+        """As `look`, where the world has changed: forgets earlier looks; known slopes may still hold."""
         self._slopes = self._slopes_at(observation.registers)
-        if changed[OBJECT].any():
-            self.home = np.zeros((2, 2))
-        gripper, object_ = self._unknown()
-        self.gripper = gripper if changed[GRIPPER].any() else self.gripper
-        self.object = object_ if changed[OBJECT].any() else self.object
-        self._before, self._seen = (self.gripper, self.object), []
+        self._forget()
         self.look(observation, noise_px)
 
     def slopes_for_next(self) -> Slopes | None:

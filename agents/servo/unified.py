@@ -127,10 +127,8 @@ class Reach:
         deviations_px = np.sqrt(expected.variances) / IMAGE_UNIT
         self.now = yield from self.filter.settle(observation, before, expected.points, deviations_px)
         self._trusted.append(self.now)
-        if self.filter.inconsistent.any():
-            self.points.look_anew(self.now, self.filter.noise.px, self.filter.inconsistent)
-        else:
-            self.points.look(self.now, self.filter.noise.px)
+        look = self.points.look_anew if self.filter.inconsistent.any() else self.points.look
+        look(self.now, self.filter.noise.px)
         if self.filter.often_mistaken:
             self.points.leave_out_mistaken()
         if self.now.visible.all():

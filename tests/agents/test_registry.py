@@ -84,11 +84,9 @@ def test_a_neural_agent_says_what_to_install(make_env, monkeypatch, ask):
 def test_agents_that_know_one_arm_refuse_others_and_name_those_that_act_on_any(arm):
     """Also an arm that has as many motors as the one they know."""
     env = gym.make("calfree_gym:CalFree/Reach-v0", arm=ARMS[arm], tell=tuple(PRIVILEGED))
-    for name in ("work_plane_servo", "affine_stereo", "model_based", "self_calibrating"):
+    for name in ("affine_stereo", "model_based", "self_calibrating"):
         with pytest.raises(ValueError, match=f"{name} is built on the arm 'movemaster'") as refused:
             agents.make(name, env)
-    with pytest.raises(ValueError, match="'grid_table': work_plane_servo is built on the arm 'movemaster'"):
-        agents.make("grid_table", env, servo="work_plane_servo")
     of_any = re.search("allowed with any arm: (.*);", str(refused.value))[1].split(", ")
     assert {*of_any} == {*agents.names()} - {*agents.registry.OF_ONE_ARM, "recurrent_servo"}
     env.reset(seed=0)
