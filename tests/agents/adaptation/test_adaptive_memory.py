@@ -62,7 +62,7 @@ def test_quiet_worlds_give_hardly_an_alarm(lived):
 
 def test_an_agent_saved_while_it_explains_a_change_goes_on_alike(lived, make_env, tmp_path):
     """The same words, motion for motion, as the one that was not interrupted."""
-    first, _ = lived([REPLACE], motions=110)
+    first, _ = lived([REPLACE], motions=90)
     assert isinstance(first.adaptation.change, Jump)
     first.save(tmp_path / "agent.npz")
     second = agents.make("memory", first.env).load(tmp_path / "agent.npz")

@@ -79,6 +79,6 @@ def test_a_constant_gain_corrects_a_recall_by_its_rate():
 def test_skill_improves_by_doing(live, make_env, mount):
     env = make_env(mount, world="wild")
     env.reset(seed=7)
-    _, lengths = live("factored_table", env, motions=300)
+    _, lengths = live("factored_table", env, motions=300, servo="jacobian_servo")
     assert np.mean(lengths[-51:-1]) <= 1.7
     assert np.mean(lengths[:3]) >= 3
