@@ -10,25 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .base.checks import check_flag, check_number, checked_array
-from .base.observation import POINTS, Array, Observation, RawObservation
+from .base.observation import Array, Observation, RawObservation
 from .base.procedure import Procedure
 from .base.storage import with_present_names
 from .jacobian import Slopes, distance_jacobian
 from .knowledge.interface import Knowledge, Recall
-from .perception import Observing
 from .servo.redundancy import solve
 from .servo.servo_agent import Servo, ServoAgent
-from .servo.trial import Findings
-
-
-def jump(registers: Array, home: Observation, findings: Findings) -> Observing:
-    """Moves at once to registers (m,) that are recalled; back where that loses a point from view."""
-    after = yield registers - home.registers
-    after = yield from findings.filter.settle(after, home, after.points, np.zeros(POINTS))
-    findings.trusted.append(after)
-    if not after.visible.all():
-        after = yield home.registers - after.registers
-    return after
+from .servo.trial import Findings, jump
 
 
 class LearningServo(ServoAgent):

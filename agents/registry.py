@@ -15,6 +15,7 @@ import gymnasium as gym
 
 from calfree_gym.errors import near_misses
 
+from .adaptation.memory import Memory
 from .adaptation.remembered import Remembered
 from .base.agent import Agent
 from .calibrated.affine_stereo import AffineStereo
@@ -24,7 +25,6 @@ from .knowledge.factored_table import FactoredTable
 from .knowledge.grid_table import GridTable
 from .knowledge.support_points import SupportPoints
 from .learning_servo import LearningServo
-from .memory import Memory
 from .oracle import Oracle
 from .random_agent import RandomAgent
 from .servo.jacobian_servo import JacobianServo

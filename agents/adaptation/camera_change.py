@@ -15,7 +15,7 @@ from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array
 from ..base.robust import huber_weights
-from ..servo.smooth_function import SmoothFunction
+from ..servo.image_model.smooth_function import SmoothFunction
 from .pairs import Pairs
 from .robust import HUBER, coordinate_variance
 

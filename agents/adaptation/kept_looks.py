@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..base.checks import checked_array
 from ..base.observation import Array
-from ..servo.looks import NOISIER, Looks
-from ..servo.mistaken import PRICE, right_looks, solved, without
-from ..servo.smooth_function import SmoothFunction
+from ..servo.image_model.looks import NOISIER, Looks
+from ..servo.image_model.mistaken import PRICE, right_looks, solved, without
+from ..servo.image_model.smooth_function import SmoothFunction
 
 
 class KeptLooks:

@@ -20,7 +20,7 @@ from ..base.checks import check_number
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.storage import prefixed, under
-from ..servo.smooth_points import SmoothPoints
+from ..servo.image_model.smooth_points import SmoothPoints
 from .arm_change import ArmChange
 from .camera_change import CameraChange
 from .home_view import HomeView

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.observation import Array
-from .smooth_points import ExpectedPoints, SmoothPoints
+from .image_model.smooth_points import ExpectedPoints, SmoothPoints
 
 NEAREST = 1e-4
 """Weight of a word's square, in square image units (a guard: it decides among equals)."""

@@ -14,7 +14,7 @@ from ..base.observation import POINTS, Array, Flags, Observation
 from ..jacobian import Estimator, JacobianEstimate, distance_jacobian
 from ..jacobian.estimator import SIGN_CHANGE
 from ..jacobian.linear import linear_deviations_px
-from ..perception import ObservationFilter
+from ..perception import ObservationFilter, Observing
 
 Motions = Generator[Array, Observation, Any]
 """Yields control words, is sent what is observed after them."""
@@ -243,3 +243,13 @@ class Trial:
 def half_way_back(before: Observation, now: Observation) -> Array:
     """Control words (m,) half of the way back to where a motion began that lost a point from view."""
     return (before.registers - now.registers) / 2
+
+
+def jump(registers: Array, home: Observation, findings: Findings[Any]) -> Observing:
+    """Moves at once to registers (m,) that are recalled; back where that loses a point from view."""
+    after = yield registers - home.registers
+    after = yield from findings.filter.settle(after, home, after.points, np.zeros(POINTS))
+    findings.trusted.append(after)
+    if not after.visible.all():
+        after = yield home.registers - after.registers
+    return after

@@ -16,9 +16,9 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
+from .image_model.smooth_points import ExpectedPoints, SmoothPoints
 from .least_distance import Seeker
 from .settings import SERVO_KNOWLEDGE, SMALLEST
-from .smooth_points import ExpectedPoints, SmoothPoints
 from .trial import Findings, Motions
 
 

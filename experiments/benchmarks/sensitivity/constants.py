@@ -25,21 +25,21 @@ from typing import Any, TypeGuard
 import numpy as np
 
 import agents
+from agents.adaptation.memory import Memory
 from agents.adaptation.remembered import Remembered
-from agents.memory import Memory
 from agents.servo.unified import UnifiedServo
 
 MODULES: dict[str, tuple[str, ...]] = {
     "unified_servo": (
         "agents.servo.unified",
         "agents.servo.least_distance",
-        "agents.servo.looks",
-        "agents.servo.smooth_function",
-        "agents.servo.smooth_points",
+        "agents.servo.image_model.looks",
+        "agents.servo.image_model.smooth_function",
+        "agents.servo.image_model.smooth_points",
         "agents.perception",
     ),
     "memory": (
-        "agents.memory",
+        "agents.adaptation.memory",
         "agents.adaptation",
     ),
 }

@@ -8,7 +8,7 @@ import agents
 from agents.adaptation.kept_looks import KeptLooks
 from agents.adaptation.remembered import Remembered
 from agents.base.observation import Observation
-from agents.servo.smooth_function import SmoothFunction
+from agents.servo.image_model.smooth_function import SmoothFunction
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.adaptation.gripper_views import seen_at, taught, view
 from tests.agents.analytic import distance_jacobian

@@ -5,8 +5,8 @@ import pytest
 
 from agents.base.observation import Observation
 from agents.jacobian import Slopes
-from agents.servo.smooth_function import SmoothFunction
-from agents.servo.smooth_points import SmoothPoints
+from agents.servo.image_model.smooth_function import SmoothFunction
+from agents.servo.image_model.smooth_points import SmoothPoints
 from calfree_gym.image import IMAGE_UNIT
 
 MOTORS = 4

@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 
 from calfree_gym.image import IMAGE_UNIT
 
-from .adaptation.adaptive_memory import AdaptiveMemory
-from .adaptation.remembered import Remembered
-from .base.checks import check_number
-from .base.observation import Array, Observation, RawObservation
-from .base.procedure import Procedure
-from .jacobian import Slopes
-from .learning_servo import jump
-from .servo.least_distance import Seeker
-from .servo.servo_agent import Servo, ServoAgent
-from .servo.smooth_points import SmoothPoints
-from .servo.trial import Findings
-from .servo.unified import UnifiedServo
+from ..base.checks import check_number
+from ..base.observation import Array, Observation, RawObservation
+from ..base.procedure import Procedure
+from ..jacobian import Slopes
+from ..servo.image_model.smooth_points import SmoothPoints
+from ..servo.least_distance import Seeker
+from ..servo.servo_agent import Servo, ServoAgent
+from ..servo.trial import Findings, jump
+from ..servo.unified import UnifiedServo
+from .adaptive_memory import AdaptiveMemory
+from .remembered import Remembered
 
 
 class Memory(ServoAgent):

@@ -8,9 +8,9 @@ import numpy as np
 
 from calfree_gym.image import IMAGE_UNIT
 
-from ..base.observation import POINTS, Array, Observation
-from ..jacobian import Slopes, distance_jacobian
-from ..perception.noise import MARKER_NOISE_PX
+from ...base.observation import POINTS, Array, Observation
+from ...jacobian import Slopes, distance_jacobian
+from ...perception.noise import MARKER_NOISE_PX
 from .looks import NOISIER
 from .mistaken import without_mistaken
 from .smooth_function import Expected, SmoothFunction

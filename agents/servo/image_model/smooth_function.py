@@ -8,7 +8,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.observation import Array, Flags
+from ...base.observation import Array, Flags
 from .looks import Looks
 
 

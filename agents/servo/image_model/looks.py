@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.observation import Array
+from ...base.observation import Array
 
 NOISIER = 2.0
 """Where looks turn out to have this times the variance that was known of earlier ones, those had it, too.

@@ -6,8 +6,8 @@ import numpy as np
 
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
 
-from ..base.observation import Array, Flags
-from ..perception.gating import Gating
+from ...base.observation import Array, Flags
+from ...perception.gating import Gating
 from .smooth_function import SmoothFunction
 
 IMAGE_AREA = (IMAGE_SIZE * IMAGE_UNIT) ** 2
