@@ -44,7 +44,7 @@ def tuning_data(suite_data):
         "scenarios": [scenario | {"worlds": 2, "check_worlds": 4}],
         "agents": [
             {
-                "name": "unified_servo",
+                "name": "jacobian_servo",
                 "scenario": "aimed",
                 "ranges": {"damping": {"low": 0.001, "high": 1.0, "log": True}},
             }

@@ -53,11 +53,11 @@ def test_killed_it_goes_on_where_it_was(tuning_data, write_config, tmp_path):
     next(line for line in process.stdout if "try 0" in line)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    assert not (out / "unified_servo.json").exists()
+    assert not (out / "jacobian_servo.json").exists()
     done = subprocess.run(command(config, out), cwd=REPOSITORY, check=True, capture_output=True, text=True)
     assert "try 0" not in done.stdout
     assert "try 1" in done.stdout
-    published = json.loads((out / "unified_servo.json").read_text())
+    published = json.loads((out / "jacobian_servo.json").read_text())
     assert 0 < published["cpu_minutes"] < 1
     assert published["tries"][0]["worlds"] != published["tries"][1]["worlds"]
     assert f"{published['tries'][0]['objective']:.2f}" in (out / "choices.md").read_text()
@@ -78,7 +78,7 @@ def test_killed_at_any_moment_it_ends_with_the_same(tuning_data, write_config, t
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
         subprocess.run(command(config, out), cwd=REPOSITORY, check=True, capture_output=True)
-        assert without_times(out / "unified_servo.json") == without_times(undisturbed / "unified_servo.json")
+        assert without_times(out / "jacobian_servo.json") == without_times(undisturbed / "jacobian_servo.json")
 
 
 @pytest.fixture
@@ -104,8 +104,8 @@ def test_a_process_that_is_stopped_says_nothing_about_its_settings(runs, tmp_pat
 def test_user_errors_are_one_message(tuning_data, write_config, tmp_path, capsys):
     config = write_config(tuning_data)
     words = ["tune", str(config), "--out", str(tmp_path / "out")]
-    assert main([*words, "--agent", "unified_serwo"]) == 2
-    assert "--agent: unknown (did you mean unified_servo?); allowed: unified_servo" in capsys.readouterr().err
+    assert main([*words, "--agent", "jacobian_serwo"]) == 2
+    assert "--agent: unknown (did you mean jacobian_servo?); allowed: jacobian_servo" in capsys.readouterr().err
     assert main([*words, "--set", "tires=3"]) == 2
     assert "tires: unknown key (did you mean tries?)" in capsys.readouterr().err
     (tmp_path / "out").write_text("a file")

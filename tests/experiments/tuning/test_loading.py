@@ -34,7 +34,7 @@ def spoil(data, path, value):
 @pytest.mark.parametrize(
     ("path", "value", "where", "said"),
     [
-        (("agents", 0, "name"), "unified_serwo", "agents.0.name", "did you mean unified_servo"),
+        (("agents", 0, "name"), "jacobian_serwo", "agents.0.name", "did you mean jacobian_servo"),
         (("agents", 0, "scenario"), "amed", "agents.0.scenario: found 'amed'", "did you mean aimed"),
         (("agents", 0, "ranges"), {"dampin": {"low": 0.1, "high": 1.0}}, "agents.0.ranges.dampin", "damping"),
         ((*RANGE, "high"), 0.0001, "agents.0.ranges.damping.high: found 0.0001", "above low, 0.001"),
@@ -116,7 +116,7 @@ def test_the_page_names_every_key_and_every_agent_that_is_not_tuned(shipped):
     keys = {key for model in (TuningConfig, TunedAgentConfig, RangeConfig) for key in model.model_fields}
     for key in keys | {"worlds", "check_worlds"}:
         assert re.search(rf"`([\w.]+\.)?{key}(: true)?`", text), key
-    told = {"learning_servo", "gaussian_process", "sb3"}  # other names of what is tuned
+    told = {"learning_servo", "sb3"}  # other names of what is tuned
     for name in set(agents.names()) - {agent.name for agent in shipped.agents} - told:
         assert f"`{name}`" in text, name
 

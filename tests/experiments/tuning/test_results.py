@@ -23,20 +23,20 @@ def kept(tune, tuning_data, tmp_path):
 
 
 def test_pages_show_the_choice_its_cost_and_the_ranges(kept):
-    published = json.loads((kept / "unified_servo.json").read_text())
+    published = json.loads((kept / "jacobian_servo.json").read_text())
     text = tables_named("tuning/choices", kept.parent)
     best, difference = published["best"]["damping"], published["check"]["difference"]
     minutes = published["cpu_minutes"]
     default = published["tries"][0]["objective"]
     least = min(each["objective"] or 99 for each in published["tries"])
     row = text.splitlines()[2]
-    assert row.startswith(f"| `unified_servo` | 20 | {minutes:.1f} | {default:.2f} | {least:.2f} | 4 | ")
+    assert row.startswith(f"| `jacobian_servo` | 20 | {minutes:.1f} | {default:.2f} | {least:.2f} | 4 | ")
     said = f"{difference['value']:.2f} [{difference['low']:.2f}, {difference['high']:.2f}]"
     assert row.endswith(f" | {said} | 0.4 | tuned | 20 tries |")
     assert "code of commit commit" in text
     ranges = tables_named("tuning/ranges", kept.parent)
-    assert f"| `unified_servo` | `damping` | 0.001 to 1, by factors | 0.05 | {best} | {best} |" in ranges
-    tries = tables_named("tuning/unified_servo", kept.parent)
+    assert f"| `jacobian_servo` | `damping` | 0.001 to 1, by factors | 0.05 | {best} | {best} |" in ranges
+    tries = tables_named("tuning/jacobian_servo", kept.parent)
     assert f"| 0 | 0.05 | {default:.2f} | 2 | 6.0 | complete |" in tries
     assert (kept / "choices.md").read_text().count("\n## ") == 1
 
@@ -46,9 +46,9 @@ def published(name, settings):
 
 
 def test_better_settings_become_the_file_of_an_agent_that_has_none(tmp_path):
-    text = settings_file(published("unified_servo", {"damping": 1e-05, "estimator": "rls"}), tmp_path)
+    text = settings_file(published("jacobian_servo", {"damping": 1e-05, "estimator": "rls"}), tmp_path)
     assert yaml.safe_load(text) == {"damping": 1e-05, "estimator": "rls"}
-    assert text.startswith("# unified_servo: tuned, see experiments/results/tuning/unified_servo.json")
+    assert text.startswith("# jacobian_servo: tuned, see experiments/results/tuning/jacobian_servo.json")
 
 
 def test_better_settings_replace_those_in_a_file_and_leave_the_rest_of_it():

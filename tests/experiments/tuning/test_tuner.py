@@ -46,7 +46,7 @@ def test_killed_and_started_again_it_makes_the_same_tries(tune, share):
 
 def test_a_line_that_a_kill_has_torn_is_made_again(tune, tmp_path):
     undisturbed = tune(KnownLifetimes(quadratic), tries=4)
-    journal = tmp_path / "studies" / "unified_servo.journal"
+    journal = tmp_path / "studies" / "jacobian_servo.journal"
     whole = journal.read_bytes()
     for end in range(len(whole) - 1, len(whole) // 3, -len(whole) // 8):
         journal.write_bytes(whole[:end])
@@ -134,7 +134,7 @@ def test_an_agent_that_fails_with_its_default_settings_is_not_tuned(tune):
 
 def test_settings_that_come_again_cost_nothing(tune):
     choices = {"estimator": ["kalman", "rls"], "redundancy": ["weighted", "omit"]}
-    agent = {"name": "unified_servo", "scenario": "aimed", "choices": choices}
+    agent = {"name": "jacobian_servo", "scenario": "aimed", "choices": choices}
     processes = KnownLifetimes(lambda settings, world: 10.0 + (settings["estimator"] == "rls"))
     found = tune(processes, agents=[agent])
     assert len(found["tries"]) == 20
@@ -161,8 +161,8 @@ def test_tries_of_other_code_or_of_another_configuration_are_refused(tune):
 
 def test_a_damaged_journal_is_named(tune, tmp_path):
     tune(KnownLifetimes(quadratic), tries=2)
-    journal = tmp_path / "studies" / "unified_servo.journal"
+    journal = tmp_path / "studies" / "jacobian_servo.journal"
     lines = journal.read_text().splitlines(keepends=True)
     journal.write_text("".join([*lines[:2], "nonsense\n", *lines[2:]]))
-    with pytest.raises(ConfigError, match=r"unified_servo\.journal is damaged"):
+    with pytest.raises(ConfigError, match=r"jacobian_servo\.journal is damaged"):
         tune(KnownLifetimes(quadratic))
