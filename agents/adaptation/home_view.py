@@ -32,9 +32,9 @@ class HomeView:
     """A jump is looked for against the mean of this many trials: few, so that a slow drift is no jump. Tuned
     (wild worlds 3000-)."""
 
-    def __init__(self, sensors: Array | None = None, noise_px: float = MARKER_NOISE_PX) -> None:
+    def __init__(self, sensors: Array | None = None, noise_px: float | None = None) -> None:
         self.sensors = np.empty((0, 4)) if sensors is None else sensors
-        self.noise_px = noise_px
+        self.noise_px = MARKER_NOISE_PX if noise_px is None else noise_px
 
     def add(self, gripper: Array, noise_px: float) -> None:
         """Takes in where the gripper (4,) is seen in this trial, and how noisily."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..base.checks import checked_array
 from ..base.observation import Array
 from ..servo.image_model.looks import NOISIER, Looks
-from ..servo.image_model.mistaken import PRICE, right_looks, solved, without
+from ..servo.image_model.mistaken import price, right_looks, solved, without
 from ..servo.image_model.smooth_function import SmoothFunction
 
 
@@ -65,7 +65,7 @@ class KeptLooks:
         right = right_looks(self.function.of(looks, motors, lengths)).all(1)
         if not right.all():
             other = self.function.of(looks.only(right), motors, lengths).refitted()
-            if other.evidence[0] + np.count_nonzero(~right) * PRICE > self.function.evidence[0]:
+            if other.evidence[0] + np.count_nonzero(~right) * price() > self.function.evidence[0]:
                 self.function = other
         self._settled = len(self)
 

@@ -34,9 +34,11 @@ class UnifiedServo:
     So it does not matter how many motors there are, or whether some move nothing in the images.
 
     Attributes:
-        probe_px: How far a probe is to move the points in the images.
-        caution: How much the variance of the image distance counts, beside the square of its mean.
-        border: Motions are expected to keep every point within this part of the images.
+        probe_px: How far a probe is to move the points in the images. Choice: as far as test motions of other
+            servos.
+        caution: How much the variance of the image distance counts, beside the square of its mean. Choice.
+        border: Motions are expected to keep every point within this part of the images. Choice: as in other
+            servos.
     """
 
     probe_px: float = 16.0

@@ -12,8 +12,11 @@ from .smooth_function import SmoothFunction
 
 IMAGE_AREA = (IMAGE_SIZE * IMAGE_UNIT) ** 2
 """In square image units."""
-PRICE = float(np.log(Gating.MISTAKEN / Gating.OF / IMAGE_AREA))
-"""The logarithm of how probable it is beforehand that a look is mistaken, and just there."""
+
+
+def price() -> float:
+    """The logarithm of how probable it is beforehand that a look is mistaken, and just there."""
+    return float(np.log(Gating.MISTAKEN / Gating.OF / IMAGE_AREA))
 
 
 def right_looks(function: SmoothFunction) -> Flags:
@@ -54,7 +57,7 @@ def _mistaken(inverse: Array, sums: Array, seen: Flags) -> list[int]:
 def _odds(inverse: Array, sums: Array) -> Array:
     """The logarithms of the odds (n,) of each look to be mistaken, by the others."""
     certain = np.maximum(np.diagonal(inverse), 1e-12)
-    odds = np.square(sums).sum(1) / (2 * certain) + np.log(2 * np.pi / certain) + PRICE
+    odds = np.square(sums).sum(1) / (2 * certain) + np.log(2 * np.pi / certain) + price()
     return np.asarray(odds)
 
 
@@ -73,7 +76,7 @@ def without_mistaken(function: SmoothFunction, before: SmoothFunction) -> Smooth
     other = before
     for look in looks[len(before.looks.places) :]:
         other = other.with_look(*look)
-    better = other.evidence.max() + np.count_nonzero(~right) * PRICE > function.evidence.max()
+    better = other.evidence.max() + np.count_nonzero(~right) * price() > function.evidence.max()
     return other if better else function
 
 

@@ -33,15 +33,10 @@ MODULES: dict[str, tuple[str, ...]] = {
     "unified_servo": (
         "agents.servo.unified",
         "agents.servo.least_distance",
-        "agents.servo.image_model.looks",
-        "agents.servo.image_model.smooth_function",
-        "agents.servo.image_model.smooth_points",
+        "agents.servo.image_model",
         "agents.perception",
     ),
-    "memory": (
-        "agents.adaptation.memory",
-        "agents.adaptation",
-    ),
+    "memory": ("agents.adaptation",),
 }
 """What each agent is made of: modules, and packages with all modules in them. Memory corrects by
 `unified_servo`, whose constants are varied there alone."""
@@ -78,10 +73,10 @@ SETTINGS: dict[str, tuple[type[Any], ...]] = {
 
 LEFT_OUT: dict[str, str] = {
     "seed": "no constant",
-    "estimator.SIGN_CHANGE": "exact: from j to -j",
+    "jump_px": "acts with other servos alone",
     "NoiseEstimate.QUANTILE_OF_NORMAL": "exact, follows from QUANTILE",
     "robust.MEAN_SQUARE_MEDIAN": "exact",
-    "kept_looks.IMAGE_AREA": "exact: two by two image units",
+    "mistaken.IMAGE_AREA": "exact: two by two image units",
     "camera_change.PARAMETERS": "exact: there are twelve",
     "Archive.KEPT": "bounds what is kept; no lifetime here has this many changes",
     "camera_change.TURNED": "only names a change, and moves nothing",
@@ -100,18 +95,11 @@ ALONG: dict[str, tuple[str, Callable[[float], float]]] = {
 """Constants that another one of the same class follows from."""
 
 BOUNDS: dict[str, tuple[float, float]] = {
-    "first_word": (0.0, 1.0),
-    "step_word": (0.0, 1.0),
-    "Trial.LARGEST_TEST": (0.0, 1.0),
-    "Trial.EXECUTED": (0.0, 0.99),
-    "Trial.SMALLER": (0.0, 0.99),
-    "Steps.SHORTER": (0.0, 0.99),
-    "Steps.LONGER": (1.01, np.inf),
-    "UnifiedServo.NEARER": (0.0, 0.99),
-    "LatencyEstimate.ARRIVED": (0.0, 0.99),
+    "Reach.AS_UNKNOWN": (0.0, 0.99),
     "ChangeDetector.USUAL_QUANTILE": (0.0, 0.99),
+    "looks.NOISIER": (1.01, np.inf),
 }
-"""Between which values a constant makes sense: a word is at most 1, a share below 1, a growth above it."""
+"""Between which values a constant makes sense: a share below 1, a growth above it."""
 
 _SOURCES = {
     "guard": "guard",

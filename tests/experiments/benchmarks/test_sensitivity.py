@@ -8,7 +8,7 @@ import pytest
 import agents
 from agents.jacobian.kalman import Kalman
 from agents.perception.noise import NoiseEstimate
-from agents.servo.steps import Steps
+from agents.servo.image_model.smooth_function import SmoothFunction
 from experiments.__main__ import main
 from experiments.benchmarks.sensitivity import constants as named
 from experiments.benchmarks.sensitivity import study as sensitivity
@@ -20,15 +20,15 @@ FOUND = {agent: named.constants(agent) for agent in named.MODULES}
 EVERY = [each for found in FOUND.values() for each in found]
 LABELS = {each.label: each for each in EVERY}
 TINY = Sizes(first=1, later=1, trouble=1, lifetime=4)
-ONLY = ("first_word", "GaussianProcess.NOISE_PX")
+ONLY = ("probe_px", "HomeView.SIGMAS")
 
 
 def test_constants_of_settings_classes_and_modules_are_found():
-    assert LABELS["step_px"].value == 120.0
-    assert LABELS["Kalman.CURVE"].value == Kalman.CURVE
-    assert LABELS["redundancy.ROBUST_PX"].value == 8.0
-    assert {"Gating.GATE_PX", "Gating.UNKNOWN_GATE_PX", "Gating.WARY_GATE_PX"} <= LABELS.keys()
-    assert {"jump_px", "points", "HomeView.SIGMAS"} <= {each.label for each in FOUND["memory"]}
+    assert LABELS["probe_px"].value == 16.0
+    assert LABELS["SmoothFunction.SPREAD"].value == SmoothFunction.SPREAD
+    assert LABELS["looks.NOISIER"].value == 2.0
+    assert {"Gating.TAILS", "Gating.MISTAKEN", "Gating.OF"} <= LABELS.keys()
+    assert {"looks", "HomeView.SIGMAS"} <= {each.label for each in FOUND["memory"]}
     assert all(len({each.label for each in found}) == len(found) for found in FOUND.values())
 
 
@@ -49,7 +49,7 @@ def test_no_number_of_the_agents_slips_by():
 
 
 def test_guards_and_exact_numbers_are_left_out():
-    assert not {"Trial.TRIES", "Steps.LEAST_SHARE", "NoiseEstimate.MOST_PX", "seed"} & LABELS.keys()
+    assert not {"Reach.HALVINGS", "NoiseEstimate.MOST_PX", "mistaken.IMAGE_AREA", "seed"} & LABELS.keys()
     assert "NoiseEstimate.QUANTILE_OF_NORMAL" not in LABELS
 
 
@@ -100,7 +100,7 @@ def test_a_constant_has_the_other_value_wherever_it_is_read_and_then_its_own(con
 
 
 def test_a_constant_that_others_import_changes_there_too():
-    marker = LABELS["estimator.MARKER_NOISE_PX"]
+    marker = LABELS["noise.MARKER_NOISE_PX"]
     with named.varied(marker, 5.0):
         assert NoiseEstimate().px == Kalman(3).noise_px == 5.0
         imported = [
@@ -120,8 +120,8 @@ def test_an_error_leaves_no_constant_varied():
             raise KeyError
 
     with pytest.raises(KeyError):
-        fails(LABELS["Kalman.CURVE"])
-    assert LABELS["Kalman.CURVE"].value == Kalman.CURVE
+        fails(LABELS["SmoothFunction.SPREAD"])
+    assert LABELS["SmoothFunction.SPREAD"].value == SmoothFunction.SPREAD
 
 
 def test_what_follows_from_a_constant_goes_along():
@@ -160,9 +160,8 @@ def test_values_to_try():
         1,
         6,
     ]
-    assert tried("step_word", 0.7, 2.0) == 1.0
-    assert tried("UnifiedServo.NEARER", 0.8, 2.0) == 0.99
-    assert tried("Steps.LONGER", Steps.LONGER, 0.5) > 1.0
+    assert tried("Reach.AS_UNKNOWN", 0.7, 2.0) == 0.99
+    assert tried("looks.NOISIER", 2.0, 0.5) > 1.0
 
 
 @pytest.mark.parametrize(
@@ -203,7 +202,7 @@ def test_each_constant_is_measured_under_each_condition(measured):
     assert set(measured.columns) == set(COLUMNS)
     assert set(measured["verdict"]) <= set(VERDICTS)
     assert not measured.isna().any(axis=None)
-    assert (measured[measured["constant"] == "first_word"]["differing"] > 0).any()
+    assert (measured[measured["constant"] == "probe_px"]["differing"] > 0).any()
 
 
 def test_processes_find_the_same_and_the_table_shows_the_clearest(measured):
@@ -225,7 +224,7 @@ def test_an_error_in_a_variation_is_told(monkeypatch):
         return np.ones((1, 2))
 
     monkeypatch.setitem(CONDITIONS["unified_servo"], "first trials", (fails, lambda sizes: {}))
-    found = sensitivity.sensitivity(2, TINY, ("first_word",), jobs=1)
+    found = sensitivity.sensitivity(2, TINY, ("probe_px",), jobs=1)
     assert set(found["verdict"]) == {"raises an error"}
     assert set(found["condition"]) == {"first trials"}
 
@@ -234,5 +233,5 @@ def test_the_command_prints_the_table(measured, monkeypatch, capsys):
     monkeypatch.setattr(sensitivity, "sensitivity", lambda *arguments: measured[COLUMNS])
     assert main(["benchmark", "sensitivity"]) == 0
     out = capsys.readouterr().out
-    assert "GaussianProcess.NOISE_PX" in out
+    assert "HomeView.SIGMAS" in out
     assert "late points" in out

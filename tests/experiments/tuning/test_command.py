@@ -78,7 +78,9 @@ def test_killed_at_any_moment_it_ends_with_the_same(tuning_data, write_config, t
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
         subprocess.run(command(config, out), cwd=REPOSITORY, check=True, capture_output=True)
-        assert without_times(out / "jacobian_servo.json") == without_times(undisturbed / "jacobian_servo.json")
+        assert without_times(out / "jacobian_servo.json") == without_times(
+            undisturbed / "jacobian_servo.json"
+        )
 
 
 @pytest.fixture
@@ -105,7 +107,9 @@ def test_user_errors_are_one_message(tuning_data, write_config, tmp_path, capsys
     config = write_config(tuning_data)
     words = ["tune", str(config), "--out", str(tmp_path / "out")]
     assert main([*words, "--agent", "jacobian_serwo"]) == 2
-    assert "--agent: unknown (did you mean jacobian_servo?); allowed: jacobian_servo" in capsys.readouterr().err
+    assert (
+        "--agent: unknown (did you mean jacobian_servo?); allowed: jacobian_servo" in capsys.readouterr().err
+    )
     assert main([*words, "--set", "tires=3"]) == 2
     assert "tires: unknown key (did you mean tries?)" in capsys.readouterr().err
     (tmp_path / "out").write_text("a file")
