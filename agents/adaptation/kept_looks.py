@@ -62,7 +62,7 @@ class KeptLooks:
         looks = looks._replace(variances=np.maximum(looks.variances, looks.variances[-1]))
         self.function = replace(self.function, looks=looks).refitted()
         lengths = np.full(looks.places.shape[1], self.function.USUAL)
-        right = right_looks(self.function.of(looks, motors, lengths)).all(1)
+        right = np.asarray(right_looks(self.function.of(looks, motors, lengths)).all(1))
         if not right.all():
             other = self.function.of(looks.only(right), motors, lengths).refitted()
             if other.evidence[0] + np.count_nonzero(~right) * price() > self.function.evidence[0]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
@@ -14,7 +14,11 @@ from numpy.typing import NDArray
 
 import agents
 import calfree_gym
-from agents.knowledge.interface import Knowledge
+from agents.adaptation.pairs import Pairs
+from agents.adaptation.remembered import Remembered
+from agents.perception.noise import MARKER_NOISE_PX
+from agents.servo.least_distance import LeastDistance, Seeker
+from agents.servo.unified import UnifiedServo
 from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.movemaster import MOTORS
 from experiments.benchmarks.region import Region
@@ -175,12 +179,9 @@ def _trials_until(
 
 def stored(recalls: int = 300) -> Table:
     """Bytes to save and recall time against pairs stored, of a smooth map without noise."""
-    kinds: dict[Callable[..., Knowledge], list[str]] = {}
-    for name, kind in agents.KNOWLEDGE.items():
-        kinds.setdefault(kind, []).append(name)
     rows = []
-    for kind, names in kinds.items():
-        base: Any = kind(len(MOTORS))
+    for name, kind in agents.KNOWLEDGE.items():
+        base = RememberedPairs(len(MOTORS)) if kind is Remembered else kind(len(MOTORS))
         rng = np.random.default_rng(0)
         pairs = 0
         for count in STORED:
@@ -189,7 +190,7 @@ def stored(recalls: int = 300) -> Table:
             pairs = count
             rows.append(
                 {
-                    "knowledge": ", ".join(names),
+                    "knowledge": name,
                     "pairs": count,
                     "bytes": sum(array.nbytes for array in base.arrays().values()),
                     "µs a recall": _recall_time(base, rng, recalls),
@@ -198,6 +199,33 @@ def stored(recalls: int = 300) -> Table:
             )
     formats = {"pairs": ",d", "bytes": ",d", "µs a recall": ".0f", "required": ".0f"}
     return Table("stored", "Bytes to save, and median time of a recall", pd.DataFrame(rows), formats)
+
+
+class RememberedPairs:
+    """What `memory` goes by, as a table of pairs: a recall seeks the rendezvous, as the first step does.
+
+    Args:
+        motors: Number of registers m.
+    """
+
+    def __init__(self, motors: int) -> None:
+        self._remembered = Remembered(motors)
+        self._stops = np.ones(motors)
+
+    def learn(self, sensors: Array, registers: Array) -> None:
+        """Takes in a look at a rendezvous; the object is seen there where it is seen from home (4,)."""
+        seen = sensors[None]
+        noise_px, trial = np.array([MARKER_NOISE_PX]), np.zeros(1, np.int64)
+        self._remembered.learn(Pairs(registers[None], seen, seen, seen, noise_px, trial))
+
+    def recall(self, sensors: Array) -> LeastDistance:
+        """Where the least distance is expected to an object that is seen from home at `sensors` (4,)."""
+        points, home = self._remembered.points(sensors, MARKER_NOISE_PX), 0 * self._stops
+        return Seeker(points, home, -self._stops, self._stops, UnifiedServo.caution).seek()
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All that is remembered."""
+        return self._remembered.arrays()
 
 
 def _pair(rng: np.random.Generator) -> tuple[Array, Array]:
@@ -209,7 +237,7 @@ def _pair(rng: np.random.Generator) -> tuple[Array, Array]:
     return sensors, registers
 
 
-def _recall_time(base: Knowledge, rng: np.random.Generator, recalls: int) -> float:
+def _recall_time(base: Any, rng: np.random.Generator, recalls: int) -> float:
     seconds = []
     for _ in range(recalls):
         sensors, _ = _pair(rng)

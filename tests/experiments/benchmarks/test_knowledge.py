@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
+import pytest
 
+import agents
 import calfree_gym
 from experiments.benchmarks import knowledge, region
 from experiments.evaluation import TrialRecord
@@ -53,7 +55,17 @@ def test_tables_hold_what_is_required_beside_what_was_found(monkeypatch):
     assert "531,441" in knowledge.records(worlds=1, objects=20).markdown()
     stored = knowledge.stored(recalls=3).frame
     assert stored.groupby("pairs")["required"].sum().to_dict() == {12: 0, 20: 300 * (len(stored) // 2)}
+    assert list(stored["knowledge"].unique()) == list(agents.KNOWLEDGE)
     assert (stored["bytes"] > 0).all()
+
+
+def test_memory_recalls_the_pairs_that_it_was_shown():
+    remembered, rng = knowledge.RememberedPairs(3), np.random.default_rng(0)
+    for _ in range(150):
+        remembered.learn(*knowledge._pair(rng))
+    for _ in range(5):
+        sensors, registers = knowledge._pair(rng)
+        assert remembered.recall(sensors).registers == pytest.approx(registers, abs=0.05)
 
 
 def test_memory_stands_beside_the_bare_servo(monkeypatch):
