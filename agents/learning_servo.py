@@ -117,7 +117,8 @@ class LearningServo(ServoAgent):
         registers = [np.where(self.camera_motors, 0.0, each.registers) for each in trusted]
         sensors = [each.gripper for each in trusted]
         teaches = [self.looks_teach and bool(each.visible[:2].all()) for each in trusted]
-        registers.append(self._rendezvous(last, findings.estimator.jacobian))
+        measured = len(trusted) - 1 > self.motors
+        registers.append(self._rendezvous(last, findings.estimator.jacobian) if measured else last.registers)
         sensors.append(trusted[0].object)
         teaches.append(ended and bool(trusted[0].visible[2:].all()))
         for seen, there, teach in zip(sensors, registers, teaches, strict=True):
@@ -133,7 +134,10 @@ class LearningServo(ServoAgent):
             self.looks_teach = self.every_look and not both.any()
 
     def _rendezvous(self, last: Observation, jacobian: Array) -> Array:
-        """Registers (m,) at which gripper and object would have met exactly: c* = c - J⁺ d."""
+        """Registers (m,) at which gripper and object would have met exactly: c* = c - J⁺ d.
+
+        J must have been measured in the same trial: as it usually is, it is too wrong for that.
+        """
         if last.distance_px > self.LATE_PX:
             return last.registers
         return last.registers + solve(distance_jacobian(jacobian), last.distance, 0.0)

@@ -70,7 +70,7 @@ class Memory(ServoAgent):
             if expected_px <= self.jump_px:
                 now = yield from jump(registers, now, findings)
             expected = points.at(now.registers)
-            slopes = Slopes(now.registers, expected.jacobian, expected.slope_variances)
+            slopes = Slopes.of(expected.jacobian, now.registers, expected.slope_variances)
             findings.estimator = self.servo.new_estimator(self.motors, slopes)
         yield from self.servo(now, findings)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import checked_array
-from ..base.observation import Observation
+from ..base.observation import POINTS, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
 from ..jacobian import JacobianEstimate, Slopes
@@ -80,7 +80,9 @@ class ServoAgent(ProcedureAgent):
         """See `ProcedureAgent`."""
         arrays = self.filter.arrays()
         if self.slopes is not None:
-            arrays |= {"jacobian": self.slopes.jacobian, "slope_variances": self.slopes.variances}
+            _, jacobian, variances, changes, trials = self.slopes
+            arrays |= {"jacobian": jacobian, "slope_variances": variances}
+            arrays |= {"slope_changes": changes, "slope_trials": np.array([trials])}
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -89,7 +91,9 @@ class ServoAgent(ProcedureAgent):
         self.filter.restore(arrays)
         if "jacobian" in arrays:
             self.slopes = Slopes.of(checked_array(arrays, "jacobian", (8, self.motors)))
-        if "slope_variances" in arrays:
-            shape = (4, self.motors, self.motors)
-            variances = checked_array(arrays, "slope_variances", shape)
-            self.slopes = self.slopes and self.slopes._replace(variances=variances)
+        if self.slopes is not None and "slope_variances" in arrays:
+            self.slopes = self.slopes._replace(
+                variances=checked_array(arrays, "slope_variances", (POINTS, self.motors, self.motors)),
+                changes=checked_array(arrays, "slope_changes", (POINTS, self.motors)),
+                trials=int(checked_array(arrays, "slope_trials", (1,))[0]),
+            )

@@ -74,9 +74,6 @@ class SmoothFunction:
     USUAL, UNUSUAL = 2.0, 1.0
     """Beforehand these lengths are log-normal, with that median and deviation of the logarithm. Choice: a
     handful of looks outweighs it."""
-    SLOPE_ERROR = 0.3
-    """Slopes from before are wrong by this share of their root mean square: tuned on wild worlds 3000 and
-    up."""
     CHANGED = 0.05
     """Beforehand slopes from before do not hold in this share of trials. Choice, as above."""
     HOPELESS = 15.0
@@ -141,11 +138,6 @@ class SmoothFunction:
                         break
         return best
 
-    @classmethod
-    def slope_error(cls, slopes: Array) -> float:
-        """Variance of how far slopes may be from those from before (2, 2, m)."""
-        return float(cls.SLOPE_ERROR**2 * np.square(slopes).mean())
-
     @property
     def slopes_hold(self) -> bool:
         """Whether slopes from before explain best what was seen."""
@@ -160,9 +152,8 @@ class SmoothFunction:
             place: Where (d,).
         """
         motors, unit = self.motors, np.eye(self.motors)
-        usual = self.slope_error(slopes)
         steep = (self.SPREAD / self.lengths[:, 0, None, None, None]) ** 2
-        factors = np.linalg.cholesky(covariances.mean(0) + unit * usual + unit * steep)
+        factors = np.linalg.cholesky(covariances.mean(0) + unit * steep)
         whitening = np.linalg.inv(factors).repeat(2, 1)
         white = whitening @ slopes.swapaxes(1, 2)
         return replace(

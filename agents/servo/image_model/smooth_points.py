@@ -111,8 +111,9 @@ class SmoothPoints:
         self.gripper = SmoothFunction.unknown(self.motors, self.motors)
         self.object = SmoothFunction.unknown(self.motors + 4, self.motors)
         if self._slopes is not None:
-            registers, jacobian, variances = self._slopes
+            registers, jacobian, variances, changes, _ = self._slopes
             slopes = jacobian.reshape(POINTS, 2, -1)
+            variances = variances + changes[:, None] * np.eye(self.motors)
             self.gripper = self.gripper.with_slopes(slopes[GRIPPER], variances[GRIPPER], registers)
             self.object = self.object.with_slopes(slopes[OBJECT], variances[OBJECT], self._place(registers))
         self._before = self.gripper, self.object
@@ -158,34 +159,26 @@ class SmoothPoints:
 
     def look_anew(self, observation: Observation, noise_px: float) -> None:
         """As `look`, where the world has changed: forgets earlier looks; known slopes may still hold."""
-        self._slopes = self._slopes_at(observation.registers)
+        now = self._slopes_at(observation.registers)
+        if self._slopes is not None:
+            now = now._replace(changes=self._slopes.changes, trials=self._slopes.trials)
+        self._slopes = now
         self._forget()
         self.look(observation, noise_px)
 
     def slopes_for_next(self) -> Slopes | None:
-        """What the next trial begins with: the Jacobian where this one began; without looks that from before.
-
-        Slopes are taken to differ from trial to trial, as they do from place to place, by `slope_error`: a
-        trial corrects those from before by as much as they were unsure.
-        """
+        """The Jacobian where trials begin, as the next one begins with it; without looks that from before."""
         if self._began is None:
             return self._slopes
-        now, before = self._slopes_at(self._began), self._slopes
-        if before is None:
+        now = self._slopes_at(self._began)
+        if self._slopes is None:
             return now
-        jacobian, variances = now.jacobian.reshape(POINTS, 2, -1), now.variances.copy()
-        for function, point in ((self.gripper, GRIPPER), (self.object, OBJECT)):
-            if function.slopes_hold:
-                slopes, unsure = before.jacobian.reshape(POINTS, 2, -1)[point], before.variances[point]
-                assumed = unsure + function.slope_error(slopes) * np.eye(self.motors)
-                gains = unsure @ np.linalg.pinv(assumed, hermitian=True)
-                jacobian[point] = slopes + (jacobian[point] - slopes) @ gains.swapaxes(1, 2)
-                variances[point] = unsure - gains @ (assumed - variances[point]) @ gains.swapaxes(1, 2)
-        return Slopes(self._began, jacobian.reshape(2 * POINTS, -1), variances)
+        hold = [self.gripper.slopes_hold] * 2 + [self.object.slopes_hold] * 2
+        return self._slopes.corrected(now, np.array(hold))
 
     def _slopes_at(self, registers: Array) -> Slopes:
         expected = self.at(registers)
-        return Slopes(registers, expected.jacobian, expected.slope_variances)
+        return Slopes.of(expected.jacobian, registers, expected.slope_variances)
 
     def nearest(self, registers: Array) -> Array:
         """Registers (m,) where the gripper was seen nearest to where the object is seen from `registers`."""
