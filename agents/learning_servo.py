@@ -52,6 +52,9 @@ class LearningServo(ServoAgent):
     without correction. Derived for `tolerance_px=4`: 4 + 3 · 0.5, rounded up. With a larger tolerance many
     true successes stay uncorrected."""
 
+    DAMPING = 0.05
+    """Of the least squares that tell where they would have met: that of the servos."""
+
     def __init__(
         self,
         env: gym.Env[Any, Any],
@@ -117,8 +120,7 @@ class LearningServo(ServoAgent):
         registers = [np.where(self.camera_motors, 0.0, each.registers) for each in trusted]
         sensors = [each.gripper for each in trusted]
         teaches = [self.looks_teach and bool(each.visible[:2].all()) for each in trusted]
-        measured = len(trusted) - 1 > self.motors
-        registers.append(self._rendezvous(last, findings.estimator.jacobian) if measured else last.registers)
+        registers.append(self._rendezvous(last, findings.estimator.jacobian if len(trusted) > 2 else None))
         sensors.append(trusted[0].object)
         teaches.append(ended and bool(trusted[0].visible[2:].all()))
         for seen, there, teach in zip(sensors, registers, teaches, strict=True):
@@ -133,14 +135,14 @@ class LearningServo(ServoAgent):
             both = np.minimum(gripper, object_) > self.BOTH * np.maximum(gripper, object_)
             self.looks_teach = self.every_look and not both.any()
 
-    def _rendezvous(self, last: Observation, jacobian: Array) -> Array:
+    def _rendezvous(self, last: Observation, jacobian: Array | None) -> Array:
         """Registers (m,) at which gripper and object would have met exactly: c* = c - J⁺ d.
 
-        J must have been measured in the same trial: as it usually is, it is too wrong for that.
+        None where the trial has shown nothing of J: as it usually is, it is too wrong for that.
         """
-        if last.distance_px > self.LATE_PX:
+        if jacobian is None or last.distance_px > self.LATE_PX:
             return last.registers
-        return last.registers + solve(distance_jacobian(jacobian), last.distance, 0.0)
+        return last.registers + solve(distance_jacobian(jacobian), last.distance, self.DAMPING)
 
     def implied_jacobian(self, registers: Array) -> Array | None:
         """The Jacobian (8, m) of gripper and object points that its knowledge implies at `registers`.

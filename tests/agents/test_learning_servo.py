@@ -130,13 +130,16 @@ def taught_by_successes(env, seed, motions):
 
 
 def test_what_a_success_teaches_is_where_gripper_and_object_would_have_met(make_env, mount):
-    """The trial ends somewhere within tolerance; by its Jacobian the servo knows what was left to go."""
+    """The trial ends somewhere within tolerance; by its Jacobian the servo knows what was left to go.
+
+    One that ended with its first motion has told nothing of it, and teaches where it ended.
+    """
     taught = [each for seed in range(4) for each in taught_by_successes(make_env(mount), seed, 60)]
     corrected, ended = np.array(taught).T
     assert len(taught) > 20
     assert np.median(ended) > 1  # there was something to correct
     assert np.median(corrected) < 0.3 * np.median(ended)
-    assert np.mean(corrected < ended) > 0.9
+    assert np.mean(corrected <= ended) > 0.9
 
 
 def test_a_success_is_remembered_at_the_true_rendezvous(make_env, mount):

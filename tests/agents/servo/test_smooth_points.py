@@ -48,7 +48,7 @@ def scene(request, rng):
     points, jacobian = wavy(rng, 1.0)
     at = rng.uniform(-0.5, 0.5, (9, MOTORS))
     seen = rng.random((9, 4)) < 0.8
-    start = Slopes(at[0], jacobian(at[0]), np.full((4, 1, 1), 0.02) * np.eye(MOTORS))
+    start = Slopes.of(jacobian(at[0]), at[0], np.full((4, 1, 1), 0.02) * np.eye(MOTORS))
     return points, at, seen, start if request.param == "slopes" else None
 
 
@@ -82,10 +82,7 @@ def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(sc
         places = np.vstack([shown, new])
         joint = covariances(places, places, length) + np.diag([noise] * len(shown) + [0])
         if start is not None:
-            side = slice(0, 4) if point < 2 else slice(4, 8)
-            error = start.variances[point] + np.eye(MOTORS) * (
-                SmoothFunction.SLOPE_ERROR**2 * np.square(start.jacobian[side]).mean()
-            )
+            error = start.variances[point] + np.diag(start.changes[point])
             across = with_slopes(places, start.registers, length)
             own = np.eye(MOTORS) * SmoothFunction.SPREAD**2 / length**2 + error
             joint = np.block([[joint, across], [across.T, own]])
