@@ -6,7 +6,11 @@ from numbers import Real
 from typing import Any
 
 from calfree_gym import Arm
+from calfree_gym.robot.arms.arm import digest_of
 from calfree_gym.robot.arms.chain import SLIDE
+
+DIGEST = "digest"
+"""Only what results say of an arm has this key."""
 
 
 def as_arm(given: Mapping[str, Any]) -> Arm:
@@ -35,6 +39,28 @@ def as_arm(given: Mapping[str, Any]) -> Arm:
         if arm.robot.model.joint(joint).type[0] == SLIDE:
             raise ValueError(f"home_degrees names {joint!r}, which slides; give it under home, in m")
     return arm
+
+
+def as_told(arm: Mapping[str, Any]) -> dict[str, Any]:
+    """What results say of an arm: its model's name and digest, and its arguments; no file and no folder.
+
+    Args:
+        arm: What `Arm.to_dict` or this returned.
+    """
+    if DIGEST in arm:
+        return dict(arm)
+    made = Arm.from_dict(arm)
+    told = {name: value for name, value in arm.items() if name != "assets"}
+    return told | {
+        "model": made.robot.spec.modelname,
+        "motors": list(made.robot.motors),
+        DIGEST: made.digest,
+    }
+
+
+def digest(arm: Mapping[str, Any]) -> str:
+    """The digest of what `Arm.to_dict` or `as_told` returned."""
+    return str(arm[DIGEST]) if DIGEST in arm else digest_of(arm)
 
 
 def _radians(joint: str, degrees: Any) -> float:

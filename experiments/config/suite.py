@@ -13,7 +13,7 @@ from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations import TYPES, parse_perturbation, parse_schedule
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, robot_of
 from calfree_gym.world import DISTRIBUTIONS
-from experiments.config.arms import as_arm
+from experiments.config.arms import DIGEST, as_arm
 from experiments.config.claims import Claim, TrialsOf
 from experiments.config.model import Model, Name, distinct, one_of
 
@@ -45,15 +45,20 @@ class EnvironmentConfig(Model):
     @field_validator("arm")
     @classmethod
     def _as_value(cls, value: str | dict[str, Any]) -> str | dict[str, Any]:
-        """An arm's mapping, `home_degrees` among its keys, as the plain dict of the `Arm` that it means."""
+        """An arm's mapping, `home_degrees` among its keys, as the plain dict of the `Arm` that it means.
+
+        What results say of an arm stays as it is: its files may be elsewhere.
+        """
         if not isinstance(value, dict):
             return one_of(value, (MOVEMASTER_NAME,))
+        if DIGEST in value:
+            return value
         return as_arm(value).to_dict()
 
     @field_validator("camera_mount")
     @classmethod
     def _known_mount(cls, value: str | tuple[str, str], info: ValidationInfo) -> str | tuple[str, str]:
-        if "arm" in info.data:
+        if "arm" in info.data and DIGEST not in info.data["arm"]:
             robot_of(info.data["arm"]).mounts(value)
         return value
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from calfree_gym import Arm
+from experiments.config.arms import as_told
 from experiments.config.suite import AgentConfig, EnvironmentConfig, ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.tables import counted, must_know
 from experiments.running.plan import LifetimeRun, Run
@@ -100,9 +100,8 @@ def about_environment(env: EnvironmentConfig) -> str:
     """An environment in words; of an arm that is not built in, its model's name, motors and digest."""
     arm = ""
     if not isinstance(env.arm, str):
-        given = Arm.from_dict(env.arm)
-        motors = ", ".join(given.robot.motors)
-        arm = f" arm {given.robot.spec.modelname} (motors {motors}; digest {given.digest[:12]}),"
+        told = as_told(env.arm)
+        arm = f" arm {told['model']} (motors {', '.join(told['motors'])}; digest {told['digest'][:12]}),"
     mounts = env.camera_mount if isinstance(env.camera_mount, str) else " and ".join(env.camera_mount)
     return (
         f"{env.id}, {env.world} worlds,{arm} cameras on the {mounts}, tolerance {env.tolerance_px:g} px, "

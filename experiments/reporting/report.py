@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
+from experiments.reporting.by_arm.section import arms_sections, many_arms
 from experiments.reporting.by_trial.section import trial_section
 from experiments.reporting.claims.section import claims_section
 from experiments.reporting.claims.verdicts import judge
@@ -38,10 +39,12 @@ def write_report(finished: FinishedSuite) -> Path:
     sections = [_failures(finished)] if finished.unfinished else []
     if finished.suite.claims:
         sections.append(claims_section(judge(finished.results, finished.suite)))
+    by_arm = many_arms(finished.suite.scenarios)
+    sections += arms_sections(finished) if by_arm else []
     for scenario in finished.suite.scenarios:
         if evaluation := finished.suite.evaluation_of(scenario):
             sections += scenario_sections(finished, scenario, evaluation)
-        if scenario.trials:
+        if scenario.trials and not by_arm:
             sections.append(trial_section(finished, scenario))
     sections += sweep_sections(finished)
     sections += [agents_section(finished), _versions(finished), _provenance(finished)]

@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from pydantic import ValidationError
 
 from calfree_gym.perturbations.undo import Undo
+from experiments.config.arms import as_told
 from experiments.config.suite import ScenarioConfig, Suite
 from experiments.cpu_time import CPU
 from experiments.errors import ConfigError
@@ -69,7 +70,7 @@ def gather(out: Path) -> Path:
         refuse_foreign(out, suite, read_json(folder_of(out, run.id) / VERSIONS))
     about = {
         "version": _VERSION,
-        "suite": suite.model_dump(mode="json"),
+        "suite": _told(suite),
         "command": command,
         "versions": _versions(out, runs),
         "outcomes": {run.id: _outcome(folder_of(out, run.id), run) for run in done},
@@ -118,6 +119,15 @@ def read_finished(results: Path, out: Path) -> FinishedSuite:
         )
     except (KeyError, ValidationError) as error:
         raise ConfigError(f"{results} cannot be read: {error}: {_OTHER}") from None
+
+
+def _told(suite: Suite) -> dict[str, Any]:
+    """The suite, whose arms are as `as_told` has them."""
+    written = suite.model_dump(mode="json")
+    for part in (*written["scenarios"], *written["sweeps"]):
+        if isinstance(arm := part["env"]["arm"], dict):
+            part["env"]["arm"] = as_told(arm)
+    return written
 
 
 _OTHER = "it was made by other code; make its report with that code"

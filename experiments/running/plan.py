@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, digest_of
+from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
+from experiments.config.arms import digest
 from experiments.config.suite import AgentConfig, EvaluationConfig, Model, ScenarioConfig, Suite, SweepConfig
 
 _WORLD, _EVALUATION, _AGENT = range(3)
@@ -116,7 +117,7 @@ def _with_digests(content: dict[str, Any]) -> dict[str, Any]:
     (part,) = (content[key] for key in ("scenario", "sweep") if key in content)
     arm = part["env"].pop("arm")
     if arm != MOVEMASTER_NAME:
-        part["env"]["arm"] = digest_of(arm)
+        part["env"]["arm"] = digest(arm)
     return content
 
 

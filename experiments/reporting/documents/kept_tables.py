@@ -13,6 +13,7 @@ from calfree_gym.errors import near_misses
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, EnvironmentConfig
 from experiments.errors import ConfigError
+from experiments.reporting.by_arm.section import BY_ARM, arms_table
 from experiments.reporting.claims.section import claims_section, verdict_table
 from experiments.reporting.claims.verdicts import judge
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS
@@ -73,6 +74,8 @@ def _read(path: Path) -> Iterator[tuple[Table, str]]:
             for (scenario, kind), rows in summary.groupby(["scenario", "table"], sort=False):
                 if kind in _MAKERS:
                     yield _MAKERS[kind](str(scenario), rows), commit
+            if len(by_arm := summary[summary["table"] == BY_ARM]):
+                yield arms_table(by_arm), commit
             if "claims" in set(summary["table"]):
                 finished = read_finished(path.with_name(RESULTS), path.parent)
                 judged = judge(finished.results, finished.suite)

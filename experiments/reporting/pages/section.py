@@ -62,7 +62,7 @@ def summary_row(
     Args:
         scenario: Name of the scenario or sweep.
         table: Which of the report's tables: "held_out", "checkpoints", "profile", "threshold", "comparison",
-            "by_trial", "sweep" or "claims".
+            "by_trial", "by_arm", "sweep" or "claims".
         agent: The agent's label.
         moment: When: "before", trials "1–25", or the value of what a sweep varies.
         measure: What was measured.

@@ -1,0 +1,150 @@
+"""The part of the report that sets agents and arms side by side."""
+
+import json
+from itertools import pairwise
+
+import pandas as pd
+
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from experiments.config.arms import as_told
+from experiments.config.suite import EnvironmentConfig, ScenarioConfig
+from experiments.reporting.by_arm.figure import arms_figure
+from experiments.reporting.by_trial.estimates import COARSE, blocks, edges_of
+from experiments.reporting.by_trial.figure import span
+from experiments.reporting.finished_suite import (
+    MOTIONS,
+    RENDEZVOUS,
+    SUCCESS,
+    FinishedSuite,
+    about_environment,
+    few_worlds,
+    places,
+    where_it_stands,
+    with_cost,
+)
+from experiments.reporting.pages import Section, summary_row
+from experiments.reporting.pages.style import save
+from experiments.reporting.tables import Table, counted, number, percent
+from experiments.statistics import Estimate
+
+ALL, BY_ARM = "all", "by_arm"
+_FIRST = 1
+_SHARES = (SUCCESS, RENDEZVOUS)
+
+_HOW_TO_READ = (
+    "The agents' own trials, in which they learn; nothing is set for an arm. In each cell: motions per reach "
+    "in the first trial of a lifetime → in the last block of trials; the share of all trials with an "
+    "observed rendezvous. Means over worlds of each world's mean; a trial without a rendezvous counts as the "
+    "cap."
+)
+_INTERVALS = "Means over worlds with 95 % intervals over worlds."
+
+
+def many_arms(scenarios: tuple[ScenarioConfig, ...]) -> bool:
+    """Whether scenarios differ in their arms, each a lifetime of trials in which no world is perturbed."""
+    arms = {json.dumps(scenario.env.model_dump(mode="json")["arm"], sort_keys=True) for scenario in scenarios}
+    steady = all(each.trials and not each.perturbations for each in scenarios)
+    return steady and len(arms) > 1
+
+
+def arms_sections(finished: FinishedSuite) -> list[Section]:
+    """Agents by arms in one figure and table, and all numbers with their intervals in another."""
+    suite = finished.suite
+    rows, summary = [], []
+    found: dict[tuple[str, str, str], Estimate] = {}
+    for scenario in suite.scenarios:
+        cap = scenario.env.max_episode_steps
+        costs = with_cost(finished.results, scenario)
+        costs = costs[costs["phase"] == "train"]
+        edges = edges_of(scenario, (_FIRST, *COARSE))
+        names = [span(first, end) for first, end in pairwise(edges)]
+        for label in places(suite, scenario):
+            of_blocks = blocks(costs, label, MOTIONS, suite.worlds, edges, cap).estimates()
+            of_all = {
+                measure: blocks(costs, label, measure, suite.worlds, edges[[0, -1]], cap).estimates()[0]
+                for measure in _SHARES
+            }
+            cells = [number(each, 2) for each in of_blocks]
+            rows.append([scenario.name, label, *cells, *(percent(of_all[each], 1) for each in _SHARES)])
+            summary += [
+                summary_row(scenario.name, BY_ARM, label, block, MOTIONS, each, suite.worlds)
+                for block, each in zip(names, of_blocks, strict=True)
+            ]
+            summary += [
+                summary_row(scenario.name, BY_ARM, label, ALL, measure, each, suite.worlds)
+                for measure, each in of_all.items()
+            ]
+            found |= {
+                (scenario.name, label, block): each for block, each in zip(names, of_blocks, strict=True)
+            }
+    columns = ["arm", "agent", *(f"trials {name}: motions per reach" for name in names), *_SHARES]
+    first = suite.scenarios[0]
+    figure = arms_figure(
+        {scenario.name: _motors(scenario.env) for scenario in suite.scenarios},
+        {f"trial {names[0]}": names[0], f"trials {names[-1]}": names[-1]},
+        found,
+        places(suite, first),
+        first.env.max_episode_steps,
+        where_it_stands(finished, first, "the agents' own trials"),
+    )
+    return [
+        Section(
+            title="Agents by arms",
+            text=_about(finished),
+            figures={"arms": save(figure, finished.out / "figures", "arms")},
+            table=arms_table(pd.DataFrame(summary)),
+            note=_HOW_TO_READ,
+            summary=summary,
+        ),
+        Section(
+            title="Agents by arms, with intervals",
+            table=Table("arms-intervals", "Agents by arms", pd.DataFrame(rows, columns=columns)),
+            note=_INTERVALS,
+        ),
+    ]
+
+
+def _motors(env: EnvironmentConfig) -> int:
+    return len(MOVEMASTER.motors if isinstance(env.arm, str) else as_told(env.arm)["motors"])
+
+
+def _about(finished: FinishedSuite) -> str:
+    suite = finished.suite
+    first, *_ = suite.scenarios
+    environments = "; ".join(
+        f"{scenario.name}: {about_environment(scenario.env)}" for scenario in suite.scenarios
+    )
+    return (
+        f"At most {first.env.max_episode_steps} motions a trial, {first.trials} trials a lifetime, "
+        f"{counted(suite.worlds, 'world')}, the same for every agent.{few_worlds(suite)} {environments}."
+    )
+
+
+def arms_table(numbers: pd.DataFrame) -> Table:
+    """Arms by agents: motions in the first and the last trials, and the share of rendezvous.
+
+    Args:
+        numbers: The rows of `summary_row`.
+    """
+    values = numbers.set_index(["scenario", "agent", "moment", "measure"])["value"].to_dict()
+    moments = [moment for moment in numbers["moment"].unique() if moment != ALL]
+    rows = [
+        [
+            scenario,
+            *(
+                _cell(
+                    values[scenario, agent, moments[0], MOTIONS],
+                    values[scenario, agent, moments[-1], MOTIONS],
+                    values[scenario, agent, ALL, RENDEZVOUS],
+                )
+                for agent in numbers["agent"].unique()
+            ),
+        ]
+        for scenario in numbers["scenario"].unique()
+    ]
+    columns = ["arm", *(f"`{agent}`" for agent in numbers["agent"].unique())]
+    return Table("arms", "Agents by arms", pd.DataFrame(rows, columns=columns))
+
+
+def _cell(first: float, last: float, rendezvous: float) -> str:
+    return f"{first:.1f} → {last:.1f}; {rendezvous:.1%}".replace("%", " %")
