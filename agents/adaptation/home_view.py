@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.observation import Array, camera_lengths_px
-from ..perception.noise import MARKER_NOISE_PX
+from ..perception.noise import MARKER_NOISE_PX, NoiseEstimate
 
 Cameras = NDArray[np.bool_]
 """Which of the two cameras (2,): left, right."""
@@ -70,11 +70,17 @@ class HomeView:
         times = np.arange(len(sensors)) - (len(sensors) - 1) / 2
         return np.asarray(times @ sensors / max(float(times @ times), 1.0))
 
+    @property
+    def _assumed_noise_px(self) -> float:
+        """More than is known of it as long as too few trials have told."""
+        told = self.sensors[1:].size >= NoiseEstimate.ENOUGH
+        return self.noise_px if told else max(self.noise_px, NoiseEstimate.NOISY_PX)
+
     def _displaced(self, sensors: Array, latest: NDArray[np.int64]) -> Cameras:
         """In which cameras (k, 2) the means of the latest (k,) differ from the means of those before."""
         after, before = latest[:, None], len(sensors) - latest[:, None]
         sums = sensors.cumsum(0)
         earlier = sums[-latest - 1]
         apart = (sums[-1] - earlier) / after - earlier / before
-        noise = self.noise_px * np.sqrt(1 / after + 1 / before)
+        noise = self._assumed_noise_px * np.sqrt(1 / after + 1 / before)
         return np.asarray(camera_lengths_px(apart) > self.SIGMAS * noise)

@@ -32,8 +32,6 @@ def distance_jacobian(points_jacobian: Array) -> Array:
 DIFFERENT = 0.3
 """Beforehand a trial's Jacobian differs from the usual one by this share of its root mean square: tuned on
 wild worlds 3000 and up."""
-ENOUGH = 3
-"""That counts as so many trials. Choice."""
 
 
 class Slopes(NamedTuple):
@@ -71,7 +69,8 @@ class Slopes(NamedTuple):
     def corrected(self, seen: Self, hold: Flags) -> Self:
         """By those of a trial that was begun with these: by the more, the less sure they were.
 
-        What trials differ by is learned from all of them, by expectation-maximization.
+        What trials differ by is learned from all of them, by expectation-maximization; what was assumed
+        counts as one.
 
         Args:
             seen: What the trial showed, with these known beforehand.
@@ -87,7 +86,7 @@ class Slopes(NamedTuple):
         jacobian = usual + different @ gains.swapaxes(1, 2)
         variances = unsure - gains @ (assumed - seen.variances) @ gains.swapaxes(1, 2)
         changes = np.square(different).mean(1) + np.einsum("pmm->pm", seen.variances - unsure)
-        changes = np.maximum(self.changes + (changes - self.changes) / (self.trials + ENOUGH), 0.0)
+        changes = np.maximum(self.changes + (changes - self.changes) / (self.trials + 2), 0.0)
         return type(self)(
             seen.registers,
             np.where(hold[:, None, None], jacobian, found).reshape(2 * POINTS, -1),

@@ -16,6 +16,7 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
+from ..perception.gating import Gating
 from .image_model.smooth_points import ExpectedPoints, SmoothPoints
 from .least_distance import Seeker
 from .settings import SERVO_KNOWLEDGE, SMALLEST
@@ -86,9 +87,6 @@ class Reach:
     LEFT = 0.3
     """A step that leaves more than this share of the distance needs a probe: tuned on wild worlds 3000 and
     up; from 0.15 to 0.6 it hardly matters."""
-    ARRIVED = 4.0
-    """A distance of this many times the noise needs no probe. Derived: noise in two coordinates is longer
-    once in exp(4² / 2), some 3,000 cases."""
     NOISES = 8.0
     """A probe is to move the images by this many times the noise at least. Derived: then a slope is known to
     a sixth (√2 / 8)."""
@@ -151,7 +149,7 @@ class Reach:
         words, left = self._step()
         if left > max(
             self.LEFT * np.linalg.norm(here.distance) / np.sqrt(2),
-            self.ARRIVED * np.sqrt(here.variances.mean()),
+            Gating.AGREE * np.sqrt(here.variances.mean()),
         ):
             words = self._with_probe(words, left, here)
         return self._within_images(words / max(1.0, float(np.abs(words).max())))
