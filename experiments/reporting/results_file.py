@@ -4,8 +4,8 @@ The report is made from this file alone; only times, which differ in each repeti
 file of their own.
 
 Errors are rounded up to tenths of a pixel: what was within a whole number of pixels stays within it, and
-nothing else comes in. Seconds are rounded to tenths, distances to millimetres. That is far finer than worlds differ,
-and makes the file some nine times smaller.
+nothing else comes in. Seconds are rounded to tenths, distances to millimetres. That is far finer than worlds
+differ, and makes the file some ten times smaller.
 """
 
 import base64

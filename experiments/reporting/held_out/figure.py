@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
 from experiments.reporting.finished_suite import (
     ENOUGH_WORLDS,
@@ -52,7 +52,11 @@ def learning_curves(
             axes.set_ylim(-0.03, 1.05)
         right.set_title(f"Motions per reach (a failure counts as {cap})")
         right.set_ylabel("motions, interquartile mean")
-        right.set_ylim(0, cap * 1.05)
+        right.set_yscale("log")
+        right.set_ylim(0.9, cap * 1.2)
+        right.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        right.yaxis.set_major_formatter("{x:g}")
+        right.yaxis.set_minor_formatter(NullFormatter())
         for axes in panels:
             axes.set_xlabel("lifetime motions")
             axes.set_xlim(left=0)
