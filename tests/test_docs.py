@@ -24,7 +24,7 @@ from calfree_gym.robot.arms.movemaster import MOTORS, MOVEMASTER
 from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config
-from experiments.reporting.documents.kept_tables import _MAKERS
+from experiments.reporting.documents.kept_tables import _MAKERS, tables_named
 from experiments.running import trial_log as records
 
 ROOT = Path(__file__).parents[1]
@@ -249,6 +249,15 @@ def test_readme_shows_what_it_promises():
     )
     for block in re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
         assert len([line for line in block.splitlines() if line]) <= 6
+
+
+def test_readme_counts_verdicts_as_the_kept_results_do():
+    verdicts = tables_named("paper/verdicts")
+    for verdict in ("confirmed", "mixed", "not confirmed"):
+        pattern = rf"^- \*\*{verdict.capitalize()}\*\*: ((?:.|\n  )*)"
+        (said,) = re.findall(pattern, README.read_text(), re.MULTILINE)
+        count = len(re.findall(rf"\| claim \| .* \| {verdict} \|", verdicts))
+        assert said.count(";") + 1 + said.count(", or again") == count
 
 
 def test_readme_comparison_is_valid(tmp_path):
