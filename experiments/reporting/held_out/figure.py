@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, PercentFormatter
 
 from experiments.reporting.finished_suite import (
     ENOUGH_WORLDS,
@@ -15,7 +15,14 @@ from experiments.reporting.finished_suite import (
     Perturbation,
 )
 from experiments.reporting.held_out.estimates import Curve
-from experiments.reporting.pages.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
+from experiments.reporting.pages.style import (
+    DARK_GREY,
+    STYLE,
+    draw_band,
+    draw_logarithmic,
+    legend_below,
+    line_of,
+)
 
 _ROOM_FOR_WORDS = 1  # labels above a panel
 
@@ -52,11 +59,8 @@ def learning_curves(
             axes.set_ylim(-0.03, 1.05)
         right.set_title(f"Motions per reach (a failure counts as {cap})")
         right.set_ylabel("motions, interquartile mean")
-        right.set_yscale("log")
+        draw_logarithmic(right)
         right.set_ylim(0.9, cap * 1.2)
-        right.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        right.yaxis.set_major_formatter("{x:g}")
-        right.yaxis.set_minor_formatter(NullFormatter())
         for axes in panels:
             axes.set_xlabel("lifetime motions")
             axes.set_xlim(left=0)
