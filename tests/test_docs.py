@@ -24,7 +24,7 @@ from calfree_gym.robot.arms.movemaster import MOTORS, MOVEMASTER
 from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config
-from experiments.reporting.documents.kept_tables import _MAKERS
+from experiments.reporting.documents.kept_tables import _MAKERS, tables_named
 from experiments.running import trial_log as records
 
 ROOT = Path(__file__).parents[1]
@@ -243,12 +243,21 @@ def test_readme_shows_what_it_promises():
     first = re.search(r"!\[.*?\]\((.*?)\)", text)
     assert first[1] == "docs/scene.png"
     assert text.count("![") == 2, "the picture on top, and one figure"
-    assert re.findall(r"<!-- table: (\w+)", text) == ["rivals"]
+    assert re.findall(r"<!-- table: (\w+)", text) == ["paper"]
     assert len(re.findall(r"^- \*\*`\w+`\*\*.*(?:\n  .*)*\d", text, re.MULTILINE)) == 3, (
         "bullets with a number"
     )
     for block in re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
         assert len([line for line in block.splitlines() if line]) <= 6
+
+
+def test_readme_counts_verdicts_as_the_kept_results_do():
+    verdicts = tables_named("paper/verdicts")
+    for verdict in ("confirmed", "mixed", "not confirmed"):
+        pattern = rf"^- \*\*{verdict.capitalize()}\*\*: ((?:.|\n  )*)"
+        (said,) = re.findall(pattern, README.read_text(), re.MULTILINE)
+        count = len(re.findall(rf"\| claim \| .* \| {verdict} \|", verdicts))
+        assert said.count(";") + 1 + said.count(", or again") == count
 
 
 def test_readme_comparison_is_valid(tmp_path):

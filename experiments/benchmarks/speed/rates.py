@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from calfree_gym import Arm
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.simulation import SUBSTEPS
 from experiments.benchmarks.speed.peer import Peer
@@ -26,9 +27,10 @@ FLOORS = {("PandaReach-v3", 1): 5.0, ("PandaReach-v3", 256): 9.0}
 """The least ratio of physics substeps a second that the project asks of itself beside a peer, by our rows."""
 
 
-def _bare_model() -> mujoco.MjModel:
-    """The arm with its cameras on the waist, and no environment around it."""
-    return MOVEMASTER.scene(("waist", "waist")).model
+def _bare_model(arm: Arm | None = None) -> mujoco.MjModel:
+    """An arm, the built-in one by default, with its cameras on the waist, and no environment around it."""
+    robot = MOVEMASTER if arm is None else arm.robot
+    return robot.scene(robot.mounts("waist")).model
 
 
 WAIST_TIMESTEP = float(_bare_model().opt.timestep)
@@ -83,7 +85,7 @@ def speed(peers: Sequence[str] = (), rounds: int = ROUNDS) -> Speed:
         others = [stack.enter_context(Peer(spec)) for spec in peers]
         ratios = [_single(rounds, truth=False, wanted=0.88), _single(rounds, truth=True, wanted=None)]
         ratios += [_single(rounds, truth=False, wanted=None, sensors=False)]
-        ratios += [_batched(rounds), _kinematic(rounds)]
+        ratios += [batched(rounds), _kinematic(rounds)]
         ratios += [_ppo("kinematic", 0.70, rounds), _ppo("physics", None, rounds)]
         for peer in others:
             for rows in (1, 256):
@@ -114,17 +116,24 @@ def _single(rounds: int, truth: bool, wanted: float | None, sensors: bool = True
         return _ratio(name, wanted, _stepping(1, steps, truth=truth), bare, steps, rounds)
 
 
-def _batched(rounds: int) -> Ratio:
-    """256 rows on all cores against a bare `Batch` over the same substeps."""
+def batched(rounds: int = ROUNDS, arm: Arm | None = None, wanted: float = 0.93) -> Ratio:
+    """256 rows on all cores against a bare `Batch` of the same model over the same substeps.
+
+    Args:
+        rounds: Pairs that are timed.
+        arm: The arm; the built-in one by default.
+        wanted: The ratio that is asked for.
+    """
     rows, steps = 256, 4
-    batch = Batch(_bare_model(), rows)
+    batch = Batch(_bare_model(arm), rows)
 
     def bare() -> None:
         for _ in range(steps):
             batch.step(nstep=SUBSTEPS)
 
     name = f"{rows} rows / bare Batch"
-    return _ratio(name, 0.93, _stepping(rows, steps), bare, steps * rows, rounds)
+    arguments = {} if arm is None else {"arm": arm}
+    return _ratio(name, wanted, _stepping(rows, steps, **arguments), bare, steps * rows, rounds)
 
 
 def _kinematic(rounds: int) -> Ratio:
@@ -190,14 +199,14 @@ def _beside(peer: Peer, rows: int, wanted: float | None, rounds: int) -> list[Ra
 
 def _stepping(rows: int, steps: int, **arguments: Any) -> Callable[[], None]:
     """Makes motions there and back again, so that registers stay where they can be."""
-    words = np.random.default_rng(0).uniform(-0.1, 0.1, (steps, rows, 3)).astype(np.float32)
-    words[1::2] = -words[::2]
     env: Any
     if rows == 1:
         env = gym.make(REACH, terminate_on_success=False, **arguments).unwrapped
-        words = words[:, 0]
     else:
         env = gym.make_vec(REACH, num_envs=rows, **arguments)
+    shape = (steps, *env.action_space.shape)
+    words = np.random.default_rng(0).uniform(-0.1, 0.1, shape).astype(np.float32)
+    words[1::2] = -words[::2]
     env.reset(seed=0)
 
     def ours() -> None:

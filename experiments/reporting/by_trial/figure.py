@@ -7,11 +7,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from experiments.reporting.by_trial.estimates import LOOKS, Blocks, seconds_at
 from experiments.reporting.finished_suite import ENOUGH_WORLDS, MOTIONS, Perturbation
-from experiments.reporting.pages.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
+from experiments.reporting.pages.style import (
+    DARK_GREY,
+    STYLE,
+    draw_band,
+    draw_logarithmic,
+    legend_below,
+    line_of,
+)
 from experiments.statistics import Array, interquartile_mean
 
 _ROOM_FOR_WORDS = 5  # labels side by side above the panels
@@ -48,10 +54,7 @@ def trial_curves(
             f"robot seconds per reach\n{LOOKS[0]:g} to {LOOKS[2]:g} s a look, line: {LOOKS[1]:g} s"
         )
         for axes in panels:
-            axes.set_yscale("log")
-            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_formatter(NullFormatter())
+            draw_logarithmic(axes)
             for perturbation in perturbations:
                 axes.axvline(_place(edges, perturbation.first), color=DARK_GREY, linewidth=1, linestyle=":")
         _name_blocks(panels[1], edges)

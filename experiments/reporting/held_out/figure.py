@@ -15,7 +15,14 @@ from experiments.reporting.finished_suite import (
     Perturbation,
 )
 from experiments.reporting.held_out.estimates import Curve
-from experiments.reporting.pages.style import DARK_GREY, STYLE, draw_band, legend_below, line_of
+from experiments.reporting.pages.style import (
+    DARK_GREY,
+    STYLE,
+    draw_band,
+    draw_logarithmic,
+    legend_below,
+    line_of,
+)
 
 _ROOM_FOR_WORDS = 1  # labels above a panel
 
@@ -52,7 +59,8 @@ def learning_curves(
             axes.set_ylim(-0.03, 1.05)
         right.set_title(f"Motions per reach (a failure counts as {cap})")
         right.set_ylabel("motions, interquartile mean")
-        right.set_ylim(0, cap * 1.05)
+        draw_logarithmic(right)
+        right.set_ylim(0.9, cap * 1.2)
         for axes in panels:
             axes.set_xlabel("lifetime motions")
             axes.set_xlim(left=0)

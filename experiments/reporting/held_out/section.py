@@ -149,7 +149,7 @@ def _table(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig, worlds
                     *map(number, (motions[MOTIONS], motions[f"{MOTIONS}_iqm"])),
                     f"{motions[f'{MOTIONS}_worst_decile'].value:.1f}",
                     "–" if among is None else number(among),
-                    f"{moment.distance_mm:.1f}",
+                    f"{moment.distance_mm:.0f}",
                 ]
             )
     return Table("held_out", scenario.name, pd.DataFrame(rows, columns=list(_COLUMNS)))

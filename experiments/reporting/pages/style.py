@@ -14,6 +14,7 @@ import matplotlib.pyplot as plt
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
 
 from experiments.reporting.pages.section import Drawing
@@ -52,6 +53,14 @@ def line_of(index: int) -> dict[str, Any]:
         "markersize": 4,
         "linewidth": 1.6,
     }
+
+
+def draw_logarithmic(axes: Axes) -> None:
+    """Makes the vertical axis logarithmic, with plain numbers at 1, 2 and 5 of each power of ten."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def draw_band(

@@ -4,9 +4,10 @@ from experiments.benchmarks import arms
 from tests.arms.own import ARMS, MOTORS
 
 
-def test_each_arm_stands_there_on_four_mounts():
+def test_each_arm_stands_there_on_four_mounts(monkeypatch):
+    monkeypatch.setattr(arms, "SPEED_ROUNDS", 1)
     chosen = {name: ARMS[name] for name in ("gantry", "mobile")}
-    (table,) = arms.arms(2, chosen)
+    table, speed = arms.arms(2, chosen)
     frame = table.frame
     assert frame["arm"].tolist() == ["gantry"] * 4 + ["mobile"] * 4
     assert frame["mount"].tolist() == ["waist", "stand", "hand", "hand and stand"] * 2
@@ -15,3 +16,5 @@ def test_each_arm_stands_there_on_four_mounts():
     assert (frame["most motions"] <= 2).all()
     assert (frame["px"] > 0).all(), "physics was compared, which never comes to rest exactly"
     assert (frame["px"] < 0.2).all()
+    assert speed.frame["arm"].tolist() == ["gantry", "mobile"]
+    assert (speed.frame["ratio"] > 0).all()

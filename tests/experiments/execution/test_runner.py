@@ -167,7 +167,7 @@ def test_curves_are_tensorboard_events(finished):
     tens = own.groupby(own.index // 10)
     assert len(tens) > 2
     points = dict(zip(tens["lifetime_motions"].last(), tens["error_px"].mean(), strict=True))
-    assert shown("train/error_px") == pytest.approx(points, abs=0.01)  # results have two decimals
+    assert shown("train/error_px") == pytest.approx(points, abs=0.1)  # results have one decimal, rounded up
 
 
 def test_status_tells_done_failed_interrupted_and_waiting(finished, capsys):

@@ -11,7 +11,7 @@ import pytest
 from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.reporting.report import agents_section
-from experiments.reporting.results_file import MOST_OWN_TRIALS, gather, read_finished
+from experiments.reporting.results_file import FIRST_OWN_TRIALS, MOST_OWN_TRIALS, gather, read_finished
 from experiments.running.plan import runs_of
 from experiments.running.results_folder import read_suite
 
@@ -70,7 +70,7 @@ def test_rows_are_those_of_the_logs(finished_once):
         assert np.abs(mine["robot_seconds"].to_numpy() - logged["robot_seconds"]).max() <= 0.051
         up = mine["error_px"].to_numpy() - logged["error_px"]
         assert up.min() > -1e-9
-        assert up.max() < 0.01
+        assert up.max() < 0.1
         for px in (2, 4, 8, 16):
             assert list(mine["error_px"] <= px) == list(logged["error_px"] <= px)
 
@@ -86,7 +86,7 @@ def test_an_error_of_the_tolerance_stays_within_it_and_a_larger_one_outside(fini
     found = pd.read_parquet(gather(out))
     kept = found.loc[found["run"] == log.parent.name, "error_px"].iloc[: len(exact)]
     assert [each <= 4 for each in kept] == [True, False, True, True, False]
-    assert list(kept) == [4.0, 4.01, 4.0, 2.0, 16.01]
+    assert list(kept) == [4.0, 4.1, 4.0, 2.0, 16.1]
 
 
 def test_of_very_many_own_trials_some_are_kept_and_all_held_out_ones(finished):
@@ -100,7 +100,8 @@ def test_of_very_many_own_trials_some_are_kept_and_all_held_out_ones(finished):
     log.write_text("\n".join(lines))
     found = pd.read_parquet(gather(out))
     mine = found[found["run"] == log.parent.name]
-    assert list(mine.loc[mine["phase"] == "train", "trial"]) == list(range(0, many, 3))
+    kept = [*range(FIRST_OWN_TRIALS), *range(FIRST_OWN_TRIALS + 2, many, 3)]
+    assert list(mine.loc[mine["phase"] == "train", "trial"]) == kept
     assert (mine["phase"] == "eval").sum() == len(held_out)
 
 
