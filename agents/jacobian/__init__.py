@@ -1,9 +1,10 @@
 """The sensor-control Jacobian J = ∂d/∂c, estimated from motions and from what they did in the images."""
 
-from .estimator import Estimator, JacobianEstimate, Slopes, distance_jacobian
+from .estimator import Estimator, JacobianEstimate, distance_jacobian
 from .kalman import Kalman
 from .least_squares import LocalLeastSquares, RecursiveLeastSquares
 from .rank_one import Broyden, TrustRegion
+from .slopes import Slopes
 from .test_motions import TestMotions
 
 ESTIMATORS: dict[str, type[Estimator]] = {

@@ -7,7 +7,8 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array, Flags
-from .estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator, Slopes
+from .estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator
+from .slopes import Slopes
 
 
 class Kalman(Estimator):

@@ -8,7 +8,8 @@ from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array, Flags
 from ..base.robust import cauchy_weights
-from .estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator, Slopes
+from .estimator import SIGN_CHANGE, UNKNOWN_VARIANCE, Estimator
+from .slopes import Slopes
 
 
 class RecursiveLeastSquares(Estimator):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.observation import Array, Flags
-from .estimator import Estimator, Slopes
+from .estimator import Estimator
+from .slopes import Slopes
 
 
 class Broyden(Estimator):

@@ -34,7 +34,7 @@ MODULES: dict[str, tuple[str, ...]] = {
         "agents.servo.unified",
         "agents.servo.least_distance",
         "agents.servo.image_model",
-        "agents.jacobian.estimator",
+        "agents.jacobian.slopes",
         "agents.perception",
     ),
     "memory": ("agents.adaptation",),
@@ -45,6 +45,7 @@ MODULES: dict[str, tuple[str, ...]] = {
 OTHERS: dict[str, str] = {
     "agents.base": "no choices: how many points there are",
     "agents.calibrated": "the calibrated robots",
+    "agents.jacobian.estimator": "other servos",
     "agents.jacobian.kalman": "other servos",
     "agents.jacobian.least_squares": "other servos",
     "agents.jacobian.linear": "other servos",
@@ -79,8 +80,6 @@ SETTINGS: dict[str, tuple[type[Any], ...]] = {
 LEFT_OUT: dict[str, str] = {
     "seed": "no constant",
     "jump_px": "acts with other servos alone",
-    "estimator.UNKNOWN_VARIANCE": "other servos",
-    "estimator.SIGN_CHANGE": "other servos, and exact: from j to -j",
     "NoiseEstimate.QUANTILE_OF_NORMAL": "exact, follows from QUANTILE",
     "robust.MEAN_SQUARE_MEDIAN": "exact",
     "mistaken.IMAGE_AREA": "exact: two by two image units",

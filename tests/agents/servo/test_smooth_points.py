@@ -190,3 +190,17 @@ def test_looking_anew_keeps_slopes_and_forgets_where_points_were(rng):
     near = np.full(MOTORS, 0.02)
     np.testing.assert_allclose(known.at(here).points, moved(here), atol=0.05)
     assert np.abs(known.at(near).jacobian - last).max() < np.abs(last).max()
+
+
+def test_noise_that_is_found_out_late_holds_for_earlier_looks(rng):
+    """As if it had been known from the first look on."""
+    points, _ = wavy(rng, 1.0)
+    at = rng.uniform(-0.3, 0.3, (6, MOTORS))
+    late, always = SmoothPoints(MOTORS), SmoothPoints(MOTORS)
+    for i, registers in enumerate(at):
+        seen = points(registers) + rng.normal(scale=20 * IMAGE_UNIT, size=(4, 2))
+        late.look(Observation(seen, np.ones(4, bool), registers), 20.0 if i >= 4 else NOISE_PX)
+        always.look(Observation(seen, np.ones(4, bool), registers), 20.0)
+    new = np.zeros(MOTORS)
+    np.testing.assert_allclose(late.at(new).points, always.at(new).points)
+    np.testing.assert_allclose(late.at(new).variances, always.at(new).variances)

@@ -1,0 +1,64 @@
+"""Looks that are anywhere in the image, among looks at a function that is smooth."""
+
+import numpy as np
+import pytest
+
+from agents.servo.image_model.mistaken import right_looks, without_mistaken
+from agents.servo.image_model.smooth_function import SmoothFunction
+from calfree_gym.image import IMAGE_UNIT
+
+NOISE = 0.7 * IMAGE_UNIT
+SEEN = np.ones(2, bool)
+
+
+def scene(seed, looks=30, mistaken=0.08):
+    """Places (n, 3), what is seen there (n, 2, 2), which of it is mistaken (n, 2), and where the point is.
+
+    Few are: of those, most never pass the gates.
+    """
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-0.6, 0.6, (looks, 3))
+    bends = rng.normal(scale=0.3, size=(2, 2, 3))
+    true = np.tanh(np.einsum("icm,nm->nic", bends, places) + 0.1)
+    points = true + rng.normal(scale=NOISE, size=true.shape)
+    wrong = rng.random((looks, 2)) < mistaken
+    points[wrong] = rng.uniform(-1, 1, (np.count_nonzero(wrong), 2))
+    return places, points, wrong, true
+
+
+def looked(places, points):
+    function = SmoothFunction.unknown(3, 3)
+    for place, seen in zip(places, points, strict=True):
+        function = function.with_look(place, seen, NOISE**2, SEEN)
+    return function
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_mistaken_looks_are_found_in_each_image(seed):
+    places, points, wrong, true = scene(seed)
+    right = right_looks(looked(places, points))
+    far = wrong & (np.linalg.norm(points - true, axis=2) > 20 * IMAGE_UNIT)
+    assert not right[far].any()
+    assert np.mean(right[~wrong]) > 0.9
+
+
+def test_where_none_is_mistaken_hardly_any_is_left_out():
+    found = [right_looks(looked(*scene(seed, mistaken=0.0)[:2])) for seed in range(6)]
+    assert np.mean(found) > 0.98
+
+
+def test_without_them_the_rest_tells_where_the_point_is():
+    places, points, _, true = scene(7)
+    function = looked(places[:-1], points[:-1])
+    other = without_mistaken(function, SmoothFunction.unknown(3, 3))
+    expected = other.at(places[-1])
+    off = np.linalg.norm(expected.points - true[-1], axis=1)
+    assert (off < 4 * np.sqrt(expected.variances.max() + NOISE**2)).all()
+    assert off.max() < 0.3 * np.linalg.norm(function.at(places[-1]).points - true[-1], axis=1).max()
+
+
+def test_what_was_not_seen_is_not_mistaken():
+    places, points, *_ = scene(1, mistaken=0.0)
+    function = looked(places, points)
+    missed = function.with_look(places[0] + 0.01, points[0] + 9.0, NOISE**2, ~SEEN)
+    assert right_looks(missed)[-1].all()

@@ -1,0 +1,85 @@
+"""Agents and arms side by side, from results that may have been made elsewhere."""
+
+import shutil
+
+import pandas as pd
+import pytest
+import yaml
+
+from experiments.__main__ import main
+from experiments.reporting.by_arm.section import arms_table, many_arms
+from experiments.reporting.documents.kept_tables import tables_named
+from experiments.reporting.results_file import RESULTS, read_finished
+from tests.arms.own import MODELS
+
+TRIALS = 3
+
+
+def suite(arms):
+    of_all = {"id": "CalFree/Reach-v0", "world": "wild", "camera_mount": "stand", "dynamics": "kinematic"}
+    return {
+        "name": "arms",
+        "question": "Any?",
+        "worlds": 2,
+        "scenarios": [
+            {"name": name, "env": of_all | given, "trials": TRIALS} for name, given in arms.items()
+        ],
+        "evaluation": None,
+        "agents": ["oracle", "random"],
+    }
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    """Results with the built-in arm and with one whose file is gone by now."""
+    folder = tmp_path_factory.mktemp("arms")
+    shutil.copy(MODELS / "gantry.xml", folder / "mine.xml")
+    arms = {"built-in": {}, "mine": {"arm": {"model": "mine.xml", "gripper": "hook"}}}
+    (folder / "suite.yaml").write_text(yaml.safe_dump(suite(arms)), encoding="utf-8")
+    out = folder / "out"
+    assert main(["run", str(folder / "suite.yaml"), "--out", str(out), "--jobs", "2"]) == 0
+    (folder / "mine.xml").unlink()
+    return out
+
+
+def test_results_say_what_an_arm_is_and_no_folder(out, tmp_path):
+    shutil.copy(out / RESULTS, tmp_path)
+    finished = read_finished(tmp_path / RESULTS, tmp_path)
+    _, mine = finished.suite.scenarios
+    assert mine.env.arm["motors"] == ["x", "y", "z"]
+    assert mine.env.arm["model"] == "gantry"
+    assert str(out.parent) not in str(finished.suite.model_dump())
+    assert str(out.parent) not in (out / "report.md").read_text()
+
+
+def test_the_report_has_one_table_of_arms_whose_numbers_are_those_of_the_trials(out):
+    table, *_ = [
+        section for section in (out / "report.md").read_text().split("\n## ") if "Agents by arms" in section
+    ]
+    assert "| built-in | 1.0 → 1.0; 100.0 % |" in table
+    rows = pd.read_parquet(out / RESULTS)
+    mine = rows[(rows["scenario"] == "mine") & (rows["agent"] == "random")]
+    motions = mine["motions"].where(mine["rendezvous"] == 1, 60)
+    first, later = (motions[mine["trial"] == 0].mean(), motions[mine["trial"] > 0].mean())
+    share = f"{mine['rendezvous'].mean():.1%}".replace("%", " %")
+    assert f"{first:.1f} → {later:.1f}; {share}" in table
+    assert (out / "figures" / "arms.png").exists()
+    assert "trial by trial" not in (out / "report.md").read_text()
+
+
+def test_kept_results_have_the_same_table(out, tmp_path):
+    kept = tmp_path / "kept" / "arms"
+    kept.mkdir(parents=True)
+    shutil.copy(out / "summary.csv", kept)
+    summary = pd.read_csv(out / "summary.csv", dtype={"moment": str})
+    shown = tables_named("arms/arms", tmp_path / "kept")
+    assert arms_table(summary[summary["table"] == "by_arm"]).markdown() in shown
+
+
+def test_only_steady_scenarios_with_several_arms_are_set_side_by_side(out):
+    scenarios = read_finished(out / RESULTS, out).suite.scenarios
+    assert many_arms(scenarios)
+    assert not many_arms(scenarios[:1])
+    assert not many_arms(())
+    aimed = scenarios[1].model_copy(update={"perturbations": ({"at": {"trial": 1}},)})
+    assert not many_arms((scenarios[0], aimed))
