@@ -35,10 +35,10 @@ docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # Every kept result anew, training and tuning apart. Started again, it goes on where it was.
-SUITES := paper others rivals learning robustness estimators
+SUITES := paper arms others rivals learning robustness estimators
 BENCHMARKS := coverage sensitivity speed
 
-results: venv
+results: venv $(if $(filter arms,$(SUITES)),arms)
 	for suite in $(SUITES); do \
 		$(BIN)/python -m experiments run configs/$$suite.yaml --out build/results/$$suite --jobs $(JOBS) \
 		&& $(BIN)/python -m experiments keep build/results/$$suite || exit 1; \
