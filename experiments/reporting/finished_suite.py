@@ -109,18 +109,31 @@ def about_environment(env: EnvironmentConfig) -> str:
     )
 
 
-def where_it_stands(finished: FinishedSuite, scenario: ScenarioConfig | SweepConfig, trials: str) -> str:
-    """What a figure needs beside it: threshold, unit of resampling, number of worlds, what agents know."""
+def where_it_stands(
+    finished: FinishedSuite,
+    scenario: ScenarioConfig | SweepConfig,
+    trials: str,
+    marks: tuple[str, str] = ("lines", "bands"),
+) -> str:
+    """What a figure needs beside it: threshold, unit of resampling, number of worlds, what agents know.
+
+    Args:
+        finished: The suite.
+        scenario: What the figure is of.
+        trials: Which trials it shows.
+        marks: How means and their intervals are drawn.
+    """
     suite = finished.suite
+    middle, interval = marks
     drawn = (
-        "bands: 95 % intervals over worlds"
+        f"{interval}: 95 % intervals over worlds"
         if suite.worlds >= ENOUGH_WORLDS
         else "thin lines: single worlds; no ranking is claimed"
     )
     known = "; ".join(f"{agent.label}: {finished.must_know(agent)}" for agent in suite.agents_in(scenario))
     return (
         f"Tolerance {scenario.env.tolerance_px:g} px of 512. {counted(suite.worlds, 'world')}, {trials}; "
-        f"lines: all worlds; {drawn}.\nBuilt on, beyond observations: {known}."
+        f"{middle}: all worlds; {drawn}.\nBuilt on, beyond observations: {known}."
     )
 
 
