@@ -83,7 +83,7 @@ def gather(out: Path) -> Path:
     }
     rows = [row for run in done for row in _rows(folder_of(out, run.id), run)]
     if not suite.claims:
-        rows = _without_details(rows)
+        rows = _without_first_motions(rows)
     _write(rows, about, out / RESULTS)
     write_whole(out / TIMES, _times(out, done).to_csv(index=False))
     return out / RESULTS
@@ -205,10 +205,10 @@ def _thinned(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def _without_details(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Without what only claims ask of the agents' own trials: the runs' logs have it."""
-    details = {name: None for name in SCHEMA.names if name.startswith("motions_to_") or name == "distance_mm"}
-    return [row | details if row["phase"] == "train" else row for row in rows]
+def _without_first_motions(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Without what only claims ask of the agents' own trials, `motions_to_...`: the runs' logs have it."""
+    unknown = {name: None for name in SCHEMA.names if name.startswith("motions_to_")}
+    return [row | unknown if row["phase"] == "train" else row for row in rows]
 
 
 def _times(out: Path, done: list[Run]) -> pd.DataFrame:
