@@ -163,10 +163,8 @@ class LearningServo(ServoAgent):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        return super().arrays() | self.knowledge.arrays() | self._motors()
-
-    def _motors(self) -> dict[str, NDArray[Any]]:
-        return {"camera_motors": self.camera_motors, "looks_teach": np.array([self.looks_teach])}
+        motors = {"camera_motors": self.camera_motors, "looks_teach": np.array([self.looks_teach])}
+        return super().arrays() | self.knowledge.arrays() | motors
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""

@@ -206,7 +206,7 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
     shape = getattr(env.action_space, "shape", None)
     if shape is None or (len(shape) != 1 and _MAKERS[name] is not _sb3):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
-    _check_arm(name, env, settings)
+    _check_arm(name, env)
     with _told_what_to_install(name):
         settings = _defaults(name) | settings
         allowed = _settings_of(name, settings)
@@ -242,19 +242,17 @@ def _check_name(name: str) -> None:
         raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(_MAKERS)}")
 
 
-def _check_arm(name: str, env: Environment, settings: Mapping[str, Any]) -> None:
-    """Raises where an agent, or its servo, knows no other arm than the built-in one, and this is another."""
+def _check_arm(name: str, env: Environment) -> None:
+    """Raises where an agent knows no other arm than the built-in one, and this is another."""
     spec, motors = getattr(env, "spec", None), env.action_space.shape[-1]  # type: ignore[index]
     arm = spec.kwargs.get("arm", ARM) if spec is not None else ARM
-    if isinstance(arm, str) and arm == ARM and motors == ARM_MOTORS:
+    if name not in OF_ONE_ARM or (isinstance(arm, str) and arm == ARM and motors == ARM_MOTORS):
         return
-    for each in (name, settings.get("servo")):
-        if each in OF_ONE_ARM:
-            of_any = ", ".join(known for known in _MAKERS if known not in (*OF_ONE_ARM, "recurrent_servo"))
-            raise ValueError(
-                f"agent {name!r}: {each} is built on the arm {ARM!r}, and this is another one, of {motors} "
-                f"motors; allowed with any arm: {of_any}; recurrent_servo with any of its network's motors"
-            )
+    of_any = ", ".join(known for known in _MAKERS if known not in (*OF_ONE_ARM, "recurrent_servo"))
+    raise ValueError(
+        f"agent {name!r}: {name} is built on the arm {ARM!r}, and this is another one, of {motors} "
+        f"motors; allowed with any arm: {of_any}; recurrent_servo with any of its network's motors"
+    )
 
 
 @contextmanager

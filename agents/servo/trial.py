@@ -38,6 +38,29 @@ class Findings(Generic[E]):
     trusted: list[Observation] = field(default_factory=list)
 
 
+class Stops:
+    """Where motors are known to stop.
+
+    Attributes:
+        lowest, highest: Registers (m,) there; at first the ends of what registers can be.
+
+    Args:
+        motors: m.
+    """
+
+    STOPPED = 1e-4
+    """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
+
+    def __init__(self, motors: int) -> None:
+        self.lowest = np.full(motors, -1.0)
+        self.highest = np.full(motors, 1.0)
+
+    def learn(self, short: Array, registers: Array) -> None:
+        """Motors whose words were executed but for `short` (m,) have met a stop at `registers` (m,)."""
+        self.highest = np.where(short > self.STOPPED, registers, self.highest)
+        self.lowest = np.where(short < -self.STOPPED, registers, self.lowest)
+
+
 class Trial:
     """What a servo knows in a trial, and the motions that all servos are made of.
 
@@ -49,7 +72,7 @@ class Trial:
         test_words: The next test word of each motor (m,).
         still: Motors (m,) that moved nothing in the images: they are not tested again in this trial.
         object_jumped: Whether the object was last seen where J cannot have brought it.
-        lowest, highest: Registers (m,) at which motors are known to stop.
+        stops: Where motors are known to stop.
 
     Args:
         first: The first observation.
@@ -60,8 +83,6 @@ class Trial:
 
     TRIES = 6
     """A test motion is repeated at most this often (a guard: words double at least every other time)."""
-    STOPPED = 1e-4
-    """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
     EXECUTED = 0.5
     """A test motion of which a smaller share was executed is made anew, the other way: tuned on wild worlds
     3000 and up."""
@@ -90,8 +111,7 @@ class Trial:
         self.known = np.tile(self.estimator.jacobian.any(0), (POINTS, 1))
         self.test_words = np.full(motors, first_word)
         self.still = np.zeros(motors, bool)
-        self.lowest = np.full(motors, -1.0)
-        self.highest = np.full(motors, 1.0)
+        self.stops = Stops(motors)
         self.object_jumped = False
         self._seen_at = np.tile(first.registers, (POINTS, 1))
         self._tested = np.zeros(motors)
@@ -111,7 +131,7 @@ class Trial:
     @property
     def word_bounds(self) -> tuple[Array, Array]:
         """The lowest and the highest words (m,) that bring motors to their stops."""
-        return self.lowest - self.now.registers, self.highest - self.now.registers
+        return self.stops.lowest - self.now.registers, self.stops.highest - self.now.registers
 
     def begin(self) -> Motions:
         """Observes until all points were seen."""
@@ -137,16 +157,11 @@ class Trial:
         deviations_px = linear_deviations_px(predicted, known)
         expected = before.points + predicted
         observation = yield from self.filter.settle(observation, before, expected, deviations_px)
-        self._learn_stops(words - executed, observation.registers)
+        self.stops.learn(words - executed, observation.registers)
         moved, usable = self._learn_motion(executed, before, observation, known)
         if np.count_nonzero(moving) == 1:
             self.known[usable, moving.argmax()] = True
         return executed, moved
-
-    def _learn_stops(self, short: Array, registers: Array) -> None:
-        """Motors whose words (m,) were not executed to the end have met a stop at `registers` (m,)."""
-        self.highest = np.where(short > self.STOPPED, registers, self.highest)
-        self.lowest = np.where(short < -self.STOPPED, registers, self.lowest)
 
     def _learn_motion(
         self, executed: Array, before: Observation, after: Observation, known: Flags

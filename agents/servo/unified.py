@@ -20,7 +20,7 @@ from ..perception.gating import Gating
 from .image_model.smooth_points import ExpectedPoints, SmoothPoints
 from .least_distance import Seeker
 from .settings import SERVO_KNOWLEDGE, SMALLEST
-from .trial import Findings, Motions
+from .trial import Findings, Motions, Stops
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Reach:
         now: What is estimated after the last motion.
         points: What is known of the image points.
         filter: What is known of observations.
-        lowest, highest: Registers (m,) at which motors are known to stop.
+        stops: Where motors are known to stop.
 
     Args:
         servo: Its settings.
@@ -94,15 +94,12 @@ class Reach:
     """Directions whose variance is this share of the largest are as unknown. Choice."""
     HALVINGS = 5
     """How often a word is halved (a guard)."""
-    STOPPED = 1e-4
-    """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
 
     def __init__(self, servo: UnifiedServo, first: Observation, findings: Findings[SmoothPoints]) -> None:
         self.now = first
         self.points = findings.estimator
         self.filter = findings.filter
-        self.lowest = np.full(len(first.registers), -1.0)
-        self.highest = np.full(len(first.registers), 1.0)
+        self.stops = Stops(len(first.registers))
         self._servo = servo
         self._trusted = findings.trusted
         self._all_seen_at = first.registers
@@ -122,7 +119,7 @@ class Reach:
         """Executes words (m,), and learns from what is then seen."""
         before = self.now
         observation = yield words
-        self._learn_stops(words - (observation.registers - before.registers), observation.registers)
+        self.stops.learn(words - (observation.registers - before.registers), observation.registers)
         expected = self.points.at(observation.registers)
         deviations_px = np.sqrt(expected.variances) / IMAGE_UNIT
         self.now = yield from self.filter.settle(observation, before, expected.points, deviations_px)
@@ -133,11 +130,6 @@ class Reach:
             self.points.leave_out_mistaken()
         if self.now.visible.all():
             self._all_seen_at = self.now.registers
-
-    def _learn_stops(self, short: Array, registers: Array) -> None:
-        """Motors whose words (m,) were not executed to the end have met a stop at `registers` (m,)."""
-        self.highest = np.where(short > self.STOPPED, registers, self.highest)
-        self.lowest = np.where(short < -self.STOPPED, registers, self.lowest)
 
     def half_way_back(self) -> Array:
         """Words (m,) half of the way back to where all points were seen last."""
@@ -156,7 +148,7 @@ class Reach:
 
     def _step(self) -> tuple[Array, float]:
         """Words (m,) to where the least distance is expected, and how long it then is in an image."""
-        bounds = self.lowest, self.highest
+        bounds = self.stops.lowest, self.stops.highest
         found = Seeker(self.points, self.now.registers, *bounds, self._servo.caution).seek()
         return found.registers - self.now.registers, float(np.sqrt(found.square / 2))
 
@@ -180,10 +172,11 @@ class Reach:
                 break
             words = words / 2
         there = self.now.registers + words
-        beyond = (there + probe < self.lowest) | (there + probe > self.highest)
+        lowest, highest = self.stops.lowest, self.stops.highest
+        beyond = (there + probe < lowest) | (there + probe > highest)
         if beyond.any() and probe @ words <= 0:  # else it would undo the step
             probe = -probe
-        return np.clip(there + probe, self.lowest, self.highest) - self.now.registers
+        return np.clip(there + probe, lowest, highest) - self.now.registers
 
     def _within_images(self, words: Array) -> Array:
         """Words (m,), shorter where they are expected to lead points out of the images."""

@@ -41,13 +41,18 @@ def as_arm(given: Mapping[str, Any]) -> Arm:
     return arm
 
 
+def is_told(arm: str | Mapping[str, Any]) -> bool:
+    """Whether this is what results say of an arm, and no arm that can be built."""
+    return isinstance(arm, Mapping) and DIGEST in arm
+
+
 def as_told(arm: Mapping[str, Any]) -> dict[str, Any]:
     """What results say of an arm: its model's name and digest, and its arguments; no file and no folder.
 
     Args:
         arm: What `Arm.to_dict` or this returned.
     """
-    if DIGEST in arm:
+    if is_told(arm):
         return dict(arm)
     made = Arm.from_dict(arm)
     told = {name: value for name, value in arm.items() if name != "assets"}
@@ -60,7 +65,7 @@ def as_told(arm: Mapping[str, Any]) -> dict[str, Any]:
 
 def digest(arm: Mapping[str, Any]) -> str:
     """The digest of what `Arm.to_dict` or `as_told` returned."""
-    return str(arm[DIGEST]) if DIGEST in arm else digest_of(arm)
+    return str(arm[DIGEST]) if is_told(arm) else digest_of(arm)
 
 
 def _radians(joint: str, degrees: Any) -> float:

@@ -13,7 +13,7 @@ from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations import TYPES, parse_perturbation, parse_schedule
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, robot_of
 from calfree_gym.world import DISTRIBUTIONS
-from experiments.config.arms import DIGEST, as_arm
+from experiments.config.arms import as_arm, is_told
 from experiments.config.claims import Claim, TrialsOf
 from experiments.config.model import Model, Name, distinct, one_of
 
@@ -51,14 +51,14 @@ class EnvironmentConfig(Model):
         """
         if not isinstance(value, dict):
             return one_of(value, (MOVEMASTER_NAME,))
-        if DIGEST in value:
+        if is_told(value):
             return value
         return as_arm(value).to_dict()
 
     @field_validator("camera_mount")
     @classmethod
     def _known_mount(cls, value: str | tuple[str, str], info: ValidationInfo) -> str | tuple[str, str]:
-        if "arm" in info.data and DIGEST not in info.data["arm"]:
+        if "arm" in info.data and not is_told(info.data["arm"]):
             robot_of(info.data["arm"]).mounts(value)
         return value
 

@@ -54,8 +54,8 @@ def test_where_a_motor_stops_is_learned_from_what_it_does_not_execute():
     arm = LinearArm([100.0] * 3, lowest=np.array([-1, -0.3, -1]), highest=np.array([0.2, 1, 1]))
     trial = trial_of(arm, TestMotions(3, Slopes.of(arm.jacobian)))
     carry_out(trial.move(np.array([0.5, -0.5, 0.1])), arm)
-    np.testing.assert_allclose(trial.highest, [0.2, 1, 1])
-    np.testing.assert_allclose(trial.lowest, [-1, -0.3, -1])
+    np.testing.assert_allclose(trial.stops.highest, [0.2, 1, 1])
+    np.testing.assert_allclose(trial.stops.lowest, [-1, -0.3, -1])
     lowest, highest = trial.word_bounds
     np.testing.assert_allclose(highest, [0.0, 1.3, 0.9])
     np.testing.assert_allclose(lowest, [-1.2, 0.0, -1.1])

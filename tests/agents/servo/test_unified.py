@@ -82,6 +82,21 @@ def test_words_stay_within_bounds_and_stops_are_learned():
     assert beyond <= 0.1 + 1e-6
 
 
+def test_a_stop_is_met_once_and_then_no_word_leads_beyond_it():
+    """The object lies where only a motor would bring the gripper that stops long before."""
+    for seed in range(5):
+        arm = arm_of(3, np.random.default_rng(seed))
+        arm.home[2:] = (arm.jacobian[:4] @ [0.5, 0.1, 0.1]).reshape(2, 2)
+        stop = 0.05
+        arm.highest = np.array([stop, 1.0, 1.0])
+        words, _, _ = lived(arm, 20)
+        register, beyond = 0.0, 0
+        for word in words[:, 0]:
+            beyond += register + word > stop + 1e-6
+            register = min(register + word, stop)
+        assert beyond == 1
+
+
 def test_probes_are_about_as_large_in_the_images_as_they_are_wanted():
     moved = []
     for seed in range(30):
