@@ -83,7 +83,7 @@ class Memory(ServoAgent):
         """Registers (m,) where the least distance is expected, and how long it is there, in pixels."""
         stops = np.ones(self.motors)
         found = Seeker(points, np.zeros(self.motors), -stops, stops, caution=1.0).seek()
-        return found.registers, float(np.sqrt(found.square / 2)) / IMAGE_UNIT
+        return found.registers, found.length / IMAGE_UNIT
 
     def expected_px(self, first: RawObservation) -> float | None:
         """How far off it expects to be after its first motion, told before that motion is made.

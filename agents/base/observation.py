@@ -31,12 +31,14 @@ class Observation:
         visible: Which of them are seen now (4,).
         registers: Executed sums of control words since home (m,).
         privileged: What was asked for by `tell=`, by name.
+        last: Whether the trial is known to be over with it.
     """
 
     points: Array
     visible: Flags
     registers: Array
     privileged: Mapping[str, Array] = field(default_factory=dict)
+    last: bool = False
 
     @classmethod
     def of(cls, raw: RawObservation) -> Observation:

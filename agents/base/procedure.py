@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -147,7 +147,7 @@ class ProcedureAgent(Agent):
             self.learn_motion(trial.findings, before, now)
             over = bool(terminated or truncated)
             if over:
-                trial.go_on(now)
+                trial.go_on(replace(now, last=True))
                 self.learn_trial(trial.findings, now, bool(terminated))
             go_on = callback is None or callback(self)
             if over or not go_on or self.num_timesteps >= target:

@@ -16,8 +16,7 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
-from ..perception.gating import Gating
-from .image_model.smooth_points import ExpectedPoints, SmoothPoints
+from .image_model.smooth_points import SmoothPoints
 from .least_distance import Seeker
 from .settings import SERVO_KNOWLEDGE, SMALLEST
 from .trial import Findings, Motions, Stops
@@ -61,7 +60,7 @@ class UnifiedServo:
         """Seeks the rendezvous from the first observation on, until the trial ends."""
         reach = Reach(self, first, findings)
         yield from reach.begin()
-        while True:
+        while not reach.now.last:
             yield from reach.move(reach.words())
             while reach.filter.noise.needs_samples:
                 yield from reach.move(np.zeros_like(first.registers))
@@ -84,9 +83,6 @@ class Reach:
         findings: What to begin with.
     """
 
-    LEFT = 0.3
-    """A step that leaves more than this share of the distance needs a probe: tuned on wild worlds 3000 and
-    up; from 0.15 to 0.6 it hardly matters."""
     NOISES = 8.0
     """A probe is to move the images by this many times the noise at least. Derived: then a slope is known to
     a sixth (√2 / 8)."""
@@ -137,27 +133,20 @@ class Reach:
 
     def words(self) -> Array:
         """The next words (m,): a step, and a probe where the step would leave too much of the distance."""
-        here = self.points.at(self.now.registers)
-        words, left = self._step()
-        if left > max(
-            self.LEFT * np.linalg.norm(here.distance) / np.sqrt(2),
-            Gating.AGREE * np.sqrt(here.variances.mean()),
-        ):
-            words = self._with_probe(words, left, here)
+        here, stops = self.now.registers, self.stops
+        found = Seeker(self.points, here, stops.lowest, stops.highest, self._servo.caution).seek()
+        words = found.registers - here
+        if found.far:
+            words = self._with_probe(words, found.length)
         return self._within_images(words / max(1.0, float(np.abs(words).max())))
 
-    def _step(self) -> tuple[Array, float]:
-        """Words (m,) to where the least distance is expected, and how long it then is in an image."""
-        bounds = self.stops.lowest, self.stops.highest
-        found = Seeker(self.points, self.now.registers, *bounds, self._servo.caution).seek()
-        return found.registers - self.now.registers, float(np.sqrt(found.square / 2))
-
-    def _with_probe(self, words: Array, left: float, here: ExpectedPoints) -> Array:
+    def _with_probe(self, words: Array, left: float) -> Array:
         """A step (m,), and a probe in a way of which least is known.
 
         A probe is no longer in the images than the distance that is left, and the step is so short that its
         own errors do not hide what the probe does.
         """
+        here = self.points.at(self.now.registers)
         size = max(min(self._servo.probe_px * IMAGE_UNIT, left), self.NOISES * self._noise)
         unknown = here.slope_variances.mean(0)
         variances, ways = np.linalg.eigh(unknown)

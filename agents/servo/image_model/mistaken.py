@@ -23,7 +23,9 @@ def right_looks(function: SmoothFunction) -> Flags:
     """Which looks (n, 2), in each image, are not more likely mistaken than right."""
     seen = np.isfinite(function.looks.variances)
     right = np.ones_like(seen)
-    for image, known in enumerate(zip(*solved(function), strict=True)):
+    inverses, sums = solved(function)
+    for image in range(2):
+        known = inverses[image % len(inverses)], sums[image]
         right[_mistaken(*known, seen[:, image]), image] = False
     return right
 
@@ -81,7 +83,7 @@ def without_mistaken(function: SmoothFunction, before: SmoothFunction) -> Smooth
 
 
 def solved(function: SmoothFunction) -> tuple[Array, Array]:
-    """Inverse covariances (2, n, n) of what was seen, and their product with it (2, n, 2)."""
+    """Inverse covariances (p, n, n) of what was seen, and their product with it (2, n, 2)."""
     whitening, white = function.whitening[function.best], function.white[function.best]
     return whitening.swapaxes(1, 2) @ whitening, whitening.swapaxes(1, 2) @ white
 

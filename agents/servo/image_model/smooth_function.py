@@ -46,8 +46,8 @@ class SmoothFunction:
         motors: m; the first components of a place are registers.
         lengths: Over which points may be smooth, for each component of a place: hypotheses (h, d).
         evidence: For each of them (h,): the logarithm of its odds.
-        whitening: Inverses of the Cholesky factors of the covariances of what was seen (h, 2, n, n); zero
-            rows for what was not.
+        whitening: Inverses of the Cholesky factors of the covariances of what was seen (h, p, n, n); zero
+            rows for what was not. One for both images (p = 1) as long as each look was as good in both.
         white: What was seen, whitened by them (h, 2, n, 2).
         known_slopes: How many of them are slopes from before.
         earlier: How many of them are of earlier trials.
@@ -88,7 +88,7 @@ class SmoothFunction:
             motors=motors,
             lengths=np.tile(cls.LENGTHS[:, None], dimensions),
             evidence=-(np.log(cls.LENGTHS / cls.USUAL) ** 2) / (2 * cls.UNUSUAL**2),
-            whitening=np.empty((hypotheses, 2, 0, 0)),
+            whitening=np.empty((hypotheses, 1, 0, 0)),
             white=np.empty((hypotheses, 2, 0, 2)),
         )
 
@@ -103,7 +103,7 @@ class SmoothFunction:
         noises, errors = variances.T[: 1 if alike else 2], doubts.T[: 1 if alike else 2]
         covariances = (cls.SPREAD**2 + errors[:, :, None] * errors[:, None]) * near + cls.OFFSET**2
         factors = np.linalg.cholesky(covariances + noises[:, :, None] * np.eye(len(places)))
-        whitening = np.linalg.inv(factors)
+        whitening = inverse(factors)
         white = whitening @ points.swapaxes(0, 1)
         evidence = -2 * np.log(np.einsum("pii->pi", factors)).sum() * (2 if alike else 1)
         evidence -= np.square(white).sum() / 2
@@ -113,7 +113,7 @@ class SmoothFunction:
             motors=motors,
             lengths=lengths[None],
             evidence=np.array([evidence]),
-            whitening=np.broadcast_to(whitening, (2, *whitening.shape[1:]))[None],
+            whitening=whitening[None],
             white=white[None],
         )
 
@@ -154,7 +154,7 @@ class SmoothFunction:
         motors, unit = self.motors, np.eye(self.motors)
         steep = (self.SPREAD / self.lengths[:, 0, None, None, None]) ** 2
         factors = np.linalg.cholesky(covariances.mean(0) + unit * steep)
-        whitening = np.linalg.inv(factors).repeat(2, 1)
+        whitening = np.linalg.inv(factors)
         white = whitening @ slopes.swapaxes(1, 2)
         return replace(
             self,
@@ -182,26 +182,35 @@ class SmoothFunction:
             variances: Of a coordinate in each image (2,).
             seen: Which of them were seen (2,).
         """
-        variances = np.broadcast_to(variances, 2)
-        cross = self.whitening @ self._covariances(place)[:, None, :, None]
-        unexplained = self._most - np.square(cross).sum((2, 3))
-        deviations = np.sqrt(np.maximum(unexplained, 0.0) + variances)[..., None]
-        errors = (points - (cross * self.white).sum(2)) / deviations
+        variances = np.where(seen, variances, np.inf)
+        known = self.whitening if variances[0] == variances[1] else self._of_each_image
+        images, looks = known.shape[1:3]
+        cross = known @ self._covariances(place)[:, None, :, None]
+        unexplained = np.maximum(self._most - np.square(cross).sum((2, 3)), 0.0)
+        deviations = np.sqrt(unexplained + variances[:images])[..., None]
+        rows = cross.swapaxes(2, 3)
+        errors = (points - (rows @ self.white)[:, :, 0]) / deviations
         odds = -2 * np.log(deviations[..., 0]) - np.square(errors).sum(2) / 2
         evidence = self.evidence + np.where(seen, odds, 0.0).sum(1)
         kept = evidence > evidence.max() - self.HOPELESS
-        row = np.concatenate([-cross.swapaxes(2, 3) @ self.whitening, np.ones((*cross.shape[:2], 1, 1))], 3)
-        row = np.where(seen[:, None, None], row / deviations[..., None], 0.0)
-        grown = np.pad(self.whitening, ((0, 0), (0, 0), (0, 0), (0, 1)))
+        whitening = np.zeros((np.count_nonzero(kept), images, looks + 1, looks + 1))
+        whitening[..., :-1, :-1] = known if kept.all() else known[kept]
+        whitening[..., -1, :-1] = ((-rows @ known)[:, :, 0] / deviations)[kept]
+        whitening[..., -1, -1] = 1 / deviations[kept, :, 0]
         white = np.where(seen[:, None], errors, 0.0)[:, :, None]
         return replace(
             self,
-            looks=self.looks.plus(place, points, np.where(seen, variances, np.inf)),
+            looks=self.looks.plus(place, points, variances),
             lengths=self.lengths[kept],
             evidence=evidence[kept],
-            whitening=np.concatenate([grown, row], 2)[kept],
+            whitening=whitening,
             white=np.concatenate([self.white, white], 2)[kept],
         )
+
+    @property
+    def _of_each_image(self) -> Array:
+        """`whitening` with p = 2."""
+        return self.whitening.repeat(2 // self.whitening.shape[1], 1)
 
     def in_new_trial(self, shared: float) -> Self:
         """The same in a new trial, whose looks share an error of that variance."""
@@ -235,13 +244,16 @@ class SmoothFunction:
             first, moved = near[:before], towards[0]
             cross[:before] = first * moved
             steep[:before] = first[:, None] * (np.diag(1 / squares) - np.outer(moved, moved))
-        known, leaning = whitening @ cross, whitening @ steep
+        both = whitening @ np.concatenate([cross[:, None], steep], 1)
+        known, leaning = both[:, :, :1].swapaxes(1, 2), both[:, :, 1:]
+        unknown = np.diag(self.SPREAD**2 / squares) - leaning.swapaxes(1, 2) @ leaning
+        images = 2 // len(both)
         return Expected(
-            points=np.einsum("pn,pnc->pc", known, white),
-            variances=np.maximum(self._most - np.square(known).sum(1), 0.0),
+            points=(known @ white)[:, 0],
+            variances=np.maximum(self._most - np.square(known[:, 0]).sum(1), 0.0).repeat(images),
             slopes=white.swapaxes(1, 2) @ leaning,
-            slope_variances=np.diag(self.SPREAD**2 / squares) - leaning.swapaxes(1, 2) @ leaning,
-            variance_slopes=-2 * np.einsum("pn,pnm->pm", known, leaning),
+            slope_variances=unknown.repeat(images, 0),
+            variance_slopes=(-2 * known @ leaning)[:, 0].repeat(images, 0),
         )
 
     def at_all(self, places: Array) -> tuple[Array, Array, Array]:
@@ -256,9 +268,10 @@ class SmoothFunction:
         known = whitening @ (near + self.OFFSET**2).T
         sums = whitening.swapaxes(1, 2) @ white
         steep = -near[:, :, None] * (towards / lengths)[:, :, : self.motors]
+        variances = np.maximum(self.SPREAD**2 + self.OFFSET**2 - np.square(known).sum(1), 0.0).T
         return (
-            np.einsum("pnk,pnc->kpc", known, white),
-            np.maximum(self.SPREAD**2 + self.OFFSET**2 - np.square(known).sum(1), 0.0).T,
+            (known.swapaxes(1, 2) @ white).swapaxes(0, 1),
+            np.broadcast_to(variances, (len(places), 2)),
             np.einsum("pnc,knm->kpcm", sums, steep),
         )
 
@@ -276,3 +289,15 @@ class SmoothFunction:
             squares = self.lengths[:, : self.motors] ** 2
             cross[:, :known] = near[:, :known] * towards[0, : self.motors] / squares
         return cross
+
+
+def inverse(factors: Array) -> Array:
+    """Inverses of lower triangular matrices (..., n, n): by halves, as most of one is zeros or products."""
+    half = factors.shape[-1] // 2
+    if half < 16:
+        return np.linalg.inv(factors)
+    first, last = inverse(factors[..., :half, :half]), inverse(factors[..., half:, half:])
+    inverses = np.zeros_like(factors)
+    inverses[..., :half, :half], inverses[..., half:, half:] = first, last
+    inverses[..., half:, :half] = -last @ factors[..., half:, :half] @ first
+    return inverses

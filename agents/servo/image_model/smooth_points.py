@@ -108,6 +108,7 @@ class SmoothPoints:
     def _forget(self) -> None:
         """Knows nothing but slopes from before."""
         self.home = np.zeros((2, 2))
+        self._expected: dict[bytes, ExpectedPoints] = {}
         self.gripper = SmoothFunction.unknown(self.motors, self.motors)
         self.object = SmoothFunction.unknown(self.motors + 4, self.motors)
         if self._slopes is not None:
@@ -143,6 +144,7 @@ class SmoothPoints:
         self.jacobian = self.at(observation.registers).jacobian
 
     def _take_in(self, observation: Observation) -> None:
+        self._expected.clear()
         registers, points, seen = observation.registers, observation.points, observation.visible
         variance = (self.noise_px * IMAGE_UNIT) ** 2
         self.gripper = self.gripper.with_look(registers, points[GRIPPER], variance, seen[GRIPPER])
@@ -156,6 +158,7 @@ class SmoothPoints:
         if len(gripper.looks.places) == gripper.known_slopes:
             self.gripper = without_mistaken(self.gripper, gripper)
             self.object = without_mistaken(self.object, object_)
+            self._expected.clear()
 
     def look_anew(self, observation: Observation, noise_px: float) -> None:
         """As `look`, where the world has changed: forgets earlier looks; known slopes may still hold."""
@@ -190,7 +193,10 @@ class SmoothPoints:
 
     def at(self, registers: Array) -> ExpectedPoints:
         """What should be seen at registers (m,)."""
-        expected = self.object.at(self._place(registers))
-        return ExpectedPoints(
-            self.gripper.at(registers), expected._replace(points=expected.points + self.home)
-        )
+        key = registers.tobytes()
+        if key not in self._expected:
+            expected = self.object.at(self._place(registers))
+            self._expected[key] = ExpectedPoints(
+                self.gripper.at(registers), expected._replace(points=expected.points + self.home)
+            )
+        return self._expected[key]
