@@ -19,9 +19,9 @@ from ..servo.image_model.smooth_function import SmoothFunction
 class KeptLooks:
     """A smooth function that looks are added to.
 
-    Over what distances the point is smooth is chosen anew each time that their number has doubled. Where
-    there are too many, those that add least to the others are dropped (the paper asks for support points "in
-    an irregular pattern where they are actually needed", section 4.3).
+    Over what distances the point is smooth is chosen anew each time that twice as many have been seen. Looks
+    that add little to the others are dropped (the paper asks for support points "in an irregular pattern
+    where they are actually needed", section 4.3).
 
     Attributes:
         function: What was seen where.
@@ -36,12 +36,15 @@ class KeptLooks:
     """Distances are first chosen by this many looks. Choice."""
     SPARE = 30
     """This many more looks are kept before some are dropped (a guard: that takes time)."""
+    TOLD = float(__import__("os").environ.get("TOLD", 0.5))
+    """A look is dropped where the others tell to this share of its noise what it should be. Choice."""
 
     def __init__(self, dimensions: int, motors: int, most: int) -> None:
         self.function = SmoothFunction.unknown(dimensions, motors)
         self._unknown = self.function
         self._most = most
         self._settled = 0
+        self._seen, self._next_refit = 0, self.FIRST
 
     def __len__(self) -> int:
         return len(self.function.looks.places)
@@ -49,12 +52,12 @@ class KeptLooks:
     def add(self, places: Array, points: Array, variances: Array) -> None:
         """Takes in looks at places (n, d): points (n, 2, 2), and variances (n,), in image units."""
         self.function = self._with(places, points, variances)
-        if len(variances) and (self.function.looks.variances < variances[-1] / NOISIER).any():
+        self._seen += len(places)
+        noisier = len(places) and (self.function.looks.variances < variances[-1] / NOISIER).any()
+        if noisier or self._seen >= self._next_refit:
             self._refit()
-        elif len(self) > self._most + self.SPARE:
+        elif len(self) > self._settled + self.SPARE:
             self._drop()
-        elif len(self) >= max(2 * self._settled, self.FIRST):
-            self._refit()
 
     def _refit(self) -> None:
         """Chooses distances anew, where no look is less noisy than the latest; leaves out mistaken ones."""
@@ -67,7 +70,7 @@ class KeptLooks:
             other = self.function.of(looks.only(right), motors, lengths).refitted()
             if other.evidence[0] + np.count_nonzero(~right) * price() > self.function.evidence[0]:
                 self.function = other
-        self._settled = len(self)
+        self._settled, self._next_refit = len(self), 2 * self._seen
 
     def evidence(self, places: Array, points: Array, variances: Array) -> float:
         """The logarithm of how probable such looks are, given those before."""
@@ -106,9 +109,12 @@ class KeptLooks:
         """Drops, one after the other, the looks that add least to the others."""
         inverses, sums = solved(self.function)
         kept = np.ones(len(self), bool)
-        for _ in range(len(self) - self._most):
-            redundant = np.einsum("pii,ip->i", inverses, self.function.looks.variances)
-            index = int(np.where(kept, redundant, -np.inf).argmax())
+        while True:
+            noise_shares = self.function.looks.variances.T * np.einsum("pii->pi", inverses)
+            shares = np.where(kept, noise_shares.mean(0), 0.0)
+            index = int(shares.argmax())
+            if shares[index] < 1 / (1 + self.TOLD**2) and np.count_nonzero(kept) <= self._most:
+                break
             inverses, sums = without(index, inverses, sums)
             kept[index] = False
         self._keep(self.function.looks.only(kept))

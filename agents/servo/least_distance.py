@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +20,8 @@ ENOUGH = 0.99
 """It is found where a Gauss-Newton step leaves this share of the square (a guard)."""
 
 
+STARTS = 10
+"""Gauss-Newton steps begin at so many places besides the present one (a guard)."""
 LEFT = 0.3
 """A place that leaves more than this share of the distance leaves too much: tuned on wild worlds 3000 and up;
 from 0.15 to 0.6 it hardly matters."""
@@ -64,11 +68,32 @@ class Seeker:
         self._too_much = max(LEFT**2 * float(now.distance @ now.distance), float(certain))
 
     def seek(self) -> LeastDistance:
-        """From here; where that ends far off, also from where the gripper was seen nearest to the object."""
+        """From here; where that ends far off, also from where the gripper was seen nearest to the object.
+
+        As long as it is sure that too much is left, also from other such places, and from anywhere.
+        """
         found = self._from(self._here)
-        if found.far:
-            found = min(found, self._from(self._points.nearest(self._here)), key=lambda each: each.square)
+        for start in islice(self._starts(), STARTS):
+            if not found.far:
+                break
+            found = min(found, self._from(start), key=lambda each: (self._hopeless(each), each.square))
+            if not self._hopeless(found):
+                break
         return found
+
+    def _starts(self) -> Iterator[Array]:
+        """Registers (m,) to begin at."""
+        yield from self._points.places_near(self._here)
+        random = np.random.default_rng(len(self._points.gripper.looks.places))
+        while True:
+            yield random.uniform(self._lowest, self._highest)
+
+    def _hopeless(self, found: LeastDistance) -> bool:
+        """Whether it is sure that too much is left there."""
+        there = self._points.at(found.registers)
+        return found.far and bool(
+            there.distance @ there.distance > Gating.AGREE**2 * 2 * there.variances.sum()
+        )
 
     def _from(self, registers: Array) -> LeastDistance:
         there, square = self._expected(registers)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -117,7 +118,7 @@ class SmoothFunction:
             white=white[None],
         )
 
-    @property
+    @cached_property
     def best(self) -> int:
         """Which of the hypotheses explains best what was seen."""
         return int(self.evidence.argmax())
@@ -221,22 +222,18 @@ class SmoothFunction:
         """Variance of where a point may be, as long as nothing was seen."""
         return self.SPREAD**2 + self.OFFSET**2 + self.shared
 
-    @property
+    @cached_property
     def _everywhere(self) -> Array:
         """Covariances with looks (n,) of what is added everywhere."""
         return np.asarray(self.OFFSET**2 + self.shared * (np.arange(len(self.looks.places)) >= self.earlier))
 
     def at(self, place: Array) -> Expected:
         """What should be seen at a place (d,)."""
-        whitening, white, lengths = (
-            self.whitening[self.best],
-            self.white[self.best],
-            self.lengths[[self.best]],
-        )
+        whitening, white, lengths = self.whitening[self.best], self.white[self.best], self.lengths[self.best]
         motors = self.motors
-        (near,), towards = self._near(place, lengths)
-        squares = lengths[0, :motors] ** 2
-        towards = towards[:, :motors] / squares
+        near = self.SPREAD**2 * self.alike(place, self.looks.places)
+        squares = lengths[:motors] ** 2
+        towards = (place - self.looks.places)[:, :motors] / squares
         before = self.known_slopes
         cross = near + self._everywhere
         steep = -near[:, None] * towards
@@ -274,6 +271,11 @@ class SmoothFunction:
             np.broadcast_to(variances, (len(places), 2)),
             np.einsum("pnc,knm->kpcm", sums, steep),
         )
+
+    def alike(self, place: Array, places: Array) -> Array:
+        """How the point at a place (d,) correlates with it at others (k, d), but for what is added."""
+        towards = (places - place) / self.lengths[self.best]
+        return np.asarray(np.exp(np.einsum("kd,kd->k", towards, towards) / -2))
 
     def _near(self, place: Array, lengths: Array) -> tuple[Array, Array]:
         """Prior covariances (h, n) of a place (d,) and those looked at, and where from them it is (n, d)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -83,6 +84,9 @@ class SmoothPoints:
         motors: m.
         start: The Jacobian from before.
     """
+
+    ALIKE = 0.9
+    """Points at two places are alike where they correlate more. Choice."""
 
     def __init__(self, motors: int, start: Slopes | None = None) -> None:
         self.noise_px = MARKER_NOISE_PX
@@ -183,13 +187,18 @@ class SmoothPoints:
         expected = self.at(registers)
         return Slopes.of(expected.jacobian, registers, expected.slope_variances)
 
-    def nearest(self, registers: Array) -> Array:
-        """Registers (m,) where the gripper was seen nearest to where the object is seen from `registers`."""
-        known = self.gripper.known_slopes
-        if len(self.gripper.looks.places) == known:
-            return registers
-        apart = self.gripper.looks.points[known:] - self.at(registers).object.points
-        return self.gripper.looks.places[known + int(np.square(apart).sum((1, 2)).argmin())]
+    def places_near(self, registers: Array) -> Iterator[Array]:
+        """Registers (m,) where the gripper was seen, nearest first to where the object is from `registers`.
+
+        Of places that are alike, only the first.
+        """
+        gripper = self.gripper
+        places, points, _, _ = gripper.looks.only(slice(gripper.known_slopes, None))
+        apart = np.square(points - self.at(registers).object.points).sum((1, 2))
+        left = places[apart.argsort()]
+        while len(left):
+            yield left[0]
+            left = left[gripper.alike(left[0], left) < self.ALIKE]
 
     def at(self, registers: Array) -> ExpectedPoints:
         """What should be seen at registers (m,)."""
