@@ -36,7 +36,7 @@ class KeptLooks:
     """Distances are first chosen by this many looks. Choice."""
     SPARE = 30
     """This many more looks are kept before some are dropped (a guard: that takes time)."""
-    TOLD = float(__import__("os").environ.get("TOLD", 0.5))
+    TOLD = 0.5
     """A look is dropped where the others tell to this share of its noise what it should be. Choice."""
 
     def __init__(self, dimensions: int, motors: int, most: int) -> None:

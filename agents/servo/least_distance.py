@@ -34,11 +34,13 @@ class LeastDistance(NamedTuple):
         registers: There (m,).
         square: What is expected of both images together, in square image units, with what is unsure of it.
         far: Whether too much of the distance is left there.
+        hopeless: Whether that is sure.
     """
 
     registers: Array
     square: float
     far: bool
+    hopeless: bool
 
     @property
     def length(self) -> float:
@@ -76,8 +78,8 @@ class Seeker:
         for start in islice(self._starts(), STARTS):
             if not found.far:
                 break
-            found = min(found, self._from(start), key=lambda each: (self._hopeless(each), each.square))
-            if not self._hopeless(found):
+            found = min(found, self._from(start), key=lambda each: (each.hopeless, each.square))
+            if not found.hopeless:
                 break
         return found
 
@@ -87,13 +89,6 @@ class Seeker:
         random = np.random.default_rng(len(self._points.gripper.looks.places))
         while True:
             yield random.uniform(self._lowest, self._highest)
-
-    def _hopeless(self, found: LeastDistance) -> bool:
-        """Whether it is sure that too much is left there."""
-        there = self._points.at(found.registers)
-        return found.far and bool(
-            there.distance @ there.distance > Gating.AGREE**2 * 2 * there.variances.sum()
-        )
 
     def _from(self, registers: Array) -> LeastDistance:
         there, square = self._expected(registers)
@@ -110,7 +105,9 @@ class Seeker:
             registers, there, square = nearer, expected, less
             if enough:
                 break
-        return LeastDistance(registers, square, bool(square > self._too_much))
+        far = square > self._too_much
+        sure = there.distance @ there.distance > Gating.AGREE**2 * 2 * there.variances.sum()
+        return LeastDistance(registers, square, bool(far), bool(far and sure))
 
     def _expected(self, registers: Array) -> tuple[ExpectedPoints, float]:
         """What should be seen at registers (m,), and the square that counts."""

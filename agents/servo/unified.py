@@ -36,7 +36,9 @@ class UnifiedServo:
     Attributes:
         probe_px: How far a probe is to move the points in the images. Choice: as far as test motions of other
             servos.
-        caution: How much the variance of the image distance counts, beside the square of its mean. Choice.
+        caution: How much the variance of the image distance counts, beside the square of its mean, in a trial
+            that begins without looks of earlier ones. Choice: less than one, for what is unknown is learned
+            on the way.
         border: Motions are expected to keep every point within this part of the images. Choice: as in other
             servos.
     """
@@ -97,6 +99,7 @@ class Reach:
         self.filter = findings.filter
         self.stops = Stops(len(first.registers))
         self._servo = servo
+        self._caution = 1.0 if self.points.remembers else servo.caution
         self._trusted = findings.trusted
         self._all_seen_at = first.registers
         self._random = np.random.default_rng(0)
@@ -134,7 +137,7 @@ class Reach:
     def words(self) -> Array:
         """The next words (m,): a step, and a probe where the step would leave too much of the distance."""
         here, stops = self.now.registers, self.stops
-        found = Seeker(self.points, here, stops.lowest, stops.highest, self._servo.caution).seek()
+        found = Seeker(self.points, here, stops.lowest, stops.highest, self._caution).seek()
         words = found.registers - here
         if found.far:
             words = self._with_probe(words, found.length)

@@ -297,7 +297,7 @@ def inverse(factors: Array) -> Array:
     """Inverses of lower triangular matrices (..., n, n): by halves, as most of one is zeros or products."""
     half = factors.shape[-1] // 2
     if half < 16:
-        return np.linalg.inv(factors)
+        return np.asarray(np.linalg.inv(factors))
     first, last = inverse(factors[..., :half, :half]), inverse(factors[..., half:, half:])
     inverses = np.zeros_like(factors)
     inverses[..., :half, :half], inverses[..., half:, half:] = first, last

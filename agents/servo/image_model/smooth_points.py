@@ -78,6 +78,7 @@ class SmoothPoints:
         object: How far the object is seen from where it is at home, over registers and that home view.
         home: Where the object is seen from home (2, 2), in image units; zero until it was looked at.
         noise_px: Standard deviation of an image coordinate.
+        remembers: Whether it knows what was seen in earlier trials.
         jacobian: Of gripper and object points (8, m) where they were looked at last.
 
     Args:
@@ -92,6 +93,7 @@ class SmoothPoints:
         self.noise_px = MARKER_NOISE_PX
         self.motors = motors
         self._slopes = start
+        self.remembers = False
         self._began: Array | None = None
         self._forget()
         self.jacobian = np.zeros((2 * POINTS, motors)) if start is None else start.jacobian
@@ -102,7 +104,7 @@ class SmoothPoints:
     ) -> SmoothPoints:
         """With all that is remembered of earlier trials, of an object seen at `home` (2, 2), noisily."""
         points = cls(gripper.motors)
-        points.gripper, points.home = gripper, home
+        points.gripper, points.home, points.remembers = gripper, home, True
         points.object = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
         points._began = np.zeros(gripper.motors)
         points._before = points.gripper, points.object
