@@ -100,6 +100,8 @@ class AdaptiveMemory:
     REFIT_TRIALS = 5
     """In each of the first 5 trials after a change the explanation is fitted again, later in every fifth. A
     choice between time and accuracy."""
+    SELDOM = 1000.0
+    """Beforehand the world changes once in so many trials. Choice."""
     DRIFT_TRIALS = 12
     """Trials by which a drift is followed. Tuned (wild worlds 3000-)."""
 
@@ -162,13 +164,23 @@ class AdaptiveMemory:
         announced = self._announced if len(self.known.gripper) else NO_CAMERA
         self._announced = NO_CAMERA
         finding = self.detector.examine(pairs, self.known, announced)
-        if finding.verdict is Verdict.CHANGED:
+        if finding.verdict is Verdict.CHANGED and (announced.any() or not self._was_only_wrong(finding)):
             self._meet_jump(finding)
         elif finding.verdict is Verdict.UNCHANGED:
             self._go_on(finding.pairs)
 
+    def _was_only_wrong(self, found: Finding) -> bool:
+        """Whether nothing has changed, but points are less smooth than was thought: learns that."""
+        relearned = self.known.copy()
+        unchanged = relearned.learn_anew(found.pairs) + np.log(self.SELDOM)
+        if unchanged <= explain_jump(self.known, found.pairs, found.cameras, True).odds(found.pairs):
+            return False
+        self.known = relearned
+        return True
+
     def _meet_jump(self, found: Finding) -> None:
         """Sets aside what was known, and recalls, discards or maps it."""
+        self.detector.begin_anew(found.pairs)
         before = self.known.copy()
         archived = self._recalled(found.pairs.sensors[0])
         self.archive.add(before.arrays(), found.home_before)

@@ -117,13 +117,14 @@ class ChangeDetector:
         return Finding(Verdict.UNCHANGED, pairs)
 
     def _changed(self, pairs: Pairs, cameras: Cameras) -> Finding:
-        """The world has changed: from now on only what was seen since counts."""
         trials = int(pairs.trials[-1] - pairs.trials[0]) + 1
-        finding = Finding(Verdict.CHANGED, pairs, cameras, self.home.before(trials))
-        self.home.keep(trials)
         self.suspects = Pairs.none(pairs.registers.shape[1])
+        return Finding(Verdict.CHANGED, pairs, cameras, self.home.before(trials))
+
+    def begin_anew(self, since: Pairs) -> None:
+        """The world has changed: from now on only what was seen since counts."""
+        self.home.keep(int(since.trials[-1] - since.trials[0]) + 1)
         self.usual_scores = np.empty((0, 2))
-        return finding
 
     def _home_jump(self, pairs: Pairs, known: Remembered) -> tuple[Pairs, Cameras]:
         """In which cameras home is seen elsewhere, and so is most of the rest, or home was so once before.

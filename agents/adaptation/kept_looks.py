@@ -19,9 +19,9 @@ from ..servo.image_model.smooth_function import SmoothFunction
 class KeptLooks:
     """A smooth function that looks are added to.
 
-    Over what distances the point is smooth is chosen anew each time that twice as many have been seen. Looks
-    that add little to the others are dropped (the paper asks for support points "in an irregular pattern
-    where they are actually needed", section 4.3).
+    Over what distances the point is smooth is chosen anew as more is seen. Looks that add little to the
+    others are dropped (the paper asks for support points "in an irregular pattern where they are actually
+    needed", section 4.3).
 
     Attributes:
         function: What was seen where.
@@ -34,6 +34,8 @@ class KeptLooks:
 
     FIRST = 8
     """Distances are first chosen by this many looks. Choice."""
+    MORE = 1.4
+    """They are chosen anew each time that so many times as many looks were seen. Choice: that takes time."""
     SPARE = 30
     """This many more looks are kept before some are dropped (a guard: that takes time)."""
     TOLD = 0.5
@@ -44,7 +46,7 @@ class KeptLooks:
         self._unknown = self.function
         self._most = most
         self._settled = 0
-        self._seen, self._next_refit = 0, self.FIRST
+        self._seen, self._next_refit = 0, float(self.FIRST)
 
     def __len__(self) -> int:
         return len(self.function.looks.places)
@@ -54,10 +56,19 @@ class KeptLooks:
         self.function = self._with(places, points, variances)
         self._seen += len(places)
         noisier = len(places) and (self.function.looks.variances < variances[-1] / NOISIER).any()
-        if noisier or self._seen >= self._next_refit:
+        refit = noisier or self._seen >= self._next_refit
+        if refit:
             self._refit()
-        elif len(self) > self._settled + self.SPARE:
+        if refit or len(self) > self._settled + self.SPARE:
             self._drop()
+
+    def add_and_refit(self, places: Array, points: Array, variances: Array) -> float:
+        """As `add`, and chooses distances anew; how probable these looks were then, as a logarithm."""
+        before, count = self.function.evidence.max(), len(self) + len(places)
+        self.function = self._with(places, points, variances)
+        self._seen += len(places)
+        self._refit()
+        return float(self.function.evidence.max() - before + (count - len(self)) * price())
 
     def _refit(self) -> None:
         """Chooses distances anew, where no look is less noisy than the latest; leaves out mistaken ones."""
@@ -70,7 +81,7 @@ class KeptLooks:
             other = self.function.of(looks.only(right), motors, lengths).refitted()
             if other.evidence[0] + np.count_nonzero(~right) * price() > self.function.evidence[0]:
                 self.function = other
-        self._settled, self._next_refit = len(self), 2 * self._seen
+        self._settled, self._next_refit = len(self), self.MORE * self._seen
 
     def evidence(self, places: Array, points: Array, variances: Array) -> float:
         """The logarithm of how probable such looks are, given those before."""
@@ -123,7 +134,8 @@ class KeptLooks:
         """All looks, and what was chosen by them, as named arrays."""
         function = self.function
         lengths = function.lengths if self._settled else np.empty((0, function.lengths.shape[1]))
-        return function.looks._asdict() | {"lengths": lengths, "settled": np.array([self._settled])}
+        counts = np.array([self._settled, self._seen, self._next_refit])
+        return function.looks._asdict() | {"lengths": lengths, "counts": counts}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Takes over what `arrays` returned; raises ValueError where it does not fit."""
@@ -133,10 +145,12 @@ class KeptLooks:
         noise = (checked_array(arrays, name, (len(places), 2)) for name in ("variances", "doubts"))
         looks = Looks(places, points, *noise)
         lengths = checked_array(arrays, "lengths", (None, dimensions))
-        settled = int(checked_array(arrays, "settled", (1,))[0])
+        settled, seen, next_refit = checked_array(arrays, "counts", (3,))
+        settled = int(settled)
         function = self._unknown
         if settled:
             function = function.of(looks.only(slice(settled)), function.motors, lengths[0])
         for place, point, variances, _ in zip(*looks.only(slice(settled, None)), strict=True):
             function = function.with_look(place, point, variances, np.ones(2, bool))
         self.function, self._settled = function, settled
+        self._seen, self._next_refit = int(seen), float(next_refit)

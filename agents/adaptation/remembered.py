@@ -67,6 +67,16 @@ class Remembered:
         self.gripper.add(*self._gripper_looks(pairs))
         self.object.add(*self._object_looks(pairs))
 
+    def learn_anew(self, pairs: Pairs) -> float:
+        """As `learn`, where points may be less smooth than they were thought to be.
+
+        Returns:
+            The logarithm of how probable pairs are, given what was known before.
+        """
+        return self.gripper.add_and_refit(*self._gripper_looks(pairs)) + self.object.add_and_refit(
+            *self._object_looks(pairs)
+        )
+
     def _gripper_looks(self, pairs: Pairs) -> tuple[Array, Array, Array]:
         """Places (n, m), points (n, 2, 2) and variances (n,)."""
         noise = np.square(pairs.noise_px * IMAGE_UNIT)

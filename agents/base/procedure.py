@@ -147,7 +147,8 @@ class ProcedureAgent(Agent):
             self.learn_motion(trial.findings, before, now)
             over = bool(terminated or truncated)
             if over:
-                trial.go_on(replace(now, last=True))
+                now = replace(now, last=True)
+                trial.go_on(now)
                 self.learn_trial(trial.findings, now, bool(terminated))
             go_on = callback is None or callback(self)
             if over or not go_on or self.num_timesteps >= target:

@@ -50,10 +50,13 @@ def test_a_turned_and_zoomed_camera_is_fitted_from_a_dozen_points(roll, tilt, pa
     [("rolled", {"roll": 0.5}), ("zoomed", {"zoom": 0.85}), ("re-aimed", {"tilt": 0.1, "pan": -0.1})],
 )
 def test_what_was_done_to_a_camera_is_called_by_its_name(kind, motion):
-    seen = view(PLACES) + NOISE
-    seen[:, :2] = turned(seen[:, :2], **motion)
-    change = fit_camera(KNOWLEDGE.gripper.function, 0, seen_at(PLACES, seen))
-    assert change.kind == kind
+    """In nine of ten draws of the noise."""
+    rng, kinds = np.random.default_rng(5), []
+    for _ in range(30):
+        seen = view(PLACES) + rng.normal(0, 0.5 * IMAGE_UNIT, (12, 4))
+        seen[:, :2] = turned(seen[:, :2], **motion)
+        kinds.append(fit_camera(KNOWLEDGE.gripper.function, 0, seen_at(PLACES, seen)).kind)
+    assert kinds.count(kind) >= 27
 
 
 def test_two_mistaken_points_hardly_change_the_fit():

@@ -56,7 +56,7 @@ def test_many_places_at_once_are_the_same_and_slopes_are_derivatives():
         np.testing.assert_allclose(points[i], expected.points, atol=1e-9)
         np.testing.assert_allclose(variances[i], expected.variances, atol=1e-9)
         np.testing.assert_allclose(slopes[i], expected.slopes, atol=1e-9)
-        derivative = approx_fprime(place, lambda x: function.at(x).points.ravel(), 1e-6)
+        derivative = approx_fprime(place, lambda x: function.at(x).points.ravel(), 1e-5)
         np.testing.assert_allclose(slopes[i].reshape(4, 3), derivative, atol=1e-4)
 
 
@@ -87,7 +87,7 @@ def test_mistaken_looks_are_left_out():
     remembered.learn(seen_at(registers, sensors))
     kept = (registers[:, None] == remembered.gripper.function.looks.places).all(2).any(1)
     assert not kept[::9].any()
-    assert kept.sum() >= 53
+    assert kept.sum() >= 40
     off = np.abs(remembered.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES))
     assert np.median(off) < 2 * IMAGE_UNIT
 
@@ -99,11 +99,22 @@ def test_noise_that_is_found_out_late_holds_for_earlier_looks():
 
 
 def test_it_keeps_what_adds_most_and_no_more_than_its_bound():
-    few = taught(200, looks=60)
-    assert 60 <= len(few.gripper) <= 60 + KeptLooks.SPARE
+    few = taught(200, looks=40)
+    assert 30 <= len(few.gripper) <= 40 + KeptLooks.SPARE
     off = np.abs(few.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES)).max(1) / IMAGE_UNIT
     assert np.median(off) < 1.5
     assert (np.ptp(few.gripper.function.looks.places, axis=0) > 1.2).all()
+
+
+def test_it_drops_what_the_others_tell_and_stays_as_good():
+    rng = np.random.default_rng(7)
+    remembered = Remembered(3)
+    for _ in range(60):
+        registers = rng.uniform(-0.7, 0.7, (10, 3))
+        remembered.learn(seen_at(registers, view(registers) + rng.normal(0, 0.5 * IMAGE_UNIT, (10, 4))))
+    assert len(remembered.gripper) < 200
+    off = remembered.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES)
+    assert np.sqrt(np.square(off).mean()) < 0.5 * IMAGE_UNIT
 
 
 def test_a_saved_one_goes_on_bit_for_bit_alike():

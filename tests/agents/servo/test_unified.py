@@ -52,13 +52,16 @@ def test_a_motor_that_moves_nothing_costs_nothing():
     assert np.median(idle) <= np.median(plain) + 2
 
 
-def test_with_slopes_from_before_one_motion_does():
-    for seed in range(5):
+def test_with_slopes_from_before_one_or_two_motions_do():
+    made = []
+    for seed in range(12):
         arm = arm_of(6, np.random.default_rng(seed), goal=0.1)
         _, _, findings = lived(arm, 20)
         arm.registers = np.zeros(6)
         arm.home[2:] = (arm.jacobian[:4] @ np.random.default_rng(9).uniform(-0.1, 0.1, 6)).reshape(2, 2)
-        assert motions_to(lived(arm, 10, findings.estimator.slopes_for_next())[1], 4.0) <= 3
+        made.append(motions_to(lived(arm, 10, findings.estimator.slopes_for_next())[1], 4.0))
+    assert min(made) > 0
+    assert np.median(made) <= 2
 
 
 def test_among_words_that_do_it_takes_small_ones():
