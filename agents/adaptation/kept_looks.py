@@ -35,7 +35,7 @@ class KeptLooks:
     FIRST = 8
     """Distances are first chosen by this many looks. Choice."""
     MORE = 1.4
-    """They are chosen anew each time that so many times as many looks were seen. Choice: that takes time."""
+    """They are chosen anew each time that this times as many looks were seen (a guard: it takes time)."""
     SPARE = 30
     """This many more looks are kept before some are dropped (a guard: that takes time)."""
     TOLD = 0.5

@@ -31,13 +31,11 @@ def distance_jacobian(points_jacobian: Array) -> Array:
 
 
 class JacobianEstimate(Protocol):
-    """What a servo has found out of the Jacobian in a trial.
+    """What a servo has found out of the Jacobian in a trial."""
 
-    Attributes:
-        jacobian: Gripper and object points by words (8, m), in image units; zero where nothing is known.
-    """
-
-    jacobian: Array
+    @property
+    def jacobian(self) -> Array:
+        """Gripper and object points by words (8, m), in image units; zero where nothing is known."""
 
     def slopes_for_next(self) -> Slopes | None:
         """What the next trial begins with; None where nothing lasts."""

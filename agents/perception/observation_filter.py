@@ -9,6 +9,7 @@ noisy, how gappy and how late they are; no setting says so.
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -71,7 +72,7 @@ class ObservationFilter:
     def for_next_trial(self) -> ObservationFilter:
         """One that knows what lasts."""
         other = ObservationFilter()
-        other.restore(self.arrays())
+        other.noise, other.gating.counts, other.home = copy(self.noise), self.gating.counts, self.home
         return other
 
     def arrays(self) -> dict[str, NDArray[Any]]:

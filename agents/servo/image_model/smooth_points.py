@@ -79,7 +79,6 @@ class SmoothPoints:
         home: Where the object is seen from home (2, 2), in image units; zero until it was looked at.
         noise_px: Standard deviation of an image coordinate.
         remembers: Whether it knows what was seen in earlier trials.
-        jacobian: Of gripper and object points (8, m) where they were looked at last.
 
     Args:
         motors: m.
@@ -87,7 +86,7 @@ class SmoothPoints:
     """
 
     ALIKE = 0.9
-    """Points at two places are alike where they correlate more. Choice."""
+    """Points at two places are alike where they correlate more (a guard: it saves time)."""
 
     def __init__(self, motors: int, start: Slopes | None = None) -> None:
         self.noise_px = MARKER_NOISE_PX
@@ -96,7 +95,6 @@ class SmoothPoints:
         self.remembers = False
         self._began: Array | None = None
         self._forget()
-        self.jacobian = np.zeros((2 * POINTS, motors)) if start is None else start.jacobian
 
     @classmethod
     def remembered(
@@ -108,8 +106,14 @@ class SmoothPoints:
         points.object = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
         points._began = np.zeros(gripper.motors)
         points._before = points.gripper, points.object
-        points.jacobian = points.at(np.zeros(gripper.motors)).jacobian
         return points
+
+    @property
+    def jacobian(self) -> Array:
+        """Of gripper and object points (8, m) where they were looked at last; zero before the first look."""
+        if self._seen:
+            return self.at(self._seen[-1].registers).jacobian
+        return np.zeros((2 * POINTS, self.motors)) if self._slopes is None else self._slopes.jacobian
 
     def _forget(self) -> None:
         """Knows nothing but slopes from before."""
@@ -147,7 +151,6 @@ class SmoothPoints:
                 self._take_in(each)
         else:
             self._take_in(observation)
-        self.jacobian = self.at(observation.registers).jacobian
 
     def _take_in(self, observation: Observation) -> None:
         self._expected.clear()
