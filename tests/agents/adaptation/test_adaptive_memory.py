@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 import agents
-from agents.adaptation.adaptive_memory import Jump
+from agents.adaptation.adaptive_memory import AdaptiveMemory, Jump
+from agents.adaptation.detector import Finding, Verdict
+from agents.base.observation import Observation
+from calfree_gym.perturbations import CameraAim
+from tests.agents.adaptation.gripper_views import known, trial, wild
 
 
 @pytest.fixture
@@ -91,3 +95,27 @@ def test_a_change_announced_before_anything_is_known_changes_nothing(make_env):
 def test_another_reaction_to_change_is_refused(make_env):
     with pytest.raises(ValueError, match="on_change is 'forget'; allowed: recognise, map, discard, keep"):
         agents.make("memory", make_env(), on_change="forget")
+
+
+@pytest.mark.parametrize(
+    ("perturbation", "events"), [(None, []), (CameraAim(camera="left", degrees=8), ["map"])]
+)
+def test_where_nothing_has_changed_what_is_seen_explains_it_better(monkeypatch, perturbation, events):
+    """Whatever the detector says: it judges by errors, and those may come from the wrong smoothness."""
+    world = wild(4112)
+    memory = AdaptiveMemory(known(world))
+    if perturbation:
+        world = perturbation.apply(world, np.random.default_rng(0))
+    seen = trial(world, 30)
+    changed = Finding(Verdict.CHANGED, seen, np.array([True, False]), seen.sensors[0])
+    memory.detector.home.add(seen.sensors[0], 0.5)
+    monkeypatch.setattr(memory.detector, "examine", lambda *_: changed)
+    looks = len(memory.known.gripper)
+    shown = np.concatenate([seen.sensors, seen.objects], 1).reshape(-1, 4, 2)
+    memory.learn(
+        [Observation(*each) for each in zip(shown, np.isfinite(shown).all(2), seen.registers, strict=True)],
+        seen.homes[0],
+        0.5,
+    )
+    assert [event.action for event in memory.events] == events
+    assert len(memory.known.gripper) > looks

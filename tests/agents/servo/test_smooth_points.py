@@ -5,7 +5,7 @@ import pytest
 
 from agents.base.observation import Observation
 from agents.jacobian import Slopes
-from agents.servo.image_model.smooth_function import SmoothFunction
+from agents.servo.image_model.smooth_function import SmoothFunction, inverse
 from agents.servo.image_model.smooth_points import SmoothPoints
 from calfree_gym.image import IMAGE_UNIT
 
@@ -204,3 +204,11 @@ def test_noise_that_is_found_out_late_holds_for_earlier_looks(rng):
     new = np.zeros(MOTORS)
     np.testing.assert_allclose(late.at(new).points, always.at(new).points)
     np.testing.assert_allclose(late.at(new).variances, always.at(new).variances)
+
+
+@pytest.mark.parametrize("size", [1, 31, 32, 33, 150])
+def test_lower_triangular_matrices_are_inverted(size, rng):
+    factors = np.tril(rng.normal(size=(3, size, size)) / np.sqrt(size)) + 2 * np.eye(size)
+    inverses = inverse(factors)
+    np.testing.assert_allclose(inverses @ factors, np.tile(np.eye(size), (3, 1, 1)), atol=1e-10)
+    assert not np.triu(inverses, 1).any()

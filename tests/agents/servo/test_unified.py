@@ -1,5 +1,7 @@
 """The unified servo in linear worlds, of as many motors as one likes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -74,6 +76,16 @@ def test_among_words_that_do_it_takes_small_ones():
         shortest = np.linalg.norm(np.linalg.pinv(arm.jacobian[:4]) @ (arm.home[2:].reshape(4)))
         lengths.append(np.linalg.norm(arm.registers) / shortest)
     assert np.median(lengths) < 3
+
+
+def test_it_takes_in_the_last_observation_and_then_asks_for_no_words():
+    arm, servo = arm_of(3, np.random.default_rng(0)), UnifiedServo()
+    findings = Findings(servo.new_estimator(3, None))
+    running = servo(arm.observed(), findings)
+    last = replace(arm.observed(next(running)), last=True)
+    with pytest.raises(StopIteration):
+        running.send(last)
+    np.testing.assert_array_equal(findings.estimator.gripper.looks.places[-1], last.registers)
 
 
 def test_words_stay_within_bounds_and_stops_are_learned():

@@ -1,0 +1,71 @@
+"""Where gripper and object are expected to meet, in views whose every rendezvous is known."""
+
+import numpy as np
+import pytest
+
+from agents.base.observation import Observation
+from agents.servo.image_model.smooth_points import SmoothPoints
+from agents.servo.least_distance import Seeker
+
+FREE = np.ones(2)
+GRID = np.array([[a, b] for a in np.linspace(-0.8, 1, 10) for b in np.linspace(-0.8, 0.8, 5)])
+
+
+def looked(gripper, target, at):
+    """What is known after looks at registers (n, 2): of a gripper's view, and an object at `target` (4,)."""
+    points, objects = SmoothPoints(2), np.reshape(target, (2, 2))
+    for registers in at:
+        seen = np.concatenate([np.reshape(gripper(registers), (2, 2)), objects])
+        points.look(Observation(seen, np.ones(4, bool), registers), 0.5)
+    return points
+
+
+def folded(registers):
+    """A view (4,) that two postures share: registers a and 0.6 - a."""
+    a, b = registers
+    return np.array([(a - 0.3) ** 2, b, (a - 0.3) ** 2 + b, 0.5 * b])
+
+
+def summed(registers):
+    """A view (4,) that does not tell one motor from the other."""
+    a, b = registers
+    return np.array([a + b, 0.5 * (a + b), a + b, 0.0])
+
+
+def test_among_equals_it_finds_the_nearest():
+    points = looked(folded, folded((-0.2, 0.3)), GRID)
+    for start, there in (([-0.1, 0], -0.2), ([0.6, 0], 0.8)):
+        found = Seeker(points, np.array(start), -FREE, FREE, caution=0.1).seek()
+        np.testing.assert_allclose(found.registers, [there, 0.3], atol=0.01)
+        assert not found.far
+
+
+@pytest.mark.parametrize("start", [-0.05, 0.1])
+def test_where_a_stop_is_in_the_way_it_finds_the_other_posture(start):
+    """From where it begins, each step leads to the stop; the other posture has been seen."""
+    points = looked(folded, folded((-0.2, 0.3)), GRID)
+    found = Seeker(points, np.array([start, 0.3]), np.array([-0.1, -1]), FREE, caution=0.1).seek()
+    np.testing.assert_allclose(found.registers, [0.8, 0.3], atol=0.01)
+
+
+def test_where_no_posture_does_it_says_that_this_is_hopeless():
+    points = looked(folded, folded((-0.2, 0.3)), GRID)
+    stops = np.array([-0.1, -1]), np.array([0.7, 1])
+    found = Seeker(points, np.array([0.1, 0.3]), *stops, caution=0.1).seek()
+    assert found.far
+    assert found.hopeless
+
+
+def test_what_is_unknown_is_no_worse_than_a_place_known_not_to_do():
+    """The other posture was never seen; it goes where it does not know better, though it expects less."""
+    points = looked(folded, folded((-0.15, 0.3)), GRID[GRID[:, 0] < 0.05])
+    found = Seeker(points, np.array([0.0, 0.3]), np.array([-0.1, -1]), FREE, caution=0.1).seek()
+    assert not found.hopeless
+    assert found.registers[0] > 0.3
+
+
+def test_the_more_cautious_stays_nearer_to_what_it_has_seen():
+    seen = [[a, 0.0] for a in np.linspace(-0.7, 0.7, 8)] + [[0.0, 0.1], [0.0, -0.1]]
+    points = looked(summed, summed((0.6, 0.0)), seen)
+    bold, cautious = (Seeker(points, np.zeros(2), -FREE, FREE, each).seek() for each in (0.01, 1.0))
+    assert abs(cautious.registers[1]) < 0.5 * abs(bold.registers[1])
