@@ -53,8 +53,7 @@ class KeptLooks:
 
     def add(self, places: Array, points: Array, variances: Array) -> None:
         """Takes in looks at places (n, d): points (n, 2, 2), and variances (n,), in image units."""
-        self.function = self._with(places, points, variances)
-        self._seen += len(places)
+        self._take_in(places, points, variances)
         noisier = len(places) and (self.function.looks.variances < variances[-1] / NOISIER).any()
         refit = noisier or self._seen >= self._next_refit
         if refit:
@@ -65,10 +64,13 @@ class KeptLooks:
     def add_and_refit(self, places: Array, points: Array, variances: Array) -> float:
         """As `add`, and chooses distances anew; how probable these looks were then, as a logarithm."""
         before, count = self.function.evidence.max(), len(self) + len(places)
-        self.function = self._with(places, points, variances)
-        self._seen += len(places)
+        self._take_in(places, points, variances)
         self._refit()
         return float(self.function.evidence.max() - before + (count - len(self)) * price())
+
+    def _take_in(self, places: Array, points: Array, variances: Array) -> None:
+        self.function = self._with(places, points, variances)
+        self._seen += len(places)
 
     def _refit(self) -> None:
         """Chooses distances anew, where no look is less noisy than the latest; leaves out mistaken ones."""

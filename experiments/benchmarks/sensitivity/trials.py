@@ -37,7 +37,7 @@ LATE = [
 
 @dataclass(frozen=True)
 class Sizes:
-    """How many trials are made by each variation in each world, on each mount.
+    """How many trials are made by each variation in each world.
 
     Attributes:
         first: First trials, each by a fresh agent.
