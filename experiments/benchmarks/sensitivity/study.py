@@ -42,7 +42,7 @@ def tables(worlds: int = 20, sizes: Sizes | None = None, only: Collection[str] =
         "Each constant of unified_servo and memory, halved and doubled",
         readable(sensitivity(worlds, sizes, only)),
         {},
-        f"Wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, on stand and waist by turns, kinematic; in each "
+        f"Wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, by turns on stand and waist, kinematic; each "
         f"{sizes.first} first and {sizes.later} later trials, {sizes.trouble} in each kind of trouble, a "
         f"lifetime of {sizes.lifetime} trials; paired 95 % t intervals over worlds.{short}",
     )
