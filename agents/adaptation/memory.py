@@ -77,7 +77,7 @@ class Memory(ServoAgent):
     def _points(self, home: Observation, noise_px: float) -> SmoothPoints | None:
         """What is known of the points, of an object and in a world as they are seen at home."""
         known = self.adaptation.known_for(home.gripper)
-        return known.points(home.object, noise_px) if known and len(known.gripper) else None
+        return known.points(home.object, noise_px, self.slopes) if known and len(known.gripper) else None
 
     def _recall(self, points: SmoothPoints) -> tuple[Array, float]:
         """Registers (m,) where the least distance is expected, and how long it is there, in pixels."""

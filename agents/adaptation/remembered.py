@@ -20,6 +20,7 @@ from ..base.checks import check_number
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.storage import prefixed, under
+from ..jacobian import Slopes
 from ..servo.image_model.smooth_points import SmoothPoints
 from .arm_change import ArmChange
 from .camera_change import CameraChange
@@ -57,10 +58,13 @@ class Remembered:
     def __repr__(self) -> str:
         return f"Remembered(looks={self.looks})"
 
-    def points(self, home: Array, noise_px: float) -> SmoothPoints:
-        """What is known of gripper and object points, of an object seen from home at `home` (4,), noisily."""
+    def points(self, home: Array, noise_px: float, start: Slopes | None = None) -> SmoothPoints:
+        """What is known of gripper and object points, of an object seen from home at `home` (4,), noisily.
+
+        `start` is the Jacobian as it usually is.
+        """
         functions = self.gripper.function, self.object.function
-        return SmoothPoints.remembered(*functions, home.reshape(2, 2), noise_px)
+        return SmoothPoints.remembered(*functions, home.reshape(2, 2), noise_px, start)
 
     def learn(self, pairs: Pairs) -> None:
         """Takes in what was seen."""

@@ -141,8 +141,8 @@ class SmoothFunction:
 
     @property
     def slopes_hold(self) -> bool:
-        """Whether slopes from before explain best what was seen."""
-        return bool(self.whitening[self.best, :, : self.known_slopes].any())
+        """Whether slopes from before explain best what was seen; also where none are among it."""
+        return not self.known_slopes or bool(self.whitening[self.best, :, : self.known_slopes].any())
 
     def with_slopes(self, slopes: Array, covariances: Array, place: Array) -> Self:
         """The same, where slopes at one place are known from before, unless they no longer hold.

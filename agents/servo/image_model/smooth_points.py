@@ -98,10 +98,19 @@ class SmoothPoints:
 
     @classmethod
     def remembered(
-        cls, gripper: SmoothFunction, object_: SmoothFunction, home: Array, noise_px: float
+        cls,
+        gripper: SmoothFunction,
+        object_: SmoothFunction,
+        home: Array,
+        noise_px: float,
+        start: Slopes | None = None,
     ) -> SmoothPoints:
-        """With all that is remembered of earlier trials, of an object seen at `home` (2, 2), noisily."""
+        """With all that is remembered of earlier trials, of an object seen at `home` (2, 2), noisily.
+
+        What it tells of the Jacobian corrects `start`; it does not begin with that.
+        """
         points = cls(gripper.motors)
+        points._slopes = start
         points.gripper, points.home, points.remembers = gripper, home, True
         points.object = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
         points._began = np.zeros(gripper.motors)
