@@ -117,13 +117,12 @@ class ChangeDetector:
         return Finding(Verdict.UNCHANGED, pairs)
 
     def _changed(self, pairs: Pairs, cameras: Cameras) -> Finding:
-        trials = int(pairs.trials[-1] - pairs.trials[0]) + 1
         self.suspects = Pairs.none(pairs.registers.shape[1])
-        return Finding(Verdict.CHANGED, pairs, cameras, self.home.before(trials))
+        return Finding(Verdict.CHANGED, pairs, cameras, self.home.before(pairs.span))
 
     def begin_anew(self, since: Pairs) -> None:
         """The world has changed: from now on only what was seen since counts."""
-        self.home.keep(int(since.trials[-1] - since.trials[0]) + 1)
+        self.home.keep(since.span)
         self.usual_scores = np.empty((0, 2))
 
     def _home_jump(self, pairs: Pairs, known: Remembered) -> tuple[Pairs, Cameras]:

@@ -93,6 +93,11 @@ class Pairs:
         """Which of them (n,) show the object in both images."""
         return np.asarray(np.isfinite(self.objects).all(1))
 
+    @property
+    def span(self) -> int:
+        """How many trials they span."""
+        return int(self.trials[-1] - self.trials[0]) + 1
+
     def only(self, chosen: NDArray[np.bool_]) -> Pairs:
         """Those that are chosen (n,)."""
         return Pairs(*(array[chosen] for array in self.arrays().values()))

@@ -277,15 +277,11 @@ class SmoothFunction:
         towards = (places - place) / self.lengths[self.best]
         return np.asarray(np.exp(np.einsum("kd,kd->k", towards, towards) / -2))
 
-    def _near(self, place: Array, lengths: Array) -> tuple[Array, Array]:
-        """Prior covariances (h, n) of a place (d,) and those looked at, and where from them it is (n, d)."""
-        towards = place - self.looks.places
-        squares = np.square(towards / lengths[:, None]).sum(2)
-        return self.SPREAD**2 * np.exp(-squares / 2), towards
-
     def _covariances(self, place: Array) -> Array:
-        """The same (h, n) with what is added everywhere, and with slopes from before."""
-        near, towards = self._near(place, self.lengths)
+        """Prior covariances (h, n) of a place (d,) and those looked at, and with slopes from before."""
+        towards = place - self.looks.places
+        squares = np.square(towards / self.lengths[:, None]).sum(2)
+        near = self.SPREAD**2 * np.exp(-squares / 2)
         cross, known = near + self._everywhere, self.known_slopes
         if known:
             squares = self.lengths[:, : self.motors] ** 2
