@@ -176,6 +176,7 @@ class AdaptiveMemory:
         if unchanged <= explain_jump(self.known, found.pairs, found.cameras, True).odds(found.pairs):
             return False
         self.known = relearned
+        self._note(found.pairs)
         return True
 
     def _meet_jump(self, found: Finding) -> None:
@@ -200,9 +201,8 @@ class AdaptiveMemory:
 
     def _go_on(self, pairs: Pairs) -> None:
         """Nothing has jumped: learns, explains the last jump better, follows a drift."""
-        self._recent = (self._recent + pairs).latest(self.DRIFT_TRIALS)
+        self._note(pairs)
         if isinstance(self.change, Jump):
-            self.change = replace(self.change, after_change=self.change.after_change + pairs)
             age = self._trial - self.events[-1].trial
             if age <= self.REFIT_TRIALS or age % self.REFIT_TRIALS == 0:
                 self._refit_explanation(self.change)
@@ -216,6 +216,12 @@ class AdaptiveMemory:
             if drifting.any():
                 self.events.append(Event(self._trial - 1, "drift", "map"))
                 self._refit_explanation(Drift(self.known.copy(), drifting))
+
+    def _note(self, pairs: Pairs) -> None:
+        """Keeps what was seen, for as long as a change is still being explained by it."""
+        self._recent = (self._recent + pairs).latest(self.DRIFT_TRIALS)
+        if isinstance(self.change, Jump):
+            self.change = replace(self.change, after_change=self.change.after_change + pairs)
 
     def _refit_explanation(self, change: Jump | Drift) -> None:
         """Explains the change by all that was seen since, and maps or discards what was known by it."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents.adaptation.adaptive_memory import AdaptiveMemory, Jump
+from agents.adaptation.adaptive_memory import AdaptiveMemory, Event, Jump
 from agents.adaptation.detector import Finding, Verdict
 from agents.base.observation import Observation
 from calfree_gym.perturbations import CameraAim
@@ -107,15 +107,31 @@ def test_where_nothing_has_changed_what_is_seen_explains_it_better(monkeypatch, 
     if perturbation:
         world = perturbation.apply(world, np.random.default_rng(0))
     seen = trial(world, 30)
+    looks = len(memory.known.gripper)
+    learn_as_changed(memory, seen, monkeypatch)
+    assert [event.action for event in memory.events] == events
+    assert len(memory.known.gripper) > looks
+
+
+def test_a_trial_in_which_nothing_changed_tells_more_of_the_change_before(monkeypatch):
+    world = wild(4112)
+    memory = AdaptiveMemory(known(world))
+    before = trial(world, 10)
+    memory.events.append(Event(0, "unknown", "map"))
+    memory.change = Jump(memory.known.copy(), np.array([True, False]), before)
+    seen = trial(world, 30)
+    learn_as_changed(memory, seen, monkeypatch)
+    assert len(memory.change.after_change) == len(before) + len(seen)
+
+
+def learn_as_changed(memory, seen, monkeypatch):
+    """Learns a trial in which the detector takes the left camera for changed."""
     changed = Finding(Verdict.CHANGED, seen, np.array([True, False]), seen.sensors[0])
     memory.detector.home.add(seen.sensors[0], 0.5)
     monkeypatch.setattr(memory.detector, "examine", lambda *_: changed)
-    looks = len(memory.known.gripper)
     shown = np.concatenate([seen.sensors, seen.objects], 1).reshape(-1, 4, 2)
     memory.learn(
         [Observation(*each) for each in zip(shown, np.isfinite(shown).all(2), seen.registers, strict=True)],
         seen.homes[0],
         0.5,
     )
-    assert [event.action for event in memory.events] == events
-    assert len(memory.known.gripper) > looks
