@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
+from numbers import Integral
 
 
 def near_misses(name: object, known: Iterable[str]) -> str:
@@ -16,3 +17,9 @@ def check_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
         raise ValueError(
             f"unknown {name} {value!r}{near_misses(value, allowed)}; allowed: {', '.join(allowed)}"
         )
+
+
+def check_whole(name: str, value: object, least: int, most: int) -> None:
+    """Raises ValueError where an argument is no whole number between `least` and `most`."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
+        raise ValueError(f"{name} is {value!r}; it must be a whole number from {least} to {most}")

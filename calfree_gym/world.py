@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -14,17 +14,22 @@ from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Rig, Robot
 from calfree_gym.streams import stream
-from calfree_gym.vision.measurement import MAX_LATENCY
+from calfree_gym.vision.latency import MAX_LATENCY
 
 FOCAL_LENGTH = IMAGE_SIZE / 2 / np.tan(np.radians(40.0))
 """Nominal focal length in pixels: a field of view of 80 degrees."""
+BUILT_LIGHT = np.array([-0.2, 0.45, -1.0]) / np.linalg.norm([-0.2, 0.45, -1.0])
+"""Where the built robot's lamp shines."""
 SPAN_OF_A_HINGE = 2.0
 """What a slide's span is compared with (rad), where quantities of hinges are drawn in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Cameras, arm, motors and measurement of one robot. Compares by value; arrays are read-only.
+    """Cameras, arm, motors, measurement and surroundings of one robot. Compares by value; arrays are read-only.
+
+    The fields from `light_direction` on matter to rendered images alone, and `occluder` where points can be
+    hidden.
 
     Attributes:
         camera_position: Optical centres (2, 3) in m, left then right: in the room, with their mount where it
@@ -45,6 +50,15 @@ class World:
         latency: Delay of image points and flags in motions (), a whole number.
         backlash: By how much a joint's position differs between both directions of motion, in rad or m (m,).
         repeatability: Standard deviation of a joint's position after a motion, in rad or m (m,).
+        light_direction: Where the lamp shines (3,), of unit length, in the room.
+        light_strength: How brightly it lights what faces it (), relative to white.
+        light_ambient: How brightly all is lit from everywhere (), likewise.
+        texture: Number of the pictures that cover table and room (), a whole number; 0: as built.
+        exposure: Factor of each image's brightness (2,).
+        blur: Standard deviation of each image's blur (2,), in pixels of 512.
+        image_noise: Standard deviation of each image's noise (2,), in grey levels of 255.
+        occluder: An upright cylinder that stands in the way (5,): its middle, its radius and half its height,
+            in m, in the room; radius 0: none.
     """
 
     camera_position: Array
@@ -63,6 +77,14 @@ class World:
     latency: Array = field(default_factory=lambda: np.zeros(()))
     backlash: Array = field(default_factory=lambda: np.zeros(0))
     repeatability: Array = field(default_factory=lambda: np.zeros(0))
+    light_direction: Array = field(default_factory=BUILT_LIGHT.copy)
+    light_strength: Array = field(default_factory=lambda: np.array(0.6))
+    light_ambient: Array = field(default_factory=lambda: np.array(0.5))
+    texture: Array = field(default_factory=lambda: np.zeros(()))
+    exposure: Array = field(default_factory=lambda: np.ones(2))
+    blur: Array = field(default_factory=lambda: np.zeros(2))
+    image_noise: Array = field(default_factory=lambda: np.full(2, 2.0))
+    occluder: Array = field(default_factory=lambda: np.zeros(5))
 
     def __post_init__(self) -> None:
         motors = np.size(self.motor_sign)
@@ -83,16 +105,18 @@ class World:
         self._check_ranges()
 
     def _check_ranges(self) -> None:
-        for name in ("focal_length", "link_lengths", "motor_gain"):
+        for name in ("focal_length", "link_lengths", "motor_gain", "exposure"):
             if (getattr(self, name) <= 0).any():
                 raise ValueError(f"World.{name} must be positive, found {getattr(self, name)}")
         if (np.abs(self.motor_sign) != 1).any():
             raise ValueError(f"World.motor_sign must be +1 or -1, found {self.motor_sign}")
         if (np.abs(self.motor_curvature) > 0.45).any():
             raise ValueError(f"World.motor_curvature must be within +-0.45, found {self.motor_curvature}")
-        for name in ("point_noise", "backlash", "repeatability"):
+        for name in _NOT_NEGATIVE:
             if (getattr(self, name) < 0).any():
                 raise ValueError(f"World.{name} must not be negative, found {getattr(self, name)}")
+        if (self.occluder[3:] < 0).any():
+            raise ValueError(f"World.occluder has a negative radius or height: {self.occluder}")
         for name in ("point_outliers", "point_dropout"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"World.{name} must be in [0, 1], found {getattr(self, name)}")
@@ -100,9 +124,14 @@ class World:
             raise ValueError(
                 f"World.latency must be a whole number from 0 to {MAX_LATENCY}, found {self.latency}"
             )
-        norms = np.linalg.norm(self.camera_orientation, axis=1)
-        if (np.abs(norms - 1) > 1e-6).any():
-            raise ValueError(f"World.camera_orientation must be unit quaternions, found norms {norms}")
+        if self.texture % 1 or not 0 <= self.texture <= MAX_TEXTURE:
+            raise ValueError(
+                f"World.texture must be a whole number from 0 to {MAX_TEXTURE}, found {self.texture}"
+            )
+        for name in ("camera_orientation", "light_direction"):
+            norms = np.linalg.norm(getattr(self, name), axis=-1)
+            if (np.abs(norms - 1) > 1e-6).any():
+                raise ValueError(f"World.{name} must have unit length, found {norms}")
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, World):
@@ -118,12 +147,13 @@ class World:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> World:
-        """The world that `to_dict` wrote; where backlash and repeatability are missing, it has none.
+        """The world that `to_dict` wrote; fields that have a default may be missing.
 
         Raises:
             ValueError: A field is missing, unknown, or of the wrong shape.
         """
-        if missing := sorted(_SHAPES.keys() - values.keys() - {"backlash", "repeatability"}):
+        needed = {each.name for each in fields(cls) if each.default_factory is MISSING}
+        if missing := sorted(needed - values.keys()):
             raise ValueError(f"a World lacks {', '.join(missing)}")
         if unknown := sorted(values.keys() - _SHAPES.keys()):
             raise ValueError(f"a World has no field {', '.join(unknown)}; it has {', '.join(_SHAPES)}")
@@ -166,7 +196,25 @@ _SHAPES: dict[str, tuple[int | str, ...]] = {
     "latency": (),
     "backlash": ("m",),
     "repeatability": ("m",),
+    "light_direction": (3,),
+    "light_strength": (),
+    "light_ambient": (),
+    "texture": (),
+    "exposure": (2,),
+    "blur": (2,),
+    "image_noise": (2,),
+    "occluder": (5,),
 }
+_NOT_NEGATIVE = (
+    "point_noise",
+    "backlash",
+    "repeatability",
+    "light_strength",
+    "light_ambient",
+    "blur",
+    "image_noise",
+)
+MAX_TEXTURE = 2**31 - 1
 
 
 def nominal(robot: Robot = MOVEMASTER) -> World:
@@ -235,7 +283,23 @@ def _wild(draw: Draw, robot: Robot) -> World:
         motor_gain=log_uniform(draw("motor_gain"), 0.5, 2.0, motors),
         motor_curvature=draw("motor_curvature").uniform(-0.3, 0.4, motors),
         point_noise=built.point_noise,
+        **wild_light(draw("light")),
+        texture=draw("texture").integers(1, MAX_TEXTURE),
+        exposure=log_uniform(draw("exposure"), 0.7, 1.4, 2),
+        blur=draw("blur").uniform(0.0, 1.2, 2),
+        image_noise=draw("image_noise").uniform(1.0, 5.0, 2),
     )
+
+
+def wild_light(rng: np.random.Generator) -> dict[str, Any]:
+    """The lamp's fields: 30 to 80 degrees above the table, anywhere around it."""
+    around, above = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(30, 80))
+    level = np.cos(above)
+    return {
+        "light_direction": -np.array([level * np.cos(around), level * np.sin(around), np.sin(above)]),
+        "light_strength": rng.uniform(0.3, 0.8),
+        "light_ambient": rng.uniform(0.3, 0.6),
+    }
 
 
 def _zeros(rng: np.random.Generator, degrees: float, robot: Robot) -> Array:

@@ -11,7 +11,7 @@ from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations.base import Perturbation, amount, setting, uniform
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
-from calfree_gym.vision.measurement import MAX_LATENCY
+from calfree_gym.vision.latency import MAX_LATENCY
 from calfree_gym.world import World, log_uniform
 
 

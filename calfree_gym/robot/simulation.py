@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 SUBSTEPS = 100
 """Physics substeps of 5 ms in a motion: enough to settle to 0.1 pixels (a test measures it)."""
 DYNAMICS = ("physics", "kinematic")
+Picture = tuple[mujoco.MjModel, mujoco.MjData]
 _NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 _NO_CONSTRAINTS = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
@@ -26,6 +28,11 @@ _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 class Simulation:
     """N arms in N worlds.
+
+    Attributes:
+        rows: N.
+        prefix: Of the names of all that is added to the arm's model.
+        covers: Names of the textures that cover table and room.
 
     Args:
         rows: N.
@@ -36,14 +43,17 @@ class Simulation:
     """
 
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, dynamics: str, threads: int) -> None:
+        self.rows = rows
         self._robot = robot
         scene = robot.scene(mounts)
-        self._model, self.prefix = scene.model, scene.prefix
+        self._model, self.prefix, self.covers = scene.model, scene.prefix, scene.covers
         self._kinematic = dynamics == "kinematic"
         if self._kinematic:
             self._model.opt.disableflags |= _NO_CONSTRAINTS  # motors stop before joints do
         self._batch = Batch(self._model, rows, nthread=threads)
         self._current = False
+        self._occluder = self._model.geom(self.prefix + "occluder").id
+        self._occluders = np.zeros((rows, 5))
         self._camera_position = self._batch.expand("cam_pos")
         self._camera_orientation = self._batch.expand("cam_quat")
         self._intrinsic = self._batch.expand("cam_intrinsic")
@@ -79,6 +89,7 @@ class Simulation:
             )
             self._intrinsic[row, place, :2] = world.focal_length[camera] * (SENSOR_SIZE / IMAGE_SIZE)
         self._robot.stretch(self._body_position[row], world.link_lengths)
+        self._occluders[row] = world.occluder
 
     def place(self, rows: Rows, joints: Array, objects: Array) -> None:
         """Puts the arms of `rows` at rest with joints at (n, j), and their objects at (n, 3) in m."""
@@ -138,11 +149,40 @@ class Simulation:
         """True joint positions (N, j) in rad or m; of the RV-M2 J1-J5."""
         return self._all_qpos[:, self._qpos].copy()
 
-    def snapshot(self, row: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
-        """Model and data of one row, for rendering."""
-        model, data = self._batch.get_model(row), self._batch.get_data(row)
-        mujoco.mj_forward(model, data)
-        return model, data
+    def picture(self) -> Picture:
+        """A model and its state of their own, for pictures and rays, on which `show` puts a row."""
+        model = copy.copy(self._model)
+        model.geom_sameframe[self._occluder] = 0
+        return model, mujoco.MjData(model)
+
+    def show(
+        self, row: int, picture: Picture, joints: Array | None = None, object_: Array | None = None
+    ) -> Picture:
+        """Puts a row on a picture: where everything is at the last refresh, or would be.
+
+        Args:
+            row: The row.
+            picture: See `picture`; it is changed, and returned.
+            joints: Joint positions (j,), where they are to be others than now.
+            object_: Where the object would be (3,).
+        """
+        model, data = picture
+        model.cam_pos[:], model.cam_quat[:] = self._camera_position[row], self._camera_orientation[row]
+        model.cam_intrinsic[:] = self._intrinsic[row]
+        model.body_pos[:] = self._body_position[row]
+        place, (*middle, radius, half_height) = self._occluder, self._occluders[row]
+        model.geom_pos[place], model.geom_size[place, :2] = middle, (radius, half_height)
+        model.geom_rbound[place] = np.hypot(radius, half_height)
+        model.geom_rgba[place, 3] = radius > 0
+        data.qpos[:], data.mocap_pos[:] = self._all_qpos[row], self._object[row]
+        if joints is not None:
+            data.qpos[self._qpos] = joints
+        if object_ is not None:
+            data.mocap_pos[self._mocap] = object_
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+        return picture
 
 
 def _columns(places: Places) -> slice | Places:

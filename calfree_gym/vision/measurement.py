@@ -1,4 +1,4 @@
-"""From true image points to delivered ones: noise, outliers, dropout, latency."""
+"""From true image points to measured ones: noise, outliers, dropout."""
 
 from __future__ import annotations
 
@@ -14,9 +14,6 @@ from calfree_gym.streams import MotionNumbers
 if TYPE_CHECKING:
     from calfree_gym.world import World
 
-MAX_LATENCY = 10
-"""The largest latency of image points, in motions."""
-
 Counts = NDArray[np.int64]
 
 
@@ -27,15 +24,10 @@ class MeasurementModel:
         self._noise = np.zeros((rows, 4, 2))
         self._outliers = np.zeros((rows, 1))
         self._dropout = np.zeros((rows, 1))
-        self._latency = np.zeros(rows, np.int64)
         self._noise_numbers = MotionNumbers(rows, "noise", (4, 2), normal=True)
         self._outlier_numbers = MotionNumbers(rows, "outliers", (4, 3), normal=False)
         self._dropout_numbers = MotionNumbers(rows, "dropout", (4,), normal=False)
-        self._queue_points = np.zeros((rows, MAX_LATENCY + 1, 4, 2))
-        self._queue_visible = np.zeros((rows, MAX_LATENCY + 1, 4), bool)
-        self._any_outliers = self._any_dropout = self._any_late = False
-        self._filling = np.zeros(rows, bool)
-        self._all = np.arange(rows)
+        self._any_outliers = self._any_dropout = False
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`."""
@@ -43,15 +35,12 @@ class MeasurementModel:
             numbers.seed(row, seed)
 
     def set_world(self, row: int, world: World) -> None:
-        """Gives `row` noise, outliers, dropout and latency of `world`."""
+        """Gives `row` noise, outliers and dropout of `world`."""
         self._noise[row] = world.point_noise * IMAGE_UNIT
         self._outliers[row] = world.point_outliers
         self._dropout[row] = world.point_dropout
-        self._filling[row] = world.latency > 0 and self._latency[row] == 0
-        self._latency[row] = world.latency
         self._any_outliers = bool(self._outliers.any())
         self._any_dropout = bool(self._dropout.any())
-        self._any_late = bool(self._latency.any())
 
     def measure(self, true: Array, visible: Flags, trials: Counts, motions: Counts) -> tuple[Array, Flags]:
         """Measured points (N, 4, 2) and flags (N, 4) of one observation, from the true ones.
@@ -66,20 +55,3 @@ class MeasurementModel:
         if self._any_dropout:
             visible = visible & (self._dropout_numbers.at(trials, motions) >= self._dropout)
         return measured, visible
-
-    def deliver(self, points: Array, visible: Flags, motions: Counts) -> tuple[Array, Flags]:
-        """Points and flags that come out of the queue, as many motions late as each world is.
-
-        The queue of a new trial holds the observation at home. Where latency begins in mid-trial, the queue
-        holds the observation of that time.
-        """
-        if not self._any_late:
-            return points, visible
-        slots = MAX_LATENCY + 1
-        self._queue_points[self._filling] = points[self._filling, None]
-        self._queue_visible[self._filling] = visible[self._filling, None]
-        self._filling[:] = False
-        self._queue_points[self._all, motions % slots] = points
-        self._queue_visible[self._all, motions % slots] = visible
-        due = np.maximum(motions - self._latency, 0) % slots
-        return self._queue_points[self._all, due], self._queue_visible[self._all, due]

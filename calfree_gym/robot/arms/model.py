@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.robot.arms.chain import SLIDE, Chain
+from calfree_gym.robot.arms.marks import GripperMarks, best_axis
 from calfree_gym.robot.arms.mjcf import compiled
 from calfree_gym.robot.arms.movemaster import AIM as MOVEMASTER_TARGET
 from calfree_gym.robot.arms.movemaster import CAMERA_POSITION as MOVEMASTER_POSITION
@@ -27,8 +29,8 @@ WORK_MARGIN = 0.04
 """Nor nearer to a stop than this share of its range, unless home is."""
 POSTURES = 500
 """So many drawn postures tell where the work space is."""
-MARK = 0.010
-"""Radius of the RV-M2's marks (m)."""
+MARK_POSTURES = 40
+"""So many of them tell where the gripper's marks are seen best."""
 MOVEMASTER_SIZE = 0.23
 """Root mean square distance (m) of the RV-M2's objects from their middle."""
 
@@ -149,9 +151,9 @@ class ArmModel(Robot):
     def scene(self, mounts: Mounts) -> Scene:
         """See `Robot`."""
         if mounts not in self._scenes:
-            mark = MARK * self.rig.scale
+            gripper = self.parts.bodies[self.parts.holder], self.parts.at
             self._scenes[mounts] = build(
-                self.spec, self.motors, self.parts.gripper, mounts, self.home_qpos, mark
+                self.spec, self.motors, gripper, mounts, self.home_qpos, self._marks
             )
         scene = self._scenes[mounts]
         return scene._replace(model=copy.copy(scene.model))
@@ -160,6 +162,15 @@ class ArmModel(Robot):
         """See `Robot`."""
         built = self.model.body_pos[self._links]
         body_positions[self._links] = built * (lengths / self.lengths)[:, None]
+
+    @cached_property
+    def _marks(self) -> GripperMarks:
+        """Where cameras in the room see the gripper's marks best."""
+        shares = np.random.default_rng(2).random((MARK_POSTURES, len(self.motors)))
+        qpos = np.tile(self.home_qpos, (MARK_POSTURES, 1))
+        qpos[:, self.qpos_of_motors] = self.postures(shares)
+        holder, at, rig = self.parts.holder, self.parts.at, self.rig
+        return GripperMarks(best_axis(self.model, qpos, holder, at, rig.position, rig.scale), rig.scale)
 
     def _rig(self) -> Rig:
         """Two cameras above and beside the work space, as far from it, for its size, as the RV-M2's."""

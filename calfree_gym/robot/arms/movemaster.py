@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 
 from calfree_gym.geometry import Array, Flags
+from calfree_gym.robot.arms.marks import GripperMarks, add_marks
 from calfree_gym.robot.arms.robot import HINGE_SPEED, Mounts, Rig, Robot, Scene
-from calfree_gym.robot.arms.scene import add_cameras
+from calfree_gym.robot.arms.scene import add_cameras, add_surroundings
 from calfree_gym.robot.kinematics import gripper_position
 
 LINKS = ("base", "shoulder", "upper_arm", "forearm", "hand")
@@ -37,6 +38,10 @@ LIMIT_MARGIN = 0.1
 """No object needs a joint nearer than this to its limit (rad)."""
 _WRIST_LOWEST, _WRIST_HIGHEST = JOINT_LIMITS[3].tolist()
 _HAND_TO_GRIPPER_POINT = 0.18
+_GRIPPER_POINT = np.array([_HAND_TO_GRIPPER_POINT, 0.0, 0.0])
+_COVERS = ("table", "sky")
+_MARKS = GripperMarks(axis=np.array([0.0, 0.0, 1.0]))
+"""Below the tips of the jaws, in assets/arm.xml, which have stalks for them."""
 _STRETCHED = [3, 4, 5, 6]
 """Ids of upper arm, forearm, hand and gripper in assets/arm.xml."""
 
@@ -128,9 +133,11 @@ class Movemaster(Robot):
     def scene(self, mounts: Mounts) -> Scene:
         """See `Robot`."""
         spec = mujoco.MjSpec.from_file(str(files("calfree_gym") / "assets" / "arm.xml"))
+        add_marks(spec, spec.body("gripper"), _GRIPPER_POINT, _MARKS, prefix="")
         add_cameras(spec, mounts)
+        add_surroundings(spec)
         still, places = np.zeros(5), np.arange(5)
-        return Scene(spec.compile(), still, still, still, places, places, sensors=0, prefix="")
+        return Scene(spec.compile(), still, still, still, places, places, sensors=0, prefix="", covers=_COVERS)
 
     def stretch(self, body_positions: Array, lengths: Array) -> None:
         """See `Robot`."""

@@ -172,7 +172,8 @@ class Scene(NamedTuple):
         qpos: Of the joints of `Robot.angles`, where they stand in qpos (j,).
         actuators: Their servos (j,).
         sensors: Place of the first of 20 numbers among the sensors: image points, then depths.
-        prefix: Of the names of cameras, their rods, and the points of gripper and object.
+        prefix: Of the names of all that was added: cameras, their rods, lamp, marks and points.
+        covers: Names of the textures that cover table and room.
     """
 
     model: mujoco.MjModel
@@ -183,3 +184,4 @@ class Scene(NamedTuple):
     actuators: Places
     sensors: int
     prefix: str
+    covers: tuple[str, ...]

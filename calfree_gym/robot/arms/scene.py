@@ -11,27 +11,24 @@ import numpy as np
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE
+from calfree_gym.robot.arms.marks import GripperMarks, add_bar, add_marks
 from calfree_gym.robot.arms.robot import ROOM, Mounts, Scene
+from calfree_gym.robot.line_of_sight import RIG_GROUP
 
 PREFIX = "calfree "
 """Of the names of all that is added to a model of other people's."""
 POINTS = ("gripper", "object")
 KINDS = (mujoco.mjtSensor.mjSENS_CAMPROJECTION, mujoco.mjtSensor.mjSENS_FRAMEPOS)
 """Of sensors: image points, and places in the cameras' frames, of which the depth is used."""
-RIG_GROUP = 5
-"""Group of the cameras' rods and housings, which their own images leave out."""
 SENSOR_SIZE = 0.01
 """Of a camera in m; it decides nothing."""
 IMMOVABLE = 1e6
 """So much heavier than the arm are free bodies and balls, which no servo can hold."""
-RENDERED = 1024
-"""Width and height of the largest picture, in pixels."""
 TIMESTEP = 0.005
 STIFFNESS = 40_000.0
 """Of a servo, for an armature of 1: with `FILTER` it settles in a motion, as the RV-M2's do."""
 FILTER = 0.03
 """Time constant (s) of the first-order filter through which a servo's target goes."""
-MARKS_GROUP = 4
 _OFF = (
     mujoco.mjtDisableBit.mjDSBL_CONTACT,
     mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS,
@@ -44,23 +41,31 @@ _FOREIGN = 30
 
 
 def build(
-    spec: Any, motors: Sequence[str], gripper: tuple[str, str], mounts: Mounts, home_qpos: Array, mark: float
+    spec: Any,
+    motors: Sequence[str],
+    gripper: tuple[str, Array],
+    mounts: Mounts,
+    home_qpos: Array,
+    marks: GripperMarks,
 ) -> Scene:
     """The scene of an arm.
 
     Args:
         spec: Of the arm, in which all bodies and joints have names.
         motors: Names of the joints that move.
-        gripper: "site" or "body", and the name, of the gripper point.
+        gripper: Name of the gripper's body, and where in it the gripper point is (3,).
         mounts: Names of the bodies to which the cameras are fixed.
         home_qpos: Of all joints (nq,).
-        mark: Radius of the marks (m).
+        marks: Where the gripper's marks are.
     """
     spec = spec.copy()
     add_servos(spec, motors, home_qpos)
-    add_object(spec, gripper, mark, PREFIX)
+    body, at = spec.body(gripper[0]), gripper[1]
+    add_marks(spec, body, at, marks, PREFIX)
+    add_bar(body, at, marks, PREFIX)
     add_cameras(spec, mounts, PREFIX)
-    _light(spec)
+    add_surroundings(spec, PREFIX)
+    covers = _add_sky(spec)
     model = spec.compile()
     servos = [i for i in range(model.nu) if model.actuator(i).name.startswith(PREFIX)]
     targets = home_qpos[model.jnt_qposadr[model.actuator_trnid[servos, 0]]]
@@ -75,6 +80,7 @@ def build(
         actuators=np.array([model.actuator(PREFIX + name).id for name in motors]),
         sensors=int(model.sensor(sensor_name(PREFIX, POINTS[0], CAMERAS[0], KINDS[0])).adr[0]),
         prefix=PREFIX,
+        covers=covers,
     )
 
 
@@ -130,43 +136,6 @@ def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
         servo.set_to_position(kp=stiffness, dampratio=1.0, timeconst=FILTER)
 
 
-def add_object(spec: Any, holder: tuple[str, str], size: float, prefix: str) -> None:
-    """Adds the object, and the marks and points of gripper and object.
-
-    Args:
-        spec: Of the arm; it is changed.
-        holder: "site" or "body", and the name, of the gripper point.
-        size: Radius of the marks (m).
-        prefix: Of all names that are added.
-    """
-    kind, name = holder
-    site = spec.site(name) if kind == "site" else None
-    body = site.parent if site is not None else spec.body(name)
-    where = site.pos if site is not None else np.zeros(3)
-    item = spec.worldbody.add_body(name=prefix + "object", mocap=True)
-    plain = mujoco.MjSpec()  # the model's own defaults would colour them
-    for parent, point, at, colour in (
-        (body, "gripper", where, [0.95, 0.05, 0.55, 1]),
-        (item, "object", np.zeros(3), [0.05, 0.70, 0.25, 1]),
-    ):
-        parent.add_site(
-            plain.default, name=f"{prefix}{point}_point", pos=at, size=[size] * 3, rgba=[0, 0, 0, 0]
-        )
-        spec.add_material(name=f"{prefix}{point}_mark", rgba=colour, emission=1.0)
-        parent.add_geom(
-            plain.default,
-            name=f"{prefix}{point}_mark",
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            pos=at,
-            size=[size, 0, 0],
-            material=f"{prefix}{point}_mark",
-            group=MARKS_GROUP,
-            mass=0.0,
-            contype=0,
-            conaffinity=0,
-        )
-
-
 def add_cameras(spec: Any, mounts: Mounts, prefix: str = "") -> None:
     """Adds the two cameras on thin rods, and the sensors that project gripper and object into them.
 
@@ -210,21 +179,40 @@ def add_cameras(spec: Any, mounts: Mounts, prefix: str = "") -> None:
                 )
 
 
-def _light(spec: Any) -> None:
-    """Lets pictures be as large, and as bright, as those of the RV-M2."""
-    spec.visual.global_.offwidth = spec.visual.global_.offheight = RENDERED
-    light = spec.visual.headlight
-    light.ambient, light.diffuse, light.specular = [0.35] * 3, [0.45] * 3, [0.1] * 3
-    if not any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
-        spec.add_texture(
-            name=PREFIX + "sky",
-            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-            rgb1=[0.93, 0.95, 0.97],
-            rgb2=[0.70, 0.76, 0.83],
-            width=128,
-            height=128,
-        )
+def add_surroundings(spec: Any, prefix: str = "") -> None:
+    """Adds the lamp, which is the only light, and a thing that may stand in the way, which is not shown."""
+    for light in spec.lights:
+        light.active = False
+    headlight = spec.visual.headlight  # gives the light that comes from everywhere
+    headlight.active, headlight.diffuse, headlight.specular = True, [0.0] * 3, [0.0] * 3
+    plain = mujoco.MjSpec()
+    lamp = spec.worldbody.add_light(plain.default, name=prefix + "lamp")
+    lamp.type, lamp.castshadow, lamp.specular = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, True, [0.1] * 3
+    spec.worldbody.add_geom(
+        plain.default,
+        name=prefix + "occluder",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[1, 1, 0],
+        rgba=[0.45, 0.42, 0.40, 0],
+        contype=0,
+        conaffinity=0,
+    )
+
+
+def _add_sky(spec: Any) -> tuple[str, ...]:
+    """Surrounds an arm with a sky, where it has none; names the texture."""
+    if any(texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
+        return ()
+    spec.add_texture(
+        name=PREFIX + "sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.93, 0.95, 0.97],
+        rgb2=[0.70, 0.76, 0.83],
+        width=128,
+        height=128,
+    )
+    return (PREFIX + "sky",)
 
 
 def _armatures(model: mujoco.MjModel, home_qpos: Array) -> tuple[float, float]:

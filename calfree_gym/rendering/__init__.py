@@ -1,0 +1,1 @@
+"""Pictures of the scene: what the stereo cameras see, and frames for people."""

@@ -1,0 +1,110 @@
+"""MuJoCo's renderer, off screen, for many pictures of one model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.geometry import Array
+from calfree_gym.rendering.gl import gl_context
+
+Image = NDArray[np.uint8]
+
+SHADOW_MAP = 512
+"""Width and height of the shadow map. Choice: 1024 costs a fifth more time, and shadows stay soft."""
+SLICES, STACKS = 16, 10
+"""Of round geoms. Choice: vertices cost most of the time; with these a ball is round to 2 % of its radius."""
+MOST_GEOMS = 1_000
+
+
+class Renderer:
+    """Renders pictures of one model, whose state and fields may change from picture to picture.
+
+    There is no multisampling: it costs more than all else together, and image points are found as well
+    without. Makes its GL context when it is made.
+
+    Attributes:
+        model: The model.
+        data: Its state.
+
+    Args:
+        model: See above; its settings of quality are changed.
+        data: See above.
+        size: Width and height of the largest picture that is usual; larger ones take a moment longer once.
+
+    Raises:
+        gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, size: int) -> None:
+        self.model, self.data = model, data
+        quality = model.vis.quality
+        quality.offsamples, quality.shadowsize = 0, SHADOW_MAP
+        quality.numslices, quality.numstacks, quality.numquads = SLICES, STACKS, 1
+        model.vis.global_.offwidth = model.vis.global_.offheight = size
+        self._size = size, size
+        self._gl: Any = gl_context(size)
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self._options = mujoco.MjvOption()
+        self._scene = mujoco.MjvScene(model, maxgeom=MOST_GEOMS)
+
+    def draw(
+        self,
+        camera: mujoco.MjvCamera,
+        width: int,
+        height: int,
+        groups: Sequence[int],
+        shadows: bool = True,
+        depth: bool = False,
+    ) -> tuple[Image, NDArray[np.float32] | None]:
+        """A picture, upside down: its first row is the lowest, as OpenGL has it.
+
+        Args:
+            camera: From where.
+            width: In pixels.
+            height: In pixels.
+            groups: Of the geoms that are shown.
+            shadows: Whether the lamp casts shadows.
+            depth: Whether depths are wanted, too.
+
+        Returns:
+            Colours (height, width, 3); and the depths (height, width) along the camera's axis in m, or None.
+        """
+        self._gl.make_current()
+        if width > self._size[0] or height > self._size[1]:
+            self._size = max(width, self._size[0]), max(height, self._size[1])
+            mujoco.mjr_resizeOffscreen(*self._size, self._context)
+        self._options.geomgroup[:] = np.isin(range(mujoco.mjNGROUP), groups)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+        everything = int(mujoco.mjtCatBit.mjCAT_ALL)
+        mujoco.mjv_updateScene(self.model, self.data, self._options, None, camera, everything, self._scene)
+        viewport = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(viewport, self._scene, self._context)
+        image = np.empty((height, width, 3), np.uint8)
+        buffer = np.empty((height, width), np.float32) if depth else None
+        mujoco.mjr_readPixels(image, buffer, viewport, self._context)
+        return image, None if buffer is None else self._metres(buffer)
+
+    def upload_texture(self, texture: int) -> None:
+        """Tells OpenGL that the pixels of a texture of the model have changed."""
+        self._gl.make_current()
+        mujoco.mjr_uploadTexture(self.model, self._context, texture)
+
+    def _metres(self, buffer: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Depths in m of a depth buffer."""
+        planes, extent = self.model.vis.map, self.model.stat.extent
+        near, far = planes.znear * extent, planes.zfar * extent
+        return np.asarray(near * far / (far - buffer * (far - near)), np.float32)
+
+    def close(self) -> None:
+        """Frees the GL context; nothing can be drawn after that."""
+        if self._gl is not None:
+            self._gl.make_current()
+            self._context.free()
+            self._gl.free()
+            self._gl = None

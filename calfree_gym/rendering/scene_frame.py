@@ -1,0 +1,146 @@
+"""A frame for people: the scene, and at its side what both cameras see."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.errors import check_whole
+from calfree_gym.geometry import Array
+from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT
+from calfree_gym.rendering.renderer import Image
+from calfree_gym.rendering.stereo_images import StereoImages
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.arms.robot import ROOM
+from calfree_gym.robot.line_of_sight import RIG_GROUP, SEEN
+
+if TYPE_CHECKING:
+    from calfree_gym.envs.stereo_arms import StereoArms
+
+WIDTH, HEIGHT = 1080, 720
+SMALLEST, LARGEST = 120, 4096
+FINER = 2
+"""The scene is drawn so many times larger, and then reduced: so its edges are smooth."""
+GRIPPER_COLOUR, OBJECT_COLOUR = (242, 13, 140), (13, 179, 64)
+_SHIFT = 4
+"""Bits of a pixel's fraction, in OpenCV's drawing."""
+
+
+class SceneFrame:
+    """Draws one arm: the scene, and at its side both camera images, with points and tolerance.
+
+    Args:
+        arms: The arms.
+        width: Of a frame, in pixels; at least its height, half of which is an image's.
+        height: Of a frame, in pixels.
+
+    Raises:
+        ValueError: The size is not allowed.
+        gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
+    """
+
+    def __init__(self, arms: StereoArms, width: int, height: int) -> None:
+        check_size(width, height)
+        self._arms, self._width, self._height = arms, width, height
+        self._images = StereoImages(arms.simulation, arms.robot.rig, height // 2)
+
+    def draw(self, row: int) -> Image:
+        """A frame (height, width, 3) of one row."""
+        arms, images = self._arms, self._images
+        insets = images.colours(row, arms.world(row))
+        for camera, (inset, name) in enumerate(zip(insets, CAMERAS, strict=True)):
+            points = arms.points[row].reshape(2, 2, 2)[:, camera]
+            seen = arms.visible[row].reshape(2, 2)[:, camera]
+            draw_points(inset, points, seen, float(arms.tolerance) * PIXELS_PER_UNIT)
+            _write(inset, name)
+        model, data = images.picture
+        dress_cameras(model, arms)
+        mujoco.mj_kinematics(model, data)
+        width = self._width - images.size
+        size = FINER * width, FINER * self._height
+        scene = images.renderer.draw(_view(arms), *size, (*SEEN, RIG_GROUP))[0][::-1]
+        frame = np.empty((self._height, self._width, 3), np.uint8)
+        frame[:, :width] = cv2.resize(scene, (width, self._height), interpolation=cv2.INTER_AREA)
+        frame[: images.size, width:], frame[-images.size :, width:] = insets
+        return frame
+
+    def close(self) -> None:
+        """Frees the GL context."""
+        self._images.close()
+
+
+def check_size(width: int, height: int) -> None:
+    """Raises ValueError where no frame can have that size."""
+    check_whole("width", width, SMALLEST, LARGEST)
+    check_whole("height", height, SMALLEST, LARGEST)
+    if width < height or height % 2:
+        raise ValueError(
+            f"width is {width} and height {height}; height must be even, and width at least as much"
+        )
+
+
+def draw_points(image: Image, points: Array, seen: NDArray[np.bool_], tolerance_px: float) -> None:
+    """Draws rings around the gripper and object points (2, 2), thin where not seen now; and the tolerance.
+
+    Args:
+        image: A camera's (size, size, 3); it is drawn on.
+        points: In image units.
+        seen: Which of them (2,) were seen now.
+        tolerance_px: In pixels of 512.
+    """
+    scale = len(image) / (2 * PIXELS_PER_UNIT)
+    for point, now, colour in zip(points, seen, (GRIPPER_COLOUR, OBJECT_COLOUR), strict=True):
+        center = np.round(((point + 1) * len(image) / 2 - 0.5) * 2**_SHIFT).astype(int).tolist()
+        _ring(image, center, 14 * scale, colour, 2 if now else 1)
+        if colour is OBJECT_COLOUR:
+            _ring(image, center, tolerance_px * scale, (255, 255, 255), 1)
+
+
+def _ring(
+    image: Image, center: list[int], radius: float, colour: tuple[int, int, int], thickness: int
+) -> None:
+    cv2.circle(image, center, round(radius * 2**_SHIFT), colour, thickness, cv2.LINE_AA, _SHIFT)
+
+
+def _write(image: Image, name: str) -> None:
+    scale = len(image) / (2 * PIXELS_PER_UNIT)
+    place = round(14 * scale), round(40 * scale)
+    for colour, width in (((255, 255, 255), 4), ((30, 30, 30), 1)):
+        cv2.putText(
+            image, name, place, cv2.FONT_HERSHEY_SIMPLEX, 1.1 * scale, colour, width, cv2.LINE_AA
+        )
+
+
+def _view(arms: StereoArms) -> mujoco.MjvCamera:
+    """From where the scene is drawn: before and above the arm, at its side."""
+    rig, view = arms.robot.rig, mujoco.MjvCamera()
+    ahead = (rig.target - rig.position.mean(0)) * [1, 1, 0]
+    ahead /= np.linalg.norm(ahead)
+    view.lookat[:] = rig.target + rig.scale * (0.15 * np.array([0, 0, 1]) - 0.2 * ahead)
+    view.azimuth = 148.0 + np.degrees(np.arctan2(ahead[1], ahead[0]))
+    view.distance, view.elevation = 1.75 * rig.scale, -22.0
+    return view
+
+
+def dress_cameras(model: mujoco.MjModel, arms: StereoArms) -> None:
+    """Puts each camera's housing where the camera is, and its rod from the housing to the mount."""
+    prefix, scale = arms.simulation.prefix, arms.robot.rig.scale
+    for name, mount in zip(CAMERAS, arms.mounts, strict=True):
+        camera = model.camera(prefix + name)
+        position, turn = camera.pos.copy(), camera.quat.copy()
+        foot = position * [1, 1, 0] if mount == ROOM else np.zeros(3)
+        if arms.robot is MOVEMASTER and mount == "waist":
+            foot = np.array([0.0, 0.07 * np.sign(position[1]), 0.36])
+        rod, housing = model.geom(f"{prefix}{name}_rod"), model.geom(f"{prefix}{name}_housing")
+        axis = position - foot
+        rod.pos[:] = (position + foot) / 2
+        rod.size[:2] = 0.005 * scale, np.linalg.norm(axis) / 2
+        mujoco.mju_quatZ2Vec(rod.quat, axis)
+        housing.pos[:] = position
+        housing.quat[:] = turn
+        housing.size[:] = scale * np.array([0.022, 0.018, 0.035])
+    model.geom_sameframe[:] = 0

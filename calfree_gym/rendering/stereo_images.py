@@ -1,0 +1,119 @@
+"""What the cameras of N worlds see, through their lenses: one model and one GL context for all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.image import CAMERAS
+from calfree_gym.rendering.lens_map import LensMap
+from calfree_gym.rendering.renderer import Image, Renderer
+from calfree_gym.rendering.textures import texture
+from calfree_gym.robot.line_of_sight import SEEN
+
+if TYPE_CHECKING:
+    from calfree_gym.robot.arms.robot import Rig
+    from calfree_gym.robot.simulation import Simulation
+    from calfree_gym.world import World
+
+LAMP_FAR = 2.0
+"""From the middle of the work space to the lamp (m, for the RV-M2): so wide is what has shadows."""
+
+
+class StereoImages:
+    """Renders the images of any row.
+
+    Attributes:
+        size: Width and height of an image in pixels.
+        picture: Model and state of the row that was rendered last.
+        renderer: Draws it.
+
+    Args:
+        simulation: The N worlds.
+        rig: Where the lamp is to light up the room.
+        size: Width and height of an image in pixels.
+        shadows: Whether the lamp casts shadows.
+
+    Raises:
+        gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
+    """
+
+    def __init__(self, simulation: Simulation, rig: Rig, size: int, shadows: bool = True) -> None:
+        self.size, self._rig = size, rig
+        self._simulation, self._shadows = simulation, shadows
+        self.picture = simulation.picture()
+        self.renderer = Renderer(*self.picture, size)
+        model, prefix = self.renderer.model, simulation.prefix
+        self._cameras = [model.camera(prefix + name).id for name in CAMERAS]
+        self._lamp = model.light(prefix + "lamp").id
+        self._textures = [model.texture(name).id for name in simulation.covers]
+        self._built = model.tex_data.copy()
+        self._covered_by = 0
+        self._worlds: list[World | None] = [None] * simulation.rows
+        self._lenses: list[tuple[LensMap, ...]] = [()] * simulation.rows
+
+    def colours(self, row: int, world: World, groups: Sequence[int] = SEEN) -> tuple[Image, Image]:
+        """Images (size, size, 3), left and right, as the simulation is now.
+
+        Args:
+            row: The row.
+            world: In which it is.
+            groups: Of the geoms that are shown.
+        """
+        left, right = (
+            lens.colours(self._pinhole(camera, lens, groups)[0])
+            for camera, lens in enumerate(self.prepare(row, world))
+        )
+        return left, right
+
+    def depths(self, row: int, world: World) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Depths (size, size) along each camera's axis in m; 0 where its lens shows nothing."""
+        left, right = (
+            lens.depths(self._pinhole(camera, lens, SEEN, depth=True)[1])  # type: ignore[arg-type]
+            for camera, lens in enumerate(self.prepare(row, world))
+        )
+        return left, right
+
+    def prepare(self, row: int, world: World) -> tuple[LensMap, ...]:
+        """Lights and covers the row's scene; its lenses."""
+        if self._worlds[row] is not world:
+            self._worlds[row] = world
+            cameras = zip(world.focal_length, world.principal_point, world.lens_k1, strict=True)
+            self._lenses[row] = tuple(LensMap.of(*camera, self.size) for camera in cameras)
+        model, lamp = self.renderer.model, self._lamp
+        model.light_dir[lamp] = world.light_direction
+        model.light_pos[lamp] = self._rig.target - LAMP_FAR * self._rig.scale * world.light_direction
+        model.light_diffuse[lamp] = world.light_strength
+        model.vis.headlight.ambient[:] = world.light_ambient
+        self._cover(int(world.texture))
+        self._simulation.show(row, self.picture)
+        return self._lenses[row]
+
+    def _pinhole(
+        self, camera: int, lens: LensMap, groups: Sequence[int], depth: bool = False
+    ) -> tuple[Image, NDArray[np.float32] | None]:
+        model, place = self.renderer.model, self._cameras[camera]
+        model.cam_intrinsic[place] = [model.cam_sensorsize[place, 0] / (2 * lens.half)] * 2 + [0, 0]
+        view = mujoco.MjvCamera()
+        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, place
+        return self.renderer.draw(view, lens.source, lens.source, groups, self._shadows, depth)
+
+    def _cover(self, number: int) -> None:
+        """Covers table and room with another world's picture."""
+        if number == self._covered_by:
+            return
+        self._covered_by, model = number, self.renderer.model
+        for i, place in enumerate(self._textures):
+            height, width = model.tex_height[place], model.tex_width[place]
+            pixels = slice(model.tex_adr[place], model.tex_adr[place] + 3 * height * width)
+            covered = texture(number + i, height, width).ravel() if number else self._built[pixels]
+            model.tex_data[pixels] = covered
+            self.renderer.upload_texture(place)
+
+    def close(self) -> None:
+        """Frees the GL context."""
+        self.renderer.close()

@@ -1,0 +1,38 @@
+"""What covers table and room: a picture of its own in every world, in colours that no mark has."""
+
+from __future__ import annotations
+
+import colorsys
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_SATURATED = 0.3
+"""Marks are told from their background by saturation; theirs is 0.8 and more."""
+DARKEST, BRIGHTEST = 0.25, 0.9
+OCTAVES = 5
+"""Blotches of five sizes, each half as large as the one before."""
+
+
+def texture(number: int, height: int, width: int) -> NDArray[np.uint8]:
+    """Blotches of two colours (height, width, 3); the same number gives the same picture."""
+    rng = np.random.default_rng(number)
+    field = np.zeros((height, width), np.float32)
+    for octave in range(OCTAVES):
+        cells = 2 ** (octave + 1)
+        blotches = rng.random((cells, cells), np.float32)
+        size = width, height
+        field += cv2.resize(blotches, size, interpolation=cv2.INTER_CUBIC) * rng.uniform(0.2, 1) / (octave + 1)
+    field -= field.min()
+    field /= field.max()
+    first, second = (
+        255
+        * np.array(
+            colorsys.hsv_to_rgb(
+                rng.random(), rng.uniform(0, MOST_SATURATED), rng.uniform(DARKEST, BRIGHTEST)
+            )
+        )
+        for _ in range(2)
+    )
+    return np.asarray(first + field[..., None] * (second - first), np.uint8)

@@ -1,0 +1,61 @@
+"""From the light on a camera's sensor to the image that it delivers: blur, exposure, noise."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.geometry import Array
+from calfree_gym.image import IMAGE_SIZE
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
+
+Image = NDArray[np.uint8]
+
+_STEPS = 32
+"""Grey levels of the noise tile in a standard deviation."""
+_SPARE = 64
+"""Pixels by which the tile is larger than an image: so many places has it in either direction."""
+_LEVELS = np.arange(256)
+
+
+class ImageFormation:
+    """The sensors of cameras whose images have `size` pixels.
+
+    Noise comes from one large tile of it, at another place in every image: to draw it anew takes longer than
+    to render the image.
+
+    Args:
+        size: Width and height of an image in pixels.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._scale, self._size = size / IMAGE_SIZE, size
+        normal = np.random.default_rng(0).standard_normal((size + _SPARE, size + _SPARE, 3), np.float32)
+        self._tile = np.clip(128 + _STEPS * normal, 0, 255).astype(np.uint8)
+
+    def image(self, light: Image, world: World, camera: int, place: Array) -> Image:
+        """The image (size, size, 3) that a camera delivers.
+
+        Args:
+            light: What its sensor would show without fault (size, size, 3).
+            world: In which it is.
+            camera: 0 or 1, left or right.
+            place: Two numbers in [0, 1): where in the tile of noise.
+        """
+        sigma = self._scale * float(world.blur[camera])
+        image = cv2.GaussianBlur(light, (0, 0), sigma) if sigma > 0 else light
+        exposure = float(world.exposure[camera])
+        if exposure != 1:
+            image = cv2.LUT(image, np.clip(exposure * _LEVELS, 0, 255).astype(np.uint8))
+        noise = float(world.image_noise[camera])
+        if noise > 0:
+            column, row = (_SPARE * place).astype(int)
+            tile = self._tile[row : row + self._size, column : column + self._size]
+            grey = np.clip(np.round(noise * (_LEVELS - 128) / _STEPS), -128, 127).astype(np.int8)
+            image = cv2.add(image, cv2.LUT(tile, grey), dtype=cv2.CV_8U)
+        return np.asarray(image, np.uint8)
