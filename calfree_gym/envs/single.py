@@ -19,6 +19,8 @@ from calfree_gym.envs.goal import (
     placed_objects,
 )
 from calfree_gym.envs.stereo_arms import Applied, WorldChoice
+from calfree_gym.perturbations.base import Perturbation
+from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World
 
@@ -74,9 +76,10 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     `terminate_on_success=False`. Truncated after `max_episode_steps` (60) motions.
 
     ## Information
-    `is_success`: the observed rendezvous. `robot_seconds`: the time that a real arm would need.
-    `perturbed`: perturbations applied before the motion, with all that they drew (a drift: once, at its
-    first step).
+    The same keys, shapes and types at every step and reset. `is_success`: the observed rendezvous (an array
+    without axes). `robot_seconds`: the time that a real arm would need. `perturbed`: how many perturbations
+    were applied before the motion (a drift counts once, at its first step); `env.unwrapped.applied` lists
+    them, with all that they drew.
     `truth`, unless `truth=False`: for scoring only, never for a controller: `error_px` (larger noise-free
     image distance), `distance_mm`, `points`, `gripper`, `object`, `joints`.
 
@@ -151,6 +154,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         )
         self.observation_space = observation_space(tell, self.arms.robot)
         self.action_space = action_space(self.arms.robot)
+        self.applied: list[Perturbation | Undo] = []
 
     @property
     def world(self) -> World:
@@ -178,7 +182,9 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         applied = self.arms.begin_trial(slice(None), placed_objects(options, 1))
         self.arms.observe()
         observation, _, success = self._outcome()
-        return {key: value[0] for key, value in observation.items()}, self._info(success, 0.0, applied)
+        return {key: value[0] for key, value in observation.items()}, self._info(
+            success, np.float64(0.0), applied
+        )
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Executes one motion, see the class."""
@@ -190,7 +196,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             float(self._reward(distances, success)[0]),
             self._ends and bool(success[0]),
             False,
-            self._info(success, float(seconds[0]), applied),
+            self._info(success, seconds[0], applied),
         )
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -204,14 +210,15 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         """
         return self._frame(0)
 
-    def _info(self, success: Any, seconds: float, applied: list[Applied]) -> dict[str, Any]:
+    def _info(self, success: Any, seconds: np.float64, applied: list[Applied]) -> dict[str, Any]:
+        self.applied = [perturbation for _, perturbation in applied]
         info = {
-            "is_success": bool(success[0]),
+            "is_success": np.array(success[0]),  # a numpy.bool would become an object in vector infos
             "robot_seconds": seconds,
-            "perturbed": [perturbation for _, perturbation in applied],
+            "perturbed": np.int64(len(applied)),
         }
         if self._gives_truth:
-            info["truth"] = {k: v[0] if v.ndim > 1 else float(v[0]) for k, v in self._truth().items()}
+            info["truth"] = {key: value[0] for key, value in self._truth().items()}
         return info
 
     def close(self) -> None:

@@ -22,6 +22,8 @@ from calfree_gym.envs.goal import (
 )
 from calfree_gym.envs.stereo_arms import Applied, WorldChoice
 from calfree_gym.errors import check_choice
+from calfree_gym.perturbations.base import Perturbation
+from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World
 
@@ -99,11 +101,19 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._steps = np.zeros(num_envs, np.int64)
         self._over = np.zeros(num_envs, bool)
+        self._applied: list[Applied] = []
 
     @property
     def worlds(self) -> list[World]:
         """The hidden world of each row. For experiments, not for controllers."""
         return [self.arms.world(row) for row in range(self.num_envs)]
+
+    @property
+    def applied(self) -> list[list[Perturbation | Undo]]:
+        """What was applied to each row in the last step or reset."""
+        return [
+            [perturbation for at, perturbation in self._applied if at == row] for row in range(self.num_envs)
+        ]
 
     @property
     def home_seconds(self) -> NDArray[np.float64]:
@@ -135,10 +145,10 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             if (row_seed := seeds[row]) is not None:
                 self.arms.seed(row, row_seed)
         objects = placed_objects(given, self.num_envs)
-        applied = self._begin(rows, None if objects is None else objects[rows])
+        self._applied = self._begin(rows, None if objects is None else objects[rows])
         self.arms.observe()
         observation, _, success = self._outcome()
-        return observation, self._infos(success, np.zeros(self.num_envs), applied)
+        return observation, self._infos(success, np.zeros(self.num_envs), self._applied)
 
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
         """Executes one motion in every row whose trial is not over.
@@ -168,6 +178,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         terminated = success & ~over if self._ends else np.zeros(self.num_envs, bool)
         truncated = self._steps >= self._max_episode_steps
         self._over = terminated | truncated
+        self._applied = applied
         infos = self._infos(success, seconds, applied)
         if self._autoreset is AutoresetMode.SAME_STEP and self._over.any():
             observation, infos = self._begin_at_once(observation, infos)
@@ -184,6 +195,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         """Begins the next trials of the rows that are over; their last observations go into infos."""
         over = self._over.copy()
         applied = self._begin(np.flatnonzero(over))
+        self._applied = [*self._applied, *applied]
         self.arms.observe()
         observation, _, success = self._outcome()
         infos = self._infos(success, np.where(over, 0.0, final_infos["robot_seconds"]), applied)
@@ -223,15 +235,12 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
 
     def _infos(self, success: Any, seconds: Any, applied: list[Applied]) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)
-        perturbed, was_perturbed = np.empty(self.num_envs, object), np.zeros(self.num_envs, bool)
-        for row, perturbation in applied:
-            was_perturbed[row] = True
-            perturbed[row] = [*(perturbed[row] or ()), perturbation]
+        perturbed = np.bincount([row for row, _ in applied], minlength=self.num_envs)
         infos = {"is_success": success, "robot_seconds": seconds, "perturbed": perturbed}
         if self._gives_truth:
             truth = self._truth()
             infos["truth"] = truth | {"_" + key: every for key in truth}
-        return infos | {"_" + key: every for key in infos} | {"_perturbed": was_perturbed}
+        return infos | {"_" + key: every for key in infos}
 
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the renderer."""
