@@ -1,7 +1,12 @@
 """Errors that name what was found and what is allowed."""
 
 import difflib
-from collections.abc import Iterable
+import functools
+import inspect
+from collections.abc import Callable, Iterable
+from typing import ParamSpec
+
+P = ParamSpec("P")
 
 
 def near_misses(name: object, known: Iterable[str]) -> str:
@@ -16,3 +21,18 @@ def check_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
         raise ValueError(
             f"unknown {name} {value!r}{near_misses(value, allowed)}; allowed: {', '.join(allowed)}"
         )
+
+
+def known_arguments(function: Callable[P, None]) -> Callable[P, None]:
+    """Makes a function raise ValueError, with near misses, at keywords that it does not know."""
+    allowed = [name for name in inspect.signature(function).parameters if name != "self"]
+
+    @functools.wraps(function)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> None:
+        for name in kwargs:
+            if name not in allowed:
+                hint = near_misses(name, allowed)
+                raise ValueError(f"unknown argument {name!r}{hint}; allowed: {', '.join(allowed)}")
+        function(*args, **kwargs)
+
+    return checked

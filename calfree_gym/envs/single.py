@@ -18,7 +18,10 @@ from calfree_gym.envs.goal import (
     observation_space,
     placed_objects,
 )
-from calfree_gym.envs.stereo_arms import Applied, WorldChoice
+from calfree_gym.envs.state import RowState
+from calfree_gym.envs.worlds import WorldChoice
+from calfree_gym.errors import known_arguments
+from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.arms.arm import ArmChoice
@@ -69,7 +72,8 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     The arm is at home, with registers zero. The object is in the work space, and both cameras see it.
     `reset(seed=k)` draws the world (if `world` names a distribution), objects and noise from k.
     `reset()` places the next object in the same world. `reset(options={"object": (x, y, z)})` places it at
-    this point (in m), seen or not.
+    this point (in m), seen or not, if it is within 2 m of the middle of the work space (of another arm:
+    in proportion to its size).
 
     ## Episode end
     Terminated at the rendezvous: both observed image distances within `tolerance_px`, unless
@@ -86,7 +90,8 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     ## Arguments
 
     Args:
-        world: A `World`, or the distribution to draw from: "nominal", "coarse", "wild".
+        world: A `World`, also as the dict of its `to_dict`, or the distribution to draw from: "nominal",
+            "coarse", "wild".
         arm: "movemaster" (the paper's), a `calfree_gym.Arm`, or a mapping of its arguments.
         camera_mount: "waist" (cameras on the body that the first motor moves, turning with it: the object
             then moves in the images, and hindsight relabelling is not valid), "stand" (in the room), the name
@@ -116,6 +121,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012
 
+    @known_arguments
     def __init__(
         self,
         *,
@@ -161,6 +167,10 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         """The hidden world. For experiments, not for controllers."""
         return self.arms.world(0)
 
+    @world.setter
+    def world(self, world: World) -> None:
+        self.set_world(world)
+
     @property
     def home_seconds(self) -> float:
         """Robot time of the way home from here, as `info["robot_seconds"]` is of a motion."""
@@ -169,6 +179,28 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     def set_world(self, world: World) -> None:
         """Puts the robot into `world`; later seeds draw objects and noise only."""
         self.arms.set_world(0, world)
+
+    def get_state(self) -> RowState:
+        """All that the next steps and resets follow from, apart from the arguments: for planners.
+
+        It can be pickled, and shares nothing with the environment. Wrappers, such as `TimeLimit`, keep counts
+        of their own.
+
+        Raises:
+            gymnasium.error.ResetNeeded: No trial has begun.
+        """
+        self.arms.check_begun()
+        return self.arms.get_state(0)
+
+    def set_state(self, state: RowState) -> None:
+        """Goes back to a state that `get_state` gave here, or in an environment of the same arguments.
+
+        Raises:
+            ValueError: It is no state, or that of another arm.
+        """
+        self.arms.set_state(0, state)
+        self.arms.simulation.refresh()
+        self.applied = []
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -179,7 +211,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             seed = int(self.np_random.integers(2**31))
         if seed is not None:
             self.arms.seed(0, seed)
-        applied = self.arms.begin_trial(slice(None), placed_objects(options, 1))
+        applied = self.arms.begin_trial(slice(None), placed_objects(options, 1, self.arms.robot))
         self.arms.observe()
         observation, _, success = self._outcome()
         return {key: value[0] for key, value in observation.items()}, self._info(
@@ -212,7 +244,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
 
     def _info(self, success: Any, seconds: np.float64, applied: list[Applied]) -> dict[str, Any]:
         self.applied = [perturbation for _, perturbation in applied]
-        info = {
+        info: dict[str, Any] = {
             "is_success": np.array(success[0]),  # a numpy.bool would become an object in vector infos
             "robot_seconds": seconds,
             "perturbed": np.int64(len(applied)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ Counts = NDArray[np.int64]
 
 class MeasurementModel:
     """The vision systems of N worlds, one row each: true image points in, measured ones out."""
+
+    state_names: ClassVar[tuple[str, ...]] = ("_queue_points", "_queue_visible", "_filling")
 
     def __init__(self, rows: int) -> None:
         self._noise = np.zeros((rows, 4, 2))
