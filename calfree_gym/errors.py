@@ -1,8 +1,13 @@
 """Errors that name what was found and what is allowed."""
 
 import difflib
-from collections.abc import Iterable
+import functools
+import inspect
+from collections.abc import Callable, Iterable
 from numbers import Integral
+from typing import ParamSpec
+
+P = ParamSpec("P")
 
 
 def near_misses(name: object, known: Iterable[str]) -> str:
@@ -23,3 +28,18 @@ def check_whole(name: str, value: object, least: int, most: int) -> None:
     """Raises ValueError where an argument is no whole number between `least` and `most`."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
         raise ValueError(f"{name} is {value!r}; it must be a whole number from {least} to {most}")
+
+
+def known_arguments(function: Callable[P, None]) -> Callable[P, None]:
+    """Makes a function raise ValueError, with near misses, at keywords that it does not know."""
+    allowed = [name for name in inspect.signature(function).parameters if name != "self"]
+
+    @functools.wraps(function)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> None:
+        for name in kwargs:
+            if name not in allowed:
+                hint = near_misses(name, allowed)
+                raise ValueError(f"unknown argument {name!r}{hint}; allowed: {', '.join(allowed)}")
+        function(*args, **kwargs)
+
+    return checked

@@ -18,6 +18,7 @@ def make_sb3_env(
     n_envs: int = 64,
     word_limit: float = 1.0,
     word_curvature: float = 1.0,
+    seed: int | None = None,
     **arguments: Any,
 ) -> VecEnv:
     """Makes `n_envs` arms, stepped together, as a monitored stable-baselines3 `VecEnv`.
@@ -30,7 +31,8 @@ def make_sb3_env(
         n_envs: How many.
         word_limit: The largest word, see `calfree_gym.wrappers.ScaledWords`.
         word_curvature: Above 1, small words get finer.
-        **arguments: As for `gymnasium.make_vec`. Seed it as any `VecEnv`: row i gets seed + i.
+        seed: Of the first reset, as `VecEnv.seed` sets it: row i gets seed + i.
+        **arguments: As for `gymnasium.make_vec`.
 
     Raises:
         ImportError: stable-baselines3 is not installed.
@@ -43,7 +45,10 @@ def make_sb3_env(
         raise ValueError(f"unknown env_id {env_id!r}; allowed: {', '.join(calfree_gym.ENV_IDS)}")
     settings = {"truth": False, **arguments}
     made = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **settings)
-    return as_sb3_env(VectorScaledWords(made, word_limit, word_curvature))
+    envs = as_sb3_env(VectorScaledWords(made, word_limit, word_curvature))
+    if seed is not None:
+        envs.seed(seed)
+    return envs
 
 
 def as_sb3_env(envs: VectorEnv[Any, Any, Any]) -> VecEnv:

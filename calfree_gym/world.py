@@ -141,6 +141,9 @@ class World:
     def __hash__(self) -> int:
         return hash(tuple(getattr(self, name).tobytes() for name in _SHAPES))
 
+    def __reduce__(self) -> Any:
+        return World.from_dict, (vars(self),)  # arrays stay read-only
+
     def to_dict(self) -> dict[str, Any]:
         """Plain lists and floats under the names of the fields; `from_dict` gets them back exactly."""
         return {name: getattr(self, name).tolist() for name in _SHAPES}

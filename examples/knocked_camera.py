@@ -25,7 +25,7 @@ def main() -> None:
         infos = reach(env, look)
         motions, trial = motions + len(infos), trial + 1
         outcome = "reached" if infos[-1]["is_success"] else "missed"
-        knocks = [applied.to_dict() for info in infos for applied in info["perturbed"]]
+        knocks = [knock] * sum(info["perturbed"] for info in infos)
         print(f"trial {trial}: {outcome} in {len(infos)} motions", *knocks)
         look, _ = env.reset()
 

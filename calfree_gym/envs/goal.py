@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
+from calfree_gym.envs.spec import plain
+from calfree_gym.envs.state import Copyable
 from calfree_gym.envs.stereo_arms import StereoArms
 from calfree_gym.errors import check_choice
-from calfree_gym.robot.arms.arm import ArmChoice, robot_of
+from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of
 from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.robot.workspace import check_near
 from calfree_gym.tasks import reach
 
 Observation = dict[str, NDArray[np.float32]]
@@ -99,7 +104,7 @@ def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     return np.clip(words, -1.0, 1.0)
 
 
-class StereoArmGoal:
+class StereoArmGoal(Copyable):
     """What the single and the batched environment share: arguments, observations, rewards."""
 
     def _build(
@@ -123,7 +128,9 @@ class StereoArmGoal:
             check_choice("tell", name, tuple(PRIVILEGED))
         if render_mode is not None:
             check_choice("render_mode", render_mode, RENDER_MODES)
-        self.arms = StereoArms(rows, threads=threads, robot=robot_of(arm), **arms)
+        self._arm = Arm.from_dict(arm) if isinstance(arm, Mapping) else arm
+        self._arguments = {"rows": rows, "threads": threads, **arms}
+        self.arms = self._new_arms()
         self.render_mode = render_mode
         self._ends = terminate_on_success
         self._tell = tuple(tell)
@@ -133,6 +140,22 @@ class StereoArmGoal:
         self.tolerance_px = float(arms["tolerance_px"])
         self._reward = REWARDS[reward]
         self._renderer: Any = None
+        self._spec: EnvSpec | None = None
+
+    def _new_arms(self) -> StereoArms:
+        return StereoArms(robot=robot_of(self._arm), **self._arguments)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How `gymnasium.make` made it, by plain arguments: `to_json` is exact."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            arm = {"arm": self._arm} if "arm" in spec.kwargs else {}
+            spec = replace(spec, kwargs=plain(spec.kwargs | arm))
+        self._spec = spec
 
     def _outcome(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_]]:
         """The last observation: batched observations, image distances (N, 2), and rendezvous (N,)."""
@@ -191,7 +214,7 @@ class StereoArmGoal:
             self._renderer = None
 
 
-def placed_objects(options: dict[str, Any] | None, rows: int) -> NDArray[np.float64] | None:
+def placed_objects(options: dict[str, Any] | None, rows: int, robot: Robot) -> NDArray[np.float64] | None:
     """The object of reset's options (rows, 3) in m, or None without one."""
     if not options:
         return None
@@ -207,4 +230,6 @@ def placed_objects(options: dict[str, Any] | None, rows: int) -> NDArray[np.floa
         position = np.empty(0)
     if position.shape not in ((3,), (rows, 3)) or not np.isfinite(position).all():
         raise ValueError(f"options['object'] is {options['object']!r}; it must be (x, y, z) in metres")
-    return np.broadcast_to(position, (rows, 3))
+    objects = np.broadcast_to(position, (rows, 3))
+    check_near(objects, robot)
+    return objects

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
+from calfree_gym.envs.row import Row
+
 
 class StereoArmVecEnv(VecEnv):
     """Arms whose next trial begins at once, as stable-baselines3 expects.
@@ -67,17 +69,27 @@ class StereoArmVecEnv(VecEnv):
         return self.vector_env.render() if self.render_mode else [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the batched environment, once for each of the rows asked for."""
-        return [getattr(self.vector_env.unwrapped, attr_name)] * len(self._rows(indices))
+        """An attribute of each of the rows asked for."""
+        found = self.vector_env.unwrapped.get_attr(attr_name)
+        return [found[row] for row in self._rows(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Not possible: all rows share one environment."""
-        raise NotImplementedError(f"{attr_name} cannot be set: all rows are one batched environment")
+        """Sets the `world` of the rows asked for; any other attribute for all rows.
+
+        Raises:
+            ValueError: Rows would differ in what they share.
+        """
+        values = [value] * self.num_envs
+        if len(rows := self._rows(indices)) < self.num_envs:
+            values = list(self.vector_env.unwrapped.get_attr(attr_name))
+            for row in rows:
+                values[row] = value
+        self.vector_env.unwrapped.set_attr(attr_name, values)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Calls a method of the batched environment once; its result for each of the rows asked for."""
-        result = getattr(self.vector_env.unwrapped, method_name)(*args, **kwargs)
-        return [result] * len(self._rows(indices))
+        """Calls a method of each of the rows asked for."""
+        envs = self.vector_env.unwrapped
+        return [getattr(Row(envs, row), method_name)(*args, **kwargs) for row in self._rows(indices)]
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None

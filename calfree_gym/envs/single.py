@@ -18,7 +18,12 @@ from calfree_gym.envs.goal import (
     observation_space,
     placed_objects,
 )
-from calfree_gym.envs.stereo_arms import Applied, WorldChoice
+from calfree_gym.envs.state import RowState
+from calfree_gym.envs.worlds import WorldChoice
+from calfree_gym.errors import known_arguments
+from calfree_gym.perturbations.application import Applied
+from calfree_gym.perturbations.base import Perturbation
+from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World
 
@@ -67,23 +72,26 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
     The arm is at home, with registers zero. The object is in the work space, and both cameras see it.
     `reset(seed=k)` draws the world (if `world` names a distribution), objects and noise from k.
     `reset()` places the next object in the same world. `reset(options={"object": (x, y, z)})` places it at
-    this point (in m), seen or not.
+    this point (in m), seen or not, if it is within 2 m of the middle of the work space (of another arm:
+    in proportion to its size).
 
     ## Episode end
     Terminated at the rendezvous: both observed image distances within `tolerance_px`, unless
     `terminate_on_success=False`. Truncated after `max_episode_steps` (60) motions.
 
     ## Information
-    `is_success`: the observed rendezvous. `robot_seconds`: the time that a real arm would need.
-    `perturbed`: perturbations applied before the motion, with all that they drew (a drift: once, at its
-    first step).
+    The same keys, shapes and types at every step and reset. `is_success`: the observed rendezvous (an array
+    without axes). `robot_seconds`: the time that a real arm would need. `perturbed`: how many perturbations
+    were applied before the motion (a drift counts once, at its first step); `env.unwrapped.applied` lists
+    them, with all that they drew.
     `truth`, unless `truth=False`: for scoring only, never for a controller: `error_px` (larger noise-free
     image distance), `distance_mm`, `points`, `gripper`, `object`, `joints`.
 
     ## Arguments
 
     Args:
-        world: A `World`, or the distribution to draw from: "nominal", "coarse", "wild".
+        world: A `World`, also as the dict of its `to_dict`, or the distribution to draw from: "nominal",
+            "coarse", "wild".
         arm: "movemaster" (the paper's), a `calfree_gym.Arm`, or a mapping of its arguments.
         camera_mount: "waist" (cameras on the body that the first motor moves, turning with it: the object
             then moves in the images, and hindsight relabelling is not valid), "stand" (in the room), the name
@@ -113,6 +121,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012
 
+    @known_arguments
     def __init__(
         self,
         *,
@@ -151,11 +160,16 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         )
         self.observation_space = observation_space(tell, self.arms.robot)
         self.action_space = action_space(self.arms.robot)
+        self.applied: list[Perturbation | Undo] = []
 
     @property
     def world(self) -> World:
         """The hidden world. For experiments, not for controllers."""
         return self.arms.world(0)
+
+    @world.setter
+    def world(self, world: World) -> None:
+        self.set_world(world)
 
     @property
     def home_seconds(self) -> float:
@@ -166,6 +180,28 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         """Puts the robot into `world`; later seeds draw objects and noise only."""
         self.arms.set_world(0, world)
 
+    def get_state(self) -> RowState:
+        """All that the next steps and resets follow from, apart from the arguments: for planners.
+
+        It can be pickled, and shares nothing with the environment. Wrappers, such as `TimeLimit`, keep counts
+        of their own.
+
+        Raises:
+            gymnasium.error.ResetNeeded: No trial has begun.
+        """
+        self.arms.check_begun()
+        return self.arms.get_state(0)
+
+    def set_state(self, state: RowState) -> None:
+        """Goes back to a state that `get_state` gave here, or in an environment of the same arguments.
+
+        Raises:
+            ValueError: It is no state, or that of another arm.
+        """
+        self.arms.set_state(0, state)
+        self.arms.simulation.refresh()
+        self.applied = []
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
@@ -175,10 +211,12 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             seed = int(self.np_random.integers(2**31))
         if seed is not None:
             self.arms.seed(0, seed)
-        applied = self.arms.begin_trial(slice(None), placed_objects(options, 1))
+        applied = self.arms.begin_trial(slice(None), placed_objects(options, 1, self.arms.robot))
         self.arms.observe()
         observation, _, success = self._outcome()
-        return {key: value[0] for key, value in observation.items()}, self._info(success, 0.0, applied)
+        return {key: value[0] for key, value in observation.items()}, self._info(
+            success, np.float64(0.0), applied
+        )
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Executes one motion, see the class."""
@@ -190,7 +228,7 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             float(self._reward(distances, success)[0]),
             self._ends and bool(success[0]),
             False,
-            self._info(success, float(seconds[0]), applied),
+            self._info(success, seconds[0], applied),
         )
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -204,14 +242,15 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         """
         return self._frame(0)
 
-    def _info(self, success: Any, seconds: float, applied: list[Applied]) -> dict[str, Any]:
-        info = {
-            "is_success": bool(success[0]),
+    def _info(self, success: Any, seconds: np.float64, applied: list[Applied]) -> dict[str, Any]:
+        self.applied = [perturbation for _, perturbation in applied]
+        info: dict[str, Any] = {
+            "is_success": np.array(success[0]),  # a numpy.bool would become an object in vector infos
             "robot_seconds": seconds,
-            "perturbed": [perturbation for _, perturbation in applied],
+            "perturbed": np.int64(len(applied)),
         }
         if self._gives_truth:
-            info["truth"] = {k: v[0] if v.ndim > 1 else float(v[0]) for k, v in self._truth().items()}
+            info["truth"] = {key: value[0] for key, value in self._truth().items()}
         return info
 
     def close(self) -> None:

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.envs.state import RowState, arm_state, check_state, restore, state_of
+from calfree_gym.envs.worlds import WorldChoice, world_choices
 from calfree_gym.errors import check_choice
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, PIXELS_PER_UNIT, inside, lengths
-from calfree_gym.perturbations.application import PerturbationScheduler
-from calfree_gym.perturbations.base import Perturbation
-from calfree_gym.perturbations.undo import Undo
+from calfree_gym.perturbations.application import Applied, PerturbationScheduler
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.motor_errors import MotorErrors
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.simulation import DYNAMICS, Simulation
-from calfree_gym.robot.workspace import ATTEMPTS, Workspaces, first_in_view, in_view, least_in_view
+from calfree_gym.robot.workspace import ATTEMPTS, Workspaces, check_in_view, first_in_view
 from calfree_gym.streams import CounterStreams, Key, key
 from calfree_gym.vision.measurement import MeasurementModel
 from calfree_gym.world import World, WorldDistribution
@@ -32,7 +32,7 @@ APART_SIGMAS = 6
 """The distance of a new object from the gripper exceeds the tolerance by this many times the noise."""
 
 REDRAWS = ("never", "trial")
-WorldChoice = str | World | WorldDistribution
+_PARTS = ("simulation", "_motor_errors", "_measurement", "_scheduler")
 
 
 class StereoArms:
@@ -64,6 +64,11 @@ class StereoArms:
         ValueError: An argument is unknown, or a given world is not in view.
     """
 
+    state_names: ClassVar[tuple[str, ...]] = (
+        *("_choices", "_seeds", "_worlds", "motions", "trials", "_motions_before"),
+        *("registers", "points", "visible", "true_points", "_drawn_at"),
+    )
+
     def __init__(
         self,
         rows: int,
@@ -91,10 +96,10 @@ class StereoArms:
         self._motor_errors = MotorErrors(rows, motors)
         self._workspaces = Workspaces(rows, robot, self.mounts)
         self._scheduler = PerturbationScheduler(rows, perturbations, robot, self.mounts, keep_in_view)
-        self._choices = _choices(world, rows)
+        self._choices = world_choices(world, rows)
         self._redraws = redraw == "trial"
         self._keep_in_view = keep_in_view
-        for choice in self._choices:
+        for choice in dict.fromkeys(self._choices):
             if isinstance(choice, World):
                 self._check_in_view(choice)
                 if self._redraws:
@@ -117,7 +122,6 @@ class StereoArms:
         self._object_registers = np.zeros((rows, motors))
         self._drawn_at = np.full((rows, motors), np.nan)
         self._all = np.arange(rows)
-        self._begun = False
 
     def world(self, row: int) -> World:
         """The world of a row.
@@ -136,14 +140,17 @@ class StereoArms:
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`: its world, where that is to be drawn, objects and noise."""
+        self._seed_streams(row, seed)
+        self.motions[row] = self.trials[row] = self._motions_before[row] = 0
+        choice = self._choices[row]
+        self._enter(row, choice if isinstance(choice, World) else self._draw_world(choice, seed, 0))
+
+    def _seed_streams(self, row: int, seed: int) -> None:
         self._seeds[row] = seed
         self._measurement.seed(row, seed)
         self._motor_errors.seed(row, seed)
         self._object_keys[row] = key(seed, "objects")
-        self.motions[row] = self.trials[row] = self._motions_before[row] = 0
         self._scheduler.seed(row, seed)
-        choice = self._choices[row]
-        self._enter(row, choice if isinstance(choice, World) else self._draw_world(choice, seed, 0))
 
     def _draw_world(self, distribution: WorldDistribution, seed: int, trial: int) -> World:
         def draw(attempt: int) -> World:
@@ -172,7 +179,6 @@ class StereoArms:
         Returns:
             The perturbations that were applied before; `observe` updates what is seen now.
         """
-        self._begun = True
         indices = self._all[rows]
         if self._redraws:
             self._redraw(indices)
@@ -184,10 +190,15 @@ class StereoArms:
         self.trials[rows] += 1
         self._motions_before[rows] = self.motions[rows]
         home = self.motors.positions(self.registers[rows], rows)
-        home = self._motor_errors.at_home(rows, home, self.trials, self._motions_of_trial)
+        home = self._motor_errors.at_home(rows, home, self.trials, self.motions_of_trial)
         self.simulation.place(rows, self.motors.angles(home, rows), objects)
         self.points[rows] = 0.0
         return applied
+
+    def check_begun(self, rows: Rows = slice(None)) -> None:
+        """Raises ResetNeeded where no trial has begun in some of these rows."""
+        if not self.trials[rows].all():
+            raise gym.error.ResetNeeded("no trial has begun: call reset() first")
 
     def move(self, rows: Rows, words: Array) -> tuple[Array, list[Applied]]:
         """Executes one motion of control words (n, m) in `rows`.
@@ -198,8 +209,7 @@ class StereoArms:
         Raises:
             gymnasium.error.ResetNeeded: No trial has begun.
         """
-        if not self._begun:
-            raise gym.error.ResetNeeded("no trial has begun: call reset() before step()")
+        self.check_begun(rows)
         applied = self._apply_due("motion", self.motions, rows)
         motors = self.motors
         registers = self.registers[rows] + words
@@ -207,7 +217,7 @@ class StereoArms:
         self.registers[rows] = registers
         self.motions[rows] += 1
         positions = self.motors.positions(registers, rows)
-        positions = self._motor_errors.after_a_motion(rows, positions, self.trials, self._motions_of_trial)
+        positions = self._motor_errors.after_a_motion(rows, positions, self.trials, self.motions_of_trial)
         seconds = self.simulation.move(rows, self.motors.angles(positions, rows))
         return seconds + LOOK_SECONDS, applied
 
@@ -218,19 +228,46 @@ class StereoArms:
         true, shown = self._workspaces.cameras.through_lens(pixels)
         visible = shown & (depth > 0) & inside(true)
         self.true_points = true
-        motions = self._motions_of_trial
+        motions = self.motions_of_trial
         measured, self.visible = self._measurement.measure(true, visible, self.trials, motions)
         self.points = np.where(self.visible[:, :, None], measured, self.points)
         self.delivered = self._measurement.deliver(self.points, self.visible, motions)
 
     @property
-    def _motions_of_trial(self) -> NDArray[np.int64]:
+    def motions_of_trial(self) -> NDArray[np.int64]:
+        """Motions of the present trial (N,)."""
         return self.motions - self._motions_before
 
     def home_seconds(self) -> Array:
         """Robot time (N,) of the way home from here, in seconds."""
         home = self.motors.joints(np.zeros_like(self.registers), slice(None))
         return self.simulation.travel_to(home) + LOOK_SECONDS
+
+    def get_state(self, row: int) -> dict[str, Any]:
+        """All that the next motions of a row follow from, apart from the arguments."""
+        parts = {name: state_of(getattr(self, name), row) for name in _PARTS}
+        delivered = tuple(each[row].copy() for each in self.delivered)
+        return state_of(self, row) | parts | {"arm": arm_state(self.robot), "delivered": delivered}
+
+    def set_state(self, row: int, state: RowState) -> None:
+        """Brings a row into a state that `get_state` gave; `simulation.refresh` then updates positions.
+
+        Raises:
+            ValueError: It is the state of another arm.
+        """
+        check_state(state, self.robot)
+        if (seed := state["_seeds"]) is not None and seed != self._seeds[row]:
+            self._seed_streams(row, seed)
+        if (world := state["_worlds"]) is not None and world is not self._worlds[row]:
+            self._enter(row, world)
+        self.true_points = self.true_points.copy()  # infos have given it away
+        restore(self, row, state)
+        for name in _PARTS:
+            restore(getattr(self, name), row, state[name])
+        self.delivered = self.delivered[0].copy(), self.delivered[1].copy()
+        for delivered, of_row in zip(self.delivered, state["delivered"], strict=True):
+            delivered[row] = of_row
+        self._solved[row] = None
 
     def object_registers(self) -> Array:
         """Registers (N, m) at which the gripper is at the object, or as near as the motors let it.
@@ -271,12 +308,8 @@ class StereoArms:
 
     def _check_in_view(self, world: World) -> None:
         world.check_fits(self.robot)
-        if self._keep_in_view and not in_view(world, self.robot, self.mounts):
-            raise ValueError(
-                f"the given world is not in view on {self.robot.mount_name(self.mounts)}: both cameras must "
-                f"see the gripper at home and {least_in_view(self.robot, self.mounts):.0%} of the work "
-                "space, which the motors must reach"
-            )
+        if self._keep_in_view:
+            check_in_view(world, self.robot, self.mounts)
 
     def _apply_due(self, clock: str, counts: NDArray[np.int64], rows: Rows) -> list[Applied]:
         """Applies the events that are due in `rows`; the stops of these arms may move."""
@@ -314,21 +347,3 @@ class StereoArms:
             f"no object in {ATTEMPTS * CANDIDATE_BLOCK} candidates is within reach and in view of both "
             f"cameras; the world is {self.world(int(rows[open_[0]])).to_dict()}"
         )
-
-
-Applied = tuple[int, Perturbation | Undo]
-"""A row, and the perturbation that was applied to it, with all that it drew."""
-
-
-def _choices(world: Any, rows: int) -> list[World | WorldDistribution]:
-    if not isinstance(world, list | tuple):
-        return [_choice(world)] * rows
-    if len(world) != rows:
-        raise ValueError(f"world is a list of {len(world)}; it must have {rows}, one an environment")
-    return [_choice(w) for w in world]
-
-
-def _choice(world: Any) -> World | WorldDistribution:
-    if isinstance(world, World | WorldDistribution):
-        return world
-    return WorldDistribution(world)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -20,13 +20,18 @@ from calfree_gym.envs.goal import (
     observation_space,
     placed_objects,
 )
-from calfree_gym.envs.stereo_arms import Applied, WorldChoice
-from calfree_gym.errors import check_choice
+from calfree_gym.envs.row import HasRows
+from calfree_gym.envs.state import RowState
+from calfree_gym.envs.worlds import WorldChoice
+from calfree_gym.errors import check_choice, known_arguments
+from calfree_gym.perturbations.application import Applied
+from calfree_gym.perturbations.base import Perturbation
+from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World
 
 
-class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
+class StereoArmVectorEnv(StereoArmGoal, HasRows, VectorEnv[Any, Any, Any]):
     """Many stereo arms stepped together by MuJoCo's threads; row i is `StereoArmEnv` reset with seed + i.
 
     Each row counts its own motions and trials, and perturbations are applied by these counts.
@@ -48,6 +53,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
+    @known_arguments
     def __init__(
         self,
         *,
@@ -91,19 +97,26 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         )
         self.num_envs = num_envs
         self._max_episode_steps = max_episode_steps
-        self._autoreset = AutoresetMode(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self._autoreset}
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = observation_space(tell, self.arms.robot)
         self.single_action_space = action_space(self.arms.robot)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._steps = np.zeros(num_envs, np.int64)
         self._over = np.zeros(num_envs, bool)
+        self._applied: list[Applied] = []
 
     @property
     def worlds(self) -> list[World]:
         """The hidden world of each row. For experiments, not for controllers."""
         return [self.arms.world(row) for row in range(self.num_envs)]
+
+    @property
+    def applied(self) -> list[list[Perturbation | Undo]]:
+        """What was applied to each row in the last step or reset."""
+        return [
+            [perturbation for at, perturbation in self._applied if at == row] for row in range(self.num_envs)
+        ]
 
     @property
     def home_seconds(self) -> NDArray[np.float64]:
@@ -114,6 +127,37 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         """Puts one row, or every row, into `world`; later seeds draw objects and noise only."""
         for r in range(self.num_envs) if row is None else [row]:
             self.arms.set_world(r, world)
+
+    def get_state(self) -> tuple[RowState, ...]:
+        """The state of each row, as `StereoArmEnv.get_state`.
+
+        Raises:
+            gymnasium.error.ResetNeeded: No trial has begun in some row.
+        """
+        self.arms.check_begun()
+        return tuple(self.arms.get_state(row) for row in range(self.num_envs))
+
+    def set_state(self, state: RowState | Sequence[RowState], row: int | None = None) -> None:
+        """Brings every row into its state, one row, or all rows into one state: that of a single arm, too.
+
+        Motions of the trial count for `max_episode_steps`.
+
+        Raises:
+            ValueError: There are more or fewer states than rows, or one is that of another arm.
+        """
+        rows = range(self.num_envs) if row is None else [row]
+        states = [state] * len(rows) if isinstance(state, Mapping) else list(state)
+        if len(states) != len(rows):
+            raise ValueError(
+                f"there are {len(states)} states; there must be {len(rows)}, one a row, or one for all"
+            )
+        for each, of_row in zip(rows, states, strict=True):
+            self.arms.set_state(each, of_row)
+        self.arms.simulation.refresh()
+        *_, success = self._outcome()
+        moved = self.arms.motions_of_trial > 0
+        self._over = moved & (success & self._ends | (self.arms.motions_of_trial >= self._max_episode_steps))
+        self._applied = []
 
     def reset(
         self,
@@ -134,11 +178,11 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         for row in rows:
             if (row_seed := seeds[row]) is not None:
                 self.arms.seed(row, row_seed)
-        objects = placed_objects(given, self.num_envs)
-        applied = self._begin(rows, None if objects is None else objects[rows])
+        objects = placed_objects(given, self.num_envs, self.arms.robot)
+        self._applied = self._begin(rows, None if objects is None else objects[rows])
         self.arms.observe()
         observation, _, success = self._outcome()
-        return observation, self._infos(success, np.zeros(self.num_envs), applied)
+        return observation, self._infos(success, np.zeros(self.num_envs), self._applied)
 
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
         """Executes one motion in every row whose trial is not over.
@@ -151,7 +195,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         seconds = np.zeros(self.num_envs)
         if not len(beginning):
             seconds, applied = self.arms.move(slice(None), words)
-        elif self._autoreset is AutoresetMode.NEXT_STEP:
+        elif self.autoreset_mode is AutoresetMode.NEXT_STEP:
             applied = self._begin(beginning)
             moving = np.flatnonzero(~over)
             if len(moving):
@@ -161,20 +205,19 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
             raise gym.error.ResetNeeded(
                 f"the trials of rows {beginning.tolist()} are over: reset them, with a reset_mask in options"
             )
-        self._steps += ~over
         self.arms.observe()
         observation, distances, success = self._outcome()
         rewards = np.where(over, 0.0, self._reward(distances, success))
         terminated = success & ~over if self._ends else np.zeros(self.num_envs, bool)
-        truncated = self._steps >= self._max_episode_steps
+        truncated = self.arms.motions_of_trial >= self._max_episode_steps
         self._over = terminated | truncated
+        self._applied = applied
         infos = self._infos(success, seconds, applied)
-        if self._autoreset is AutoresetMode.SAME_STEP and self._over.any():
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             observation, infos = self._begin_at_once(observation, infos)
         return observation, rewards, terminated, truncated, infos
 
     def _begin(self, rows: NDArray[np.intp], objects: NDArray[np.float64] | None = None) -> list[Applied]:
-        self._steps[rows] = 0
         self._over[rows] = False
         return self.arms.begin_trial(rows, objects)
 
@@ -184,6 +227,7 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
         """Begins the next trials of the rows that are over; their last observations go into infos."""
         over = self._over.copy()
         applied = self._begin(np.flatnonzero(over))
+        self._applied = [*self._applied, *applied]
         self.arms.observe()
         observation, _, success = self._outcome()
         infos = self._infos(success, np.where(over, 0.0, final_infos["robot_seconds"]), applied)
@@ -223,15 +267,12 @@ class StereoArmVectorEnv(StereoArmGoal, VectorEnv[Any, Any, Any]):
 
     def _infos(self, success: Any, seconds: Any, applied: list[Applied]) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)
-        perturbed, was_perturbed = np.empty(self.num_envs, object), np.zeros(self.num_envs, bool)
-        for row, perturbation in applied:
-            was_perturbed[row] = True
-            perturbed[row] = [*(perturbed[row] or ()), perturbation]
+        perturbed = np.bincount([row for row, _ in applied], minlength=self.num_envs)
         infos = {"is_success": success, "robot_seconds": seconds, "perturbed": perturbed}
         if self._gives_truth:
             truth = self._truth()
             infos["truth"] = truth | {"_" + key: every for key in truth}
-        return infos | {"_" + key: every for key in infos} | {"_perturbed": was_perturbed}
+        return infos | {"_" + key: every for key in infos}
 
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the renderer."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.schedule import CLOCKS, Event, parse_schedule
@@ -11,6 +11,9 @@ from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.workspace import first_in_view, in_view
 from calfree_gym.streams import stream
 from calfree_gym.world import World
+
+Applied = tuple[int, Perturbation | Undo]
+"""A row, and the perturbation that was applied to it, with all that it drew."""
 
 
 class PerturbationScheduler:
@@ -30,6 +33,8 @@ class PerturbationScheduler:
         mounts: Where the cameras are fixed.
         keep_in_view: Whether worlds that the cameras do not see are drawn again, and drifts turn back.
     """
+
+    state_names: ClassVar[tuple[str, ...]] = ("_drifts", "_undoable")
 
     def __init__(self, rows: int, schedule: Any, robot: Robot, mounts: Mounts, keep_in_view: bool) -> None:
         events = tuple(enumerate(parse_schedule(schedule)))

@@ -42,6 +42,15 @@ class Event:
             return (counts > 0) & (counts % self.at == 0)
         return counts == self.at
 
+    def to_dict(self) -> dict[str, Any]:
+        """As in YAML."""
+        when: dict[str, Any] = {"every" if self.every else "at": {self.clock: self.at}}
+        if self.drift:
+            when = {"drift": {"per": self.clock}}
+        if isinstance(self.perturbation, Undo):
+            return when | {"undo": self.perturbation.event}
+        return when | {"do": self.perturbation.to_dict()}
+
 
 Schedule = tuple[Event, ...]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ class MotorErrors:
         rows: N.
         motors: m.
     """
+
+    state_names: ClassVar[tuple[str, ...]] = ("_sent", "_joint", "_noise")
 
     def __init__(self, rows: int, motors: int) -> None:
         self._half_gap = np.zeros((rows, motors))

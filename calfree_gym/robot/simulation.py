@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import mujoco
 import numpy as np
@@ -42,6 +42,8 @@ class Simulation:
         threads: Threads that step the worlds; they change no number.
     """
 
+    state_names: ClassVar[tuple[str, ...]] = ("_physics",)
+
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, dynamics: str, threads: int) -> None:
         self.rows = rows
         self._robot = robot
@@ -51,7 +53,7 @@ class Simulation:
         if self._kinematic:
             self._model.opt.disableflags |= _NO_CONSTRAINTS  # motors stop before joints do
         self._batch = Batch(self._model, rows, nthread=threads)
-        self._current = False
+        self._physics = self._batch.state  # all that MuJoCo integrates, the solver's warm start included
         self._occluder = self._model.geom(self.prefix + "occluder").id
         self._occluders = np.zeros((rows, 5))
         self._camera_position = self._batch.expand("cam_pos")
@@ -80,7 +82,6 @@ class Simulation:
 
     def set_world(self, row: int, world: World) -> None:
         """Puts `row` into `world`; its joints stay where they are until it moves or goes home."""
-        self._current = False
         for camera, (position, axes, turn) in enumerate(self._mounts):
             place = self._cameras[camera]
             self._camera_position[row, place] = (world.camera_position[camera] - position) @ axes
@@ -99,7 +100,6 @@ class Simulation:
         _write(self._all_act, rows, self._act, joints)
         self._qvel[rows] = 0.0
         self._object[rows, self._mocap] = objects
-        self._current = False
 
     def move(self, rows: Rows, joints: Array) -> Array:
         """Moves the arms of `rows` until they have settled with joints at (n, j).
@@ -115,7 +115,6 @@ class Simulation:
             self._disabled.fill(self._flags | _NO_SENSORS)  # only `refresh` needs them
             self._batch.step(None if isinstance(rows, slice) else rows, SUBSTEPS)
             self._disabled.fill(self._flags)
-        self._current = False
         return travel
 
     def travel_to(self, joints: Array) -> Array:
@@ -128,8 +127,7 @@ class Simulation:
 
     def refresh(self) -> None:
         """Brings image points and positions up to date with where everything is."""
-        if not self._current:
-            self._batch.forward(stage=_POSITION_STAGE)
+        self._batch.forward(stage=_POSITION_STAGE)
 
     def pinhole_pixels(self) -> tuple[Array, Array]:
         """Image points at the last refresh, of cameras without lens distortion and principal point offset.

@@ -27,6 +27,9 @@ MIN_IN_VIEW = 0.5
 """Share of the work space that both cameras must see."""
 MIN_IN_VIEW_ON_A_LINK = 0.2
 """The same, where a camera is fixed to a link behind the first one, and turns away as it moves."""
+FARTHEST = 2.0
+"""No object lies farther than this from the middle of the RV-M2's work space (m), all of which lies within
+0.4 m; of another arm, for its size."""
 CHECKED = 200
 """Candidates that decide whether a world is in view."""
 ATTEMPTS = 1000
@@ -171,6 +174,34 @@ def in_view(world: World, robot: Robot, mounts: Mounts, whole: bool = False) -> 
     if len(good) < CHECKED or (whole and not reached.all()):
         return False
     return bool(good.mean() >= least_in_view(robot, mounts))
+
+
+def check_in_view(world: World, robot: Robot, mounts: Mounts) -> None:
+    """Raises where a world is not in view.
+
+    Raises:
+        ValueError: Says what must be.
+    """
+    if not in_view(world, robot, mounts):
+        raise ValueError(
+            f"the given world is not in view on {robot.mount_name(mounts)}: both cameras must see the "
+            f"gripper at home and {least_in_view(robot, mounts):.0%} of the work space, which the motors "
+            "must reach"
+        )
+
+
+def check_near(objects: Array, robot: Robot) -> None:
+    """Raises where objects (n, 3) in m lie far beyond the work space.
+
+    Raises:
+        ValueError: Says how far, and how far it may be.
+    """
+    far = np.linalg.norm(objects - robot.rig.target, axis=-1)
+    if (far > (farthest := FARTHEST * robot.rig.scale)).any():
+        raise ValueError(
+            f"the object at {objects[far.argmax()].tolist()} is {far.max():.2f} m from the middle of the "
+            f"work space, {robot.rig.target.round(2).tolist()}; it must be within {farthest:.2f} m"
+        )
 
 
 @lru_cache(maxsize=8)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,16 @@ class Latency:
         rows: N.
     """
 
+    state_names: ClassVar[tuple[str, ...]] = ("_queues", "_beginning")
+
     def __init__(self, rows: int) -> None:
         self._latency = np.zeros(rows, np.int64)
-        self._filling = np.zeros(rows, bool)
-        self._queues: tuple[NDArray[Any], ...] = ()
-        self._all = np.arange(rows)
+        self._beginning = np.zeros(rows, bool)
+        self._queues: list[dict[int, tuple[NDArray[Any], ...]]] = [{} for _ in range(rows)]
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the latency of `world`."""
-        self._filling[row] = world.latency > 0 and self._latency[row] == 0
+        self._beginning[row] = world.latency > 0 and self._latency[row] == 0
         self._latency[row] = world.latency
 
     def deliver(self, motions: NDArray[np.int64], *observed: NDArray[Any]) -> tuple[NDArray[Any], ...]:
@@ -40,18 +41,18 @@ class Latency:
 
         Args:
             motions: Of the trial (N,).
-            observed: Arrays (N, ...), always of the same kinds.
+            observed: Arrays (N, ...).
         """
         if not self._latency.any():
             return observed
-        slots = MAX_LATENCY + 1
-        if not self._queues:
-            self._queues = tuple(
-                np.zeros((len(each), slots, *each.shape[1:]), each.dtype) for each in observed
-            )
-        due = np.maximum(motions - self._latency, 0) % slots
-        for queue, now in zip(self._queues, observed, strict=True):
-            queue[self._filling] = now[self._filling, None]
-            queue[self._all, motions % slots] = now
-        self._filling[:] = False
-        return tuple(queue[self._all, due] for queue in self._queues)
+        late = tuple(each.copy() for each in observed)
+        for row, (queue, motion) in enumerate(zip(self._queues, motions.tolist(), strict=True)):
+            if self._beginning[row] or motion == 0:
+                queue.clear()
+            queue[motion] = tuple(each[row].copy() for each in observed)
+            queue.pop(motion - MAX_LATENCY - 1, None)
+            due = queue[max(motion - int(self._latency[row]), min(queue))]
+            for each, delivered in zip(late, due, strict=True):
+                each[row] = delivered
+        self._beginning[:] = False
+        return late

@@ -107,6 +107,8 @@ def read_yaml(path: Path) -> Any:
         raise ConfigError(f"{path}: cannot be read: {error}") from None
     except yaml.YAMLError as error:
         raise ConfigError(f"{path}{_place(error)}") from None
+    except (ValueError, RecursionError) as error:  # such as a date in a thirteenth month
+        raise ConfigError(f"{path}: is not valid YAML: {error}") from None
 
 
 def _place(error: yaml.YAMLError) -> str:

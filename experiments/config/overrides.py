@@ -25,7 +25,7 @@ def with_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str, 
             raise ConfigError(f"--set {override}: found no key=value; allowed: such as worlds=2")
         try:
             value = yaml.safe_load(text)
-        except yaml.YAMLError as error:
+        except (yaml.YAMLError, ValueError) as error:
             raise ConfigError(f"--set {override}: the value is not valid YAML: {error}") from None
         data = _replaced(data, path.split("."), value, override)
     return data

@@ -80,7 +80,7 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
         self._trial = 0
         self._count_from_zero()
         self._begin(*env.reset(seed=seed))
-        self._note(())
+        self._note([])
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -99,7 +99,7 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Makes one motion, and counts it."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        self._note(info["perturbed"])
+        self._note(self._applied())
         self.motions += 1
         self._meter.add(info)
         if terminated or truncated:
@@ -108,14 +108,19 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
         return observation, reward, terminated, truncated, info
 
     def _begin(self, observation: Any, info: dict[str, Any]) -> None:
-        self._perturbed_by_reset = info["perturbed"]
+        self._applied_by_reset = self._applied()
         self._first = observation, info
         self._meter = TrialMeter(self.env, self._trial, info)
 
-    def _note(self, perturbed: Any) -> None:
-        for perturbation in (*self._perturbed_by_reset, *perturbed):
+    def _applied(self) -> list[Any]:
+        env: Any = self.env.unwrapped
+        applied: list[Any] = env.applied
+        return applied
+
+    def _note(self, applied: list[Any]) -> None:
+        for perturbation in (*self._applied_by_reset, *applied):
             self.perturbations.append((self.motions, self._trial, perturbation.to_dict()))
-        self._perturbed_by_reset = ()
+        self._applied_by_reset = []
         env: Any = self.env.unwrapped
         self.world = env.world
 

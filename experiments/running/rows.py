@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorWrapper
 from numpy.typing import NDArray
 
+from calfree_gym.envs.row import Row
 from calfree_gym.envs.stereo_arms import StereoArms
 from calfree_gym.perturbations.application import PerturbationScheduler
 from experiments.config.suite import EnvironmentConfig
@@ -101,7 +102,8 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         return observation, rewards, terminated, truncated, infos
 
     def _meter(self, row: int, infos: dict[str, Any]) -> TrialMeter:
-        return TrialMeter(_Row(self.env.unwrapped, row), 0, _of_row(infos, row))  # type: ignore[arg-type]
+        envs: Any = self.env.unwrapped
+        return TrialMeter(Row(envs, row), 0, _of_row(infos, row))  # type: ignore[arg-type]
 
     def _apply_due(self, clock: str) -> None:
         """Applies to all rows what has become due since the last call, by the counts at which it was due."""
@@ -118,19 +120,6 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         if self.world is not before:
             rows: Any = self.env.unwrapped
             rows.set_world(self.world)
-
-
-class _Row:
-    """One row of a batched environment, as `TrialMeter` asks an environment."""
-
-    def __init__(self, envs: Any, row: int):
-        self._envs, self._row = envs, row
-        self.unwrapped = self
-        self.tolerance_px = envs.tolerance_px
-
-    @property
-    def home_seconds(self) -> float:
-        return float(self._envs.home_seconds[self._row])
 
 
 def _of_row(infos: dict[str, Any], row: int) -> dict[str, Any]:

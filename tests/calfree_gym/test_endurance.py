@@ -51,7 +51,7 @@ def test_half_a_million_random_motions(keep_in_view):
         assert np.isfinite(infos["robot_seconds"]).all()
         for key in ("error_px", "distance_mm", "points", "gripper", "object", "joints"):
             assert np.isfinite(infos["truth"][key]).all(), key
-        applied |= {p.type for perturbed in infos["perturbed"] for p in perturbed or ()}
+        applied |= {perturbation.type for of_row in env.applied for perturbation in of_row}
         if step == steps // 5:
             before = resident_megabytes()
     assert applied == set(TYPES)

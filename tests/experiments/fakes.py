@@ -24,30 +24,29 @@ class CountdownEnv(gymnasium.Env[Any, Any]):
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
         super().reset(seed=seed)
-        perturbed = self._perturb(len(self.seeds) == self.perturb_trial)
+        self._perturb(len(self.seeds) == self.perturb_trial)
         self.seeds.append(seed)
         self.error = float(self.np_random.uniform(20, 200))
         self.left = 10
-        return self._observation(), {"truth": self._truth(), "perturbed": perturbed}
+        return self._observation(), {"truth": self._truth()}
 
     def step(self, action: Any) -> Any:
-        perturbed = self._perturb(self.motions == self.perturb_motion)
+        self._perturb(self.motions == self.perturb_motion)
         self.motions += 1
         self.left -= 1
         self.error *= float(action[0])
         arrived = self.error <= self.tolerance_px
         info = {
             "truth": self._truth(),
-            "perturbed": perturbed,
             "robot_seconds": 1.5,
             "is_success": arrived,
         }
         return self._observation(), 0.0, arrived, self.left == 0, info
 
-    def _perturb(self, due: bool) -> tuple[Any, ...]:
+    def _perturb(self, due: bool) -> None:
         if due:
             self.world = SimpleNamespace(point_noise=0.5, shaken=True)
-        return (Shake(),) if due else ()
+        self.applied = [Shake()] if due else []
 
     def _observation(self) -> Any:
         return np.array([self.error / 200], np.float32)

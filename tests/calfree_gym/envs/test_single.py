@@ -212,7 +212,8 @@ def test_bad_actions(action, message):
     [
         ({"world": "wlid"}, "'wlid'.*did you mean wild.*nominal, coarse, wild"),
         ({"world": 3}, "unknown world 3"),
-        ({"world": nominal().to_dict()}, "unknown world"),
+        ({"world": {"focal_length": [300, 300]}}, "a World lacks camera_orientation"),
+        ({"world": {**nominal().to_dict(), "focus": 1}}, "a World has no field focus"),
         ({"camera_mount": "wrist"}, "'wrist'.*waist, stand"),
         ({"dynamics": "quick"}, "'quick'.*physics, kinematic"),
         ({"tolerance_px": 0}, "tolerance_px is 0"),

@@ -22,19 +22,21 @@ def words():
 def singles(**arguments):
     """What single environments with seeds 10, 11, ... give, stacked; reset a step after they ended."""
     keys = ("achieved_goal", "desired_goal", "observation", "reward", "terminated", "truncated", "error_px")
-    of_info = ("is_success", "robot_seconds")
-    out = {key: [] for key in (*keys, *of_info, "perturbed")}
+    of_info = ("is_success", "robot_seconds", "perturbed")
+    out = {key: [] for key in (*keys, *of_info, "applied")}
     for row in range(ROWS):
         env = gym.make("CalFree/Reach-v0", max_episode_steps=6, disable_env_checker=True, **arguments)
         observation, info = env.reset(seed=10 + row)
         series, over = [], False
         series.append((observation, 0.0, False, False, info))
+        applied = [repr(env.unwrapped.applied)]
         for word in words()[:, row]:
             if over:
                 observation, info = env.reset()
                 series.append((observation, 0.0, False, False, info))
             else:
                 series.append(env.step(word))
+            applied.append(repr(env.unwrapped.applied))
             over = series[-1][2] or series[-1][3]
         for key in keys[:3]:
             out[key].append([s[0][key] for s in series])
@@ -43,7 +45,7 @@ def singles(**arguments):
         out["error_px"].append([s[4]["truth"]["error_px"] for s in series])
         for key in of_info:
             out[key].append([s[4][key] for s in series])
-        out["perturbed"].append([repr(s[4]["perturbed"]) for s in series])
+        out["applied"].append(applied)
     return {key: np.array(value) for key, value in out.items()}
 
 
@@ -53,16 +55,17 @@ def batched(threads, **arguments):
     )
     observation, infos = env.reset(seed=10)
     series = [(observation, np.zeros(ROWS), np.zeros(ROWS, bool), np.zeros(ROWS, bool), infos)]
-    series += [env.step(word) for word in words()]
+    applied = [[repr(of_row) for of_row in env.unwrapped.applied]]
+    for word in words():
+        series.append(env.step(word))
+        applied.append([repr(of_row) for of_row in env.unwrapped.applied])
     out = {key: np.array([s[0][key] for s in series]).swapaxes(0, 1) for key in observation}
     for i, key in enumerate(("reward", "terminated", "truncated"), 1):
         out[key] = np.array([s[i] for s in series]).T
     out["error_px"] = np.array([s[4]["truth"]["error_px"] for s in series]).T
-    for key in ("is_success", "robot_seconds"):
+    for key in ("is_success", "robot_seconds", "perturbed"):
         out[key] = np.array([s[4][key] for s in series]).T
-    out["perturbed"] = np.array([[repr(p or []) for p in s[4]["perturbed"]] for s in series]).T
-    shown = np.array([s[4]["_perturbed"] for s in series]).T
-    np.testing.assert_array_equal(shown, out["perturbed"] != "[]")
+    out["applied"] = np.array(applied).T
     return out
 
 

@@ -60,10 +60,11 @@ def applied(schedule, trials=4, motions=3):
     for trial in range(trials):
         _, info = env.reset(seed=seed)
         seed = None
-        found += [(trial, 0)] * len(info["perturbed"])
+        found += [(trial, 0)] * info["perturbed"]
         for motion in range(1, motions + 1):
             *_, info = env.step(np.full(3, 0.01))
-            found += [(trial, motion)] * len(info["perturbed"])
+            found += [(trial, motion)] * info["perturbed"]
+            assert len(env.applied) == info["perturbed"]
     return found
 
 
@@ -104,9 +105,9 @@ def test_undoing_brings_the_old_camera_back_and_leaves_the_rest():
     env = made([REPLACED, BACK, zoomed])
     worlds, listed = [], []
     for trial in range(4):
-        _, info = env.reset(seed=5 if trial == 0 else None)
+        env.reset(seed=5 if trial == 0 else None)
         worlds.append(env.world)
-        listed.append([perturbation.to_dict() for perturbation in info["perturbed"]])
+        listed.append([perturbation.to_dict() for perturbation in env.applied])
     assert listed[3] == [{"type": "undo", "event": 0}]
     for name in ("camera_position", "camera_orientation", "lens_k1", "focal_length"):
         at = [getattr(world, name) for world in worlds]
@@ -184,14 +185,14 @@ def test_a_perturbation_that_is_never_in_view_is_an_error_that_names_it():
         env.step(np.zeros(3))
 
 
-def test_infos_list_all_that_a_perturbation_drew():
+def test_the_environment_lists_all_that_a_perturbation_drew():
     schedule = [{"at": {"motion": 1}, "do": {"type": "camera_roll"}}]
     env = made(schedule)
     env.reset(seed=0)
     env.step(np.zeros(3))
     before = env.world
-    *_, info = env.step(np.zeros(3))
-    (drawn,) = info["perturbed"]
+    env.step(np.zeros(3))
+    (drawn,) = env.applied
     assert drawn.degrees is not None
     assert drawn.change(before) == env.world
 

@@ -1,0 +1,86 @@
+"""Copies of environments, and the states between which planners go back and forth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+import numpy as np
+
+from calfree_gym.robot.arms.robot import Robot
+
+if TYPE_CHECKING:
+    from calfree_gym.envs.stereo_arms import StereoArms
+
+RowState = Mapping[str, Any]
+"""Numbers, arrays and frozen values of one row; it shares nothing with the environment that it came from."""
+
+
+class HasState(Protocol):
+    """A part of N rows.
+
+    Attributes:
+        state_names: Names of the arrays and lists whose entries, one a row, are its state.
+    """
+
+    state_names: ClassVar[tuple[str, ...]]
+
+
+class Copyable:
+    """Pickle and deepcopy copy it, in mid-trial too: the copy goes on, bit by bit, as it would have.
+
+    MuJoCo's simulation cannot be pickled. So a copy makes its own, and brings every row into its state.
+    """
+
+    arms: StereoArms
+
+    def _new_arms(self) -> StereoArms:
+        """Arms of the same arguments."""
+        raise NotImplementedError
+
+    def __getstate__(self) -> dict[str, Any]:
+        rows = [self.arms.get_state(row) for row in range(self.arms.rows)]
+        return {**vars(self), "arms": rows, "_renderer": None}
+
+    def __setstate__(self, copied: dict[str, Any]) -> None:
+        vars(self).update(copied)
+        self.arms = self._new_arms()
+        for row, state in enumerate(copied["arms"]):
+            self.arms.set_state(row, state)
+        self.arms.simulation.refresh()
+
+
+def state_of(part: HasState, row: int) -> dict[str, Any]:
+    """The state of a row of a part."""
+    return {name: _own(getattr(part, name)[row]) for name in part.state_names}
+
+
+def restore(part: HasState, row: int, state: RowState) -> None:
+    """Brings a row of a part into a state that `state_of` gave."""
+    for name in part.state_names:
+        getattr(part, name)[row] = _own(state[name])
+
+
+def _own(value: Any) -> Any:
+    return value.copy() if isinstance(value, np.ndarray | dict) else value
+
+
+def arm_state(robot: Robot) -> dict[str, Any]:
+    """By what the state of an arm is told from that of another."""
+    return {"motors": robot.motors, "links": dict(zip(robot.links, robot.lengths.tolist(), strict=True))}
+
+
+def check_state(state: RowState, robot: Robot) -> None:
+    """Raises where something is no state of a row with this arm.
+
+    Raises:
+        ValueError: It is none, or that of another arm; says what was found and what is allowed.
+    """
+    if not isinstance(state, Mapping) or "arm" not in state:
+        found = repr(state)
+        raise ValueError(
+            f"the state is {found[:100] + '...' * (len(found) > 100)}; it must be what get_state() gave"
+        )
+    for name, here in arm_state(robot).items():
+        if (there := state["arm"][name]) != here:
+            raise ValueError(f"the state is of another arm: its {name} are {there}; here they are {here}")
