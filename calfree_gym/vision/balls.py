@@ -1,0 +1,82 @@
+"""Balls: a blob's place and size, and whether it is a ball at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calfree_gym.vision.blobs import Blob
+from calfree_gym.vision.colours import SATURATION_SHARE, hues_and_saturations
+from calfree_gym.vision.marks import Mark, hue_gap
+from calfree_gym.vision.opacity import Opacity, opacity
+from calfree_gym.vision.outline import Array, fit_circle, outline
+
+LEAST_ROUNDNESS = 0.3
+"""Choice: stricter ones lose balls that the gripper hides in part (roundness 0.6: 8 % of the trials)."""
+LEAST_SEEN = 0.35
+"""Share of a ball's disc. Choice: what is seen of it then still bends enough to tell a centre to 2 px."""
+LEAST_CONTRAST = 4.0
+"""Between ball and surroundings, in standard deviations. Choice: noise alone stays below 3."""
+LEAST_RADIUS = 0.8
+"""In px. Choice: the disc has two pixels, one speck of noise has one."""
+LARGEST_RADIUS = 0.09
+"""As a share of the image's smaller side. Choice: half as large again as a ball of 30 px in 512."""
+WHOLE = 0.9
+"""Share of the outline that lies on the circle from which on the ball counts as unhidden. Choice."""
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball in an image.
+
+    Attributes:
+        centre: In px from the image's upper left corner (2,).
+        area: Of its whole disc, in px².
+        roundness: Share of its blob's outline that is a circle's, 1 where nothing hides it.
+        seen: Share of its disc that is seen.
+    """
+
+    centre: Array
+    area: float
+    roundness: float
+    seen: float
+
+
+def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
+    """The ball that a blob is, or None where it is none.
+
+    Args:
+        blob: Of the mark's colour, roughly.
+        mark: Its colour.
+        size: Width and height of the image in px.
+    """
+    shares, contrast = opacity(blob.window, blob.mask)
+    area = float(shares.sum())
+    if contrast < LEAST_CONTRAST or area < np.pi * LEAST_RADIUS**2 or not _has_colour(blob, shares, mark):
+        return None
+    rows, columns = np.indices(shares.shape)
+    centroid = np.array([(shares * columns).sum(), (shares * rows).sum()]) / area
+    corner = np.array(blob.corner) + 0.5
+    largest = LARGEST_RADIUS * min(size)
+    circle = fit_circle(outline(shares, centroid), centroid + corner - np.array(size) / 2, largest)
+    disc = np.pi * circle.radius**2 * circle.stretch
+    seen = min(area / disc, 1.0)
+    if circle.roundness < LEAST_ROUNDNESS or seen < LEAST_SEEN or circle.radius > largest:
+        return None
+    if circle.on.mean() >= WHOLE:
+        return Ball(centroid + corner, area, circle.roundness, seen)
+    centre = circle.centre + corner
+    if (centre < 0).any() or (centre > size).any():
+        return None
+    return Ball(centre, disc, circle.roundness, seen)
+
+
+def _has_colour(blob: Blob, shares: Opacity, mark: Mark) -> bool:
+    """Whether the mean colour of the pixels that the blob covers is the mark's."""
+    covered = blob.window[shares > min(0.9, 0.9 * float(shares.max()))]
+    hue, saturation = hues_and_saturations(covered.mean(0))
+    return bool(
+        hue_gap(float(hue), mark.hue) <= mark.hue_tolerance
+        and saturation >= SATURATION_SHARE * mark.saturation
+    )
