@@ -7,23 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from calfree_gym.vision.blobs import Blob
+from calfree_gym.vision.circles import fit_circle
 from calfree_gym.vision.colours import SATURATION_SHARE, hues_and_saturations
 from calfree_gym.vision.marks import Mark, hue_gap
 from calfree_gym.vision.opacity import Opacity, opacity
-from calfree_gym.vision.outline import Array, fit_circle, outline
+from calfree_gym.vision.outline import Array, outline
 
 LEAST_ROUNDNESS = 0.3
 """Choice: stricter ones lose balls that the gripper hides in part (roundness 0.6: 8 % of the trials)."""
-LEAST_SEEN = 0.35
+LEAST_SEEN = 0.4
 """Share of a ball's disc. Choice: what is seen of it then still bends enough to tell a centre to 2 px."""
 LEAST_CONTRAST = 4.0
 """Between ball and surroundings, in standard deviations. Choice: noise alone stays below 3."""
-LEAST_RADIUS = 0.8
-"""In px. Choice: the disc has two pixels, one speck of noise has one."""
+LEAST_RADIUS = (0.8, 0.005)
+"""In px, and as a share of the image's smaller side; the larger counts. Choice: two pixels, for a speck of noise
+is one; and in 512 less than two thirds of the smallest ball's 4 px."""
 LARGEST_RADIUS = 0.09
 """As a share of the image's smaller side. Choice: half as large again as a ball of 30 px in 512."""
-WHOLE = 0.9
-"""Share of the outline that lies on the circle from which on the ball counts as unhidden. Choice."""
+WHOLE = (0.3, 0.05)
+"""How far, in px and in radii, a tenth of the outline may lie within the circle where nothing hides the ball.
+Measured on drawn frames: the roughness of whole balls by noise, JPEG and motion blur."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,8 @@ def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
     """
     shares, contrast = opacity(blob.window, blob.mask)
     area = float(shares.sum())
-    if contrast < LEAST_CONTRAST or area < np.pi * LEAST_RADIUS**2 or not _has_colour(blob, shares, mark):
+    least = max(LEAST_RADIUS[0], LEAST_RADIUS[1] * min(size))
+    if contrast < LEAST_CONTRAST or area < np.pi * least**2 or not _has_colour(blob, shares, mark):
         return None
     rows, columns = np.indices(shares.shape)
     centroid = np.array([(shares * columns).sum(), (shares * rows).sum()]) / area
@@ -64,7 +68,7 @@ def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
     seen = min(area / disc, 1.0)
     if circle.roundness < LEAST_ROUNDNESS or seen < LEAST_SEEN or circle.radius > largest:
         return None
-    if circle.on.mean() >= WHOLE:
+    if np.quantile(-circle.beyond, 0.9) <= WHOLE[0] + WHOLE[1] * circle.radius:
         return Ball(centroid + corner, area, circle.roundness, seen)
     centre = circle.centre + corner
     if (centre < 0).any() or (centre > size).any():

@@ -23,12 +23,12 @@ class Mark:
 
     Attributes:
         rgb: Its colour in white light, 0 to 255. Brightness means nothing: any lamp will do.
-        hue_tolerance: How far a pixel's hue may be from it, in degrees. Choice: overexposure turns the
-            default magenta by 27 degrees.
+        hue_tolerance: How far a pixel's hue may be from it, in degrees. Choice: noise and JPEG turn
+            small balls' hues by 10, a lamp that is not white by as much.
     """
 
     rgb: tuple[int, int, int]
-    hue_tolerance: float = 32.0
+    hue_tolerance: float = 25.0
 
     def __post_init__(self) -> None:
         values = tuple(self.rgb) if isinstance(self.rgb, (tuple, list)) else ()
@@ -83,7 +83,7 @@ class Marks:
     The gripper point is midway in space between `gripper_1` and `gripper_2`. The default suits the simulator.
     """
 
-    gripper_1: Mark = Mark((242, 13, 140))
+    gripper_1: Mark = Mark((242, 13, 140), 30.0)  # overexposure turns its hue by 27 degrees
     gripper_2: Mark = Mark((13, 13, 242))
     object: Mark = Mark((13, 242, 13))
 

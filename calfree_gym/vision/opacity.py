@@ -16,6 +16,9 @@ NEIGHBOURHOOD = 9
 reaches two pixels beyond."""
 NOISE_VARIANCE = 4.0
 """Of a channel. Choice: a noise of 2 levels, so that flat drawings have a covariance too."""
+SETTLED = 0.15
+"""Pixels that a second look may change, per root of the blob's area. Choice: one in 25 along the outline.
+A blob whose outline blur or bright surroundings have moved is looked at once more."""
 
 Opacity = NDArray[np.float32]
 """Share of each pixel that the blob covers, (h, w)."""
@@ -35,38 +38,53 @@ def opacity(window: Image, mask: Image) -> tuple[Opacity, float]:
     Returns:
         The shares; and the distance between F and B in standard deviations, in the median.
     """
-    colours = window.astype(np.float32)
+    colours = np.ones((*mask.shape, 4), np.float32)
+    colours[..., :3] = window
     shares, contrast = _once(colours, mask)
-    return _once(colours, (shares > 0.5).astype(np.uint8)) if contrast > 0 else (shares, contrast)
+    again = (shares > 0.5).astype(np.uint8)
+    changed = cv2.countNonZero(again ^ mask)
+    if contrast == 0 or changed < SETTLED * cv2.countNonZero(mask) ** 0.5:
+        return shares, contrast
+    return _once(colours, again)
 
 
 def _once(colours: NDArray[np.float32], mask: Image) -> tuple[Opacity, float]:
+    """As `opacity`, of colours (h, w, 4) whose last channel is 1."""
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
     reach = cv2.distanceTransform(1 - mask, cv2.DIST_L2, 3)
-    deepest = float(depth.max())
-    inside = depth >= min(BAND + 0.5, 0.6 * deepest)
-    outside = reach >= BAND + 0.5
-    shares = inside.astype(np.float32)
-    if deepest == 0 or not outside.any():
-        return shares, 0.0
-    front, behind = _local_mean(colours, inside), _local_mean(colours, outside)
-    spread = np.concatenate(
-        [(colours - behind)[outside & (reach < 8)], (colours - front)[inside & (depth < 6)]]
-    )
+    least = min(BAND + 0.5, 0.6 * float(depth.max()))
+    inside = cv2.compare(depth, least, cv2.CMP_GE)
+    outside = cv2.compare(reach, BAND + 0.5, cv2.CMP_GE)
+    band = np.flatnonzero((inside | outside) == 0)
+    if least == 0 or not outside.any() or not len(band):
+        return (inside > 0).astype(np.float32), 0.0
+    front, behind = _local_sums(colours, inside), _local_sums(colours, outside)
+    flat = colours.reshape(-1, 4)
+    near_out = np.flatnonzero(cv2.inRange(reach, BAND + 0.5, NEIGHBOURHOOD / 2 + BAND))
+    near_in = np.flatnonzero(cv2.inRange(depth, least, NEIGHBOURHOOD / 2 + BAND))
+    spread = np.concatenate([_differences(flat, behind, near_out), _differences(flat, front, near_in)])
     covariance = spread.T @ spread / len(spread) + NOISE_VARIANCE * np.eye(3, dtype=np.float32)
-    band = ~(inside | outside)
-    step = (front - behind)[band]
+    beyond = _differences(flat, behind, band)
+    step = beyond - _differences(flat, front, band)
     weighted = step @ np.linalg.inv(covariance)
-    power = (weighted * step).sum(-1)
-    shares[band] = ((weighted * (colours - behind)[band]).sum(-1) / np.maximum(power, 1e-6)).clip(0, 1)
+    power = np.einsum("ij,ij->i", weighted, step)
+    part = np.einsum("ij,ij->i", weighted, beyond) / np.maximum(power, 1e-6)
+    shares = np.multiply(inside, np.float32(1 / 255))
+    shares.reshape(-1)[band] = part.clip(0, 1)
     return shares, float(np.sqrt(np.median(power)))
 
 
-def _local_mean(colours: NDArray[np.float32], where: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Mean colours (h, w, 3) of the pixels `where` (h, w) around each pixel."""
-    weights = where.astype(np.float32)
+def _local_sums(colours: NDArray[np.float32], where: Image) -> NDArray[np.float32]:
+    """Sums (h * w, 4), weighted alike, of the colours `where` (h, w) around each pixel."""
+    chosen = cv2.copyTo(colours, where)
+    weak = 1e-4 * np.array(cv2.mean(colours, where), np.float32)
     size = (NEIGHBOURHOOD, NEIGHBOURHOOD)
-    sums = cv2.blur(colours * weights[..., None], size, borderType=cv2.BORDER_CONSTANT)
-    counts = cv2.blur(weights, size, borderType=cv2.BORDER_CONSTANT)
-    mean = colours[where].mean(0)
-    return np.where(counts[..., None] > 1e-3, sums / np.maximum(counts, 1e-3)[..., None], mean)
+    return (cv2.blur(chosen, size, borderType=cv2.BORDER_CONSTANT) + weak).reshape(-1, 4)
+
+
+def _differences(
+    colours: NDArray[np.float32], sums: NDArray[np.float32], pixels: NDArray[np.intp]
+) -> NDArray[np.float32]:
+    """Colours (n, 3) of some pixels less the local means that `_local_sums` leads to."""
+    near = sums.take(pixels, 0)
+    return colours.take(pixels, 0)[:, :3] - near[:, :3] / near[:, 3:]
