@@ -12,11 +12,15 @@ from calfree_gym.vision.colours import ColourTable, Image
 from calfree_gym.vision.marks import MARK_NAMES
 
 COARSE_SIZE = 256
-"""Blobs are sought in images at least this large. Choice: a ball of radius 4 px in 512 still has 12 pixels."""
+"""Blobs are sought in images at least this large. Choice: a ball of radius 4 px in 512 still has 12
+pixels."""
 LARGEST_BLOB = 0.2
-"""Width or height as a share of the image's. Choice: twice that of a ball 30 px in radius in 512, less blur."""
+"""Width or height as a share of the image's. Choice: twice that of a ball 30 px in radius in 512, less
+blur."""
 CANDIDATES = 4
 """Blobs of a colour that are looked at, the largest first. Choice: more cost time, and are specks."""
+SLIVER = 5
+"""Width of the widest sliver, in px. Choice: the blend of two things under a blur of 1 px."""
 _SQUARE = np.ones((3, 3), np.uint8)
 
 
@@ -88,6 +92,15 @@ def _full_blob(
     window = np.ascontiguousarray(image[y0:y1, x0:x1])
     colour = table.look_up(cv2.GaussianBlur(window, (3, 3), 0.6)) == code
     mask = cv2.morphologyEx((colour & (near > 0)).astype(np.uint8), cv2.MORPH_CLOSE, _SQUARE)
+    mask = _without_slivers(mask)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(mask, outlines, -1, 1, cv2.FILLED)
     return Blob((x0, y0), window, mask)
+
+
+def _without_slivers(mask: Image) -> Image:
+    """A mask (h, w) without its thin parts: blended edges of other things, that touch the ball."""
+    deepest = float(cv2.distanceTransform(mask, cv2.DIST_L2, 3).max())
+    width = min(1 + 2 * int(deepest / 3), SLIVER)
+    thick = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
+    return cv2.dilate(thick, _SQUARE) & mask

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from calfree_gym.vision.marks import MARK_NAMES, Marks
 
-Image = NDArray[np.uint8]
-"""RGB, (h, w, 3)."""
+Image = NDArray[Any]
+"""uint8: RGB (h, w, 3), or one channel (h, w)."""
 
 SATURATION_SHARE = 0.6
 """Least saturation of a mark's pixel, as a share of the mark's. Choice: with the default marks 0.57, which no

@@ -35,7 +35,7 @@ class Mark:
         if len(values) != 3 or not all(type(v) is int and 0 <= v <= 255 for v in values):
             raise ValueError(f"Mark.rgb is {self.rgb!r}; it must be three whole numbers from 0 to 255")
         object.__setattr__(self, "rgb", values)
-        width = self.hue_tolerance
+        width: Any = self.hue_tolerance
         if isinstance(width, bool) or not isinstance(width, Real) or not 0 < width <= 60:
             raise ValueError(f"Mark.hue_tolerance is {width!r}; it must be in (0, 60] degrees")
         object.__setattr__(self, "hue_tolerance", float(width))
@@ -96,8 +96,8 @@ class Marks:
                 gap = hue_gap(getattr(self, first).hue, getattr(self, second).hue)
                 if gap < LEAST_HUE_GAP:
                     raise ValueError(
-                        f"marks {first} and {second} are too like each other: their hues are {gap:.0f} degrees "
-                        f"apart; they must be {LEAST_HUE_GAP:.0f} or more"
+                        f"marks {first} and {second} are too like each other: their hues are {gap:.0f} "
+                        f"degrees apart; they must be {LEAST_HUE_GAP:.0f} or more"
                     )
 
     def to_dict(self) -> dict[str, Any]:
@@ -106,7 +106,9 @@ class Marks:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Marks:
-        """The marks that `to_dict` wrote; one that is missing is the default.
+        """The marks that `to_dict` wrote.
+
+        One that is missing is its default, or another mark's where that is too like one that is given.
 
         Raises:
             ValueError: A name is unknown, or a mark is not allowed; names it.
@@ -118,6 +120,12 @@ class Marks:
                 marks[name] = Mark.from_dict(value)
             except ValueError as error:
                 raise ValueError(f"{name}: {error}") from None
+        defaults = [getattr(cls, name) for name in MARK_NAMES]
+        for name in MARK_NAMES:
+            if name not in marks:
+                taken = [mark.hue for mark in marks.values()]
+                free = [m for m in defaults if all(hue_gap(m.hue, hue) >= LEAST_HUE_GAP for hue in taken)]
+                marks[name] = getattr(cls, name) if getattr(cls, name) in free else free[0]
         return cls(**marks)
 
     @classmethod
@@ -129,7 +137,7 @@ class Marks:
             OSError: The file cannot be read.
             ValueError: It holds no marks; names the file.
         """
-        yaml = _yaml()
+        yaml = yaml_module()
         try:
             return cls.from_dict(yaml.safe_load(Path(path).read_text(encoding="utf-8")))
         except (ValueError, yaml.YAMLError) as error:
@@ -142,7 +150,7 @@ class Marks:
             ImportError: PyYAML is not installed.
             OSError: The file cannot be written.
         """
-        text = _yaml().safe_dump(self.to_dict(), sort_keys=False, default_flow_style=None)
+        text = yaml_module().safe_dump(self.to_dict(), sort_keys=False, default_flow_style=None)
         Path(path).write_text(text, encoding="utf-8")
 
 
@@ -165,7 +173,12 @@ def _check_fields(what: str, values: object, needed: tuple[str, ...], known: tup
         raise ValueError(f"{what} lacks {', '.join(missing)}")
 
 
-def _yaml() -> ModuleType:
+def yaml_module() -> ModuleType:
+    """PyYAML, which only files of marks need.
+
+    Raises:
+        ImportError: It is not installed.
+    """
     try:
         import yaml
     except ImportError:

@@ -53,9 +53,9 @@ def _once(colours: NDArray[np.float32], mask: Image) -> tuple[Opacity, float]:
     depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
     reach = cv2.distanceTransform(1 - mask, cv2.DIST_L2, 3)
     least = min(BAND + 0.5, 0.6 * float(depth.max()))
-    inside = cv2.compare(depth, least, cv2.CMP_GE)
-    outside = cv2.compare(reach, BAND + 0.5, cv2.CMP_GE)
-    band = np.flatnonzero((inside | outside) == 0)
+    inside = cv2.inRange(depth, least, np.inf)
+    outside = cv2.inRange(reach, BAND + 0.5, np.inf)
+    band = np.flatnonzero(cv2.bitwise_or(inside, outside) == 0)
     if least == 0 or not outside.any() or not len(band):
         return (inside > 0).astype(np.float32), 0.0
     front, behind = _local_sums(colours, inside), _local_sums(colours, outside)

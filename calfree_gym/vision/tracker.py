@@ -139,6 +139,6 @@ def _check_image(name: str, image: Any) -> None:
         )
     if min(image.shape[:2]) < LEAST_SIZE:
         raise ValueError(
-            f"the {name} image is {image.shape[1]} × {image.shape[0]} px; it must be {LEAST_SIZE} × {LEAST_SIZE} "
-            "or more"
+            f"the {name} image is {image.shape[1]} × {image.shape[0]} px; it must be {LEAST_SIZE} × "
+            f"{LEAST_SIZE} or more"
         )

@@ -1,6 +1,6 @@
 """Drawn frames of three balls, with their true places: made by OpenCV, outside our renderer.
 
-Balls are flat discs, shaded spheres, or spheres with jagged edges; backgrounds have gradients and textures. The
+Balls are flat discs, shaded spheres, or such with jagged edges; backgrounds have gradients and textures. The
 camera adds exposure with clipping, white balance, blur, motion blur, noise and JPEG.
 """
 
@@ -78,7 +78,7 @@ class Canvas:
         ambient = rng.uniform(0.25, 0.8)
         cosine = np.maximum(normal @ lamp, 0)
         shade = ambient + (1 - ambient) * rng.uniform(0.3, 1.2) * cosine
-        half = lamp + [0, 0, 1]
+        half = lamp + np.array([0, 0, 1])
         shine = np.maximum(normal @ (half / np.linalg.norm(half)), 0) ** rng.uniform(20, 80)
         return shade, rng.choice([0, 0, rng.uniform(0.1, 0.9)]) * shine
 
