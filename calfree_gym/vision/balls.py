@@ -1,0 +1,96 @@
+"""Balls: a blob's place and size, and whether it is a ball at all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calfree_gym.vision.blobs import Blob
+from calfree_gym.vision.circles import fit_circle
+from calfree_gym.vision.colours import hues_and_saturations
+from calfree_gym.vision.marks import Mark, hue_gap
+from calfree_gym.vision.opacity import Opacity, opacity
+from calfree_gym.vision.outline import Array, outline
+
+CLEAR_RADIUS = 4.0
+"""In px: balls from here on look clear, smaller ones lose colour and contrast to their surroundings. Measured
+on drawn frames with JPEG of quality 50 to 95."""
+BALL_SATURATION = (0.6, 0.75)
+"""Least saturation of a ball's mean colour, as a share of its mark's: of the smallest balls, of clear ones.
+Measured on drawn frames: 0.80 in the worst of 466 clear balls; 0.6 is that of a mark's pixels."""
+LEAST_CONTRAST = 6.0
+"""Between a clear ball and its surroundings, in standard deviations; smaller balls need less in proportion.
+Measured on drawn frames: 7.5 in the worst of 900 clear balls."""
+LEAST_ROUNDNESS = (0.6, 0.3)
+"""Of the smallest balls and of clear ones. Choice: stricter ones lose balls that the gripper hides in part
+(roundness 0.6: 8 % of the trials); the smallest ones are too coarse to bear it."""
+LEAST_SEEN = 0.4
+"""Share of a ball's disc. Choice: what is seen of it then still bends enough to tell a centre to 2 px."""
+LEAST_RADIUS = (0.8, 0.005)
+"""In px, and as a share of the image's smaller side; the larger counts. Choice: two pixels, for a speck of
+noise is one; and in 512 less than two thirds of the smallest ball's 4 px."""
+LARGEST_RADIUS = 0.09
+"""As a share of the image's smaller side. Choice: half as large again as a ball of 30 px in 512."""
+WHOLE = (0.3, 0.05)
+"""How far, in px and in radii, a tenth of the outline may lie within the circle where nothing hides the ball.
+Measured on drawn frames: the roughness of whole balls by noise, JPEG and motion blur."""
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball in an image.
+
+    Attributes:
+        centre: In px from the image's upper left corner (2,).
+        area: Of its whole disc, in px².
+        roundness: Share of its blob's outline that is a circle's, 1 where nothing hides it.
+        seen: Share of its disc that is seen.
+    """
+
+    centre: Array
+    area: float
+    roundness: float
+    seen: float
+
+
+def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
+    """The ball that a blob is, or None where it is none.
+
+    Args:
+        blob: Of the mark's colour, roughly.
+        mark: Its colour.
+        size: Width and height of the image in px.
+    """
+    shares, contrast = opacity(blob.window, blob.mask)
+    area = float(shares.sum())
+    least = max(LEAST_RADIUS[0], LEAST_RADIUS[1] * min(size))
+    clear = min((area / np.pi) ** 0.5 / CLEAR_RADIUS, 1.0)
+    if area < np.pi * least**2 or contrast < LEAST_CONTRAST * clear:
+        return None
+    if not _has_colour(blob, shares, mark, float(np.interp(clear, (0.5, 1), BALL_SATURATION))):
+        return None
+    rows, columns = np.indices(shares.shape)
+    centroid = np.array([(shares * columns).sum(), (shares * rows).sum()]) / area
+    corner = np.array(blob.corner) + 0.5
+    largest = LARGEST_RADIUS * min(size)
+    circle = fit_circle(outline(shares, centroid), centroid + corner - np.array(size) / 2, largest)
+    disc = np.pi * circle.radius**2 * circle.stretch
+    seen = min(area / disc, 1.0)
+    least_roundness = np.interp(clear, (0.5, 1), LEAST_ROUNDNESS)
+    if circle.roundness < least_roundness or seen < LEAST_SEEN or circle.radius > largest:
+        return None
+    if np.quantile(-circle.beyond, 0.9) <= WHOLE[0] + WHOLE[1] * circle.radius:
+        return Ball(centroid + corner, area, circle.roundness, seen)
+    centre = circle.centre + corner
+    if (centre < 0).any() or (centre > size).any():
+        return None
+    return Ball(centre, disc, circle.roundness, seen)
+
+
+def _has_colour(blob: Blob, shares: Opacity, mark: Mark, saturation_share: float) -> bool:
+    """Whether the mean colour of the pixels that the blob covers is the mark's."""
+    covered = blob.window[shares > min(0.9, 0.9 * float(shares.max()))]
+    hue, saturation = hues_and_saturations(covered.mean(0))
+    fits = hue_gap(float(hue), mark.hue) <= mark.hue_tolerance
+    return bool(fits and saturation >= saturation_share * mark.saturation)

@@ -1,0 +1,106 @@
+"""Blobs: where in an image a mark's colour is, found in a small copy of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calfree_gym.vision.colours import ColourTable, Image
+from calfree_gym.vision.marks import MARK_NAMES
+
+COARSE_SIZE = 256
+"""Blobs are sought in images at least this large. Choice: a ball of radius 4 px in 512 still has 12
+pixels."""
+LARGEST_BLOB = 0.2
+"""Width or height as a share of the image's. Choice: twice that of a ball 30 px in radius in 512, less
+blur."""
+CANDIDATES = 4
+"""Blobs of a colour that are looked at, the largest first. Choice: more cost time, and are specks."""
+SLIVER = 5
+"""Width of the widest sliver, in px. Choice: the blend of two things under a blur of 1 px."""
+_SQUARE = np.ones((3, 3), np.uint8)
+
+
+@dataclass(frozen=True)
+class Blob:
+    """A part of an image that has a mark's colour.
+
+    Attributes:
+        corner: Left and upper border of its window, in pixels of the image.
+        window: The image around it (h, w, 3).
+        mask: 1 in its pixels, holes included, and 0 elsewhere (h, w).
+    """
+
+    corner: tuple[int, int]
+    window: Image
+    mask: Image
+
+
+def find_blobs(image: Image, table: ColourTable) -> dict[str, list[Blob]]:
+    """The blobs of each mark's colour in an image (h, w, 3), the largest first."""
+    height, width = image.shape[:2]
+    factor = max(1, min(height, width) // COARSE_SIZE)
+    size = (width // factor, height // factor)
+    coarse = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if factor > 1 else image
+    codes = table.look_up(cv2.GaussianBlur(coarse, (3, 3), 0.6))
+    scale = (width / size[0], height / size[1])
+    return {
+        name: list(_blobs(image, cv2.inRange(codes, code, code), table, code, scale))
+        for code, name in enumerate(MARK_NAMES, 1)
+    }
+
+
+def _blobs(
+    image: Image, found: Image, table: ColourTable, code: int, scale: tuple[float, float]
+) -> Iterator[Blob]:
+    left, top, width, height = cv2.boundingRect(found)
+    if width == 0:
+        return
+    part = found[top : top + height, left : left + width]
+    part = cv2.morphologyEx(part, cv2.MORPH_CLOSE, _SQUARE)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(part)
+    largest = LARGEST_BLOB * min(found.shape)
+    small = [i for i in range(1, len(stats)) if max(stats[i, 2], stats[i, 3]) <= largest]
+    for i in sorted(small, key=lambda i: -stats[i, cv2.CC_STAT_AREA])[:CANDIDATES]:
+        x, y, w, h = (int(v) for v in stats[i, :4])
+        shape = labels[y : y + h, x : x + w] == i
+        yield _full_blob(image, shape.astype(np.uint8), (left + x, top + y), table, code, scale)
+
+
+def _full_blob(
+    image: Image, shape: Image, at: tuple[int, int], table: ColourTable, code: int, scale: tuple[float, float]
+) -> Blob:
+    """The blob in the image itself, from its shape in the small copy."""
+    height, width = image.shape[:2]
+    w, h = round(shape.shape[1] * scale[0]), round(shape.shape[0] * scale[1])
+    x, y = round(at[0] * scale[0]), round(at[1] * scale[1])
+    margin = 6 + max(w, h) // 3
+    x0, y0, x1, y1 = (
+        max(x - margin, 0),
+        max(y - margin, 0),
+        min(x + w + margin, width),
+        min(y + h + margin, height),
+    )
+    near = np.zeros((y1 - y0, x1 - x0), np.uint8)
+    inner = near[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
+    inner[:] = cv2.resize(shape, (w, h), interpolation=cv2.INTER_NEAREST)[: inner.shape[0], : inner.shape[1]]
+    reach = 3 + 2 * round(scale[0])
+    near = cv2.dilate(near, np.ones((reach, reach), np.uint8))
+    window = np.ascontiguousarray(image[y0:y1, x0:x1])
+    colour = table.look_up(cv2.GaussianBlur(window, (3, 3), 0.6)) == code
+    mask = cv2.morphologyEx((colour & (near > 0)).astype(np.uint8), cv2.MORPH_CLOSE, _SQUARE)
+    mask = _without_slivers(mask)
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(mask, outlines, -1, 1, cv2.FILLED)
+    return Blob((x0, y0), window, mask)
+
+
+def _without_slivers(mask: Image) -> Image:
+    """A mask (h, w) without its thin parts: blended edges of other things, that touch the ball."""
+    deepest = float(cv2.distanceTransform(mask, cv2.DIST_L2, 3).max())
+    width = min(1 + 2 * int(deepest / 3), SLIVER)
+    thick = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
+    return cv2.dilate(thick, _SQUARE) & mask

@@ -1,0 +1,188 @@
+"""Marks: the colours of the balls that make the gripper point and the object point visible."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from numbers import Real
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from calfree_gym.errors import near_misses
+
+LEAST_SATURATION = 0.5
+"""Of a mark. Choice: a background has at most 0.3, and one needs some distance from it."""
+LEAST_HUE_GAP = 40.0
+"""Between two marks, in degrees. Choice: white balance of ±15 % turns the default marks' hues by up to 13."""
+
+
+@dataclass(frozen=True)
+class Mark:
+    """The colour of one ball.
+
+    Attributes:
+        rgb: Its colour in white light, 0 to 255. Brightness means nothing: any lamp will do.
+        hue_tolerance: How far a pixel's hue may be from it, in degrees. Choice: noise and JPEG turn
+            small balls' hues by 10, a lamp that is not white by as much.
+    """
+
+    rgb: tuple[int, int, int]
+    hue_tolerance: float = 25.0
+
+    def __post_init__(self) -> None:
+        values = tuple(self.rgb) if isinstance(self.rgb, (tuple, list)) else ()
+        if len(values) != 3 or not all(type(v) is int and 0 <= v <= 255 for v in values):
+            raise ValueError(f"Mark.rgb is {self.rgb!r}; it must be three whole numbers from 0 to 255")
+        object.__setattr__(self, "rgb", values)
+        width: Any = self.hue_tolerance
+        if isinstance(width, bool) or not isinstance(width, Real) or not 0 < width <= 60:
+            raise ValueError(f"Mark.hue_tolerance is {width!r}; it must be in (0, 60] degrees")
+        object.__setattr__(self, "hue_tolerance", float(width))
+        if self.saturation < LEAST_SATURATION:
+            raise ValueError(
+                f"Mark.rgb {values} has saturation {self.saturation:.2f}, too grey to be told from a "
+                f"background; it must be {LEAST_SATURATION} or more"
+            )
+
+    @property
+    def hue(self) -> float:
+        """In degrees: red 0, green 120, blue 240."""
+        red, green, blue = self.rgb
+        spread = max(self.rgb) - min(self.rgb)
+        if max(self.rgb) == red:
+            return 60 * ((green - blue) / spread) % 360
+        return (
+            60 * (2 + (blue - red) / spread) if max(self.rgb) == green else 60 * (4 + (red - green) / spread)
+        )
+
+    @property
+    def saturation(self) -> float:
+        """Of grey 0, of a pure colour 1."""
+        return (max(self.rgb) - min(self.rgb)) / max(max(self.rgb), 1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists and numbers; `from_dict` gets them back exactly."""
+        return {"rgb": list(self.rgb), "hue_tolerance": self.hue_tolerance}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Mark:
+        """The mark that `to_dict` wrote.
+
+        Raises:
+            ValueError: `rgb` is missing, a field is unknown, or a value is not allowed.
+        """
+        _check_fields("a mark", values, ("rgb",), ("rgb", "hue_tolerance"))
+        return cls(**values)
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Three balls: two of equal size on the gripper, and the object's.
+
+    The gripper point is midway in space between `gripper_1` and `gripper_2`. The default suits the simulator.
+    """
+
+    gripper_1: Mark = Mark((242, 13, 140), 30.0)  # overexposure turns its hue by 27 degrees
+    gripper_2: Mark = Mark((13, 13, 242))
+    object: Mark = Mark((13, 242, 13))
+
+    def __post_init__(self) -> None:
+        for name in MARK_NAMES:
+            if not isinstance(getattr(self, name), Mark):
+                raise ValueError(f"Marks.{name} is {getattr(self, name)!r}; it must be a Mark")
+        for i, first in enumerate(MARK_NAMES):
+            for second in MARK_NAMES[i + 1 :]:
+                gap = hue_gap(getattr(self, first).hue, getattr(self, second).hue)
+                if gap < LEAST_HUE_GAP:
+                    raise ValueError(
+                        f"marks {first} and {second} are too like each other: their hues are {gap:.0f} "
+                        f"degrees apart; they must be {LEAST_HUE_GAP:.0f} or more"
+                    )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain dicts, lists and numbers; `from_dict` gets them back exactly."""
+        return {name: getattr(self, name).to_dict() for name in MARK_NAMES}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Marks:
+        """The marks that `to_dict` wrote.
+
+        One that is missing is its default, or another mark's where that is too like one that is given.
+
+        Raises:
+            ValueError: A name is unknown, or a mark is not allowed; names it.
+        """
+        _check_fields("marks", values, (), MARK_NAMES)
+        marks = {}
+        for name, value in values.items():
+            try:
+                marks[name] = Mark.from_dict(value)
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}") from None
+        defaults = [getattr(cls, name) for name in MARK_NAMES]
+        for name in MARK_NAMES:
+            if name not in marks:
+                taken = [mark.hue for mark in marks.values()]
+                free = [m for m in defaults if all(hue_gap(m.hue, hue) >= LEAST_HUE_GAP for hue in taken)]
+                marks[name] = getattr(cls, name) if getattr(cls, name) in free else free[0]
+        return cls(**marks)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Marks:
+        """The marks of a YAML file, such as `python -m calfree_gym.vision pick` writes.
+
+        Raises:
+            ImportError: PyYAML is not installed.
+            OSError: The file cannot be read.
+            ValueError: It holds no marks; names the file.
+        """
+        yaml = yaml_module()
+        try:
+            return cls.from_dict(yaml.safe_load(Path(path).read_text(encoding="utf-8")))
+        except (ValueError, yaml.YAMLError) as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    def save(self, path: str | Path) -> None:
+        """Writes a YAML file that `load` reads.
+
+        Raises:
+            ImportError: PyYAML is not installed.
+            OSError: The file cannot be written.
+        """
+        text = yaml_module().safe_dump(self.to_dict(), sort_keys=False, default_flow_style=None)
+        Path(path).write_text(text, encoding="utf-8")
+
+
+MARK_NAMES = tuple(each.name for each in fields(Marks))
+"""The marks, in the order in which every array holds them."""
+
+
+def hue_gap(first: float, second: float) -> float:
+    """Between two hues, in degrees, 0 to 180."""
+    return abs((first - second + 180) % 360 - 180)
+
+
+def _check_fields(what: str, values: object, needed: tuple[str, ...], known: tuple[str, ...]) -> None:
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{what} must be a mapping with {', '.join(known)}; found {values!r}")
+    for name in values:
+        if name not in known:
+            raise ValueError(f"unknown {name!r}{near_misses(name, known)}; allowed: {', '.join(known)}")
+    if missing := [name for name in needed if name not in values]:
+        raise ValueError(f"{what} lacks {', '.join(missing)}")
+
+
+def yaml_module() -> ModuleType:
+    """PyYAML, which only files of marks need.
+
+    Raises:
+        ImportError: It is not installed.
+    """
+    try:
+        import yaml
+    except ImportError:
+        raise ImportError(
+            "files of marks need PyYAML: pip install pyyaml, or pip install calfree-gym[vision]"
+        ) from None
+    return yaml

@@ -1,0 +1,144 @@
+"""Gripper point and object point in two images, from three coloured balls."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.image import CAMERAS
+from calfree_gym.vision.balls import Ball, measure_ball
+from calfree_gym.vision.blobs import find_blobs
+from calfree_gym.vision.colours import ColourTable, Image
+from calfree_gym.vision.marks import MARK_NAMES, Marks
+from calfree_gym.vision.outline import Array
+
+LEAST_SIZE = 16
+"""Width and height of an image in px. Choice: a ball of the least radius is a tenth of it."""
+LARGEST_RATIO = 2.0
+"""Of the two gripper balls' radii. Choice: they are 100 mm apart, and cameras at least 200 mm away."""
+
+
+class BallFinder:
+    """Finds the three balls in the images of one camera, and remembers how large they were."""
+
+    def __init__(self, marks: Marks) -> None:
+        self._marks = marks
+        self._table = ColourTable(marks)
+        self._last: dict[str, Ball] = {}
+
+    def reset(self) -> None:
+        """Forgets."""
+        self._last = {}
+
+    def __call__(self, image: Image) -> dict[str, Ball]:
+        """The balls that are seen in an image (h, w, 3), by the names of their marks."""
+        size = (image.shape[1], image.shape[0])
+        found: dict[str, list[tuple[float, Ball]]] = {}
+        for name, blobs in find_blobs(image, self._table).items():
+            balls = [measure_ball(blob, getattr(self._marks, name), size) for blob in blobs]
+            found[name] = [(self._merit(name, ball, size), ball) for ball in balls if ball]
+        best = {name: max(balls, key=lambda b: b[0])[1] for name, balls in found.items() if balls}
+        pairs = [
+            (merit_1 * merit_2, first, second)
+            for merit_1, first in found["gripper_1"]
+            for merit_2, second in found["gripper_2"]
+            if 1 / LARGEST_RATIO**2 <= first.area / second.area <= LARGEST_RATIO**2
+        ]
+        if pairs:
+            _, best["gripper_1"], best["gripper_2"] = max(pairs, key=lambda pair: pair[0])
+        elif "gripper_1" in best and "gripper_2" in best:
+            del best[min(("gripper_1", "gripper_2"), key=lambda name: best[name].roundness)]
+        self._last.update(best)
+        return best
+
+    def _merit(self, name: str, ball: Ball, size: tuple[int, int]) -> float:
+        """How likely a ball is the mark: by its roundness, and by what was seen before.
+
+        What was seen before counts by half: the mark may have jumped, or have been something else.
+        """
+        merit = ball.roundness * np.sqrt(ball.seen)
+        if name not in self._last:
+            return float(merit * ball.area**0.25)
+        last = self._last[name]
+        growth = np.log(ball.area / last.area)
+        way = np.hypot(*(ball.centre - last.centre)) / max(size)
+        return float(merit * (0.5 + 0.4 * np.exp(-(growth**2)) + 0.1 * np.exp(-way / 0.1)))
+
+
+class StereoTracker:
+    """Finds the gripper point and the object point in pairs of images.
+
+    Args:
+        marks: Colours of the balls.
+    """
+
+    def __init__(self, marks: Marks | None = None) -> None:
+        if marks is not None and not isinstance(marks, Marks):
+            raise ValueError(f"marks must be Marks; found {marks!r}")
+        self.marks = marks or Marks()
+        self._finders = [BallFinder(self.marks) for _ in CAMERAS]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets all images: what was never seen stands at the centre."""
+        for finder in self._finders:
+            finder.reset()
+        self._points = np.zeros((4, 2))
+
+    def __call__(self, left: Image, right: Image) -> tuple[Array, NDArray[np.bool_]]:
+        """The points in a pair of images, and which of them are seen.
+
+        Args:
+            left: RGB (h, w, 3), uint8, of any size.
+            right: As `left`; it may have another size.
+
+        Returns:
+            Image points (4, 2): gripper left and right, object left and right; and flags (4,). A point that
+            is not seen stands where it was seen last, at first at the centre.
+
+        Raises:
+            ValueError: An image is no such array.
+        """
+        visible = np.zeros(4, bool)
+        for camera, image in enumerate((left, right)):
+            _check_image(CAMERAS[camera], image)
+        for camera, image in enumerate((left, right)):
+            balls = self._finders[camera](image)
+            for row, point in ((camera, gripper_point(balls)), (2 + camera, object_point(balls))):
+                if point is not None:
+                    self._points[row] = 2 * point / [image.shape[1], image.shape[0]] - 1
+                    visible[row] = True
+        return self._points.copy(), visible
+
+
+def gripper_point(balls: dict[str, Ball]) -> Array | None:
+    """Image in px (2,) of the midpoint in space between the gripper's balls, if both are seen.
+
+    Depth goes as 1/√area: (z1 p1 + z2 p2) / (z1 + z2), exact for a pinhole and balls of equal size.
+    """
+    pair = [balls[name] for name in MARK_NAMES[:2] if name in balls]
+    if len(pair) < 2:
+        return None
+    z1, z2 = (ball.area**-0.5 for ball in pair)
+    return (z1 * pair[0].centre + z2 * pair[1].centre) / (z1 + z2)
+
+
+def object_point(balls: dict[str, Ball]) -> Array | None:
+    """Image in px (2,) of the object's ball, if it is seen."""
+    return balls["object"].centre if "object" in balls else None
+
+
+def _check_image(name: str, image: Any) -> None:
+    if not isinstance(image, np.ndarray):
+        raise ValueError(f"the {name} image is a {type(image).__name__}; it must be a uint8 array (h, w, 3)")
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise ValueError(
+            f"the {name} image has shape {image.shape} and type {image.dtype}; it must be (h, w, 3), uint8"
+        )
+    if min(image.shape[:2]) < LEAST_SIZE:
+        raise ValueError(
+            f"the {name} image is {image.shape[1]} × {image.shape[0]} px; it must be {LEAST_SIZE} × "
+            f"{LEAST_SIZE} or more"
+        )

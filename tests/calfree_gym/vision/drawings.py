@@ -1,0 +1,204 @@
+"""Drawn frames of three balls, with their true places: made by OpenCV, outside our renderer.
+
+Balls are flat discs, shaded spheres, or such with jagged edges; backgrounds have gradients and textures. The
+camera adds exposure with clipping, white balance, blur, motion blur, noise and JPEG.
+"""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+COLOURS = {"gripper_1": (242, 13, 140), "gripper_2": (13, 13, 242), "object": (13, 242, 13)}
+NAMES = tuple(COLOURS)
+
+
+@dataclass
+class Frame:
+    """An image (h, w, 3) with the true place (2,) in px, radius in px and visible share of each ball."""
+
+    image: np.ndarray
+    centre: dict = field(default_factory=dict)
+    radius: dict = field(default_factory=dict)
+    visible: dict = field(default_factory=dict)
+
+
+class Canvas:
+    """A picture that layers are put on, the nearest last."""
+
+    def __init__(self, background):
+        self.picture = background.astype(np.float32)
+        self._balls = {}
+
+    def put(self, alpha, colour, name=None):
+        """Covers the picture by `alpha` (h, w) with a colour (3,) or colours (h, w, 3)."""
+        alpha = alpha.astype(np.float32)
+        self.picture += alpha[..., None] * (np.asarray(colour, np.float32) - self.picture)
+        for each in self._balls.values():
+            each[1] *= 1 - alpha
+        if name:
+            self._balls[name] = [float(alpha.sum()), alpha.copy()]
+
+    def ball(self, name, centre, radius, colour, rng, kind="sphere", stretch=1.0, hidden=False):
+        """Puts a ball; `centre` in px from the image's corner."""
+        h, w = self.picture.shape[:2]
+        x0, y0 = (int(max(v - 1.5 * radius - 3, 0)) for v in centre)
+        x1, y1 = (
+            int(np.clip(v + 1.5 * radius + 4, s, e)) for v, s, e in zip(centre, (x0, y0), (w, h), strict=True)
+        )
+        if x1 <= x0 or y1 <= y0:
+            return
+        fine = 1 if kind == "jagged" else 6
+        y, x = ((np.mgrid[: (y1 - y0) * fine, : (x1 - x0) * fine] + 0.5) / fine)[[0, 1]]
+        away = np.array(centre) - [w / 2, h / 2]
+        away = away / max(np.hypot(*away), 1e-9)
+        dx, dy = x + x0 - centre[0], y + y0 - centre[1]
+        u, v = (dx * away[0] + dy * away[1]) / stretch / radius, (dy * away[0] - dx * away[1]) / radius
+        inside = u * u + v * v <= 1
+        shade, shine = np.ones_like(u), np.zeros_like(u)
+        if kind != "disc":
+            shade, shine = self._light(u, v, rng)
+        colours = np.asarray(colour) * shade[..., None] + 255 * shine[..., None]
+        size = (x1 - x0, y1 - y0)
+        weight = cv2.resize(inside.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        sums = cv2.resize(
+            (colours * inside[..., None]).astype(np.float32), size, interpolation=cv2.INTER_AREA
+        )
+        alpha, full = np.zeros((h, w), np.float32), np.zeros((h, w, 3), np.float32)
+        alpha[y0:y1, x0:x1] = weight
+        full[y0:y1, x0:x1] = sums / np.maximum(weight, 1e-6)[..., None]
+        self.put(alpha, full, name)
+
+    @staticmethod
+    def _light(u, v, rng):
+        normal = np.stack([u, v, np.sqrt(np.maximum(1 - u * u - v * v, 0))], -1)
+        lamp = rng.normal(size=3)
+        lamp[2] = abs(lamp[2])
+        lamp /= np.linalg.norm(lamp)
+        ambient = rng.uniform(0.25, 0.8)
+        cosine = np.maximum(normal @ lamp, 0)
+        shade = ambient + (1 - ambient) * rng.uniform(0.3, 1.2) * cosine
+        half = lamp + np.array([0, 0, 1])
+        shine = np.maximum(normal @ (half / np.linalg.norm(half)), 0) ** rng.uniform(20, 80)
+        return shade, rng.choice([0, 0, rng.uniform(0.1, 0.9)]) * shine
+
+    def polygon(self, corners, colour):
+        """Puts a filled polygon; corners (n, 2) in px."""
+        alpha = np.zeros(self.picture.shape[:2], np.uint8)
+        fixed = np.round((np.asarray(corners) - 0.5) * 16).astype(np.int32)
+        cv2.fillPoly(alpha, [fixed], 255, cv2.LINE_AA, 4)
+        self.put(alpha / 255, colour)
+
+    def visible(self, name):
+        """Share of a ball that no later layer hides, and that lies within the image."""
+        whole, left = self._balls[name]
+        return float(left.sum() / max(whole, 1e-9))
+
+
+def dull(rng):
+    """A colour of saturation 0.3 or less."""
+    largest, saturation = rng.uniform(20, 240), rng.uniform(0, 0.3)
+    return largest * (1 - saturation * rng.permutation([0, rng.uniform(), 1]))
+
+
+def background(rng, h, w):
+    """A gradient between two dull colours with texture and dull shapes, (h, w, 3)."""
+    y, x = np.mgrid[0 : 1 : 1j * h, 0 : 1 : 1j * w]
+    a, b = rng.uniform(-1, 1, 2)
+    ramp = np.clip((a * x + b * y + 1) / 2, 0, 1)[..., None]
+    canvas = Canvas(dull(rng) * ramp + dull(rng) * (1 - ramp))
+    for _ in range(rng.integers(0, 12)):
+        middle, size = rng.uniform(0, 1, 2) * [w, h], rng.uniform(0.02, 0.4) * w
+        canvas.polygon(middle + size * rng.normal(size=(rng.integers(3, 6), 2)), dull(rng))
+    grain = rng.normal(size=[max(2, int(s / rng.uniform(1, 30))) for s in (h, w)])
+    texture = cv2.resize(grain, (w, h), interpolation=cv2.INTER_LINEAR)
+    return np.clip(canvas.picture * (1 + rng.uniform(0, 0.35) * texture[..., None]), 0, 255)
+
+
+def camera(picture, rng, white_balance=0.15, motion=4.0, noise=6.0, jpeg=0.5):
+    """What a camera makes of a picture (h, w, 3): blur, motion blur, exposure, noise, JPEG at times."""
+    scale = picture.shape[1] / 512
+    sigma = rng.uniform(0, 1.5) * scale
+    if sigma > 0.2:
+        picture = cv2.GaussianBlur(picture, (0, 0), sigma)
+    length = rng.uniform(0, motion) * scale
+    if length > 1:
+        picture = _smeared(picture, length, rng.uniform(0, np.pi))
+    picture = picture * rng.uniform(1 - white_balance, 1 + white_balance, 3) * np.exp(rng.uniform(-0.7, 0.5))
+    picture = picture + rng.uniform(0, noise) * rng.normal(size=picture.shape)
+    image = np.clip(np.round(picture), 0, 255).astype(np.uint8)
+    return through_jpeg(image, int(rng.integers(60, 96))) if rng.uniform() < jpeg else image
+
+
+def _smeared(picture, length, angle):
+    steps = np.linspace(-length / 2, length / 2, 9)
+    h, w = picture.shape[:2]
+    shifted = [
+        cv2.warpAffine(
+            picture,
+            np.array([[1, 0, s * np.cos(angle)], [0, 1, s * np.sin(angle)]]),
+            (w, h),
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        for s in steps
+    ]
+    return np.mean(shifted, 0)
+
+
+def through_jpeg(image, quality):
+    """The image (h, w, 3) after one round trip."""
+    done, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    assert done
+    return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+
+
+def random_frame(rng, size=(512, 512), hide=0.0, occlude=0.0, kinds=("disc", "sphere", "jagged"), **options):
+    """A frame of random balls.
+
+    Args:
+        rng: Random numbers.
+        size: Height and width in px.
+        hide: Share of balls that are left out.
+        occlude: Share of balls that have something dull before them.
+        kinds: Kinds of balls, see `Canvas.ball`.
+        **options: For `camera`.
+    """
+    h, w = size
+    scale = min(h, w) / 512
+    canvas, frame = Canvas(background(rng, h, w)), Frame(image=np.zeros(0))
+    unit = np.exp(rng.uniform(np.log(4.5), np.log(26))) * scale
+    kind = rng.choice(kinds)
+    while True:
+        places = rng.uniform(0.06, 0.94, (3, 2)) * [w, h]
+        way = rng.uniform(-1, 1, 2)
+        places[1] = places[0] + way / np.hypot(*way) * rng.uniform(3, 10) * unit
+        gaps = [np.hypot(*(places[i] - places[j])) for i in range(3) for j in range(i)]
+        if min(gaps) > 2.7 * unit and (np.abs(places[1] / [w, h] - 0.5) < 0.44).all():
+            break
+    for name, place in zip(NAMES, places, strict=True):
+        radius = unit * np.exp(rng.uniform(-0.15, 0.15))
+        eccentric = np.hypot(*(place - [w / 2, h / 2])) / (w / 2)
+        stretch = np.sqrt(1 + (eccentric * rng.uniform(0.3, 0.8)) ** 2)
+        frame.centre[name], frame.radius[name] = place, radius * np.sqrt(stretch)
+        if rng.uniform() < hide:
+            frame.visible[name] = 0.0
+            continue
+        canvas.ball(name, place, radius, COLOURS[name], rng, str(kind), stretch)
+        if rng.uniform() < occlude:
+            occluder(canvas, place, radius, rng)
+    for name in NAMES:
+        frame.visible.setdefault(name, -1.0)
+        if frame.visible[name] < 0:
+            frame.visible[name] = canvas.visible(name)
+    frame.image = camera(canvas.picture, rng, **options)
+    return frame
+
+
+def occluder(canvas, place, radius, rng, colour=None):
+    """Puts a thing before a ball: a half plane's edge, or a bar across."""
+    along = rng.uniform(0, 2 * np.pi)
+    d, n = np.array([np.cos(along), np.sin(along)]), np.array([-np.sin(along), np.cos(along)])
+    start = rng.uniform(-0.9, 1.0) * radius
+    end = start + (4 * radius if rng.uniform() < 0.7 else rng.uniform(0.2, 0.8) * radius)
+    corners = [place + s * 4 * radius * d + e * n for s, e in ((-1, start), (1, start), (1, end), (-1, end))]
+    canvas.polygon(corners, dull(rng) if colour is None else colour)
