@@ -31,8 +31,8 @@ for _id, _reward in _REWARDS.items():
     _arguments: dict[str, Any] = {"reward": _reward}
     gymnasium.register(
         _id,
-        entry_point="calfree_gym.envs.single:StereoArmEnv",
-        vector_entry_point="calfree_gym.envs.vector:StereoArmVectorEnv",
+        entry_point="calfree_gym.envs.single:make",
+        vector_entry_point="calfree_gym.envs.vector:make",
         max_episode_steps=60,
         kwargs=_arguments,
     )

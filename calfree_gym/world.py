@@ -26,7 +26,7 @@ SPAN_OF_A_HINGE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Cameras, arm, motors, measurement and surroundings of one robot. Compares by value; arrays are read-only.
+    """Cameras, arm, motors, measurement and light of one robot. Compares by value; arrays are read-only.
 
     The fields from `light_direction` on matter to rendered images alone, and `occluder` where points can be
     hidden.
@@ -287,7 +287,7 @@ def _wild(draw: Draw, robot: Robot) -> World:
         motor_curvature=draw("motor_curvature").uniform(-0.3, 0.4, motors),
         point_noise=built.point_noise,
         **wild_light(draw("light")),
-        texture=draw("texture").integers(1, MAX_TEXTURE),
+        texture=np.array(draw("texture").integers(1, MAX_TEXTURE), float),
         exposure=log_uniform(draw("exposure"), 0.7, 1.4, 2),
         blur=draw("blur").uniform(0.0, 1.2, 2),
         image_noise=draw("image_noise").uniform(1.0, 5.0, 2),

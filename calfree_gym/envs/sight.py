@@ -1,8 +1,8 @@
-"""What the cameras of N arms deliver: image points by projection, image points found in images, or images."""
+"""What the cameras of N arms deliver: points by projection, points found in images, or images."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,23 +12,64 @@ from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.streams import MotionNumbers
 from calfree_gym.vision.image_formation import ImageFormation
-from calfree_gym.vision.marks import Marks
+from calfree_gym.vision.measurement import MeasurementModel
 from calfree_gym.vision.tracker import StereoTracker
+from calfree_gym.world import World
 
 if TYPE_CHECKING:
     from calfree_gym.envs.stereo_arms import StereoArms
 
-SMALLEST, LARGEST = 16, 1024
-"""Pixels of an image."""
+Seen = tuple[NDArray[Any], ...]
+"""Points (N, 4, 2), which of them were seen (N, 4), and images, where they are delivered."""
 
 
-class Images:
-    """Images (N, 2, size, size, ...) of all rows, rendered where a row has moved since.
-
-    Makes its GL context when the first image is rendered.
+class Sight:
+    """Points where projection puts them, with noise, outliers and dropout.
 
     Attributes:
-        now: As last looked.
+        renders: Whether images are rendered.
+
+    Args:
+        arms: The arms.
+    """
+
+    renders: ClassVar[bool] = False
+    state_names: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, arms: StereoArms) -> None:
+        self._arms = arms
+        self._measurement = MeasurementModel(arms.rows)
+
+    def seed(self, row: int, seed: int) -> None:
+        """Starts `row` anew from `seed`."""
+        self._measurement.seed(row, seed)
+
+    def set_world(self, row: int, world: World) -> None:
+        """Gives `row` the measurement of `world`."""
+        self._measurement.set_world(row, world)
+
+    def begin_trial(self, rows: NDArray[np.intp]) -> None:
+        """These rows are at home."""
+
+    def look(self, true: Array, visible: Flags, moved: Flags) -> Seen:
+        """What is seen.
+
+        Args:
+            true: Where noise-free cameras would see the points (N, 4, 2).
+            visible: Which of them are in the images, and nothing hides them (N, 4).
+            moved: Where anything has moved (N,) since the last look.
+        """
+        arms = self._arms
+        return self._measurement.measure(true, visible, arms.trials, arms.motions_of_trial)
+
+    def close(self) -> None:
+        """Frees what renders."""
+
+
+class RenderedSight(Sight):
+    """Images of all rows, besides the true points.
+
+    Makes its GL context when the first image is rendered.
 
     Args:
         arms: The arms.
@@ -36,21 +77,30 @@ class Images:
         depth: Whether they show depths in m rather than colours.
     """
 
+    renders = True
+
     def __init__(self, arms: StereoArms, size: int, depth: bool = False) -> None:
-        self._arms, self._depth = arms, depth
+        super().__init__(arms)
+        self._size, self._depth = size, depth
         shape = (arms.rows, 2, size, size)
-        self.now: NDArray[Any] = np.zeros(shape, np.float32) if depth else np.zeros((*shape, 3), np.uint8)
-        self._size = size
-        self._renderer: StereoImages | None = None
+        self._images: NDArray[Any] = np.zeros(shape, np.float32) if depth else np.zeros((*shape, 3), np.uint8)
         self._sensors = ImageFormation(size)
         self._places = MotionNumbers(arms.rows, "image_noise", (2, 2), normal=False)
+        self._renderer: StereoImages | None = None
 
     def seed(self, row: int, seed: int) -> None:
-        """Starts `row` anew from `seed`."""
+        """See `Sight`."""
         self._places.seed(row, seed)
 
-    def look(self, rows: NDArray[np.intp]) -> None:
-        """Renders what these rows see now."""
+    def set_world(self, row: int, world: World) -> None:
+        """See `Sight`: points are those of the images, and have no noise of their own."""
+
+    def look(self, true: Array, visible: Flags, moved: Flags) -> Seen:
+        """See `Sight`."""
+        self._render(np.flatnonzero(moved))
+        return true, visible, self._images
+
+    def _render(self, rows: NDArray[np.intp]) -> None:
         arms = self._arms
         if self._renderer is None:
             self._renderer = StereoImages(arms.simulation, arms.robot.rig, self._size)
@@ -58,44 +108,47 @@ class Images:
         for row in rows.tolist():
             world = arms.world(row)
             if self._depth:
-                self.now[row] = self._renderer.depths(row, world)
+                self._images[row] = self._renderer.depths(row, world)
                 continue
             for camera, light in enumerate(self._renderer.colours(row, world)):
-                self.now[row, camera] = self._sensors.image(light, world, camera, places[row, camera])
+                self._images[row, camera] = self._sensors.image(light, world, camera, places[row, camera])
 
     def close(self) -> None:
-        """Frees the GL context."""
+        """See `Sight`."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
 
-class TrackedPoints:
-    """Image points that trackers find in the images of all rows.
+class TrackedSight(RenderedSight):
+    """Points that a tracker finds in images of 512 x 512 pixels."""
 
-    Attributes:
-        points: As last seen (N, 4, 2).
-        visible: Which the last images showed (N, 4).
+    state_names = ("_trackers", "_points", "_visible")
 
-    Args:
-        rows: N.
-    """
-
-    SIZE = IMAGE_SIZE
-    """Width and height of the images in pixels."""
-
-    def __init__(self, rows: int) -> None:
-        self._trackers = [StereoTracker(Marks()) for _ in range(rows)]
-        self.points = np.zeros((rows, 4, 2))
-        self.visible = np.zeros((rows, 4), bool)
+    def __init__(self, arms: StereoArms) -> None:
+        super().__init__(arms, IMAGE_SIZE)
+        self._trackers = [StereoTracker() for _ in range(arms.rows)]
+        self._points = np.zeros((arms.rows, 4, 2))
+        self._visible = np.zeros((arms.rows, 4), bool)
 
     def begin_trial(self, rows: NDArray[np.intp]) -> None:
-        """Forgets what was tracked before."""
+        """See `Sight`: what was tracked before is forgotten."""
         for row in rows.tolist():
             self._trackers[row].reset()
 
-    def look(self, rows: NDArray[np.intp], images: NDArray[np.uint8]) -> tuple[Array, Flags]:
-        """Points (N, 4, 2) and flags (N, 4), after new images of some rows."""
+    def look(self, true: Array, visible: Flags, moved: Flags) -> Seen:
+        """See `Sight`."""
+        rows = np.flatnonzero(moved)
+        self._render(rows)
         for row in rows.tolist():
-            self.points[row], self.visible[row] = self._trackers[row](*images[row])
-        return self.points, self.visible
+            self._points[row], self._visible[row] = self._trackers[row](*self._images[row])
+        return self._points.copy(), self._visible.copy()
+
+
+def sight_of(arms: StereoArms, observation: str, image_size: int) -> Sight:
+    """What an observation of that name needs."""
+    if observation == "points":
+        return Sight(arms)
+    if observation == "vision":
+        return TrackedSight(arms)
+    return RenderedSight(arms, image_size, depth=observation == "depth")

@@ -9,26 +9,22 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.goal import (
-    RENDER_MODES,
-    Observation,
-    StereoArmGoal,
-    action_space,
-    control_words,
-    observation_space,
-    placed_objects,
-)
+from calfree_gym.envs.actions import action_space, control_words
+from calfree_gym.envs.goal import GoalRewards
+from calfree_gym.envs.observations import GOALS, Observation, observation_space
+from calfree_gym.envs.shared import RENDER_MODES, StereoArmShared, placed_objects
 from calfree_gym.envs.state import RowState
 from calfree_gym.envs.worlds import WorldChoice
 from calfree_gym.errors import known_arguments
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
+from calfree_gym.rendering.scene_frame import HEIGHT, WIDTH
 from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World
 
 
-class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
+class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
     """A robot arm with two cameras and no calibration, whose task is to reach an object.
 
     ## Description
@@ -137,8 +133,12 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
         keep_in_view: bool = True,
         tell: Sequence[str] = (),
         truth: bool = True,
+        occlusion: bool = False,
+        image_size: int = 128,
         reward: str = "sparse",
         render_mode: str | None = None,
+        width: int = WIDTH,
+        height: int = HEIGHT,
     ) -> None:
         self._build(
             1,
@@ -149,6 +149,8 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             tell,
             truth,
             render_mode,
+            width,
+            height,
             arm,
             world=world,
             camera_mount=camera_mount,
@@ -157,8 +159,10 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
             perturbations=perturbations,
             redraw=redraw,
             keep_in_view=keep_in_view,
+            occlusion=occlusion,
+            image_size=image_size,
         )
-        self.observation_space = observation_space(tell, self.arms.robot)
+        self.observation_space = observation_space(observation, image_size, tell, self.arms.robot)
         self.action_space = action_space(self.arms.robot)
         self.applied: list[Perturbation | Undo] = []
 
@@ -255,4 +259,14 @@ class StereoArmEnv(StereoArmGoal, gym.Env[Any, Any]):
 
     def close(self) -> None:
         """Frees the renderer."""
-        self._free_renderer()
+        self._close()
+
+
+class StereoArmGoalEnv(GoalRewards, StereoArmEnv):
+    """A `StereoArmEnv` that observes image points: hindsight relabelling can compute its reward."""
+
+
+def make(**arguments: Any) -> StereoArmEnv:
+    """The environment of these arguments; for `gymnasium.make`."""
+    goals = arguments.get("observation", "points") in GOALS
+    return StereoArmGoalEnv(**arguments) if goals else StereoArmEnv(**arguments)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-import numpy as np
-
 from calfree_gym.robot.arms.robot import Robot
 
 if TYPE_CHECKING:
@@ -62,7 +60,7 @@ def restore(part: HasState, row: int, state: RowState) -> None:
 
 
 def _own(value: Any) -> Any:
-    return value.copy() if isinstance(value, np.ndarray | dict) else value
+    return value.copy() if hasattr(value, "copy") else value
 
 
 def arm_state(robot: Robot) -> dict[str, Any]:

@@ -9,19 +9,23 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.envs.sight import Seen, sight_of
 from calfree_gym.envs.state import RowState, arm_state, check_state, restore, state_of
 from calfree_gym.envs.worlds import WorldChoice, world_choices
 from calfree_gym.errors import check_choice
-from calfree_gym.geometry import Array, Rows
+from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, PIXELS_PER_UNIT, inside, lengths
 from calfree_gym.perturbations.application import Applied, PerturbationScheduler
+from calfree_gym.robot.arms.marks import RADIUS as MARK_RADIUS
 from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.robot.line_of_sight import LinesOfSight
 from calfree_gym.robot.motor_errors import MotorErrors
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.simulation import DYNAMICS, Simulation
-from calfree_gym.robot.workspace import ATTEMPTS, Workspaces, check_in_view, first_in_view
+from calfree_gym.robot.workspace import ATTEMPTS, Candidates, Workspaces, check_in_view, first_in_view
 from calfree_gym.streams import CounterStreams, Key, key
-from calfree_gym.vision.measurement import MeasurementModel
+from calfree_gym.tasks import reach
+from calfree_gym.vision.latency import Latency
 from calfree_gym.world import World, WorldDistribution
 
 LOOK_SECONDS = 4.0
@@ -31,8 +35,10 @@ CANDIDATE_BLOCK = 16
 APART_SIGMAS = 6
 """The distance of a new object from the gripper exceeds the tolerance by this many times the noise."""
 
+NOWHERE = np.full(3, 1e3)
+"""Where an object hides nothing (m)."""
 REDRAWS = ("never", "trial")
-_PARTS = ("simulation", "_motor_errors", "_measurement", "_scheduler")
+_PARTS = ("simulation", "_motor_errors", "_latency", "_sight", "_scheduler")
 
 
 class StereoArms:
@@ -42,8 +48,8 @@ class StereoArms:
         registers: Executed sums of control words since home (N, m).
         points: Image points (N, 4, 2) as last seen: gripper left, right, object left, right.
         visible: Which of the four points (N, 4) the last observation saw.
-        delivered: Image points (N, 4, 2) and flags (N, 4) as the controller gets them: delayed where there
-            is latency.
+        delivered: Image points (N, 4, 2), flags (N, 4) and images (N, 2, ...), where there are any, as the
+            controller gets them: delayed where there is latency.
         true_points: Where noise-free cameras see them now (N, 4, 2), not clipped to the image.
         motions: Motions since reset with a seed (N,).
         trials: Trials begun since reset with a seed (N,).
@@ -59,6 +65,9 @@ class StereoArms:
         redraw: "never", or "trial": every trial in a new world, where `world` is a distribution.
         keep_in_view: Whether worlds and objects that the cameras do not see are drawn again.
         threads: Threads of the simulation; they change no number.
+        observation: "points", or what is rendered: "vision", "pixels", "rgb" or "depth".
+        occlusion: Whether what hides a point from a camera matters; always where images are rendered.
+        image_size: Width and height in pixels of images that are delivered.
 
     Raises:
         ValueError: An argument is unknown, or a given world is not in view.
@@ -82,6 +91,9 @@ class StereoArms:
         redraw: str,
         keep_in_view: bool,
         threads: int,
+        observation: str = "points",
+        occlusion: bool = False,
+        image_size: int = IMAGE_SIZE,
     ) -> None:
         check_choice("dynamics", dynamics, DYNAMICS)
         check_choice("redraw", redraw, REDRAWS)
@@ -108,7 +120,7 @@ class StereoArms:
         self.registers = np.zeros((rows, motors))
         self.points = np.zeros((rows, 4, 2))
         self.visible = np.zeros((rows, 4), bool)
-        self.delivered = self.points, self.visible
+        self.delivered: Seen = (self.points, self.visible)
         self.true_points = np.zeros((rows, 4, 2))
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
@@ -116,7 +128,12 @@ class StereoArms:
         self._seeds: list[int | None] = [None] * rows
         self._object_keys: list[Key] = [(0, 0)] * rows
         self._object_streams = CounterStreams()
-        self._measurement = MeasurementModel(rows)
+        self._latency = Latency(rows)
+        self._sight = sight_of(self, observation, image_size)
+        self._lines: LinesOfSight | None = None
+        if occlusion or self._sight.renders:
+            self._lines = LinesOfSight(self.simulation, MARK_RADIUS * robot.rig.scale)
+        self._moved = np.zeros(rows, bool)
         self._apart = np.zeros((rows, 1))
         self._solved: list[tuple[World, bytes] | None] = [None] * rows
         self._object_registers = np.zeros((rows, motors))
@@ -143,22 +160,36 @@ class StereoArms:
         self._seed_streams(row, seed)
         self.motions[row] = self.trials[row] = self._motions_before[row] = 0
         choice = self._choices[row]
-        self._enter(row, choice if isinstance(choice, World) else self._draw_world(choice, seed, 0))
+        self._enter(row, choice if isinstance(choice, World) else self._draw_world(choice, row, seed, 0))
 
     def _seed_streams(self, row: int, seed: int) -> None:
         self._seeds[row] = seed
-        self._measurement.seed(row, seed)
+        self._sight.seed(row, seed)
         self._motor_errors.seed(row, seed)
         self._object_keys[row] = key(seed, "objects")
         self._scheduler.seed(row, seed)
 
-    def _draw_world(self, distribution: WorldDistribution, seed: int, trial: int) -> World:
+    def _draw_world(self, distribution: WorldDistribution, row: int, seed: int, trial: int) -> World:
         def draw(attempt: int) -> World:
             return distribution.sample(seed, attempt, trial, self.robot)
 
         if not self._keep_in_view:
             return draw(0)
-        return first_in_view(draw, self.robot, self.mounts, f"a {distribution.name} world", whole=True)
+        what = f"a {distribution.name} world"
+        also = None if self._lines is None else lambda world: self._gripper_in_sight(row, world)
+        return first_in_view(draw, self.robot, self.mounts, what, whole=True, also=also)
+
+    def _gripper_in_sight(self, row: int, world: World) -> bool:
+        """Whether nothing would hide the gripper at home from the cameras of that world."""
+        assert self._lines is not None
+        self.motors.set_world(row, world)
+        self.simulation.set_world(row, world)
+        home = self._home_joints(np.array([row]))[0]
+        return bool(self._lines.in_sight(row, home, NOWHERE)[:2].all())
+
+    def _home_joints(self, rows: NDArray[np.intp]) -> Array:
+        """Joint positions (n, j) at registers zero."""
+        return self.motors.joints(np.zeros((len(rows), self.registers.shape[1])), rows)
 
     def set_world(self, row: int, world: World) -> None:
         """Puts `row` into `world` from now on; seeds then draw objects and noise only.
@@ -192,6 +223,8 @@ class StereoArms:
         home = self.motors.positions(self.registers[rows], rows)
         home = self._motor_errors.at_home(rows, home, self.trials, self.motions_of_trial)
         self.simulation.place(rows, self.motors.angles(home, rows), objects)
+        self._sight.begin_trial(indices)
+        self._moved[rows] = True
         self.points[rows] = 0.0
         return applied
 
@@ -216,6 +249,7 @@ class StereoArms:
         registers = np.minimum(np.maximum(registers, motors.lowest[rows]), motors.highest[rows])
         self.registers[rows] = registers
         self.motions[rows] += 1
+        self._moved[rows] = True
         positions = self.motors.positions(registers, rows)
         positions = self._motor_errors.after_a_motion(rows, positions, self.trials, self.motions_of_trial)
         seconds = self.simulation.move(rows, self.motors.angles(positions, rows))
@@ -229,9 +263,15 @@ class StereoArms:
         visible = shown & (depth > 0) & inside(true)
         self.true_points = true
         motions = self.motions_of_trial
-        measured, self.visible = self._measurement.measure(true, visible, self.trials, motions)
-        self.points = np.where(self.visible[:, :, None], measured, self.points)
-        self.delivered = self._measurement.deliver(self.points, self.visible, motions)
+        if self._lines is not None:
+            visible &= np.stack([self._lines.in_sight(row) for row in range(self.rows)])
+        seen, self.visible, *images = self._sight.look(true, visible, self._moved)
+        self._moved[:] = False
+        self.points = np.where(self.visible[:, :, None], seen, self.points)
+        points = self.points
+        if self._lines is not None:
+            points = reach.kept_apart(points, self.visible, float(self.tolerance))
+        self.delivered = self._latency.deliver(motions, points, self.visible, *images)
 
     @property
     def motions_of_trial(self) -> NDArray[np.int64]:
@@ -264,10 +304,14 @@ class StereoArms:
         restore(self, row, state)
         for name in _PARTS:
             restore(getattr(self, name), row, state[name])
-        self.delivered = self.delivered[0].copy(), self.delivered[1].copy()
+        self.delivered = tuple(each.copy() for each in self.delivered)
         for delivered, of_row in zip(self.delivered, state["delivered"], strict=True):
             delivered[row] = of_row
         self._solved[row] = None
+
+    def close(self) -> None:
+        """Frees what renders images; it comes back with the next image."""
+        self._sight.close()
 
     def object_registers(self) -> Array:
         """Registers (N, m) at which the gripper is at the object, or as near as the motors let it.
@@ -296,7 +340,9 @@ class StereoArms:
         self._motor_errors.set_world(row, world)
         self.simulation.set_world(row, world)
         self._workspaces.set_world(row, world)
-        self._measurement.set_world(row, world)
+        self._sight.set_world(row, world)
+        self._latency.set_world(row, world)
+        self._moved[row] = True
         self._apart[row] = self.tolerance + APART_SIGMAS * world.point_noise * IMAGE_UNIT
 
     def _redraw(self, rows: NDArray[np.intp]) -> None:
@@ -304,7 +350,7 @@ class StereoArms:
         for row in rows[self.trials[rows] > 0]:
             choice, seed = self._choices[row], self._seeds[row] or 0
             if isinstance(choice, WorldDistribution):
-                self._enter(row, self._draw_world(choice, seed, int(self.trials[row])))
+                self._enter(row, self._draw_world(choice, row, seed, int(self.trials[row])))
 
     def _check_in_view(self, world: World) -> None:
         world.check_fits(self.robot)
@@ -323,6 +369,19 @@ class StereoArms:
                     applied.append((row, perturbation))
         return applied
 
+    def _first_in_sight(self, rows: NDArray[np.intp], at: Candidates, good: Flags) -> Flags:
+        """Of good candidates (n, k) the first that nothing hides, from home and at the rendezvous."""
+        assert self._lines is not None
+        first = np.zeros_like(good)
+        for i, (row, home) in enumerate(zip(rows.tolist(), self._home_joints(rows), strict=True)):
+            for j in np.flatnonzero(good[i]).tolist():
+                point, there = at.points[i, j], self.motors.angles(at.positions[i, j][None], rows[i, None])[0]
+                seen_from_home = self._lines.in_sight(row, home, point)[2:].all()
+                if seen_from_home and self._lines.in_sight(row, there, point).all():
+                    first[i, j] = True
+                    break
+        return first
+
     def _draw_objects(self, rows: NDArray[np.intp]) -> Array:
         """The next trial's objects (n, 3): the first candidates that are seen and not yet reached."""
         objects = np.empty((len(rows), 3))
@@ -336,6 +395,8 @@ class StereoArms:
             good = at.seen & at.reached & (at.apart > self._apart[rows[open_]])
             if not self._keep_in_view:
                 good |= at.within & at.reached & ~at.seen
+            elif self._lines is not None:
+                good = self._first_in_sight(rows[open_], at, good)
             found = good.any(1)
             first = good[found].argmax(1)
             objects[open_[found]] = at.points[found, first]

@@ -11,27 +11,23 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from calfree_gym.envs.goal import (
-    RENDER_MODES,
-    Observation,
-    StereoArmGoal,
-    action_space,
-    control_words,
-    observation_space,
-    placed_objects,
-)
+from calfree_gym.envs.actions import action_space, control_words
+from calfree_gym.envs.goal import GoalRewards
+from calfree_gym.envs.observations import GOALS, Observation, observation_space
 from calfree_gym.envs.row import HasRows
+from calfree_gym.envs.shared import RENDER_MODES, StereoArmShared, placed_objects
 from calfree_gym.envs.state import RowState
 from calfree_gym.envs.worlds import WorldChoice
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
+from calfree_gym.rendering.scene_frame import HEIGHT, WIDTH
 from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World
 
 
-class StereoArmVectorEnv(StereoArmGoal, HasRows, VectorEnv[Any, Any, Any]):
+class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
     """Many stereo arms stepped together by MuJoCo's threads; row i is `StereoArmEnv` reset with seed + i.
 
     Each row counts its own motions and trials, and perturbations are applied by these counts.
@@ -73,8 +69,12 @@ class StereoArmVectorEnv(StereoArmGoal, HasRows, VectorEnv[Any, Any, Any]):
         keep_in_view: bool = True,
         tell: Sequence[str] = (),
         truth: bool = True,
+        occlusion: bool = False,
+        image_size: int = 128,
         reward: str = "sparse",
         render_mode: str | None = None,
+        width: int = WIDTH,
+        height: int = HEIGHT,
     ) -> None:
         _check_arguments(num_envs, max_episode_steps, autoreset_mode)
         self._build(
@@ -86,6 +86,8 @@ class StereoArmVectorEnv(StereoArmGoal, HasRows, VectorEnv[Any, Any, Any]):
             tell,
             truth,
             render_mode,
+            width,
+            height,
             arm,
             world=world,
             camera_mount=camera_mount,
@@ -94,12 +96,14 @@ class StereoArmVectorEnv(StereoArmGoal, HasRows, VectorEnv[Any, Any, Any]):
             perturbations=perturbations,
             redraw=redraw,
             keep_in_view=keep_in_view,
+            occlusion=occlusion,
+            image_size=image_size,
         )
         self.num_envs = num_envs
         self._max_episode_steps = max_episode_steps
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = observation_space(tell, self.arms.robot)
+        self.single_observation_space = observation_space(observation, image_size, tell, self.arms.robot)
         self.single_action_space = action_space(self.arms.robot)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -276,7 +280,17 @@ class StereoArmVectorEnv(StereoArmGoal, HasRows, VectorEnv[Any, Any, Any]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the renderer."""
-        self._free_renderer()
+        self._close()
+
+
+class StereoArmGoalVectorEnv(GoalRewards, StereoArmVectorEnv):
+    """A `StereoArmVectorEnv` that observes image points: hindsight relabelling can compute its reward."""
+
+
+def make(**arguments: Any) -> StereoArmVectorEnv:
+    """The environment of these arguments; for `gymnasium.make_vec`."""
+    goals = arguments.get("observation", "points") in GOALS
+    return StereoArmGoalVectorEnv(**arguments) if goals else StereoArmVectorEnv(**arguments)
 
 
 def _check_arguments(num_envs: int, max_episode_steps: int, autoreset_mode: AutoresetMode | str) -> None:

@@ -14,6 +14,7 @@ from calfree_gym.vision.cameras import undistort
 
 RADII = 2048
 """Entries of the table of radii: between them a pinhole point is interpolated, to 0.001 px."""
+_NO_SHARES = np.empty(0, np.uint16)
 LARGEST = 2.0
 """A pinhole image is at most so much wider than the lens's; beyond that it is coarser instead."""
 
@@ -58,8 +59,7 @@ class LensMap(NamedTuple):
         half = 1.01 * float(max(np.nanmax(np.abs(x)), np.nanmax(np.abs(y))))
         source = int(min(np.ceil(2 * half * scale * focal_length), np.ceil(LARGEST * size)))
         columns, rows = ((way / half + 1) * source / 2 - 0.5 for way in (x, -y))
-        outside = np.float32(-10)
-        columns, rows = (np.nan_to_num(way, nan=outside).astype(np.float32) for way in (columns, rows))
+        columns, rows = (np.where(np.isnan(way), -10, way).astype(np.float32) for way in (columns, rows))
         return cls(half, source, *cv2.convertMaps(columns, rows, cv2.CV_16SC2))
 
     def colours(self, pinhole: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -68,4 +68,4 @@ class LensMap(NamedTuple):
 
     def depths(self, pinhole: NDArray[np.float32]) -> NDArray[np.float32]:
         """The same of depths (size, size): those of the nearest pixels."""
-        return np.asarray(cv2.remap(pinhole, self.places, None, cv2.INTER_NEAREST), np.float32)
+        return np.asarray(cv2.remap(pinhole, self.places, _NO_SHARES, cv2.INTER_NEAREST), np.float32)

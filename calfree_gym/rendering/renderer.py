@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import Array
 from calfree_gym.rendering.gl import gl_context
 
 Image = NDArray[np.uint8]

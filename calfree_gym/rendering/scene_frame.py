@@ -110,9 +110,7 @@ def _write(image: Image, name: str) -> None:
     scale = len(image) / (2 * PIXELS_PER_UNIT)
     place = round(14 * scale), round(40 * scale)
     for colour, width in (((255, 255, 255), 4), ((30, 30, 30), 1)):
-        cv2.putText(
-            image, name, place, cv2.FONT_HERSHEY_SIMPLEX, 1.1 * scale, colour, width, cv2.LINE_AA
-        )
+        cv2.putText(image, name, place, cv2.FONT_HERSHEY_SIMPLEX, 1.1 * scale, colour, width, cv2.LINE_AA)
 
 
 def _view(arms: StereoArms) -> mujoco.MjvCamera:

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from calfree_gym.world import World
 
 LAMP_FAR = 2.0
-"""From the middle of the work space to the lamp (m, for the RV-M2): so wide is what has shadows."""
+"""From the middle of the work space to the lamp (m, for the RV-M2)."""
+LIT = 0.7
+"""So far around it there are shadows (m, likewise)."""
 
 
 class StereoImages:
@@ -50,6 +52,7 @@ class StereoImages:
         model, prefix = self.renderer.model, simulation.prefix
         self._cameras = [model.camera(prefix + name).id for name in CAMERAS]
         self._lamp = model.light(prefix + "lamp").id
+        model.vis.map.shadowclip = LIT * rig.scale / model.stat.extent
         self._textures = [model.texture(name).id for name in simulation.covers]
         self._built = model.tex_data.copy()
         self._covered_by = 0

@@ -22,16 +22,14 @@ def texture(number: int, height: int, width: int) -> NDArray[np.uint8]:
     for octave in range(OCTAVES):
         cells = 2 ** (octave + 1)
         blotches = rng.random((cells, cells), np.float32)
-        size = width, height
-        field += cv2.resize(blotches, size, interpolation=cv2.INTER_CUBIC) * rng.uniform(0.2, 1) / (octave + 1)
+        strength = rng.uniform(0.2, 1) / (octave + 1)
+        field += strength * cv2.resize(blotches, (width, height), interpolation=cv2.INTER_CUBIC)
     field -= field.min()
     field /= field.max()
     first, second = (
         255
         * np.array(
-            colorsys.hsv_to_rgb(
-                rng.random(), rng.uniform(0, MOST_SATURATED), rng.uniform(DARKEST, BRIGHTEST)
-            )
+            colorsys.hsv_to_rgb(rng.random(), rng.uniform(0, MOST_SATURATED), rng.uniform(DARKEST, BRIGHTEST))
         )
         for _ in range(2)
     )

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import mujoco
 import numpy as np
 
-from calfree_gym.geometry import Array
+from calfree_gym.geometry import Array, Flags
+from calfree_gym.image import CAMERAS
+
+if TYPE_CHECKING:
+    from calfree_gym.robot.simulation import Simulation
+
+MARKS = ("gripper_mark_1", "gripper_mark_2", "object_mark")
+"""Names of the balls by which gripper and object are seen."""
 
 MARKS_GROUP, RIG_GROUP = 4, 5
 """Groups of geoms: the marks; and the cameras' own rods and housings, which their images leave out."""
@@ -55,3 +64,41 @@ def shares_in_sight(
     whole = np.linalg.norm(rays, axis=1)
     free = (lengths < 0) | (lengths * whole > whole - _GRAZING * radius)
     return np.asarray(free.reshape(len(balls), -1).mean(1))
+
+
+class LinesOfSight:
+    """Which points the cameras of N worlds see past the arm, the marks and what stands in the way.
+
+    The gripper point is seen where both of its marks are.
+
+    Args:
+        simulation: The N worlds.
+        radius: Of the marks (m).
+    """
+
+    LEAST_SHARE = 0.5
+    """Of a ball that must be in sight. Choice: of half a ball the middle is still found."""
+
+    def __init__(self, simulation: Simulation, radius: float) -> None:
+        self._simulation, self._radius = simulation, radius
+        self._picture = simulation.picture()
+        model, prefix = self._picture[0], simulation.prefix
+        self._balls = [model.geom(prefix + name).id for name in MARKS]
+        self._cameras = [model.camera(prefix + name).id for name in CAMERAS]
+
+    def in_sight(self, row: int, joints: Array | None = None, object_: Array | None = None) -> Flags:
+        """Which points (4,) nothing hides: gripper left and right, object left and right.
+
+        Args:
+            row: The row.
+            joints: Joint positions (j,), where they are to be others than now.
+            object_: Where the object would be (3,).
+        """
+        model, data = self._simulation.show(row, self._picture, joints, object_)
+        balls = data.geom_xpos[self._balls]
+        shares = [
+            shares_in_sight(model, data, data.cam_xpos[camera], balls, self._radius)
+            for camera in self._cameras
+        ]
+        seen = np.asarray(shares) >= self.LEAST_SHARE
+        return np.concatenate([seen[:, :2].all(1), seen[:, 2]])

@@ -216,16 +216,21 @@ def least_in_view(robot: Robot, mounts: Mounts) -> float:
 
 
 def first_in_view(
-    draw: Callable[[int], World], robot: Robot, mounts: Mounts, what: str, whole: bool = False
+    draw: Callable[[int], World],
+    robot: Robot,
+    mounts: Mounts,
+    what: str,
+    whole: bool = False,
+    also: Callable[[World], bool] | None = None,
 ) -> World:
-    """The first of `draw(0)`, `draw(1)`, ... that is in view.
+    """The first of `draw(0)`, `draw(1)`, ... that is in view, and of which `also` says yes.
 
     Raises:
         ValueError: None of `ATTEMPTS` draws of `what` is.
     """
     for attempt in range(ATTEMPTS):
         world = draw(attempt)
-        if in_view(world, robot, mounts, whole):
+        if in_view(world, robot, mounts, whole) and (also is None or also(world)):
             return world
     raise ValueError(
         f"{what} is never in view on {robot.mount_name(mounts)}: in {ATTEMPTS} draws no world had the "

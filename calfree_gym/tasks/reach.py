@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from calfree_gym.image import lengths
 
 Floats = NDArray[Any]
+BEYOND = 1.1
+"""A hidden point that showed a rendezvous is shown this many tolerances away (a guard: in single precision,
+too, it is none)."""
 
 
 def image_distances(achieved: Floats, desired: Floats) -> Floats:
@@ -19,6 +22,29 @@ def image_distances(achieved: Floats, desired: Floats) -> Floats:
 def rendezvous(distances: Floats, tolerance: float | np.float32) -> Floats:
     """Whether (...) both cameras see gripper and object within `tolerance`, in image units."""
     return np.maximum(distances[..., 0], distances[..., 1]) <= tolerance
+
+
+def kept_apart(points: Floats, visible: Floats, tolerance: float) -> Floats:
+    """Points (N, 4, 2) of which none that is hidden shows a rendezvous by where it was seen last.
+
+    Where one would, it is moved to just beyond the tolerance, in one image: so reward and end follow from the
+    points alone, and need all of them to be seen now.
+
+    Args:
+        points: Gripper left and right, object left and right, in image units.
+        visible: Which of them are seen now (N, 4).
+        tolerance: Of the rendezvous, in image units.
+    """
+    near = rendezvous(lengths(points[:, :2] - points[:, 2:]), tolerance)
+    if not (mistaken := near & ~visible.all(1)).any():
+        return points
+    points = points.copy()
+    for row in np.flatnonzero(mistaken):
+        hidden = int(np.flatnonzero(~visible[row])[0])
+        other = points[row, (hidden + 2) % 4]
+        away = np.where(other > 0, -1.0, 1.0) / np.sqrt(2)  # towards the middle: never out of the image
+        points[row, hidden] = other + BEYOND * tolerance * away
+    return points
 
 
 def sparse_reward(distances: Floats, success: Floats) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,12 @@ class BallFinder:
     def reset(self) -> None:
         """Forgets."""
         self._last = {}
+
+    def copy(self) -> BallFinder:
+        """One that remembers the same, and goes on by itself."""
+        other = copy.copy(self)
+        other._last = dict(self._last)
+        return other
 
     def __call__(self, image: Image) -> dict[str, Ball]:
         """The balls that are seen in an image (h, w, 3), by the names of their marks."""
@@ -86,6 +93,13 @@ class StereoTracker:
         for finder in self._finders:
             finder.reset()
         self._points = np.zeros((4, 2))
+
+    def copy(self) -> StereoTracker:
+        """One that remembers the same, and goes on by itself."""
+        other = copy.copy(self)
+        other._finders = [finder.copy() for finder in self._finders]
+        other._points = self._points.copy()
+        return other
 
     def __call__(self, left: Image, right: Image) -> tuple[Array, NDArray[np.bool_]]:
         """The points in a pair of images, and which of them are seen.

@@ -152,9 +152,7 @@ class ArmModel(Robot):
         """See `Robot`."""
         if mounts not in self._scenes:
             gripper = self.parts.bodies[self.parts.holder], self.parts.at
-            self._scenes[mounts] = build(
-                self.spec, self.motors, gripper, mounts, self.home_qpos, self._marks
-            )
+            self._scenes[mounts] = build(self.spec, self.motors, gripper, mounts, self.home_qpos, self._marks)
         scene = self._scenes[mounts]
         return scene._replace(model=copy.copy(scene.model))
 

@@ -137,7 +137,9 @@ class Movemaster(Robot):
         add_cameras(spec, mounts)
         add_surroundings(spec)
         still, places = np.zeros(5), np.arange(5)
-        return Scene(spec.compile(), still, still, still, places, places, sensors=0, prefix="", covers=_COVERS)
+        return Scene(
+            spec.compile(), still, still, still, places, places, sensors=0, prefix="", covers=_COVERS
+        )
 
     def stretch(self, body_positions: Array, lengths: Array) -> None:
         """See `Robot`."""

@@ -13,7 +13,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 import calfree_gym
 import calfree_gym.envs.single
 from calfree_gym import nominal
-from calfree_gym.envs.goal import StereoArmGoal
+from calfree_gym.envs.shared import StereoArmShared
 
 MOUNTS = calfree_gym.MOUNTS
 
@@ -326,7 +326,7 @@ def test_without_truth_infos_lack_it_and_nothing_else_changes(monkeypatch, batch
         return found
 
     full = steps(True)
-    monkeypatch.setattr(StereoArmGoal, "_truth", None)  # not even computed
+    monkeypatch.setattr(StereoArmShared, "_truth", None)  # not even computed
     for one, other in zip(full, steps(False), strict=True):
         assert one[-1].keys() - other[-1].keys() == ({"truth", "_truth"} if batched else {"truth"})
         for key, value in one[0].items():

@@ -1,0 +1,76 @@
+"""The kinds of observations, and their spaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from calfree_gym.envs.privileged import PRIVILEGED
+from calfree_gym.envs.stereo_arms import StereoArms
+from calfree_gym.image import CAMERAS
+from calfree_gym.robot.arms.robot import Robot
+
+Observation = dict[str, NDArray[Any]]
+GOALS = ("points", "vision")
+"""Observations of image points, which a goal environment has; `compute_reward` knows the reward by them."""
+IMAGES = ("pixels", "rgb", "depth")
+"""Observations of images."""
+FARTHEST = 100.0
+"""Bound of depths (m)."""
+
+
+def observation_space(kind: str, image_size: int, tell: Sequence[str], robot: Robot) -> spaces.Dict[Any]:
+    """The observations of one arm.
+
+    Args:
+        kind: One of `GOALS` or `IMAGES`.
+        image_size: Width and height in pixels of the images.
+        tell: Names of privileged quantities, see `PRIVILEGED`.
+        robot: The arm.
+    """
+    boxes: dict[str, spaces.Space[Any]] = {}
+    registers, size = len(robot.motors), image_size
+    if kind in GOALS:
+        boxes |= {key: _unit_box(4) for key in ("achieved_goal", "desired_goal")}
+    elif kind == "pixels":
+        boxes["pixels"] = spaces.Box(0, 255, (size, size, 6), np.uint8)
+    elif kind == "rgb":
+        boxes |= {f"{name}_image": spaces.Box(0, 255, (size, size, 3), np.uint8) for name in CAMERAS}
+    else:
+        boxes |= {f"{name}_depth": spaces.Box(0.0, FARTHEST, (size, size), np.float32) for name in CAMERAS}
+    boxes["observation"] = _unit_box(registers + 4 * (kind in GOALS))
+    for name in tell:
+        quantity = PRIVILEGED[name]
+        bound = quantity.bound(robot)
+        boxes[name] = spaces.Box(-bound, bound, (quantity.size(robot),), np.float32)
+    return spaces.Dict(boxes)
+
+
+def _unit_box(size: int) -> spaces.Box[Any]:
+    return spaces.Box(-1.0, 1.0, (size,), np.float32)
+
+
+def observations(kind: str, tell: Sequence[str], arms: StereoArms) -> Observation:
+    """What all rows deliver now, batched."""
+    registers = arms.registers.astype(np.float32)
+    points, visible, *images = arms.delivered
+    observed: Observation
+    if kind in GOALS:
+        goals = points.astype(np.float32).reshape(-1, 8)
+        state = np.concatenate([visible.astype(np.float32), registers], 1)
+        observed = {"achieved_goal": goals[:, :4], "desired_goal": goals[:, 4:], "observation": state}
+    else:
+        (stereo,) = images
+        if kind == "pixels":
+            observed = {"pixels": np.concatenate([stereo[:, 0], stereo[:, 1]], -1)}
+        else:
+            what = "image" if kind == "rgb" else "depth"
+            observed = {f"{name}_{what}": stereo[:, i].copy() for i, name in enumerate(CAMERAS)}
+        observed["observation"] = registers
+    for name in tell:
+        observed[name] = PRIVILEGED[name].of(arms).astype(np.float32)
+    return observed

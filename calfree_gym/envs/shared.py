@@ -1,0 +1,151 @@
+"""What the single and the batched environment share: arguments, outcomes, truth and frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from numpy.typing import NDArray
+
+from calfree_gym.envs.observations import GOALS, IMAGES, Observation, observations
+from calfree_gym.envs.privileged import PRIVILEGED
+from calfree_gym.envs.spec import plain
+from calfree_gym.envs.state import Copyable
+from calfree_gym.envs.stereo_arms import StereoArms
+from calfree_gym.errors import check_choice
+from calfree_gym.image import lengths
+from calfree_gym.rendering.scene_frame import SceneFrame, check_size
+from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of
+from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.robot.workspace import check_near
+from calfree_gym.tasks import reach
+
+REWARDS = {"sparse": reach.sparse_reward, "dense": reach.dense_reward}
+RENDER_MODES = ("rgb_array", "human")
+
+
+class StereoArmShared(Copyable):
+    """What the single and the batched environment share."""
+
+    def _build(
+        self,
+        rows: int,
+        threads: int,
+        reward: str,
+        observation: str,
+        terminate_on_success: bool,
+        tell: Sequence[str],
+        truth: bool,
+        render_mode: Any,
+        width: int,
+        height: int,
+        arm: ArmChoice,
+        **arms: Any,
+    ) -> None:
+        check_choice("reward", reward, tuple(REWARDS))
+        check_choice("observation", observation, (*GOALS, *IMAGES))
+        if isinstance(tell, str):
+            raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({tell!r},)")
+        for name in tell:
+            check_choice("tell", name, tuple(PRIVILEGED))
+        if render_mode is not None:
+            check_choice("render_mode", render_mode, RENDER_MODES)
+        check_size(width, height)
+        self._frame_size = width, height
+        self._arm = Arm.from_dict(arm) if isinstance(arm, Mapping) else arm
+        self._arguments = {"rows": rows, "threads": threads, "observation": observation, **arms}
+        self.arms = self._new_arms()
+        self.render_mode = render_mode
+        self._kind, self._ends = observation, terminate_on_success
+        self._tell = tuple(tell)
+        if not isinstance(truth, bool):
+            raise ValueError(f"truth is {truth!r}; allowed: True, False")
+        self._gives_truth = truth
+        self.tolerance_px = float(arms["tolerance_px"])
+        self._reward = REWARDS[reward]
+        self._renderer: Any = None
+        self._spec: EnvSpec | None = None
+
+    def _new_arms(self) -> StereoArms:
+        return StereoArms(robot=robot_of(self._arm), **self._arguments)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How `gymnasium.make` made it, by plain arguments: `to_json` is exact."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            arm = {"arm": self._arm} if "arm" in spec.kwargs else {}
+            spec = replace(spec, kwargs=plain(spec.kwargs | arm))
+        self._spec = spec
+
+    def _outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
+        """The last observation: batched observations, image distances (N, 2), and rendezvous (N,)."""
+        observed = observations(self._kind, self._tell, self.arms)
+        if self._kind in GOALS:
+            distances = reach.image_distances(observed["achieved_goal"], observed["desired_goal"])
+            return observed, distances, reach.rendezvous(distances, self.arms.tolerance)
+        points, visible = self.arms.delivered[:2]
+        distances = lengths(points[:, :2] - points[:, 2:])
+        return observed, distances, reach.rendezvous(distances, self.arms.tolerance) & visible.all(1)
+
+    def _truth(self) -> dict[str, Any]:
+        gripper, object_ = self.arms.simulation.positions()
+        apart = gripper - object_
+        return {
+            "error_px": self.arms.error_px(),
+            "distance_mm": 1000.0 * np.sqrt((apart * apart).sum(-1)),
+            "points": self.arms.true_points.reshape(-1, 8),
+            "gripper": gripper,
+            "object": object_,
+            "joints": self.arms.simulation.joints(),
+        }
+
+    def _frame(self, row: int) -> NDArray[np.uint8] | None:
+        if self.render_mode is None:
+            gym.logger.warn(
+                "render() shows nothing without a render_mode; give one to gym.make: "
+                + ", ".join(RENDER_MODES)
+            )
+            return None
+        if self._renderer is None:
+            from calfree_gym.rendering.viewer import Viewer
+
+            human = self.render_mode == "human"
+            self._renderer = Viewer(self.arms) if human else SceneFrame(self.arms, *self._frame_size)
+        frame: NDArray[np.uint8] | None = self._renderer.draw(row)
+        return frame
+
+    def _close(self) -> None:
+        """Frees what draws."""
+        self.arms.close()
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def placed_objects(options: dict[str, Any] | None, rows: int, robot: Robot) -> NDArray[np.float64] | None:
+    """The object of reset's options (rows, 3) in m, or None without one."""
+    if not options:
+        return None
+    if not isinstance(options, dict):
+        raise ValueError(
+            f"reset's options are {options!r}; they must be a dict, such as {{'object': (x, y, z)}}"
+        )
+    if unknown := sorted(options.keys() - {"object"}):
+        raise ValueError(f"reset has no option {', '.join(map(repr, unknown))}; allowed: 'object'")
+    try:
+        position = np.asarray(options["object"], np.float64)
+    except (TypeError, ValueError):
+        position = np.empty(0)
+    if position.shape not in ((3,), (rows, 3)) or not np.isfinite(position).all():
+        raise ValueError(f"options['object'] is {options['object']!r}; it must be (x, y, z) in metres")
+    objects = np.broadcast_to(position, (rows, 3))
+    check_near(objects, robot)
+    return objects
