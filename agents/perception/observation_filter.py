@@ -73,12 +73,13 @@ class ObservationFilter:
         """One that knows what lasts."""
         other = ObservationFilter()
         other.noise, other.gating.counts, other.home = copy(self.noise), self.gating.counts, self.home
+        other.visibility.returns = self.visibility.returns
         return other
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What lasts, as named arrays."""
         known = {"noise_differences": self.noise.arrays(), "mistaken": self.gating.counts}
-        return known | {"last_home": self.home}
+        return known | {"last_home": self.home, "returns": self.visibility.returns}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Takes over what `arrays` returned; nothing, where it is of a version that kept nothing."""
@@ -86,9 +87,11 @@ class ObservationFilter:
             self.noise.restore(checked_array(arrays, "noise_differences", (None,)))
             self.gating.counts = checked_array(arrays, "mistaken", (2,))
             self.home = checked_array(arrays, "last_home", (2, 2), allow_nan=True)
+        if "returns" in arrays:
+            self.visibility.returns = checked_array(arrays, "returns", (2,))
 
     def first(self, observation: Observation) -> Observing:
-        """Observes again until every point has been seen; twice alike where many points are mistaken.
+        """Observes again until every point has been seen, or is hidden; twice alike where many are mistaken.
 
         An observation that has come out of it is taken as it is.
         """
@@ -100,7 +103,7 @@ class ObservationFilter:
         points, found = observation.points.copy(), observation.visible
         self._take_in(observation)
         for _ in range(self.MOST_OBSERVATIONS):
-            if found.all():
+            if (found | self.lost).all():
                 break
             observation = yield np.zeros_like(observation.registers)
             self._take_in(observation)
@@ -182,9 +185,9 @@ class ObservationFilter:
     def _take_in(self, observation: Observation) -> None:
         """Learns from an observation, more so where it is one more at the place of the last."""
         last, self._last = self._last, observation
-        self.visibility.add(observation.visible)
-        if last is None or (observation.registers != last.registers).any():
+        again = last is not None and bool((observation.registers == last.registers).all())
+        self.visibility.add(observation.visible, again)
+        if last is None or not again:
             return
-        self.visibility.gaps |= bool((last.visible != observation.visible).any())
         seen = last.visible & observation.visible
         self.noise.add((observation.points - last.points)[seen])

@@ -17,7 +17,7 @@ from ..base.observation import POINTS, Array, Observation
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
 from .image_model.smooth_points import SmoothPoints
-from .least_distance import Seeker
+from .least_distance import LEFT, Seeker
 from .settings import SERVO_KNOWLEDGE, SMALLEST
 from .trial import Findings, Motions, Stops
 
@@ -66,8 +66,8 @@ class UnifiedServo:
             yield from reach.move(reach.words())
             while reach.filter.noise.needs_samples:
                 yield from reach.move(np.zeros_like(first.registers))
-            while reach.filter.lost.any():
-                yield from reach.move(reach.half_way_back())
+            if reach.blind:
+                yield from reach.back()
 
 
 class Reach:
@@ -101,7 +101,8 @@ class Reach:
         self._servo = servo
         self._caution = 1.0 if self.points.remembers else servo.caution
         self._trusted = findings.trusted
-        self._all_seen_at = first.registers
+        self._all_seen_at = [first.registers]
+        self._was_blind = False
         self._random = np.random.default_rng(0)
 
     @property
@@ -128,19 +129,38 @@ class Reach:
         if self.filter.often_mistaken:
             self.points.leave_out_mistaken()
         if self.now.visible.all():
-            self._all_seen_at = self.now.registers
+            self._all_seen_at.append(self.now.registers)
 
-    def half_way_back(self) -> Array:
-        """Words (m,) half of the way back to where all points were seen last."""
-        return (self._all_seen_at - self.now.registers) / 2
+    @property
+    def blind(self) -> bool:
+        """Whether a point is hidden, and where it is expected is too unsure to go on by that."""
+        lost = self.filter.lost
+        if not lost.any():
+            return False
+        here = self.points.at(self.now.registers)
+        unsure = POINTS * float(here.variances[lost].max())
+        return bool(unsure > LEFT**2 * here.distance @ here.distance)
+
+    def back(self) -> Motions:
+        """Goes back half of the way to where all points were seen last; if that is too little, to before."""
+        self._was_blind = True
+        last = self._all_seen_at[-1]
+        yield from self.move((last - self.now.registers) / 2)
+        if self.filter.lost.any():
+            if len(self._all_seen_at) > 1:
+                self._all_seen_at.pop()
+            yield from self.move(self._all_seen_at[-1] - self.now.registers)
 
     def words(self) -> Array:
         """The next words (m,): a step, and a probe where the step would leave too much of the distance."""
         here, stops = self.now.registers, self.stops
         found = Seeker(self.points, here, stops.lowest, stops.highest, self._caution).seek()
         words = found.registers - here
-        if found.far:
+        if self._was_blind:
+            words = np.zeros_like(words)
+        if found.far or self._was_blind:
             words = self._with_probe(words, found.length)
+        self._was_blind = False
         return self._within_images(words / max(1.0, float(np.abs(words).max())))
 
     def _with_probe(self, words: Array, left: float) -> Array:

@@ -185,7 +185,7 @@ class StereoArms:
         self.motors.set_world(row, world)
         self.simulation.set_world(row, world)
         home = self._home_joints(np.array([row]))[0]
-        return bool(self._lines.in_sight(row, home, NOWHERE)[:2].all())
+        return bool(self._lines.shares(row, home, NOWHERE)[:2].min() == 1)
 
     def _home_joints(self, rows: NDArray[np.intp]) -> Array:
         """Joint positions (n, j) at registers zero."""
@@ -376,8 +376,8 @@ class StereoArms:
         for i, (row, home) in enumerate(zip(rows.tolist(), self._home_joints(rows), strict=True)):
             for j in np.flatnonzero(good[i]).tolist():
                 point, there = at.points[i, j], self.motors.angles(at.positions[i, j][None], rows[i, None])[0]
-                seen_from_home = self._lines.in_sight(row, home, point)[2:].all()
-                if seen_from_home and self._lines.in_sight(row, there, point).all():
+                from_home = self._lines.shares(row, home, point)[2:]
+                if from_home.min() == 1 and self._lines.shares(row, there, point).min() == 1:
                     first[i, j] = True
                     break
         return first

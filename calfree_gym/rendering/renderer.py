@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -40,13 +41,14 @@ class Renderer:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, size: int) -> None:
+        self._gl: Any = None
         self.model, self.data = model, data
         quality = model.vis.quality
         quality.offsamples, quality.shadowsize = 0, SHADOW_MAP
         quality.numslices, quality.numstacks, quality.numquads = SLICES, STACKS, 1
         model.vis.global_.offwidth = model.vis.global_.offheight = size
         self._size = size, size
-        self._gl: Any = gl_context(size)
+        self._gl = gl_context(size)
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._options = mujoco.MjvOption()
@@ -107,3 +109,8 @@ class Renderer:
             self._context.free()
             self._gl.free()
             self._gl = None
+
+    def __del__(self) -> None:
+        # MuJoCo frees what it has drawn with in the context that is current then, which may be another's.
+        if getattr(self, "_gl", None) is not None and not sys.is_finalizing():
+            self.close()

@@ -86,8 +86,12 @@ class LinesOfSight:
         self._balls = [model.geom(prefix + name).id for name in MARKS]
         self._cameras = [model.camera(prefix + name).id for name in CAMERAS]
 
-    def in_sight(self, row: int, joints: Array | None = None, object_: Array | None = None) -> Flags:
-        """Which points (4,) nothing hides: gripper left and right, object left and right.
+    def in_sight(self, row: int) -> Flags:
+        """Which points (4,) are seen now: gripper left and right, object left and right."""
+        return self.shares(row) >= self.LEAST_SHARE
+
+    def shares(self, row: int, joints: Array | None = None, object_: Array | None = None) -> Array:
+        """Which share (4,) of each point's marks is in sight: gripper left and right, object left and right.
 
         Args:
             row: The row.
@@ -100,5 +104,5 @@ class LinesOfSight:
             shares_in_sight(model, data, data.cam_xpos[camera], balls, self._radius)
             for camera in self._cameras
         ]
-        seen = np.asarray(shares) >= self.LEAST_SHARE
-        return np.concatenate([seen[:, :2].all(1), seen[:, 2]])
+        left, right = shares
+        return np.array([left[:2].min(), right[:2].min(), left[2], right[2]])

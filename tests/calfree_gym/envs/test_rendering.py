@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import calfree_gym
-from calfree_gym.envs.rendering import GRIPPER_COLOUR, OBJECT_COLOUR, Renderer, camera_image
+from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.image import IMAGE_SIZE
 
 
