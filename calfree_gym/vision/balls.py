@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from calfree_gym.vision.blobs import Blob
 from calfree_gym.vision.circles import fit_circle
-from calfree_gym.vision.colours import hues_and_saturations
+from calfree_gym.vision.colours import SATURATION_SHARE, hues_and_saturations
 from calfree_gym.vision.marks import Mark, hue_gap
 from calfree_gym.vision.opacity import Opacity, opacity
 from calfree_gym.vision.outline import Array, outline
@@ -32,6 +33,14 @@ LEAST_RADIUS = (0.8, 0.005)
 noise is one; and in 512 less than two thirds of the smallest ball's 4 px."""
 LARGEST_RADIUS = 0.09
 """As a share of the image's smaller side. Choice: half as large again as a ball of 30 px in 512."""
+LEAST_BRIGHTNESS = 0.2
+"""Difference between the channels of a ball's mean colour, as a share of the brightest value near it. Choice:
+below that of a ball in a quarter of the light; JPEG at quality 60 fringes things with up to half as much."""
+ALIKE_HUE = 25.0
+"""In degrees beyond a mark's tolerance: what a blend of another colour may come from. Choice: with the default
+marks red and violet, not the other marks."""
+MOST_ALIKE = 0.3
+"""Share of a ball's surroundings that may be nearly of its colour. Choice: along a straight edge it is half."""
 WHOLE = (0.3, 0.05)
 """How far, in px and in radii, a tenth of the outline may lie within the circle where nothing hides the ball.
 Measured on drawn frames: the roughness of whole balls by noise, JPEG and motion blur."""
@@ -89,8 +98,21 @@ def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
 
 
 def _has_colour(blob: Blob, shares: Opacity, mark: Mark, saturation_share: float) -> bool:
-    """Whether the mean colour of the pixels that the blob covers is the mark's."""
+    """Whether the mean colour of the pixels that the blob covers is the mark's, and no longer so around it.
+
+    Where two things of other colours meet, their blend may have the mark's hue; a spot of such a blend, or of
+    a larger thing of the mark's colour, touches much that is nearly of its colour.
+    """
     covered = blob.window[shares > min(0.9, 0.9 * float(shares.max()))]
-    hue, saturation = hues_and_saturations(covered.mean(0))
-    fits = hue_gap(float(hue), mark.hue) <= mark.hue_tolerance
-    return bool(fits and saturation >= saturation_share * mark.saturation)
+    mean = covered.mean(0)
+    hue, saturation = hues_and_saturations(mean)
+    least = saturation_share * mark.saturation
+    vivid = saturation >= least and np.ptp(mean) >= LEAST_BRIGHTNESS * blob.window.max()
+    if not vivid or hue_gap(float(hue), mark.hue) > mark.hue_tolerance:
+        return False
+    inner = cv2.dilate((shares > 0.5).astype(np.uint8), np.ones((5, 5), np.uint8))
+    ring = blob.window[cv2.dilate(inner, np.ones((7, 7), np.uint8)) > inner]
+    hues, saturations = hues_and_saturations(ring)
+    alike = np.abs((hues - mark.hue + 180) % 360 - 180) <= mark.hue_tolerance + ALIKE_HUE
+    alike &= (saturations >= SATURATION_SHARE * mark.saturation) & (np.ptp(ring, -1) >= 0.5 * np.ptp(mean))
+    return bool(alike.sum() <= MOST_ALIKE * len(ring))
