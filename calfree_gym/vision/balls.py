@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calfree_gym.vision.blobs import Blob
 from calfree_gym.vision.circles import fit_circle
@@ -33,14 +34,18 @@ LEAST_RADIUS = (0.8, 0.005)
 noise is one; and in 512 less than two thirds of the smallest ball's 4 px."""
 LARGEST_RADIUS = 0.09
 """As a share of the image's smaller side. Choice: half as large again as a ball of 30 px in 512."""
+SURE_ROUNDNESS = 0.85
+"""From here on a ball needs no further proof. Choice: half of the whole balls have more, no blend has."""
+SURE_SIZE = 0.75
+"""As a share of `CLEAR_RADIUS`, for the same. Choice: 3 px, for any smaller spot is round."""
 LEAST_BRIGHTNESS = 0.2
-"""Difference between the channels of a ball's mean colour, as a share of the brightest value near it. Choice:
-below that of a ball in a quarter of the light; JPEG at quality 60 fringes things with up to half as much."""
+"""Difference between the channels of a ball's mean colour, as a share of the brightest value near it.
+Choice: a ball in a quarter of the light has more, a fringe that JPEG puts beside another thing has less."""
 ALIKE_HUE = 25.0
-"""In degrees beyond a mark's tolerance: what a blend of another colour may come from. Choice: with the default
-marks red and violet, not the other marks."""
+"""In degrees beyond a mark's tolerance: what a blend may come from. Choice: with the default marks red and
+violet, not the other marks."""
 MOST_ALIKE = 0.3
-"""Share of a ball's surroundings that may be nearly of its colour. Choice: along a straight edge it is half."""
+"""Share of a ball's surroundings that may be nearly of its colour. Choice: beside a straight edge half is."""
 WHOLE = (0.3, 0.05)
 """How far, in px and in radii, a tenth of the outline may lie within the circle where nothing hides the ball.
 Measured on drawn frames: the roughness of whole balls by noise, JPEG and motion blur."""
@@ -77,7 +82,8 @@ def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
     clear = min((area / np.pi) ** 0.5 / CLEAR_RADIUS, 1.0)
     if area < np.pi * least**2 or contrast < LEAST_CONTRAST * clear:
         return None
-    if not _has_colour(blob, shares, mark, float(np.interp(clear, (0.5, 1), BALL_SATURATION))):
+    colour = _covered(blob, shares)
+    if not _has_colour(colour, mark, float(np.interp(clear, (0.5, 1), BALL_SATURATION))):
         return None
     rows, columns = np.indices(shares.shape)
     centroid = np.array([(shares * columns).sum(), (shares * rows).sum()]) / area
@@ -89,6 +95,9 @@ def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
     least_roundness = np.interp(clear, (0.5, 1), LEAST_ROUNDNESS)
     if circle.roundness < least_roundness or seen < LEAST_SEEN or circle.radius > largest:
         return None
+    sure = circle.roundness >= SURE_ROUNDNESS and clear >= SURE_SIZE
+    if not sure and not _stands_alone(blob, shares, mark, colour):
+        return None
     if np.quantile(-circle.beyond, 0.9) <= WHOLE[0] + WHOLE[1] * circle.radius:
         return Ball(centroid + corner, area, circle.roundness, seen)
     centre = circle.centre + corner
@@ -97,22 +106,31 @@ def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
     return Ball(centre, disc, circle.roundness, seen)
 
 
-def _has_colour(blob: Blob, shares: Opacity, mark: Mark, saturation_share: float) -> bool:
-    """Whether the mean colour of the pixels that the blob covers is the mark's, and no longer so around it.
+def _covered(blob: Blob, shares: Opacity) -> NDArray[np.float64]:
+    """Mean colour (3,) of the pixels that the blob covers."""
+    mean: NDArray[np.float64] = blob.window[shares > min(0.9, 0.9 * float(shares.max()))].mean(0)
+    return mean
+
+
+def _has_colour(colour: NDArray[np.float64], mark: Mark, saturation_share: float) -> bool:
+    """Whether a colour (3,) is the mark's."""
+    hue, saturation = hues_and_saturations(colour)
+    fits = hue_gap(float(hue), mark.hue) <= mark.hue_tolerance
+    return bool(fits and saturation >= saturation_share * mark.saturation)
+
+
+def _stands_alone(blob: Blob, shares: Opacity, mark: Mark, colour: NDArray[np.float64]) -> bool:
+    """Whether a spot is bright enough to be no JPEG fringe, and is not a part of something larger.
 
     Where two things of other colours meet, their blend may have the mark's hue; a spot of such a blend, or of
     a larger thing of the mark's colour, touches much that is nearly of its colour.
     """
-    covered = blob.window[shares > min(0.9, 0.9 * float(shares.max()))]
-    mean = covered.mean(0)
-    hue, saturation = hues_and_saturations(mean)
-    least = saturation_share * mark.saturation
-    vivid = saturation >= least and np.ptp(mean) >= LEAST_BRIGHTNESS * blob.window.max()
-    if not vivid or hue_gap(float(hue), mark.hue) > mark.hue_tolerance:
+    chroma = np.ptp(colour)
+    if chroma < LEAST_BRIGHTNESS * blob.window.max():
         return False
     inner = cv2.dilate((shares > 0.5).astype(np.uint8), np.ones((5, 5), np.uint8))
     ring = blob.window[cv2.dilate(inner, np.ones((7, 7), np.uint8)) > inner]
     hues, saturations = hues_and_saturations(ring)
     alike = np.abs((hues - mark.hue + 180) % 360 - 180) <= mark.hue_tolerance + ALIKE_HUE
-    alike &= (saturations >= SATURATION_SHARE * mark.saturation) & (np.ptp(ring, -1) >= 0.5 * np.ptp(mean))
+    alike &= (saturations >= SATURATION_SHARE * mark.saturation) & (np.ptp(ring, -1) >= chroma / 2)
     return bool(alike.sum() <= MOST_ALIKE * len(ring))

@@ -80,7 +80,7 @@ class Marks:
     """Three balls: two of equal size on the gripper, and the object's.
 
     The gripper point is midway in space between `gripper_1` and `gripper_2`. The default suits the
-    simulator, whose magenta (242, 13, 140) has hues from 300, overexposed, to 340, in warm light: not yet red.
+    simulator, whose magenta (242, 13, 140) has hues from 300, overexposed, to 340, in warm light: no red.
     """
 
     gripper_1: Mark = Mark((242, 13, 165), 27.0)
