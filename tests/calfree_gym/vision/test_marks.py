@@ -105,7 +105,7 @@ def test_files_that_hold_no_marks_raise_and_are_named(tmp_path, text):
     (tmp_path / "marks.yaml").write_text(text)
     with pytest.raises(ValueError, match=r"marks\.yaml"):
         Marks.load(tmp_path / "marks.yaml")
-    with pytest.raises(FileNotFoundError, match="none.yaml"):
+    with pytest.raises(FileNotFoundError, match=r"none.yaml"):
         Marks.load(tmp_path / "none.yaml")
 
 

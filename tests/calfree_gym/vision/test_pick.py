@@ -73,7 +73,7 @@ def test_the_box_may_hold_background(picture, half):
 
 def test_what_is_no_ball_is_learned_but_not_found(picture, capsys):
     image = cv2.imread(str(picture))
-    image[150:250, 10:120] = (200, 20, 160)
+    image[150:250, 10:120] = (30, 20, 210)
     cv2.imwrite(str(picture), image)
     assert pick(picture, "object", where=["20", "160", "50", "50"]) == 1
     assert "the tracker does not find object" in capsys.readouterr().out
