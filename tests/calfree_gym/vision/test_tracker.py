@@ -153,7 +153,13 @@ def test_what_is_returned_is_the_callers():
 def test_of_two_things_of_a_colour_the_one_of_the_tracked_size_is_the_mark():
     decoy, ball = ("object", 60, 200, 16), ("object", 200, 40, 7)
     tracker = StereoTracker()
-    for places, expected in (([ball], (200, 40)), ([ball, decoy], (200, 40)), ([decoy], (60, 200))):
+    jumped, near = ("object", 60, 190, 7), ("object", 190, 60, 16)
+    for places, expected in (
+        ([ball], (200, 40)),
+        ([ball, decoy], (200, 40)),
+        ([jumped, near], (60, 190)),
+        ([near], (190, 60)),
+    ):
         points, visible = tracker(plain(places), plain([]))
         assert visible[2]
         np.testing.assert_allclose(points[2] * 128 + 128, expected, atol=0.5)
@@ -165,6 +171,14 @@ def test_of_two_things_of_a_colour_the_rounder_one_is_the_mark_at_first_sight():
     points, visible = StereoTracker()(np.round(canvas.picture).astype(np.uint8), plain([]))
     assert visible[2]
     np.testing.assert_allclose(points[2] * 128 + 128, (200, 40), atol=0.5)
+
+
+def test_a_thin_thing_of_its_colour_that_touches_a_ball_does_not_move_it():
+    canvas = Canvas(plain([("object", 100, 100, 9)]))
+    canvas.polygon([(100, 99), (122, 109), (122, 111), (100, 101)], COLOURS["object"])
+    points, visible = StereoTracker()(np.round(canvas.picture).astype(np.uint8), plain([]))
+    assert visible[2]
+    np.testing.assert_allclose(points[2] * 128 + 128, (100, 100), atol=0.6)
 
 
 def test_gripper_balls_of_impossible_sizes_are_no_pair():
@@ -251,7 +265,7 @@ def test_the_circle_of_a_disc_that_is_cut_is_the_discs(angle, cut, radius, stret
     disc = (start + reach[:, None] * rays) * radius
     points = disc + np.outer(disc @ axis, (stretch - 1) * axis) + [50.0, 70.0]
     circle = fit_circle(points, axis, 46.0)
-    limit = 0.06 if stretch == 1 else 0.25  # which stretch it has, a part of it does not tell
+    limit = 0.06 if stretch == 1 else 0.35  # which stretch it has, a part of it does not tell
     assert np.hypot(*(circle.centre - [50, 70])) < 0.3 + limit * radius
     assert circle.roundness > 0.3
 
