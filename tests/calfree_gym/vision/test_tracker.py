@@ -178,7 +178,7 @@ def test_a_thin_thing_of_its_colour_that_touches_a_ball_does_not_move_it():
     canvas.polygon([(100, 99), (122, 109), (122, 111), (100, 101)], COLOURS["object"])
     points, visible = StereoTracker()(np.round(canvas.picture).astype(np.uint8), plain([]))
     assert visible[2]
-    np.testing.assert_allclose(points[2] * 128 + 128, (100, 100), atol=0.6)
+    np.testing.assert_allclose(points[2] * 128 + 128, (100, 100), atol=1)
 
 
 def test_gripper_balls_of_impossible_sizes_are_no_pair():
