@@ -13,8 +13,9 @@ from calfree_gym.vision.outline import RAYS, Array
 STRETCHES = (1.0, 1.15, 1.3)
 """How much longer a ball may be away from the image's centre than across: a camera's wide angle does it."""
 TOLERANCE = (0.3, 0.04)
-"""Largest distance of an outline from its circle, in px and in the outline's mean radius. Choice: twice what
-blur, noise and JPEG do to whole balls. A share of the circle's radius would favour large circles."""
+"""Largest distance of an outline from its circle, in px and in the outline's mean radius. Choice: on drawn
+frames tighter ones are worse for hidden balls, wider ones alike. A share of the circle's radius would favour
+large circles."""
 ENOUGH = 10.0
 """Rays that may stay unexplained without a search for something better. Choice: an eighth of the outline."""
 STRETCH_COST = 2.0
