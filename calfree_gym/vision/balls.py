@@ -25,8 +25,8 @@ LEAST_CONTRAST = 6.0
 """Between a clear ball and its surroundings, in standard deviations; smaller balls need less in proportion.
 Measured on drawn frames: 8.9 in the worst of 573 clear balls."""
 LEAST_ROUNDNESS = (0.6, 0.3)
-"""Of the smallest balls and of clear ones. Choice: a prototype with strict roundness lost 8 % of the trials to
-balls that the gripper hides in part; the smallest ones are too coarse to bear 0.3."""
+"""Of the smallest balls and of clear ones. Choice: a prototype with strict roundness lost 8 % of the trials
+to balls that the gripper hides in part; the smallest ones are too coarse to bear 0.3."""
 LEAST_SEEN = 0.4
 """Share of a ball's disc. Choice: on drawn frames, centres of balls that show less are up to 6 px off."""
 LEAST_RADIUS = (0.8, 0.005)
@@ -35,8 +35,8 @@ noise is one; and in 512 less than two thirds of the smallest ball's 4 px."""
 LARGEST_RADIUS = 0.09
 """As a share of the image's smaller side. Choice: half as large again as a ball of 30 px in 512."""
 SURE_ROUNDNESS = 0.85
-"""From here on a ball needs no further proof. Measured on drawn frames: three quarters of 573 clear whole balls
-have more."""
+"""From here on a ball needs no further proof. Measured on drawn frames: three quarters of 573 clear whole
+balls have more."""
 SURE_SIZE = 0.75
 """As a share of `CLEAR_RADIUS`, for the same. Choice: 3 px, for any smaller spot is round."""
 LEAST_BRIGHTNESS = 0.2
