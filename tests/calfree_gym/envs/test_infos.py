@@ -39,7 +39,7 @@ def test_the_infos_of_a_single_arm_have_one_form(truth):
         assert form(info) == first
         assert info["perturbed"] == len(applied)
     assert {int(info["perturbed"]) for info, _ in found} == {0, 1, 2}
-    assert all(dtype != object for _, _, dtype in _flat(first))
+    assert all(dtype.kind != "O" for _, _, dtype in _flat(first))
     assert ("truth" in first) == truth
 
 
@@ -64,7 +64,7 @@ def test_the_infos_of_rows_have_one_form(mode):
         np.testing.assert_array_equal(counted, [len(of_row) for of_row in applied])
         applied_in_all += counted.sum()
     assert applied_in_all > ROWS
-    assert all(dtype != object for _, _, dtype in _flat(first))
+    assert all(dtype.kind != "O" for _, _, dtype in _flat(first))
 
 
 def test_rows_are_informed_as_gymnasiums_own_vector_environment_informs():

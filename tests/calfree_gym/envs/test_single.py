@@ -258,6 +258,12 @@ def test_bad_worlds_and_objects():
         env.reset(options="object")
     with pytest.raises(ValueError, match=r"'objekt'.*'object'"):
         env.reset(options={"objekt": (0.4, 0, 0.1)})
+    with pytest.raises(ValueError, match=r"object at \[4.0, 0.0, 0.1\] is 3.58 m from .*; .* within 2.00 m"):
+        env.reset(options={"object": (4, 0, 0.1)})
+    env.reset(options={"object": (-0.6, 0, 0.1)})  # never reached, but not absurd
+    rows = gym.make_vec("CalFree/Reach-v0", num_envs=2)
+    with pytest.raises(ValueError, match=r"object at \[0.4, 9.0, 0.1\]"):
+        rows.reset(seed=0, options={"object": [(0.4, 0, 0.1), (0.4, 9, 0.1)]})
 
 
 def _replace(world, **fields):
