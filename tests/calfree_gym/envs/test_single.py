@@ -1,5 +1,8 @@
 """The Gymnasium contract, the black box's promises, and errors that say what is allowed."""
 
+import os
+import subprocess
+import sys
 import warnings
 
 import gymnasium as gym
@@ -278,6 +281,17 @@ def test_image_without_gl_says_what_to_install(monkeypatch):
     env.reset(seed=0)
     with pytest.raises(gym.error.DependencyNotInstalled, match=r"libegl1.*MUJOCO_GL=egl"):
         env.render()
+
+
+def test_a_renderer_that_mujoco_cannot_load_is_named_at_the_import():
+    command = [sys.executable, "-c", "import calfree_gym"]
+    environment = os.environ | {"MUJOCO_GL": "wayland"}
+    failed = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    last = failed.stderr.splitlines()[-1]
+    assert last.startswith(
+        "gymnasium.error.DependencyNotInstalled: MuJoCo cannot load the renderer of MUJOCO_GL"
+    )
+    assert "egl (Debian: libegl1" in last
 
 
 def test_render_without_a_render_mode_shows_nothing():
