@@ -171,6 +171,7 @@ class Simulation:
         place, (*middle, radius, half_height) = self._occluder, self._occluders[row]
         model.geom_pos[place], model.geom_size[place, :2] = middle, (radius, half_height)
         model.geom_rbound[place] = np.hypot(radius, half_height)
+        model.geom_aabb[place, 3:] = radius, radius, half_height
         model.geom_rgba[place, 3] = radius > 0
         data.qpos[:], data.mocap_pos[:] = self._all_qpos[row], self._object[row]
         if joints is not None:
