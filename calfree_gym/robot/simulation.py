@@ -151,6 +151,7 @@ class Simulation:
         """A model and its state of their own, for pictures and rays, on which `show` puts a row."""
         model = copy.copy(self._model)
         model.geom_sameframe[self._occluder] = 0
+        model.body_bvhadr[0] = -1  # else rays miss what was compiled smaller or elsewhere
         return model, mujoco.MjData(model)
 
     def show(
@@ -171,7 +172,6 @@ class Simulation:
         place, (*middle, radius, half_height) = self._occluder, self._occluders[row]
         model.geom_pos[place], model.geom_size[place, :2] = middle, (radius, half_height)
         model.geom_rbound[place] = np.hypot(radius, half_height)
-        model.geom_aabb[place, 3:] = radius, radius, half_height
         model.geom_rgba[place, 3] = radius > 0
         data.qpos[:], data.mocap_pos[:] = self._all_qpos[row], self._object[row]
         if joints is not None:
