@@ -20,6 +20,8 @@ FOCAL_LENGTH = IMAGE_SIZE / 2 / np.tan(np.radians(40.0))
 """Nominal focal length in pixels: a field of view of 80 degrees."""
 BUILT_LIGHT = np.array([-0.2, 0.45, -1.0]) / np.linalg.norm([-0.2, 0.45, -1.0])
 """Where the built robot's lamp shines."""
+WILD_ELEVATION, WILD_STRENGTH, WILD_AMBIENT = (30, 80), (0.3, 0.8), (0.3, 0.6)
+"""Of the lamp of wild worlds, the first in degrees. Choice: every place of a room with one lamp."""
 SPAN_OF_A_HINGE = 2.0
 """What a slide's span is compared with (rad), where quantities of hinges are drawn in degrees."""
 
@@ -296,12 +298,17 @@ def _wild(draw: Draw, robot: Robot) -> World:
 
 def wild_light(rng: np.random.Generator) -> dict[str, Any]:
     """The lamp's fields: 30 to 80 degrees above the table, anywhere around it."""
-    around, above = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(30, 80))
-    level = np.cos(above)
+    around, above = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(*WILD_ELEVATION))
+    return lamp(around, above, rng.uniform(*WILD_STRENGTH), rng.uniform(*WILD_AMBIENT))
+
+
+def lamp(azimuth: float, elevation: float, strength: float, ambient: float) -> dict[str, Any]:
+    """The fields of a lamp that stands at this azimuth and elevation, in rad."""
+    level = np.cos(elevation)
     return {
-        "light_direction": -np.array([level * np.cos(around), level * np.sin(around), np.sin(above)]),
-        "light_strength": rng.uniform(0.3, 0.8),
-        "light_ambient": rng.uniform(0.3, 0.6),
+        "light_direction": -np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]),
+        "light_strength": strength,
+        "light_ambient": ambient,
     }
 
 
