@@ -22,6 +22,7 @@ LAYERS = {
         "world",
         "perturbations",
         "tasks",
+        "rendering",
         "calfree_gym",
         "envs",
         "sb3",

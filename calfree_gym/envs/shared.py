@@ -11,8 +11,8 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from calfree_gym.envs.observations import GOALS, IMAGES, Observation, observations
 from calfree_gym.envs.privileged import PRIVILEGED
+from calfree_gym.envs.spaces import GOALS, IMAGES, Observation, observations
 from calfree_gym.envs.spec import plain
 from calfree_gym.envs.state import Copyable
 from calfree_gym.envs.stereo_arms import StereoArms

@@ -13,7 +13,7 @@ from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.streams import MotionNumbers
 from calfree_gym.vision.image_formation import ImageFormation
 from calfree_gym.vision.measurement import MeasurementModel
-from calfree_gym.vision.tracker import StereoTracker
+from calfree_gym.vision.tracking.tracker import StereoTracker
 from calfree_gym.world import World
 
 if TYPE_CHECKING:

@@ -9,19 +9,17 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.actions import action_space, control_words
 from calfree_gym.envs.goal import GoalRewards
-from calfree_gym.envs.observations import GOALS, Observation, observation_space
 from calfree_gym.envs.shared import RENDER_MODES, StereoArmShared, placed_objects
+from calfree_gym.envs.spaces import GOALS, Observation, action_space, control_words, observation_space
 from calfree_gym.envs.state import RowState
-from calfree_gym.envs.worlds import WorldChoice
 from calfree_gym.errors import known_arguments
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
 from calfree_gym.rendering.scene_frame import HEIGHT, WIDTH
 from calfree_gym.robot.arms.arm import ArmChoice
-from calfree_gym.world import World
+from calfree_gym.world import World, WorldChoice
 
 
 class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):

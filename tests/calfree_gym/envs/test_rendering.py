@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import calfree_gym
-from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.image import IMAGE_SIZE
 
 

@@ -7,7 +7,7 @@ import pytest
 from calfree_gym.vision.__main__ import main
 from calfree_gym.vision.marks import Mark, Marks, hue_gap
 from calfree_gym.vision.pick import learn_mark
-from calfree_gym.vision.tracker import StereoTracker
+from calfree_gym.vision.tracking.tracker import StereoTracker
 from tests.calfree_gym.vision.drawings import Canvas, background, camera
 
 COLOURS = {"gripper_1": (150, 20, 230), "gripper_2": (20, 190, 200), "object": (225, 215, 20)}

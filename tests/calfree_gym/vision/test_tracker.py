@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import calfree_gym.vision.tracker as tracker_module
-from calfree_gym.vision.balls import Ball
-from calfree_gym.vision.circles import fit_circle
+import calfree_gym.vision.tracking.tracker as tracker_module
 from calfree_gym.vision.marks import MARK_NAMES, Mark, Marks
-from calfree_gym.vision.outline import RAYS
-from calfree_gym.vision.tracker import BallFinder, StereoTracker, gripper_point
+from calfree_gym.vision.tracking.balls import Ball
+from calfree_gym.vision.tracking.circles import fit_circle
+from calfree_gym.vision.tracking.outline import RAYS
+from calfree_gym.vision.tracking.tracker import BallFinder, StereoTracker, gripper_point
 from tests.calfree_gym.vision.drawings import COLOURS, Canvas, background, camera, random_frame, through_jpeg
 
 SIZES = [(512, 512), (256, 256), (480, 640)]

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.vision.blobs import Blob
-from calfree_gym.vision.circles import fit_circle
-from calfree_gym.vision.colours import SATURATION_SHARE, hues_and_saturations
 from calfree_gym.vision.marks import Mark, hue_gap
-from calfree_gym.vision.opacity import Opacity, opacity
-from calfree_gym.vision.outline import Array, outline
+from calfree_gym.vision.tracking.blobs import Blob
+from calfree_gym.vision.tracking.circles import fit_circle
+from calfree_gym.vision.tracking.colours import SATURATION_SHARE, hues_and_saturations
+from calfree_gym.vision.tracking.opacity import Opacity, opacity
+from calfree_gym.vision.tracking.outline import Array, outline
 
 CLEAR_RADIUS = 4.0
 """In px: balls from here on look clear, smaller ones lose colour and contrast to their surroundings. Measured

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.vision.outline import RAYS, Array
+from calfree_gym.vision.tracking.outline import RAYS, Array
 
 STRETCHES = (1.0, 1.15, 1.3)
 """How much longer a ball may be away from the image's centre than across: a camera's wide angle does it."""
