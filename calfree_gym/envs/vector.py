@@ -114,9 +114,10 @@ class StereoArmVectorEnv(StereoArmGoal, HasRows, VectorEnv[Any, Any, Any]):
     @property
     def applied(self) -> list[list[Perturbation | Undo]]:
         """What was applied to each row in the last step or reset."""
-        return [
-            [perturbation for at, perturbation in self._applied if at == row] for row in range(self.num_envs)
-        ]
+        listed: list[list[Perturbation | Undo]] = [[] for _ in range(self.num_envs)]
+        for row, perturbation in self._applied:
+            listed[row].append(perturbation)
+        return listed
 
     @property
     def home_seconds(self) -> NDArray[np.float64]:
