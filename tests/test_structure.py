@@ -22,7 +22,6 @@ LAYERS = {
         "world",
         "perturbations",
         "tasks",
-        "rendering",
         "calfree_gym",
         "envs",
         "sb3",

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from calfree_gym.envs.sight import Seen, sight_of
 from calfree_gym.envs.state import RowState, arm_state, check_state, restore, state_of
-from calfree_gym.errors import check_choice
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, PIXELS_PER_UNIT, inside, lengths
 from calfree_gym.perturbations.application import Applied, PerturbationScheduler
@@ -22,7 +21,7 @@ from calfree_gym.robot.line_of_sight import LinesOfSight
 from calfree_gym.robot.motor_errors import MotorErrors
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.objects import ObjectDraws
-from calfree_gym.robot.simulation import DYNAMICS, Simulation
+from calfree_gym.robot.simulation import Simulation
 from calfree_gym.robot.workspace import Workspaces, check_in_view, first_in_view
 from calfree_gym.tasks import reach
 from calfree_gym.vision.latency import Latency
@@ -32,7 +31,6 @@ LOOK_SECONDS = 4.0
 """Assumed seconds in which the arm settles and the vision system delivers still image points. With this
 value a reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
 
-REDRAWS = ("never", "trial")
 _PARTS = ("simulation", "_motor_errors", "_latency", "_sight", "_scheduler")
 
 
@@ -90,10 +88,6 @@ class StereoArms:
         occlusion: bool = False,
         image_size: int = IMAGE_SIZE,
     ) -> None:
-        check_choice("dynamics", dynamics, DYNAMICS)
-        check_choice("redraw", redraw, REDRAWS)
-        if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < IMAGE_SIZE):
-            raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
         self.rows = rows
         self.robot, self.mounts = robot, robot.mounts(camera_mount)
         motors = len(robot.motors)
@@ -115,7 +109,6 @@ class StereoArms:
         self.registers = np.zeros((rows, motors))
         self.points = np.zeros((rows, 4, 2))
         self.visible = np.zeros((rows, 4), bool)
-        self.delivered: Seen = (self.points, self.visible)
         self.true_points = np.zeros((rows, 4, 2))
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
@@ -123,6 +116,7 @@ class StereoArms:
         self._seeds: list[int | None] = [None] * rows
         self._latency = Latency(rows)
         self._sight = sight_of(self, observation, image_size)
+        self.delivered: Seen = (self.points, self.visible, *self._sight.images)
         self._lines: LinesOfSight | None = None
         if occlusion or self._sight.renders:
             self._lines = LinesOfSight(self.simulation, MARK_RADIUS * robot.rig.scale)
@@ -170,7 +164,8 @@ class StereoArms:
 
         if not self._keep_in_view:
             return draw(0)
-        also = self._lines and partial(self._lines.gripper_in_sight, row, self.motors)
+        lines = self._lines
+        also = None if lines is None else partial(lines.gripper_in_sight, row, self.motors)
         return first_in_view(
             draw, self.robot, self.mounts, f"a {distribution.name} world", whole=True, also=also
         )

@@ -92,8 +92,8 @@ class ObjectDraws:
                 return objects, drawn_at
         hidden = "" if self._lines is None else ", and hidden by nothing"
         raise ValueError(
-            f"no object in {ATTEMPTS * BLOCK} candidates is within reach and in view of both cameras{hidden}, "
-            f"in row {rows[open_[0]]}, trial {trials[rows[open_[0]]]}: see its world"
+            f"no object in {ATTEMPTS * BLOCK} candidates is within reach and in view of both "
+            f"cameras{hidden}, in row {rows[open_[0]]}, trial {trials[rows[open_[0]]]}: see its world"
         )
 
     def _first_in_sight(
@@ -105,10 +105,8 @@ class ObjectDraws:
             for j in np.flatnonzero(good[i]).tolist():
                 point = at.points[i, j]
                 there = self._motors.angles(at.positions[i, j][None], rows[i, None])[0]
-                if (
-                    lines.shares(row, home, point)[2:].min() == 1
-                    and lines.shares(row, there, point).min() == 1
-                ):
+                from_home = lines.shares(row, home, point)[2:]
+                if from_home.min() == 1 and lines.shares(row, there, point).min() == 1:
                     first[i, j] = True
                     break
         return first

@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.envs.rendering.gl import gl_context
 from calfree_gym.image import IMAGE_SIZE
-from calfree_gym.rendering.gl import gl_context
 from calfree_gym.robot.line_of_sight import SEEN
+from calfree_gym.robot.simulation import Picture
 from calfree_gym.vision.cameras import undistort
 from calfree_gym.world import World
 
@@ -20,13 +21,14 @@ class FirstRenderer:
     """Twice as large a pinhole image, four samples a pixel, and a lens map made anew for every image.
 
     Args:
-        model: Of the scene; its settings of quality are changed.
-        data: Its state.
+        picture: Model and state of the scene; the model's settings of quality are changed.
         size: Width and height of an image in pixels.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, size: int) -> None:
-        self._model, self._data, self._size, self._source = model, data, size, 2 * size
+    def __init__(self, picture: Picture, size: int) -> None:
+        self._model, self._data = picture
+        self._size, self._source = size, 2 * size
+        model = self._model
         quality = model.vis.quality
         quality.offsamples, quality.shadowsize = 4, 2048
         model.vis.global_.offwidth = model.vis.global_.offheight = self._source
@@ -34,8 +36,11 @@ class FirstRenderer:
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
 
-    def image(self, world: World, camera: int) -> NDArray[np.uint8]:
-        """What a camera (0 or 1) sees (size, size, 3)."""
+    def pair(self, world: World) -> list[NDArray[np.uint8]]:
+        """What both cameras see, each (size, size, 3)."""
+        return [self._image(world, camera) for camera in (0, 1)]
+
+    def _image(self, world: World, camera: int) -> NDArray[np.uint8]:
         scale = self._size / IMAGE_SIZE
         pixels = np.arange(self._size) + 0.5 - self._size / 2
         distorted = np.stack(np.meshgrid(pixels, pixels), -1) - scale * world.principal_point[camera]

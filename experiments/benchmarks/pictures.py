@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pandas as pd
 
-from calfree_gym.rendering.stereo_images import StereoImages
+from calfree_gym.envs.rendering.stereo_images import StereoImages
+from calfree_gym.image import IMAGE_SIZE
 from experiments.benchmarks.first_renderer import FirstRenderer
 from experiments.reporting.tables import Table
 
@@ -32,21 +34,15 @@ def pictures() -> Iterator[Table]:
     env.reset(seed=0)
     arms = env.unwrapped.arms  # type: ignore[attr-defined]
     world = arms.world(0)
+    rng = np.random.default_rng(0)
     rows = []
     for name, size, shadows, required in PAIRS:
         ours = StereoImages(arms.simulation, arms.robot.rig, size, shadows)
-        first = FirstRenderer(*arms.simulation.show(0, arms.simulation.picture()), size)
-        times = _in_turns(
-            lambda ours=ours: ours.colours(0, world),  # type: ignore[misc]
-            lambda first=first: [first.image(world, camera) for camera in (0, 1)],  # type: ignore[misc]
-        )
-        rows.append((name, size, *times, required))
-        if size == 512:
-            rng = np.random.default_rng(0)
-            look = _in_turns(
-                lambda: env.step(rng.uniform(-0.1, 0.1, 3)),
-                lambda first=first: [first.image(world, camera) for camera in (0, 1)],  # type: ignore[misc]
-            )
+        first = FirstRenderer(arms.simulation.show(0, arms.simulation.picture()), size)
+        then = partial(first.pair, world)
+        rows.append((name, size, *_in_turns(partial(ours.colours, 0, world), then), required))
+        if size == IMAGE_SIZE:
+            look = _in_turns(lambda: env.step(rng.uniform(-0.1, 0.1, 3)), then)
             rows.append((LOOK, size, *look, LOOK_REQUIRED))
         ours.close()
         first.close()
