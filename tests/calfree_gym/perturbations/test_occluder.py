@@ -94,6 +94,24 @@ def test_an_occluder_that_is_not_there_leaves_the_extent_of_a_small_arm():
     assert robot.scene(robot.mounts("stand")).model.stat.extent < 0.5
 
 
+@pytest.mark.parametrize("how", [{"at": {"trial": 1}}, {"drift": {"per": "trial"}}], ids=["once", "drift"])
+def test_cameras_that_joint_zeros_turn_lose_the_share_too(how):
+    do = {"type": "occluder", "camera": "right", "share": 0.25, "at": 0.4}
+    arguments = {"world": "wild", "camera_mount": "waist", "dynamics": "kinematic", "occlusion": True}
+    env = gym.make("CalFree/Reach-v0", perturbations=[{**how, "do": do}], **arguments).unwrapped
+    rays = Rays(MOVEMASTER)
+    for seed in range(10):
+        env.reset(seed=seed)
+        before = env.world.camera_position
+        env.reset()
+        np.testing.assert_array_equal(env.world.camera_position, before)
+        assert env.arms.visible[0].all()
+        model, data = env.arms.simulation.show(0, env.arms.simulation.picture())
+        camera = data.cam_xpos[model.camera("right").id]
+        _, points = work_space(env.world, MOVEMASTER)
+        assert rays.stopped(env.world, camera, points).mean() == pytest.approx(0.25, abs=0.005)
+
+
 def test_more_than_a_side_has_is_hidden_too():
     for name in CAMERAS:
         there = Occluder(name, 0.8, 0.4).change(nominal())
