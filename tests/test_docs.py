@@ -42,6 +42,11 @@ DRAWN = {
     "motor gain": lambda w: w.motor_gain,
     "motor curvature": lambda w: w.motor_curvature,
     "noise of image points": lambda w: w.point_noise,
+    "strength of the lamp": lambda w: w.light_strength,
+    "ambient light": lambda w: w.light_ambient,
+    "exposure": lambda w: w.exposure,
+    "blur of images": lambda w: w.blur,
+    "noise of images": lambda w: w.image_noise,
 }
 """Rows of the page about worlds, and what they are about, in the units of the page."""
 
