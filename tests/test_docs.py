@@ -128,7 +128,7 @@ def test_environments_page_is_the_docstrings(site):
     actions = page.table(f"{single}--action-space")
     assert [word for word, _ in actions.values()] == list(MOTORS)
     observations = page.table(f"{single}--observation-space")
-    shapes = {key: str(box.shape) for key, box in observation_space((), MOVEMASTER).items()}
+    shapes = {key: str(box.shape) for key, box in observation_space("points", 128, (), MOVEMASTER).items()}
     assert {key: shape for key, (shape, _) in observations.items()} == shapes
     arguments = page.table(f"{single}--arguments")
     parameters = inspect.signature(StereoArmEnv).parameters
