@@ -80,7 +80,7 @@ class RenderedSight(Sight):
     """
 
     renders = True
-    state_names = ("_images",)
+    state_names: ClassVar[tuple[str, ...]] = ("_images",)
 
     def __init__(self, arms: StereoArms, size: int, depth: bool = False) -> None:
         super().__init__(arms)
