@@ -15,6 +15,8 @@ from experiments.config.suite import AgentConfig, EnvironmentConfig
 
 CAPTION = 12
 """The caption takes one part in so many of a film's height."""
+LEAST_HEIGHT = 144
+"""Of a film, so that its pictures are not smaller than pictures can be."""
 
 
 class FilmEnvironmentConfig(EnvironmentConfig):
@@ -60,10 +62,10 @@ class FilmConfig(Model):
     first_trial: int = Field(1, gt=0)
     learn: bool = True
     perturbations: tuple[dict[str, Any], ...] = Field((), strict=False)
-    height: int = Field(780, ge=SMALLEST, le=LARGEST)
+    height: int = Field(780, ge=LEAST_HEIGHT, le=LARGEST)
     width: int = Field(1080, ge=SMALLEST, le=LARGEST)
     frames_per_second: int = Field(20, gt=0, le=120)
-    gif: GifConfig = Field(GifConfig(), validate_default=True)
+    gif: GifConfig = Field({}, validate_default=True)
 
     @field_validator("first_trial")
     @classmethod
@@ -99,7 +101,9 @@ class FilmConfig(Model):
         for key in ("width", "frames_per_second"):
             of_film = info.data.get(key)
             if of_film is not None and getattr(value, key) > of_film:
-                raise ValueError(f"gif.{key} is {getattr(value, key)}: it must be at most the film's {of_film}")
+                raise ValueError(
+                    f"gif.{key} is {getattr(value, key)}: it must be at most the film's {of_film}"
+                )
         return value
 
     @property

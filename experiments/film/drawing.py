@@ -28,7 +28,8 @@ DARK, LIGHT = (30, 30, 34), (240, 240, 240)
 ALARM, SUCCESS = (214, 84, 20), (120, 225, 140)
 COLOURS = (DARK, LIGHT, ALARM, SUCCESS, GRIPPER_COLOUR, OBJECT_COLOUR, (255, 255, 255), (0, 0, 0))
 """All that is drawn, but for the scene."""
-LEGEND = "rings: seen   crosses: predicted"
+LEGEND = (("gripper", GRIPPER_COLOUR), ("object", OBJECT_COLOUR), ("rings: seen   crosses: predicted", LIGHT))
+"""From the left, in the scene's lower corner."""
 _CROSS = 11.0
 """Half a cross, in pixels of 512."""
 
@@ -85,8 +86,8 @@ class Screen:
         self._arms, self._caption = arms, caption
         self._frame = SceneFrame(arms, width, height - caption)
         self._sensors = ImageFormation((height - caption) // 2) if sensors else None
-        self._font = ImageFont.load_default(0.4 * caption)
-        self._small = ImageFont.load_default(0.32 * caption)
+        self._edge, self._stroke = round(0.35 * caption), max(1, caption // 30)
+        self._font, self._small = _font(0.4 * caption), _font(0.32 * caption)
 
     def draw(self, joints: Array | None, marks: Marks | None, words: Words) -> Image:
         """A picture (height, width, 3).
@@ -97,8 +98,7 @@ class Screen:
             words: What it says.
         """
         scene, *images = self._frame.views(0, joints)
-        if words.announced:
-            scene = self._announced(scene, words.announced)
+        scene = self._explained(scene, words.announced)
         world = self._arms.world(0)
         for camera, name in enumerate(CAMERAS):
             image = images[camera]
@@ -120,30 +120,50 @@ class Screen:
 
     def _captioned(self, width: int, words: Words) -> Image:
         picture = Pictures.new("RGB", (width, self._caption), DARK)
-        draw, middle = ImageDraw.Draw(picture), self._caption // 2
-        edge = round(0.35 * self._caption)
-        draw.text((edge, middle), words.caption, SUCCESS if words.good else LIGHT, self._font, anchor="lm")
-        draw.text((width - edge, middle), LEGEND, LIGHT, self._small, anchor="rm")
+        draw, edge = ImageDraw.Draw(picture), self._edge
+        font = _fitting(words.caption, self._font, width - 2 * edge)
+        colour = SUCCESS if words.good else LIGHT
+        draw.text((edge, self._caption // 2), words.caption, colour, font, anchor="lm")
         return np.asarray(picture)
 
-    def _announced(self, scene: Image, words: str) -> Image:
+    def _explained(self, scene: Image, announced: str) -> Image:
+        """The scene, with what is announced and the legend."""
         picture = Pictures.fromarray(scene)
         draw, height = ImageDraw.Draw(picture), self._caption
-        draw.rectangle((0, 0, picture.width, height), ALARM)
-        draw.text((picture.width // 2, height // 2), words, (255, 255, 255), self._font, anchor="mm")
+        if announced:
+            font = _fitting(announced, self._font, picture.width - 2 * self._edge)
+            draw.rectangle((0, 0, picture.width, height), ALARM)
+            draw.text((picture.width // 2, height // 2), announced, (255, 255, 255), font, anchor="mm")
+        x, middle = float(self._edge), picture.height - height // 3
+        width = self._small.getlength("   ".join(text for text, _ in LEGEND))
+        draw.rectangle((0, picture.height - 2 * height // 3, x + width + self._edge, picture.height), DARK)
+        for text, colour in LEGEND:
+            draw.text((x, middle), text, colour, self._small, anchor="lm")
+            x += self._small.getlength(text + "   ")
         return np.asarray(picture)
 
     def _named(self, image: Image, name: str) -> Image:
         picture = Pictures.fromarray(image)
-        place, stroke = round(0.2 * self._caption), max(1, self._caption // 30)
+        place = self._edge // 2, self._edge // 2
         ImageDraw.Draw(picture).text(
-            (place, place), name, DARK, self._small, stroke_width=stroke, stroke_fill=(255, 255, 255)
+            place, name, LIGHT, self._small, stroke_width=self._stroke, stroke_fill=DARK
         )
         return np.asarray(picture)
 
     def close(self) -> None:
         """Frees the GL context."""
         self._frame.close()
+
+
+def _font(size: float) -> ImageFont.FreeTypeFont:
+    font = ImageFont.load_default(size)
+    assert isinstance(font, ImageFont.FreeTypeFont), "Pillow has one of any size where it has FreeType"
+    return font
+
+
+def _fitting(text: str, font: ImageFont.FreeTypeFont, width: float) -> ImageFont.FreeTypeFont:
+    """The font, or a smaller one where text would be wider than `width` pixels."""
+    return _font(font.size * width / max(width, font.getlength(text)))
 
 
 def draw_crosses(image: Image, points: Array) -> None:

@@ -31,6 +31,10 @@ class Pace(NamedTuple):
     end: float = 0.9
 
 
+PACE = Pace()
+"""Choice: so that a film of ten motions takes about ten seconds."""
+
+
 class Draws(Protocol):
     """Draws pictures, see `drawing.Screen`."""
 
@@ -67,7 +71,7 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         frames_per_second: int,
         agent: str,
         first_trial: int = 1,
-        pace: Pace = Pace(),
+        pace: Pace = PACE,
     ) -> None:
         super().__init__(env)
         self.predicted: Callable[[Array], Array | None] = lambda registers: None
@@ -84,7 +88,7 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begins a trial; the arm is seen on its way home, and what has happened to the world is announced."""
+        """Begins a trial: what has happened to the world, the way home, and a look."""
         unwrapped: Any = self.env.unwrapped
         before, seconds = None, 0.0
         if self._filming:
@@ -132,7 +136,9 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         unwrapped: Any = self.env.unwrapped
         for perturbation in unwrapped.applied:
             given = perturbation.to_dict()
-            words = Words(caption(self._status), announced=announcement(given), camera=given.get("camera", ""))
+            words = Words(
+                caption(self._status), announced=announcement(given), camera=given.get("camera", "")
+            )
             marks = self._marks and self._marks.lingering(None)
             self._show(self._pace.news, joints, marks, words)
 
