@@ -3,9 +3,21 @@
 Importing it registers `CalFree/Reach-v0` and `CalFree/ReachDense-v0`.
 """
 
+import os
 from typing import Any
 
 import gymnasium
+
+try:
+    import mujoco as mujoco  # it loads the renderer that MUJOCO_GL names
+except Exception as error:
+    if "MUJOCO_GL" not in os.environ:
+        raise
+    raise gymnasium.error.DependencyNotInstalled(
+        f"MuJoCo cannot load the renderer of MUJOCO_GL={os.environ['MUJOCO_GL']} ({error}). Unset it, or set "
+        "it to egl (Debian: libegl1 and libgl1-mesa-dri), osmesa (libosmesa6), glfw (needs a screen), or "
+        "disable (no images)."
+    ) from error
 
 from calfree_gym.robot.arms.arm import Arm
 from calfree_gym.vision.cameras import MOUNTS

@@ -31,7 +31,10 @@ def check_whole(name: str, value: object, least: int, most: int) -> None:
 
 
 def known_arguments(function: Callable[P, None]) -> Callable[P, None]:
-    """Makes a function raise ValueError, with near misses, at keywords that it does not know."""
+    """Makes the TypeError at an unknown keyword name near misses, and those that are allowed.
+
+    Gymnasium and TorchRL try keywords, and look for this type and Python's own words.
+    """
     allowed = [name for name in inspect.signature(function).parameters if name != "self"]
 
     @functools.wraps(function)
@@ -39,7 +42,8 @@ def known_arguments(function: Callable[P, None]) -> Callable[P, None]:
         for name in kwargs:
             if name not in allowed:
                 hint = near_misses(name, allowed)
-                raise ValueError(f"unknown argument {name!r}{hint}; allowed: {', '.join(allowed)}")
+                found = f"{function.__qualname__}() got an unexpected keyword argument {name!r}"
+                raise TypeError(f"{found}{hint}; allowed: {', '.join(allowed)}")
         function(*args, **kwargs)
 
     return checked

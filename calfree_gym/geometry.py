@@ -35,6 +35,15 @@ def quaternion_between(first: Array, second: Array, share: float) -> Array:
     return quaternion_product(first, way)
 
 
+def direction_between(first: Array, second: Array, share: float) -> Array:
+    """Unit vector (3,) that is `share` of the way from `first` to `second`; beyond them outside [0, 1]."""
+    axis = np.cross(first, second)
+    if (sine := float(np.linalg.norm(axis))) == 0:
+        return second
+    angle = share * np.arctan2(sine, first @ second)
+    return np.asarray(np.cos(angle) * first + np.sin(angle) * np.cross(axis / sine, first))
+
+
 def rotation_matrix(quaternion: Array) -> Array:
     """Rotation matrix (3, 3) of a unit quaternion; its columns are the turned axes."""
     matrix = np.empty(9)

@@ -14,6 +14,7 @@ UNITS = dict.fromkeys(("degrees", "direction", "azimuth", "elevation"), "degrees
     "metres": "m",
     "px": "pixels",
     "motions": "motions",
+    "levels": "grey levels",
 }
 
 

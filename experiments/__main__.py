@@ -27,6 +27,7 @@ BENCHMARKS = (
     "sensitivity",
     "coverage",
     "arms",
+    "pictures",
 )
 """As in `benchmarks.parts`, which is not loaded for other commands."""
 

@@ -17,8 +17,8 @@ import yaml
 import agents
 import calfree_gym
 from calfree_gym import WorldDistribution, nominal
-from calfree_gym.envs.observations import observation_space
 from calfree_gym.envs.single import StereoArmEnv
+from calfree_gym.envs.spaces import observation_space
 from calfree_gym.perturbations import TYPES
 from calfree_gym.robot.arms.movemaster import MOTORS, MOVEMASTER
 from experiments.__main__ import _parser

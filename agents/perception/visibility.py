@@ -30,16 +30,16 @@ class Visibility:
         self._unseen = np.zeros(POINTS, int)
 
     def add(self, visible: Flags, again: bool) -> None:
-        """Takes in which points (4,) are seen now, and whether nothing has moved since they were seen last."""
+        """Takes in which points (4,) are seen now, and whether nothing has moved since the last time."""
         missing = self._unseen > 0
         if again:
-            self.returns = self.returns + [np.sum(missing & visible), np.sum(missing & ~visible)]
+            self.returns = self.returns + np.array([(missing & visible).sum(), (missing & ~visible).sum()])
             self.gaps |= bool((missing == visible).any())
         self._unseen = np.where(visible, 0, self._unseen + 1)
 
     @property
     def may_return(self) -> bool:
-        """Whether one more observation may well show a point that was not seen in the last (Laplace's rule)."""
+        """Whether one more observation may well show a missing point, by Laplace's rule of succession."""
         back, out = self.returns
         return bool((1 + back) / (2 + back + out) > self.WORTH)
 

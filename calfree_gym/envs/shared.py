@@ -11,21 +11,25 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from calfree_gym.envs.observations import GOALS, IMAGES, Observation, observations
 from calfree_gym.envs.privileged import PRIVILEGED
+from calfree_gym.envs.rendering.scene_frame import SceneFrame, check_size
+from calfree_gym.envs.spaces import GOALS, IMAGES, Observation, observations
 from calfree_gym.envs.spec import plain
 from calfree_gym.envs.state import Copyable
 from calfree_gym.envs.stereo_arms import StereoArms
-from calfree_gym.errors import check_choice
-from calfree_gym.image import lengths
-from calfree_gym.rendering.scene_frame import SceneFrame, check_size
+from calfree_gym.errors import check_choice, check_whole
+from calfree_gym.image import IMAGE_SIZE, lengths
 from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of
 from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.robot.simulation import DYNAMICS
 from calfree_gym.robot.workspace import check_near
 from calfree_gym.tasks import reach
 
 REWARDS = {"sparse": reach.sparse_reward, "dense": reach.dense_reward}
 RENDER_MODES = ("rgb_array", "human")
+REDRAWS = ("never", "trial")
+SMALLEST_IMAGE, LARGEST_IMAGE = 16, 1024
+"""Width and height in pixels of images that are delivered."""
 
 
 class StereoArmShared(Copyable):
@@ -48,6 +52,15 @@ class StereoArmShared(Copyable):
     ) -> None:
         check_choice("reward", reward, tuple(REWARDS))
         check_choice("observation", observation, (*GOALS, *IMAGES))
+        check_choice("dynamics", arms["dynamics"], DYNAMICS)
+        check_choice("redraw", arms["redraw"], REDRAWS)
+        for name, flag in (("truth", truth), ("occlusion", arms["occlusion"])):
+            if not isinstance(flag, bool):
+                raise ValueError(f"{name} is {flag!r}; allowed: True, False")
+        tolerance_px = arms["tolerance_px"]
+        if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < IMAGE_SIZE):
+            raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
+        check_whole("image_size", arms["image_size"], SMALLEST_IMAGE, LARGEST_IMAGE)
         if isinstance(tell, str):
             raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({tell!r},)")
         for name in tell:
@@ -62,10 +75,8 @@ class StereoArmShared(Copyable):
         self.render_mode = render_mode
         self._kind, self._ends = observation, terminate_on_success
         self._tell = tuple(tell)
-        if not isinstance(truth, bool):
-            raise ValueError(f"truth is {truth!r}; allowed: True, False")
         self._gives_truth = truth
-        self.tolerance_px = float(arms["tolerance_px"])
+        self.tolerance_px = float(tolerance_px)
         self._reward = REWARDS[reward]
         self._renderer: Any = None
         self._spec: EnvSpec | None = None
@@ -115,7 +126,7 @@ class StereoArmShared(Copyable):
             )
             return None
         if self._renderer is None:
-            from calfree_gym.rendering.viewer import Viewer
+            from calfree_gym.envs.rendering.viewer import Viewer
 
             human = self.render_mode == "human"
             self._renderer = Viewer(self.arms) if human else SceneFrame(self.arms, *self._frame_size)
@@ -128,6 +139,25 @@ class StereoArmShared(Copyable):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+
+class GoalRewards(StereoArmShared):
+    """What a goal environment has besides: reward and end as pure functions of sensor vectors."""
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """The reward (...) for sensor vectors (..., 4); pure, and what `step` returns."""
+        distances = reach.image_distances(achieved_goal, desired_goal)
+        return self._reward(distances, reach.rendezvous(distances, self.arms.tolerance))
+
+    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Whether a trial ends (...) at sensor vectors (..., 4); pure, and what `step` returns."""
+        distances = reach.image_distances(achieved_goal, desired_goal)
+        ended = reach.rendezvous(distances, self.arms.tolerance)
+        return ended if self._ends else np.zeros_like(ended)
+
+    def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """False: only the number of motions truncates a trial (see `max_episode_steps`)."""
+        return np.zeros(np.shape(achieved_goal)[:-1], bool)
 
 
 def placed_objects(options: dict[str, Any] | None, rows: int, robot: Robot) -> NDArray[np.float64] | None:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.envs.rendering.stereo_images import StereoImages
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_SIZE
-from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.streams import MotionNumbers
 from calfree_gym.vision.image_formation import ImageFormation
 from calfree_gym.vision.measurement import MeasurementModel
-from calfree_gym.vision.tracker import StereoTracker
+from calfree_gym.vision.tracking.tracker import StereoTracker
 from calfree_gym.world import World
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ class Sight:
 
     Attributes:
         renders: Whether images are rendered.
+        images: Those of all rows (N, 2, size, size, ...), where they are delivered; else none.
 
     Args:
         arms: The arms.
@@ -35,6 +36,7 @@ class Sight:
 
     renders: ClassVar[bool] = False
     state_names: ClassVar[tuple[str, ...]] = ()
+    images: tuple[NDArray[Any], ...] = ()
 
     def __init__(self, arms: StereoArms) -> None:
         self._arms = arms
@@ -78,12 +80,14 @@ class RenderedSight(Sight):
     """
 
     renders = True
+    state_names = ("_images",)
 
     def __init__(self, arms: StereoArms, size: int, depth: bool = False) -> None:
         super().__init__(arms)
         self._size, self._depth = size, depth
         shape = (arms.rows, 2, size, size)
         self._images: NDArray[Any] = np.zeros(shape, np.float32) if depth else np.zeros((*shape, 3), np.uint8)
+        self.images = (self._images,)
         self._sensors = ImageFormation(size)
         self._places = MotionNumbers(arms.rows, "image_noise", (2, 2), normal=False)
         self._renderer: StereoImages | None = None
@@ -98,7 +102,7 @@ class RenderedSight(Sight):
     def look(self, true: Array, visible: Flags, moved: Flags) -> Seen:
         """See `Sight`."""
         self._render(np.flatnonzero(moved))
-        return true, visible, self._images
+        return true, visible, *self.images
 
     def _render(self, rows: NDArray[np.intp]) -> None:
         arms = self._arms
@@ -127,6 +131,7 @@ class TrackedSight(RenderedSight):
 
     def __init__(self, arms: StereoArms) -> None:
         super().__init__(arms, IMAGE_SIZE)
+        self.images = ()
         self._trackers = [StereoTracker() for _ in range(arms.rows)]
         self._points = np.zeros((arms.rows, 4, 2))
         self._visible = np.zeros((arms.rows, 4), bool)

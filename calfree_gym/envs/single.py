@@ -9,19 +9,16 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.actions import action_space, control_words
-from calfree_gym.envs.goal import GoalRewards
-from calfree_gym.envs.observations import GOALS, Observation, observation_space
-from calfree_gym.envs.shared import RENDER_MODES, StereoArmShared, placed_objects
+from calfree_gym.envs.rendering.scene_frame import HEIGHT, WIDTH
+from calfree_gym.envs.shared import RENDER_MODES, GoalRewards, StereoArmShared, placed_objects
+from calfree_gym.envs.spaces import GOALS, Observation, action_space, control_words, observation_space
 from calfree_gym.envs.state import RowState
-from calfree_gym.envs.worlds import WorldChoice
 from calfree_gym.errors import known_arguments
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
-from calfree_gym.rendering.scene_frame import HEIGHT, WIDTH
 from calfree_gym.robot.arms.arm import ArmChoice
-from calfree_gym.world import World
+from calfree_gym.world import World, WorldChoice
 
 
 class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
@@ -55,9 +52,22 @@ class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
     | desired_goal | (4,) | the object's sensor vector |
     | observation | (7,) | 1 where seen now: gripper left, right, object left, right; then 3 registers |
 
-    A point is seen if it is in front of a camera and inside its image; the arm never hides it.
-    A point that is not seen keeps its last value of this trial; before it is first seen it is (0, 0), the
-    centre.
+    A point is seen if it is in front of a camera and inside its image; with `occlusion` also only where
+    neither the arm nor a mark nor a thing in the way hides its marks. A point that is not seen keeps its last
+    value of this trial; before it is first seen it is (0, 0), the centre. (With `occlusion`, a hidden point
+    that would show a rendezvous by that is moved to just beyond the tolerance.)
+
+    Other observations, of images rendered through each camera's lens, in the world's light:
+
+    | observation | keys |
+    |---|---|
+    | "vision" | as above: the points that `calfree_gym.vision.StereoTracker` finds in images of 512 x 512 |
+    | "pixels" | pixels (s, s, 6), uint8, left then right; observation (3,): the registers |
+    | "rgb" | left_image, right_image (s, s, 3), uint8; observation (3,) |
+    | "depth" | left_depth, right_depth (s, s), in m along the camera's axis; observation (3,) |
+
+    s is `image_size`. With images, points are hidden as with `occlusion`; reward, end and `is_success` follow
+    from the true points, where all are seen now, and there is no `compute_reward` (but with "vision").
 
     ## Rewards
     `CalFree/Reach-v0`: 0 on the motion that reaches the rendezvous, -1 on every other.
@@ -92,7 +102,7 @@ class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
         camera_mount: "waist" (cameras on the body that the first motor moves, turning with it: the object
             then moves in the images, and hindsight relabelling is not valid), "stand" (in the room), the name
             of a body, or a pair of these, left and right.
-        observation: "points".
+        observation: "points", "vision", "pixels", "rgb" or "depth", see above.
         tolerance_px: Image distance of the rendezvous, in pixels of 512.
         dynamics: "physics", or "kinematic": the arm is placed where physics would settle.
         perturbations: A schedule, `[{"at": {"motion": 2000}, "do": {"type": "camera_roll"}}]`, see
@@ -105,8 +115,13 @@ class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
             in rad (of another arm: its motors' joints; m where they slide), "gripper_position" (3,) in m,
             "object_registers" (3,): those that reach the object.
         truth: Whether `info` holds `truth`. A step is faster without it.
+        occlusion: Whether points can be hidden. Then both cameras see all of the marks at home and at the
+            rendezvous: worlds and objects are drawn again until they do. Always so where images are rendered.
+        image_size: Width and height in pixels of "pixels", "rgb" and "depth".
         reward: "sparse" or "dense".
-        render_mode: None or "rgb_array".
+        render_mode: None, "rgb_array", or "human": MuJoCo's viewer.
+        width: Of a frame, in pixels.
+        height: Of a frame, in pixels: even, and at most the width.
 
     Raises:
         ValueError: An argument is not allowed, the arm cannot be used, or the given world is not in view.
@@ -236,13 +251,14 @@ class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
         )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The scene (720, 1080, 3), and at its side both camera images with the image points.
+        """The scene, and at its side both camera images with the image points (height, width, 3).
 
         Coloured rings are the points as observed; a thin one was seen there last, and is not seen now. The
-        white ring around the object's point is the tolerance. The arm hides no point: a ring can lie on it.
+        white ring around the object's point is the tolerance. With render_mode="human" MuJoCo's viewer shows
+        the arm, and nothing is returned.
 
         Raises:
-            gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
+            gymnasium.error.DependencyNotInstalled: OpenGL or a screen is missing; names what to install.
         """
         return self._frame(0)
 

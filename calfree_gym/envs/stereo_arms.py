@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -11,9 +12,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.envs.sight import Seen, sight_of
 from calfree_gym.envs.state import RowState, arm_state, check_state, restore, state_of
-from calfree_gym.envs.worlds import WorldChoice, world_choices
-from calfree_gym.errors import check_choice
-from calfree_gym.geometry import Array, Flags, Rows
+from calfree_gym.geometry import Array, Rows
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, PIXELS_PER_UNIT, inside, lengths
 from calfree_gym.perturbations.application import Applied, PerturbationScheduler
 from calfree_gym.robot.arms.marks import RADIUS as MARK_RADIUS
@@ -21,23 +20,17 @@ from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.line_of_sight import LinesOfSight
 from calfree_gym.robot.motor_errors import MotorErrors
 from calfree_gym.robot.motors import MotorMap
-from calfree_gym.robot.simulation import DYNAMICS, Simulation
-from calfree_gym.robot.workspace import ATTEMPTS, Candidates, Workspaces, check_in_view, first_in_view
-from calfree_gym.streams import CounterStreams, Key, key
+from calfree_gym.robot.objects import ObjectDraws
+from calfree_gym.robot.simulation import Simulation
+from calfree_gym.robot.workspace import Workspaces, check_in_view, first_in_view
 from calfree_gym.tasks import reach
 from calfree_gym.vision.latency import Latency
-from calfree_gym.world import World, WorldDistribution
+from calfree_gym.world import World, WorldChoice, WorldDistribution, world_choices
 
 LOOK_SECONDS = 4.0
 """Assumed seconds in which the arm settles and the vision system delivers still image points. With this
 value a reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
-CANDIDATE_BLOCK = 16
-APART_SIGMAS = 6
-"""The distance of a new object from the gripper exceeds the tolerance by this many times the noise."""
 
-NOWHERE = np.full(3, 1e3)
-"""Where an object hides nothing (m)."""
-REDRAWS = ("never", "trial")
 _PARTS = ("simulation", "_motor_errors", "_latency", "_sight", "_scheduler")
 
 
@@ -95,10 +88,6 @@ class StereoArms:
         occlusion: bool = False,
         image_size: int = IMAGE_SIZE,
     ) -> None:
-        check_choice("dynamics", dynamics, DYNAMICS)
-        check_choice("redraw", redraw, REDRAWS)
-        if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < IMAGE_SIZE):
-            raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
         self.rows = rows
         self.robot, self.mounts = robot, robot.mounts(camera_mount)
         motors = len(robot.motors)
@@ -120,21 +109,21 @@ class StereoArms:
         self.registers = np.zeros((rows, motors))
         self.points = np.zeros((rows, 4, 2))
         self.visible = np.zeros((rows, 4), bool)
-        self.delivered: Seen = (self.points, self.visible)
         self.true_points = np.zeros((rows, 4, 2))
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
         self._motions_before = np.zeros(rows, np.int64)
         self._seeds: list[int | None] = [None] * rows
-        self._object_keys: list[Key] = [(0, 0)] * rows
-        self._object_streams = CounterStreams()
         self._latency = Latency(rows)
         self._sight = sight_of(self, observation, image_size)
+        self.delivered: Seen = (self.points, self.visible, *self._sight.images)
         self._lines: LinesOfSight | None = None
         if occlusion or self._sight.renders:
             self._lines = LinesOfSight(self.simulation, MARK_RADIUS * robot.rig.scale)
         self._moved = np.zeros(rows, bool)
-        self._apart = np.zeros((rows, 1))
+        self._objects = ObjectDraws(
+            self._workspaces, self.motors, float(self.tolerance), keep_in_view, self._lines
+        )
         self._solved: list[tuple[World, bytes] | None] = [None] * rows
         self._object_registers = np.zeros((rows, motors))
         self._drawn_at = np.full((rows, motors), np.nan)
@@ -166,7 +155,7 @@ class StereoArms:
         self._seeds[row] = seed
         self._sight.seed(row, seed)
         self._motor_errors.seed(row, seed)
-        self._object_keys[row] = key(seed, "objects")
+        self._objects.seed(row, seed)
         self._scheduler.seed(row, seed)
 
     def _draw_world(self, distribution: WorldDistribution, row: int, seed: int, trial: int) -> World:
@@ -175,21 +164,11 @@ class StereoArms:
 
         if not self._keep_in_view:
             return draw(0)
-        what = f"a {distribution.name} world"
-        also = None if self._lines is None else lambda world: self._gripper_in_sight(row, world)
-        return first_in_view(draw, self.robot, self.mounts, what, whole=True, also=also)
-
-    def _gripper_in_sight(self, row: int, world: World) -> bool:
-        """Whether nothing would hide the gripper at home from the cameras of that world."""
-        assert self._lines is not None
-        self.motors.set_world(row, world)
-        self.simulation.set_world(row, world)
-        home = self._home_joints(np.array([row]))[0]
-        return bool(self._lines.shares(row, home, NOWHERE)[:2].min() == 1)
-
-    def _home_joints(self, rows: NDArray[np.intp]) -> Array:
-        """Joint positions (n, j) at registers zero."""
-        return self.motors.joints(np.zeros((len(rows), self.registers.shape[1])), rows)
+        lines = self._lines
+        also = None if lines is None else partial(lines.gripper_in_sight, row, self.motors)
+        return first_in_view(
+            draw, self.robot, self.mounts, f"a {distribution.name} world", whole=True, also=also
+        )
 
     def set_world(self, row: int, world: World) -> None:
         """Puts `row` into `world` from now on; seeds then draw objects and noise only.
@@ -217,7 +196,7 @@ class StereoArms:
         self.registers[rows] = 0.0
         self._drawn_at[rows] = np.nan
         if objects is None:
-            objects = self._draw_objects(indices)
+            objects, self._drawn_at[indices] = self._objects.draw(indices, self.trials)
         self.trials[rows] += 1
         self._motions_before[rows] = self.motions[rows]
         home = self.motors.positions(self.registers[rows], rows)
@@ -343,7 +322,7 @@ class StereoArms:
         self._sight.set_world(row, world)
         self._latency.set_world(row, world)
         self._moved[row] = True
-        self._apart[row] = self.tolerance + APART_SIGMAS * world.point_noise * IMAGE_UNIT
+        self._objects.set_world(row, world)
 
     def _redraw(self, rows: NDArray[np.intp]) -> None:
         """Puts rows whose first trial is over into the next trial's world."""
@@ -368,43 +347,3 @@ class StereoArms:
                 if perturbation is not None:
                     applied.append((row, perturbation))
         return applied
-
-    def _first_in_sight(self, rows: NDArray[np.intp], at: Candidates, good: Flags) -> Flags:
-        """Of good candidates (n, k) the first that nothing hides, from home and at the rendezvous."""
-        assert self._lines is not None
-        first = np.zeros_like(good)
-        for i, (row, home) in enumerate(zip(rows.tolist(), self._home_joints(rows), strict=True)):
-            for j in np.flatnonzero(good[i]).tolist():
-                point, there = at.points[i, j], self.motors.angles(at.positions[i, j][None], rows[i, None])[0]
-                from_home = self._lines.shares(row, home, point)[2:]
-                if from_home.min() == 1 and self._lines.shares(row, there, point).min() == 1:
-                    first[i, j] = True
-                    break
-        return first
-
-    def _draw_objects(self, rows: NDArray[np.intp]) -> Array:
-        """The next trial's objects (n, 3): the first candidates that are seen and not yet reached."""
-        objects = np.empty((len(rows), 3))
-        open_ = np.arange(len(rows))
-        for block in range(ATTEMPTS):
-            draws = np.empty((len(open_), CANDIDATE_BLOCK, len(self.robot.motors)))
-            for i, row in enumerate(rows[open_]):
-                self._object_streams.go_to(self._object_keys[row], int(self.trials[row]), block)
-                self._object_streams.generator.random(out=draws[i])
-            at = self._workspaces.candidates(draws, rows[open_])
-            good = at.seen & at.reached & (at.apart > self._apart[rows[open_]])
-            if not self._keep_in_view:
-                good |= at.within & at.reached & ~at.seen
-            elif self._lines is not None:
-                good = self._first_in_sight(rows[open_], at, good)
-            found = good.any(1)
-            first = good[found].argmax(1)
-            objects[open_[found]] = at.points[found, first]
-            self._drawn_at[rows[open_[found]]] = at.positions[found, first]
-            open_ = open_[~found]
-            if not len(open_):
-                return objects
-        raise ValueError(
-            f"no object in {ATTEMPTS * CANDIDATE_BLOCK} candidates is within reach and in view of both "
-            f"cameras; the world is {self.world(int(rows[open_[0]])).to_dict()}"
-        )

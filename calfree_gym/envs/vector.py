@@ -11,20 +11,17 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from calfree_gym.envs.actions import action_space, control_words
-from calfree_gym.envs.goal import GoalRewards
-from calfree_gym.envs.observations import GOALS, Observation, observation_space
+from calfree_gym.envs.rendering.scene_frame import HEIGHT, WIDTH
 from calfree_gym.envs.row import HasRows
-from calfree_gym.envs.shared import RENDER_MODES, StereoArmShared, placed_objects
+from calfree_gym.envs.shared import RENDER_MODES, GoalRewards, StereoArmShared, placed_objects
+from calfree_gym.envs.spaces import GOALS, Observation, action_space, control_words, observation_space
 from calfree_gym.envs.state import RowState
-from calfree_gym.envs.worlds import WorldChoice
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
-from calfree_gym.rendering.scene_frame import HEIGHT, WIDTH
 from calfree_gym.robot.arms.arm import ArmChoice
-from calfree_gym.world import World
+from calfree_gym.world import World, WorldChoice
 
 
 class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
@@ -118,9 +115,10 @@ class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
     @property
     def applied(self) -> list[list[Perturbation | Undo]]:
         """What was applied to each row in the last step or reset."""
-        return [
-            [perturbation for at, perturbation in self._applied if at == row] for row in range(self.num_envs)
-        ]
+        listed: list[list[Perturbation | Undo]] = [[] for _ in range(self.num_envs)]
+        for row, perturbation in self._applied:
+            listed[row].append(perturbation)
+        return listed
 
     @property
     def home_seconds(self) -> NDArray[np.float64]:

@@ -3,8 +3,8 @@
 To add a perturbation:
 
 1. Write a frozen dataclass, derived from `base.Perturbation`, in the module of what it changes: `camera`,
-   `arm` or `image_points`. Its docstring says what it changes and what it draws for omitted settings; it
-   becomes part of the documentation.
+   `arm`, `image`, `image_points` or `occluder`. Its docstring says what it changes and what it draws for
+   omitted settings; it becomes part of the documentation.
 2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`,
    `base.one_of_the_arms`, `base.amount`, `base.factor` or `base.setting`.
 3. Define `change(world, robot)`, which returns a new world; every setting is given there. For one entry of an
@@ -41,24 +41,31 @@ from calfree_gym.perturbations.camera import (
     CameraZoom,
     Lens,
 )
+from calfree_gym.perturbations.image import Blur, Exposure, ImageNoise, Light
 from calfree_gym.perturbations.image_points import Latency, PointDropout, PointNoise, PointOutliers
+from calfree_gym.perturbations.occluder import Occluder
 from calfree_gym.perturbations.schedule import parse_schedule
 from calfree_gym.perturbations.types import TYPES, parse_perturbation
 
 __all__ = [
     "TYPES",
     "Backlash",
+    "Blur",
     "CameraAim",
     "CameraReplace",
     "CameraRoll",
     "CameraShift",
     "CameraZoom",
+    "Exposure",
+    "ImageNoise",
     "JointZero",
     "Latency",
     "Lens",
+    "Light",
     "LinkLength",
     "MotorGain",
     "MotorSign",
+    "Occluder",
     "Perturbation",
     "PointDropout",
     "PointNoise",

@@ -16,7 +16,9 @@ from calfree_gym.perturbations.camera import (
     CameraZoom,
     Lens,
 )
+from calfree_gym.perturbations.image import Blur, Exposure, ImageNoise, Light
 from calfree_gym.perturbations.image_points import Latency, PointDropout, PointNoise, PointOutliers
+from calfree_gym.perturbations.occluder import Occluder
 
 TYPES: dict[str, type[Perturbation]] = {
     cls.type: cls
@@ -37,6 +39,11 @@ TYPES: dict[str, type[Perturbation]] = {
         PointOutliers,
         PointDropout,
         Latency,
+        Light,
+        Exposure,
+        Blur,
+        ImageNoise,
+        Occluder,
     )
 }
 

@@ -9,6 +9,9 @@ import numpy as np
 
 from calfree_gym.world import World
 
+_WHOLE = ("light_direction", "occluder")
+"""Fields that have one value for all."""
+
 
 @dataclass(frozen=True)
 class Undo:
@@ -32,13 +35,16 @@ class Undo:
 def undone(world: World, before: World, after: World) -> World:
     """The world with all that differs between `before` and `after` restored; other changes stay.
 
-    The comparison is per camera, joint and motor: along the first axis of each field.
+    The comparison is per camera, joint and motor: along the first axis of each field, but for lamp and
+    occluder, which come back whole.
     """
     restored = {}
     for field in fields(World):
         old, new = getattr(before, field.name), getattr(after, field.name)
         differs = old != new
-        if differs.ndim > 1:
+        if field.name in _WHOLE:
+            differs = differs.any(keepdims=True)
+        elif differs.ndim > 1:
             differs = differs.any(axis=-1, keepdims=True)
         if differs.any():
             restored[field.name] = np.where(differs, old, getattr(world, field.name))

@@ -11,7 +11,9 @@ from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import CAMERAS
 
 if TYPE_CHECKING:
+    from calfree_gym.robot.motors import MotorMap
     from calfree_gym.robot.simulation import Simulation
+    from calfree_gym.world import World
 
 MARKS = ("gripper_mark_1", "gripper_mark_2", "object_mark")
 """Names of the balls by which gripper and object are seen."""
@@ -21,6 +23,8 @@ MARKS_GROUP, RIG_GROUP = 4, 5
 SEEN = (0, 1, 2, MARKS_GROUP)
 """Groups that cameras see. By custom those of group 3 are for collisions."""
 _SEEN_GROUPS = np.isin(range(mujoco.mjNGROUP), SEEN).astype(np.uint8)
+NOWHERE = np.full(3, 1e3)
+"""Where an object hides nothing (m)."""
 _ANGLES = np.pi / 3 * np.arange(6)
 _DISC = np.concatenate([np.zeros((1, 2)), 2 / 3 * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], -1)])
 """Points (7, 2) of a disc of radius 1, each for a seventh of it."""
@@ -89,6 +93,13 @@ class LinesOfSight:
     def in_sight(self, row: int) -> Flags:
         """Which points (4,) are seen now: gripper left and right, object left and right."""
         return self.shares(row) >= self.LEAST_SHARE
+
+    def gripper_in_sight(self, row: int, motors: MotorMap, world: World) -> bool:
+        """Whether nothing hides the gripper at home in a world, into which the row is put."""
+        motors.set_world(row, world)
+        self._simulation.set_world(row, world)
+        home = motors.joints(np.zeros((1, motors.lowest.shape[1])), np.array([row]))[0]
+        return bool(self.shares(row, home, NOWHERE)[:2].min() == 1)
 
     def shares(self, row: int, joints: Array | None = None, object_: Array | None = None) -> Array:
         """Which share (4,) of each point's marks is in sight: gripper left and right, object left and right.

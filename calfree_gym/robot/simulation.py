@@ -151,6 +151,7 @@ class Simulation:
         """A model and its state of their own, for pictures and rays, on which `show` puts a row."""
         model = copy.copy(self._model)
         model.geom_sameframe[self._occluder] = 0
+        model.body_bvhadr[0] = -1  # else rays miss what was compiled smaller or elsewhere
         return model, mujoco.MjData(model)
 
     def show(

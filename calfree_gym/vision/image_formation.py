@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.uint8]
 
+MAX_NOISE = 30.0
+"""Largest standard deviation of the noise that is exact, in grey levels: the tile's ends are signed bytes."""
 _STEPS = 32
 """Grey levels of the noise tile in a standard deviation."""
 _SPARE = 64

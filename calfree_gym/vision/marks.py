@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from numbers import Real
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -35,8 +34,8 @@ class Mark:
         if len(values) != 3 or not all(type(v) is int and 0 <= v <= 255 for v in values):
             raise ValueError(f"Mark.rgb is {self.rgb!r}; it must be three whole numbers from 0 to 255")
         object.__setattr__(self, "rgb", values)
-        width: Any = self.hue_tolerance
-        if isinstance(width, bool) or not isinstance(width, Real) or not 0 < width <= 60:
+        width = self.hue_tolerance
+        if isinstance(width, bool) or not isinstance(width, (int, float)) or not 0 < width <= 60:
             raise ValueError(f"Mark.hue_tolerance is {width!r}; it must be in (0, 60] degrees")
         object.__setattr__(self, "hue_tolerance", float(width))
         if self.saturation < LEAST_SATURATION:
@@ -80,10 +79,11 @@ class Mark:
 class Marks:
     """Three balls: two of equal size on the gripper, and the object's.
 
-    The gripper point is midway in space between `gripper_1` and `gripper_2`. The default suits the simulator.
+    The gripper point is midway in space between `gripper_1` and `gripper_2`. The default suits the
+    simulator, whose magenta (242, 13, 140) has hues from 300, overexposed, to 340, in warm light: no red.
     """
 
-    gripper_1: Mark = Mark((242, 13, 140), 30.0)  # overexposure turns its hue by 27 degrees
+    gripper_1: Mark = Mark((242, 13, 165), 27.0)
     gripper_2: Mark = Mark((13, 13, 242))
     object: Mark = Mark((13, 242, 13))
 

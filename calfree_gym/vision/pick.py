@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 
 from calfree_gym.errors import check_choice
-from calfree_gym.vision.colours import LEAST_CHROMA, Image, hues_and_saturations
 from calfree_gym.vision.marks import LEAST_SATURATION, MARK_NAMES, Mark, Marks, yaml_module
-from calfree_gym.vision.tracker import BallFinder
+from calfree_gym.vision.tracking.colours import LEAST_CHROMA, Image, hues_and_saturations
+from calfree_gym.vision.tracking.tracker import BallFinder
 
 SMALLEST_BOX = 3
 """Width and height in px. Choice: the smallest ball that the tracker finds well."""

@@ -8,7 +8,16 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.benchmarks import arms, baselines, changes, controllers, coverage, knowledge, priors
+from experiments.benchmarks import (
+    arms,
+    baselines,
+    changes,
+    controllers,
+    coverage,
+    knowledge,
+    pictures,
+    priors,
+)
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.benchmarks.speed import rates as speed
 from experiments.reporting.tables import Table
@@ -27,6 +36,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "sensitivity": sensitivity.tables,
     "coverage": coverage.coverage,
     "arms": arms.arms,
+    "pictures": pictures.pictures,
 }
 """All but `speed`, which alone has peers."""
 

@@ -20,6 +20,11 @@ _WORDS = {
     "point_outliers": "{percent:.0f} % of the image points are wrong",
     "point_dropout": "{percent:.0f} % of the image points are lost",
     "latency": "image points come {motions} motions late",
+    "light": "the light comes from elsewhere, strength {strength:.2f}",
+    "exposure": "{camera} camera's exposure times {factor:.2f}",
+    "blur": "{camera} camera's images blurred by {px:.1f} px",
+    "image_noise": "{camera} camera's images have {levels:.0f} levels of noise",
+    "occluder": "a post hides {percent:.0f} % from the {camera} camera",
     "undo": "all as before change {event}",
 }
 

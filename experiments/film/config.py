@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
+from calfree_gym.envs.rendering.scene_frame import LARGEST, SMALLEST
 from calfree_gym.perturbations import parse_schedule
-from calfree_gym.rendering.scene_frame import LARGEST, SMALLEST
 from experiments.config.loading import load_as
 from experiments.config.model import Model
 from experiments.config.requirements import requirements

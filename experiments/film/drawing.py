@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
-from calfree_gym.envs.stereo_arms import StereoArms
-from calfree_gym.geometry import Array, Flags
-from calfree_gym.image import CAMERAS, IMAGE_SIZE, PIXELS_PER_UNIT
-from calfree_gym.rendering.scene_frame import (
+from calfree_gym.envs.rendering.scene_frame import (
     GRIPPER_COLOUR,
     OBJECT_COLOUR,
     SceneFrame,
     beside,
     draw_points,
 )
+from calfree_gym.envs.stereo_arms import StereoArms
+from calfree_gym.geometry import Array, Flags
+from calfree_gym.image import CAMERAS, IMAGE_SIZE, PIXELS_PER_UNIT
 from calfree_gym.vision.image_formation import ImageFormation
 
 Image = NDArray[np.uint8]

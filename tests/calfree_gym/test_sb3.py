@@ -60,6 +60,32 @@ def test_ppo_sac_and_hindsight_learn_in_it():
     her.learn(60)
 
 
+def test_a_seed_given_at_once_is_that_of_the_first_reset():
+    env, seeded = make_sb3_env(n_envs=2, **QUICK), make_sb3_env(n_envs=2, seed=3, **QUICK)
+    env.seed(3)
+    expected, found = env.reset(), seeded.reset()
+    for key, value in expected.items():
+        np.testing.assert_array_equal(found[key], value)
+    assert seeded.get_attr("world") == env.get_attr("world")
+
+
+def test_rows_have_attributes_and_methods_of_their_own():
+    env = make_sb3_env("CalFree/Reach-v0", 3, **QUICK)
+    env.seed(0)
+    env.reset()
+    first, *_, last = env.get_attr("world")
+    assert first != last
+    assert env.get_attr("world", indices=2) == [last]
+    env.env_method("set_world", first, indices=[2])
+    assert env.get_attr("world")[2] == first
+    env.set_attr("world", last, indices=[0])
+    assert env.get_attr("world", indices=0) == [last]
+    env.set_attr("note", 1)
+    assert env.get_attr("note") == [1, 1, 1]
+    with pytest.raises(ValueError, match="all rows share it"):
+        env.set_attr("note", 2, indices=[0])
+
+
 def test_unknown_ids_are_named():
     with pytest.raises(ValueError, match=r"'CalFree/Reach-v1'.*CalFree/Reach-v0"):
         make_sb3_env("CalFree/Reach-v1")

@@ -19,7 +19,7 @@ COLOURS = ((0.95, 0.05, 0.55), (0.10, 0.20, 0.95), (0.05, 0.70, 0.25))
 """Red, green and blue of the marks: hues far apart, and far more saturated than a room is."""
 EMISSION = 0.3
 """Marks glow a little, so that their dark side keeps its hue."""
-RADIUS = 0.010
+RADIUS = 0.012
 """Of a ball of the RV-M2's (m)."""
 HALF_APART = 0.050
 """From the gripper point to each of the RV-M2's gripper marks (m)."""

@@ -192,7 +192,7 @@ def add_surroundings(spec: Any, prefix: str = "") -> None:
         plain.default,
         name=prefix + "occluder",
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=[1, 1, 0],
+        size=[1e-3, 1e-3, 0],  # small: it must not enlarge the model's extent
         rgba=[0.45, 0.42, 0.40, 0],
         contype=0,
         conaffinity=0,

@@ -114,14 +114,20 @@ def test_observations_that_come_late_are_waited_for(observe):
 def test_noise_is_learned_from_observations_at_one_place(observe, noise_px, mistaken):
     rng, found = np.random.default_rng(0), []
     for _ in range(20):
-        filter_ = ObservationFilter()
-        running = filter_.first(observe(PLACES, THERE, (False,) * 4))
-        next(running)
-        for _ in range(7):
+        filter_, running = ObservationFilter(), None
+        for _ in range(8):
             px = rng.normal(scale=noise_px, size=(4, 2))
             wrong = rng.random(4) < mistaken
             px[wrong] = rng.uniform(-250, 250, (4, 2))[wrong]
-            running.send(observe(places(px), THERE, (True, True, True, False)))
+            seen = observe(places(px), THERE)
+            try:
+                if running is None:
+                    running = filter_.settle(seen, observe(PLACES, THERE), PLACES, np.zeros(4))
+                    next(running)
+                else:
+                    running.send(seen)
+            except StopIteration:
+                running = None
         found.append(filter_.noise.px)
     assert np.median(found) == pytest.approx(noise_px, rel=0.35)
 

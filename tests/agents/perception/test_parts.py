@@ -84,9 +84,27 @@ def test_a_point_is_lost_that_was_not_seen_for_longer_than_gaps_last(gaps, patie
     visibility = Visibility()
     visibility.gaps = gaps
     for _ in range(patience):
-        visibility.add(np.array([True, False, True, True]))
+        visibility.add(np.array([True, False, True, True]), again=False)
         assert not visibility.lost.any()
-    visibility.add(np.array([True, False, True, True]))
+    visibility.add(np.array([True, False, True, True]), again=False)
     assert visibility.lost.tolist() == [False, True, False, False]
-    visibility.add(np.ones(4, bool))
+    visibility.add(np.ones(4, bool), again=False)
     assert not visibility.lost.any()
+
+
+def test_where_looking_again_never_helped_a_point_is_lost_at_once():
+    visibility, hidden = Visibility(), np.array([True, False, True, True])
+    for _ in range(2):
+        visibility.add(hidden, again=False)
+        assert not visibility.lost.any()
+        visibility.add(hidden, again=True)
+        assert visibility.lost[1]
+        visibility.add(np.ones(4, bool), again=False)
+    visibility.add(hidden, again=False)
+    assert visibility.lost[1]
+    assert not visibility.gaps
+    for _ in range(3):
+        visibility.add(np.ones(4, bool), again=True)
+        visibility.add(hidden, again=False)
+    assert visibility.may_return
+    assert visibility.gaps

@@ -4,6 +4,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from calfree_gym.envs.shared import StereoArmShared
+
 SCHEDULE = [
     {"every": {"motion": 2}, "do": {"type": "camera_roll"}},
     {"at": {"motion": 2}, "do": {"type": "motor_gain"}},
@@ -39,7 +41,7 @@ def test_the_infos_of_a_single_arm_have_one_form(truth):
         assert form(info) == first
         assert info["perturbed"] == len(applied)
     assert {int(info["perturbed"]) for info, _ in found} == {0, 1, 2}
-    assert all(dtype != object for _, _, dtype in _flat(first))
+    assert all(dtype.kind != "O" for _, _, dtype in _flat(first))
     assert ("truth" in first) == truth
 
 
@@ -64,7 +66,7 @@ def test_the_infos_of_rows_have_one_form(mode):
         np.testing.assert_array_equal(counted, [len(of_row) for of_row in applied])
         applied_in_all += counted.sum()
     assert applied_in_all > ROWS
-    assert all(dtype != object for _, _, dtype in _flat(first))
+    assert all(dtype.kind != "O" for _, _, dtype in _flat(first))
 
 
 def test_rows_are_informed_as_gymnasiums_own_vector_environment_informs():
@@ -78,6 +80,36 @@ def test_rows_are_informed_as_gymnasiums_own_vector_environment_informs():
         for name in ("is_success", "robot_seconds", "perturbed"):
             np.testing.assert_array_equal(info[name], same[name])
             np.testing.assert_array_equal(info["_" + name], same["_" + name])
+
+
+@pytest.mark.parametrize("batched", [False, True], ids=["single", "batched"])
+def test_without_truth_infos_lack_it_and_nothing_else_changes(monkeypatch, batched):
+    def steps(truth):
+        if batched:
+            env = gym.make_vec("CalFree/Reach-v0", num_envs=3, truth=truth, max_episode_steps=4)
+        else:
+            env = gym.make("CalFree/Reach-v0", truth=truth, disable_env_checker=True)
+        found = [env.reset(seed=3)]
+        for word in np.random.default_rng(0).uniform(-0.2, 0.2, (6, 3)):
+            found.append(env.step(np.tile(word, (3, 1)) if batched else word))
+        return found
+
+    full = steps(True)
+    monkeypatch.setattr(StereoArmShared, "_truth", None)  # not even computed
+    for one, other in zip(full, steps(False), strict=True):
+        assert one[-1].keys() - other[-1].keys() == ({"truth", "_truth"} if batched else {"truth"})
+        for key, value in one[0].items():
+            np.testing.assert_array_equal(value, other[0][key])
+        for value, same in zip(one[1:-1], other[1:-1], strict=True):
+            np.testing.assert_array_equal(value, same)
+        for key, value in other[-1].items():
+            np.testing.assert_array_equal(value, one[-1][key])
+
+
+@pytest.mark.parametrize("truth", ["x", 1, None])
+def test_truth_is_true_or_false(truth):
+    with pytest.raises(ValueError, match=r"truth is .*; allowed: True, False"):
+        gym.make("CalFree/Reach-v0", truth=truth)
 
 
 def _flat(forms):

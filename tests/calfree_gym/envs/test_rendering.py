@@ -1,5 +1,8 @@
 """Geometry against pixels: where rendered marks are, and where the environment says they are."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import gymnasium as gym
@@ -7,61 +10,221 @@ import numpy as np
 import pytest
 
 import calfree_gym
-from calfree_gym.rendering.stereo_images import StereoImages
+from calfree_gym.envs.rendering.lens_map import LensMap
+from calfree_gym.envs.rendering.stereo_images import StereoImages
 from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.robot.arms.marks import RADIUS
+from calfree_gym.robot.line_of_sight import MARKS_GROUP, LinesOfSight
+from calfree_gym.vision.cameras import image_points
+from tests.arms.every import arm_named
 
 
-@pytest.fixture(scope="module")
-def renderer():
-    try:
-        made = Renderer()
-    except gym.error.DependencyNotInstalled as error:
-        pytest.skip(str(error))
-    yield made
-    made.close()
+@pytest.fixture
+def images_of():
+    """Makes renderers of an environment's arms, and frees them."""
+    made = []
+
+    def make(env, size=IMAGE_SIZE, **arguments):
+        arms = env.unwrapped.arms
+        try:
+            made.append(StereoImages(arms.simulation, arms.robot.rig, size, **arguments))
+        except gym.error.DependencyNotInstalled as error:
+            pytest.skip(str(error))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
 
 
-def centroid(image: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
-    """Centre of the pixels that are rather this mark's hue than the sky's, in image units."""
-    pixels = image.astype(float)
-    red, green, blue = np.moveaxis(pixels, -1, 0)
-    is_magenta = colour is GRIPPER_COLOUR
-    chroma = np.minimum(red, blue) - green if is_magenta else green - np.maximum(red, blue)
-    weight = np.clip(chroma - 10, 0, 90)
+def green_centre(image):
+    """Centre (2,) of what is rather green, in image units."""
+    red, green, blue = np.moveaxis(image.astype(float), -1, 0)
+    weight = np.clip(green - np.maximum(red, blue) - 10, 0, 60)
     ys, xs = np.indices(weight.shape)
-    center = np.array([(weight * xs).sum(), (weight * ys).sum()]) / weight.sum()
-    return (center + 0.5) * 2 / IMAGE_SIZE - 1
+    centre = np.array([(weight * xs).sum(), (weight * ys).sum()]) / weight.sum()
+    return (centre + 0.5) * 2 / len(image) - 1
 
 
 @pytest.mark.parametrize("mount", calfree_gym.MOUNTS)
-def test_image_points_are_where_the_rendered_marks_are(renderer, mount):
-    env = gym.make("CalFree/Reach-v0", camera_mount=mount).unwrapped
-    compared, worst = 0, 0.0
-    for seed in range(50):
+def test_image_points_are_where_the_rendered_marks_are(images_of, mount):
+    env = gym.make("CalFree/Reach-v0", camera_mount=mount, occlusion=True).unwrapped
+    errors, images = [], images_of(env)
+    for seed in range(25):
         env.reset(seed=seed)
-        off_center = np.random.default_rng(seed).uniform(-10, 10, (2, 2))
-        env.set_world(replace(env.world, principal_point=off_center))
+        off_centre = np.random.default_rng(seed).uniform(-10, 10, (2, 2))
+        env.set_world(replace(env.world, principal_point=off_centre))
         env.reset()
-        model, data = env.arms.simulation.snapshot(0)
-        points = env.arms.true_points[0].reshape(2, 2, 2)
-        for camera in range(2):
-            image = camera_image(renderer, model, data, env.world, camera, marks_only=True)
-            gripper, object_ = points[:, camera]
-            if np.linalg.norm(gripper - object_) * IMAGE_SIZE / 2 < 30:
-                continue  # one mark may hide the other
-            for point, colour in ((gripper, GRIPPER_COLOUR), (object_, OBJECT_COLOUR)):
-                error = np.linalg.norm(centroid(image, colour) - point) * IMAGE_SIZE / 2
-                worst, compared = max(worst, error), compared + 1
-    assert compared > 150
-    assert worst < 0.5, f"{worst:.2f} px over {compared} marks"
+        points = env.arms.true_points[0, 2:]
+        for image, point in zip(images.colours(0, env.world, [MARKS_GROUP]), points, strict=True):
+            errors.append(np.linalg.norm(green_centre(image) - point) * IMAGE_SIZE / 2)
+    assert max(errors) < 0.5
 
 
-def test_frame_shows_the_scene_and_both_images(renderer):
-    env = gym.make("CalFree/Reach-v0", world="nominal", render_mode="rgb_array")
+@pytest.mark.parametrize("arm", ["movemaster", "torque"])
+def test_rays_hide_what_pixels_hide(images_of, arm):
+    """The share of the object's ball that rays find in sight is that of its pixels."""
+    chosen = arm if arm == "movemaster" else arm_named(arm)
+    env = gym.make("CalFree/Reach-v0", arm=chosen, camera_mount="stand", dynamics="kinematic").unwrapped
+    images, rng, compared = images_of(env), np.random.default_rng(0), []
+    for seed in range(8):
+        env.reset(seed=seed)
+        env.set_world(replace(env.world, light_strength=0.0, light_ambient=1.0))
+        lines = LinesOfSight(env.arms.simulation, RADIUS * env.arms.robot.rig.scale)
+        for _ in range(6):
+            env.step(rng.uniform(-0.5, 0.5, env.action_space.shape))
+            free = [_greens(image) for image in images.colours(0, env.world, [MARKS_GROUP])]
+            seen = [_greens(image) for image in images.colours(0, env.world)]
+            shares = lines.shares(0)[2:]
+            compared += [(s / f, share) for s, f, share in zip(seen, free, shares, strict=True) if f > 60]
+    of_pixels, of_rays = np.array(compared).T
+    assert len(compared) > 50
+    assert np.mean(of_rays == 1) < 0.98, "something hides it at times"
+    assert np.mean(np.abs(of_pixels - of_rays) < 0.25) > 0.9
+
+
+def _greens(image):
+    red, green, blue = np.moveaxis(image.astype(int), -1, 0)
+    return np.count_nonzero(green > 1.5 * np.maximum(red, blue))
+
+
+@pytest.mark.parametrize(("k1", "offset"), [(0.0, 0.0), (0.08, 12.0), (-0.08, -7.0)])
+def test_a_lens_map_is_the_lens(k1, offset):
+    """Each pixel comes from where the projection says that it goes to."""
+    focal, size = 300.0, 128
+    lens = LensMap.of(focal, np.array([offset, -offset]), k1, size)
+    columns, rows = np.meshgrid(*[np.arange(lens.source, dtype=np.float32)] * 2)
+    from_column, from_row = (
+        lens.depths(each) for each in (columns, rows)
+    )  # of the nearest pixel: whence each pixel comes
+    flat = np.stack([from_column, lens.source - 1 - from_row], -1) + 0.5
+    flat = (flat * 2 / lens.source - 1) * lens.half
+    unit = 2 / IMAGE_SIZE
+    points, _ = image_points(flat, np.array(focal * unit), np.array([offset, -offset]) * unit, np.array(k1))
+    pixels = (np.arange(size) + 0.5) * 2 / size - 1
+    shown = (from_column > 0) & (from_row > 0)
+    assert shown.mean() > 0.95
+    nearest = 1.3 * focal / IMAGE_SIZE * 2 * lens.half / lens.source * 2
+    assert np.abs(points[..., 0] - pixels)[shown].max() < nearest
+    assert np.abs(points[..., 1] - pixels[:, None])[shown].max() < nearest
+
+
+def test_depths_are_those_of_the_points(images_of):
+    env = gym.make("CalFree/Reach-v0", camera_mount="stand", dynamics="kinematic", occlusion=True).unwrapped
+    images = images_of(env)
+    for seed in range(8):
+        env.reset(seed=seed)
+        _, depth = env.arms.simulation.pinhole_pixels()
+        for camera, rendered in enumerate(images.depths(0, env.world)):
+            column, row = ((env.arms.true_points[0, 2 + camera] + 1) * IMAGE_SIZE / 2).astype(int)
+            assert rendered[row, column] == pytest.approx(depth[0, 2 + camera] - RADIUS, abs=0.003)
+
+
+def test_pictures_are_the_same_bit_by_bit_in_any_row_and_context(images_of):
+    one = gym.make_vec("CalFree/Reach-v0", num_envs=3, camera_mount="stand", threads=2)
+    one.reset(seed=5)
+    first, second = images_of(one, 96), images_of(one, 96)
+    single = gym.make("CalFree/Reach-v0", camera_mount="stand").unwrapped
+    for _ in range(2):
+        for row in (2, 0, 1):
+            world = one.unwrapped.worlds[row]
+            single.reset(seed=5 + row)
+            pairs = [each.colours(row, world) for each in (first, second)]
+            pairs.append(images_of(single, 96).colours(0, single.world))
+            for pair in pairs[1:]:
+                np.testing.assert_array_equal(pair, pairs[0])
+
+
+def test_a_renderer_that_goes_leaves_others_their_pictures(images_of):
+    env = gym.make("CalFree/Reach-v0").unwrapped
     env.reset(seed=0)
-    frame = env.render()
-    assert frame.shape == (720, 1080, 3)
+    images = images_of(env, 64)
+    before = images.colours(0, env.world)
+    other = StereoImages(env.arms.simulation, env.arms.robot.rig, 64)
+    other.colours(0, env.world)
+    del other
+    np.testing.assert_array_equal(images.colours(0, env.world), before)
+
+
+def test_frame_shows_the_scene_and_both_images():
+    env = gym.make("CalFree/Reach-v0", world="nominal", render_mode="rgb_array", width=540, height=360)
+    env.reset(seed=0)
+    try:
+        frame = env.render()
+    except gym.error.DependencyNotInstalled as error:
+        pytest.skip(str(error))
+    assert frame.shape == (360, 540, 3)
     assert frame.dtype == np.uint8
-    for panel in (frame[:, :720], frame[:360, 720:], frame[360:, 720:]):
+    for panel in (frame[:, :360], frame[:180, 360:], frame[180:, 360:]):
         assert panel.std() > 20
+    env.step(np.array([0.3, 0.0, 0.0]))
+    assert np.abs(env.render().astype(int) - frame).mean() > 1
     env.close()
+
+
+@pytest.mark.parametrize(
+    ("size", "said"),
+    [
+        ({"width": 100.5}, "width is 100.5; it must be a whole number from 120 to 4096"),
+        ({"height": 90}, "height is 90; it must be a whole number from 120 to 4096"),
+        (
+            {"width": 300, "height": 400},
+            "width is 300 and height 400; height must be even, and width at least",
+        ),
+    ],
+)
+def test_a_frame_of_no_size_is_refused(size, said):
+    with pytest.raises(ValueError, match=said):
+        gym.make("CalFree/Reach-v0", render_mode="rgb_array", **size)
+
+
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [({"MUJOCO_GL": "glfw"}, "needs a screen"), ({"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "97"}, "egl")],
+)
+def test_a_missing_renderer_is_told_when_an_image_is_asked_for(variables, said):
+    code = (
+        "import gymnasium as gym, calfree_gym; e = gym.make('CalFree/Reach-v0', render_mode='rgb_array');"
+        "e.reset(seed=0)\ntry: e.render()\nexcept gym.error.DependencyNotInstalled as error: print(error)"
+    )
+    inherited = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=inherited | variables, capture_output=True, text=True, check=True
+    )
+    assert said in done.stdout
+    assert "set MUJOCO_GL" in done.stdout
+
+
+def test_the_viewer_shows_where_the_arm_is(monkeypatch):
+    shown = []
+
+    class Window:
+        def __init__(self, model, data, **_):
+            self.data = data
+
+        def lock(self):
+            return self
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def sync(self):
+            shown.append(self.data.qpos.copy())
+
+        def close(self):
+            shown.append("closed")
+
+    viewer = pytest.importorskip("mujoco.viewer")
+    monkeypatch.setattr(viewer, "launch_passive", Window)
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", render_mode="human")
+    env.reset(seed=0)
+    env.render()
+    env.step(np.array([0.2, 0.0, 0.0]))
+    env.render()
+    np.testing.assert_array_equal(shown[1], env.unwrapped.arms.simulation.joints()[0])
+    assert (shown[0] != shown[1]).any()
+    env.close()
+    assert shown[-1] == "closed"

@@ -1,5 +1,8 @@
 """The Gymnasium contract, the black box's promises, and errors that say what is allowed."""
 
+import os
+import subprocess
+import sys
 import warnings
 
 import gymnasium as gym
@@ -13,7 +16,6 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 import calfree_gym
 import calfree_gym.envs.single
 from calfree_gym import nominal
-from calfree_gym.envs.shared import StereoArmShared
 
 MOUNTS = calfree_gym.MOUNTS
 
@@ -258,6 +260,12 @@ def test_bad_worlds_and_objects():
         env.reset(options="object")
     with pytest.raises(ValueError, match=r"'objekt'.*'object'"):
         env.reset(options={"objekt": (0.4, 0, 0.1)})
+    with pytest.raises(ValueError, match=r"object at \[4.0, 0.0, 0.1\] is 3.58 m from .*; .* within 2.00 m"):
+        env.reset(options={"object": (4, 0, 0.1)})
+    env.reset(options={"object": (-0.6, 0, 0.1)})  # never reached, but not absurd
+    rows = gym.make_vec("CalFree/Reach-v0", num_envs=2)
+    with pytest.raises(ValueError, match=r"object at \[0.4, 9.0, 0.1\]"):
+        rows.reset(seed=0, options={"object": [(0.4, 0, 0.1), (0.4, 9, 0.1)]})
 
 
 def _replace(world, **fields):
@@ -272,6 +280,17 @@ def test_image_without_gl_says_what_to_install(monkeypatch):
     env.reset(seed=0)
     with pytest.raises(gym.error.DependencyNotInstalled, match=r"libegl1.*MUJOCO_GL=egl"):
         env.render()
+
+
+def test_a_renderer_that_mujoco_cannot_load_is_named_at_the_import():
+    command = [sys.executable, "-c", "import calfree_gym"]
+    environment = os.environ | {"MUJOCO_GL": "wayland"}
+    failed = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    last = failed.stderr.splitlines()[-1]
+    assert last.startswith(
+        "gymnasium.error.DependencyNotInstalled: MuJoCo cannot load the renderer of MUJOCO_GL"
+    )
+    assert "egl (Debian: libegl1" in last
 
 
 def test_render_without_a_render_mode_shows_nothing():
@@ -311,33 +330,3 @@ def test_robot_seconds_are_travel_at_limited_joint_speed_and_four_seconds_to_set
     *_, info = env.step(-env.arms.registers[0])
     assert info["robot_seconds"] == pytest.approx(home)
     assert env.home_seconds == pytest.approx(4.0)
-
-
-@pytest.mark.parametrize("batched", [False, True], ids=["single", "batched"])
-def test_without_truth_infos_lack_it_and_nothing_else_changes(monkeypatch, batched):
-    def steps(truth):
-        if batched:
-            env = gym.make_vec("CalFree/Reach-v0", num_envs=3, truth=truth, max_episode_steps=4)
-        else:
-            env = gym.make("CalFree/Reach-v0", truth=truth, disable_env_checker=True)
-        found = [env.reset(seed=3)]
-        for word in np.random.default_rng(0).uniform(-0.2, 0.2, (6, 3)):
-            found.append(env.step(np.tile(word, (3, 1)) if batched else word))
-        return found
-
-    full = steps(True)
-    monkeypatch.setattr(StereoArmShared, "_truth", None)  # not even computed
-    for one, other in zip(full, steps(False), strict=True):
-        assert one[-1].keys() - other[-1].keys() == ({"truth", "_truth"} if batched else {"truth"})
-        for key, value in one[0].items():
-            np.testing.assert_array_equal(value, other[0][key])
-        for value, same in zip(one[1:-1], other[1:-1], strict=True):
-            np.testing.assert_array_equal(value, same)
-        for key, value in other[-1].items():
-            np.testing.assert_array_equal(value, one[-1][key])
-
-
-@pytest.mark.parametrize("truth", ["x", 1, None])
-def test_truth_is_true_or_false(truth):
-    with pytest.raises(ValueError, match=r"truth is .*; allowed: True, False"):
-        gym.make("CalFree/Reach-v0", truth=truth)

@@ -3,6 +3,7 @@
 import copy
 import functools
 import pickle
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -77,7 +78,8 @@ def lived(env, motions, seed=0):
     shape = env.action_space.shape
     found = []
     for _ in range(motions):
-        result = env.step(rng.uniform(-0.2, 0.2, shape))
+        words = rng.uniform(-0.2, 0.2, shape) * (rng.random(shape) < 0.7)  # some motors do not move
+        result = env.step(words)
         found += [result, env.unwrapped.applied, env.unwrapped.home_seconds, physics(env)]
         found.append(getattr(env.unwrapped, "worlds", None) or env.unwrapped.world)
         if len(shape) == 1 and (result[2] or result[3]):
@@ -95,6 +97,7 @@ def test_a_copy_goes_on_as_the_original_and_shares_nothing_with_it(moment, dynam
     copied = COPIES[how](env)
     assert physics(env).any()
     assert_equal(physics(copied), physics(env))
+    assert_equal(copied.unwrapped.arms.error_px(), env.unwrapped.arms.error_px())
     expected = lived(env, 12, seed=1)
     lived(twin, 3, seed=2)  # another way: neither of the others must notice
     twin.reset(seed=5)
@@ -180,10 +183,21 @@ def test_rows_that_are_over_are_over_in_their_state():
         rows.step(np.zeros((ROWS, 3)))
 
 
-@pytest.mark.parametrize("name", ["scara", "gantry"])
+def test_latency_that_has_just_begun_belongs_to_the_state():
+    env = made(perturbations=None).unwrapped
+    env.reset(seed=2)
+    lived(env, 2)
+    env.set_world(replace(env.world, latency=2))
+    state = env.get_state()
+    expected = lived(env, 3, seed=1)
+    env.set_state(state)
+    assert_equal(lived(env, 3, seed=1), expected)
+
+
+@pytest.mark.parametrize("name", ["scara", "gantry", "redundant"])
 def test_any_arm_is_copied(name):
-    """These have friction: the solver's warm start counts."""
-    env = made(arm=own.ARMS[name], tell=(), perturbations=None)
+    """The first two have friction, so that the solver's warm start counts; the last one many postures."""
+    env = made(arm=own.ARMS[name], tell=("object_registers",), perturbations=None)
     env.reset(seed=1)
     lived(env, 4)
     copied = pickle.loads(pickle.dumps(env))

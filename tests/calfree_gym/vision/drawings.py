@@ -30,16 +30,19 @@ class Canvas:
         self.picture = background.astype(np.float32)
         self._balls = {}
 
-    def put(self, alpha, colour, name=None):
-        """Covers the picture by `alpha` (h, w) with a colour (3,) or colours (h, w, 3)."""
+    def put(self, alpha, colour, at=(0, 0), name=None):
+        """Covers a part of the picture by `alpha` (h, w), with a colour (3,) or colours (h, w, 3)."""
+        part = (slice(at[1], at[1] + alpha.shape[0]), slice(at[0], at[0] + alpha.shape[1]))
         alpha = alpha.astype(np.float32)
-        self.picture += alpha[..., None] * (np.asarray(colour, np.float32) - self.picture)
+        self.picture[part] += alpha[..., None] * (np.asarray(colour, np.float32) - self.picture[part])
         for each in self._balls.values():
-            each[1] *= 1 - alpha
+            each[1][part] *= 1 - alpha
         if name:
-            self._balls[name] = [float(alpha.sum()), alpha.copy()]
+            left = np.zeros(self.picture.shape[:2], np.float32)
+            left[part] = alpha
+            self._balls[name] = [float(alpha.sum()), left]
 
-    def ball(self, name, centre, radius, colour, rng, kind="sphere", stretch=1.0, hidden=False):
+    def ball(self, name, centre, radius, colour, rng, kind="sphere", stretch=1.0):
         """Puts a ball; `centre` in px from the image's corner."""
         h, w = self.picture.shape[:2]
         x0, y0 = (int(max(v - 1.5 * radius - 3, 0)) for v in centre)
@@ -49,7 +52,7 @@ class Canvas:
         if x1 <= x0 or y1 <= y0:
             return
         fine = 1 if kind == "jagged" else 6
-        y, x = ((np.mgrid[: (y1 - y0) * fine, : (x1 - x0) * fine] + 0.5) / fine)[[0, 1]]
+        y, x = (np.mgrid[: (y1 - y0) * fine, : (x1 - x0) * fine] + 0.5) / fine
         away = np.array(centre) - [w / 2, h / 2]
         away = away / max(np.hypot(*away), 1e-9)
         dx, dy = x + x0 - centre[0], y + y0 - centre[1]
@@ -64,10 +67,7 @@ class Canvas:
         sums = cv2.resize(
             (colours * inside[..., None]).astype(np.float32), size, interpolation=cv2.INTER_AREA
         )
-        alpha, full = np.zeros((h, w), np.float32), np.zeros((h, w, 3), np.float32)
-        alpha[y0:y1, x0:x1] = weight
-        full[y0:y1, x0:x1] = sums / np.maximum(weight, 1e-6)[..., None]
-        self.put(alpha, full, name)
+        self.put(weight, sums / np.maximum(weight, 1e-6)[..., None], (x0, y0), name)
 
     @staticmethod
     def _light(u, v, rng):
@@ -84,10 +84,15 @@ class Canvas:
 
     def polygon(self, corners, colour):
         """Puts a filled polygon; corners (n, 2) in px."""
-        alpha = np.zeros(self.picture.shape[:2], np.uint8)
-        fixed = np.round((np.asarray(corners) - 0.5) * 16).astype(np.int32)
+        h, w = self.picture.shape[:2]
+        low = np.clip(np.floor(np.min(corners, 0)).astype(int) - 1, 0, [w, h])
+        high = np.clip(np.ceil(np.max(corners, 0)).astype(int) + 2, 0, [w, h])
+        if (high <= low).any():
+            return
+        alpha = np.zeros(np.flip(high - low), np.uint8)
+        fixed = np.round((np.asarray(corners) - low - 0.5) * 16).astype(np.int32)
         cv2.fillPoly(alpha, [fixed], 255, cv2.LINE_AA, 4)
-        self.put(alpha / 255, colour)
+        self.put(alpha / 255, colour, low)
 
     def visible(self, name):
         """Share of a ball that no later layer hides, and that lies within the image."""

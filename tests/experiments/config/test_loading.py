@@ -114,6 +114,8 @@ def test_a_missing_key_is_named(suite_data, write_config):
         ("a: 1\nb: 2\n  c: 3\n", "suite.yaml, line 3, column 4: is not valid YAML"),
         ("? [1]\n: 2\n", "not valid YAML"),
         ("a: \x07", "not valid YAML"),
+        ("a: 2020-13-45\n", "suite.yaml: is not valid YAML: month"),
+        ("[" * 3000, "suite.yaml: is not valid YAML: maximum recursion"),
     ],
 )
 def test_files_that_are_no_mapping(write_config, text, said):
@@ -156,6 +158,7 @@ def test_overrides_are_read_as_yaml_and_answered_like_the_file(suite_data, write
         "agents.7.name=random": "found '7'; allowed: 0 to 1",
         "worlds.0=1": "leads into 2, which has no keys",
         "worlds=[": "the value is not valid YAML",
+        "worlds=2020-13-45": "the value is not valid YAML: month",
     }.items():
         with pytest.raises(ConfigError) as error:
             load(config, [override])

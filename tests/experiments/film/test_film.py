@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 import agents
+from calfree_gym.envs.rendering.scene_frame import GRIPPER_COLOUR
 from calfree_gym.image import lengths_px
-from calfree_gym.rendering.scene_frame import GRIPPER_COLOUR
 from experiments.__main__ import main
 from experiments.film.drawing import ALARM, Marks, Screen, Words, draw_crosses
 from experiments.film.predictions import Predictions

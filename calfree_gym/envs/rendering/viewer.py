@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 
-from calfree_gym.rendering.scene_frame import dress_cameras
+from calfree_gym.envs.rendering.scene_frame import dress_cameras
 
 if TYPE_CHECKING:
     from calfree_gym.envs.stereo_arms import StereoArms

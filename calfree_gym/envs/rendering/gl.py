@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 import gymnasium as gym
+import mujoco
 
 BACKENDS = ("egl", "osmesa", "glfw")
 
@@ -25,12 +26,30 @@ def gl_context(size: int) -> Any:
         context = _context(backend, windowed)(size, size)
         context.make_current()
     except Exception as error:
-        raise gym.error.DependencyNotInstalled(
-            f"no image can be rendered: the GL backend {backend!r} failed ({error or type(error).__name__}). "
-            "Without a screen, install EGL (Debian: libegl1 and libgl1-mesa-dri) or OSMesa (libosmesa6) and "
-            "set MUJOCO_GL=egl or MUJOCO_GL=osmesa. Nothing but images needs it."
-        ) from error
+        raise _missing(backend, error) from error
     return context
+
+
+def drawing_context(model: mujoco.MjModel) -> mujoco.MjrContext:
+    """What MuJoCo draws a model with, off screen, in the GL context that is current.
+
+    Raises:
+        gymnasium.error.DependencyNotInstalled: OpenGL cannot draw; names the package to install.
+    """
+    try:
+        context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+    except Exception as error:
+        raise _missing(os.environ.get("MUJOCO_GL", "egl"), error) from error
+    return context
+
+
+def _missing(backend: str, error: Exception) -> gym.error.DependencyNotInstalled:
+    return gym.error.DependencyNotInstalled(
+        f"no image can be rendered: the GL backend {backend!r} failed ({error or type(error).__name__}). "
+        "Without a screen, install EGL (Debian: libegl1 and libgl1-mesa-dri) or OSMesa (libosmesa6) and set "
+        "MUJOCO_GL=egl or MUJOCO_GL=osmesa. Nothing but images needs it."
+    )
 
 
 def _context(backend: str, windowed: str | None) -> Any:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from calfree_gym.world import World, WorldDistribution
+from calfree_gym.world.distributions import WorldDistribution
+from calfree_gym.world.value import World
 
 WorldChoice = str | World | WorldDistribution | Mapping[str, Any]
 """A world, also as `World.to_dict` gives it, or a distribution of worlds or its name."""

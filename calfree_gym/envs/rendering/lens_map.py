@@ -60,7 +60,8 @@ class LensMap(NamedTuple):
         source = int(min(np.ceil(2 * half * scale * focal_length), np.ceil(LARGEST * size)))
         columns, rows = ((way / half + 1) * source / 2 - 0.5 for way in (x, -y))
         columns, rows = (np.where(np.isnan(way), -10, way).astype(np.float32) for way in (columns, rows))
-        return cls(half, source, *cv2.convertMaps(columns, rows, cv2.CV_16SC2))
+        places, shares = cv2.convertMaps(columns, rows, cv2.CV_16SC2)
+        return cls(half, source, np.asarray(places, np.int16), np.asarray(shares, np.uint16))
 
     def colours(self, pinhole: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The lens's image (size, size, 3) of a pinhole image, upside down; black where it shows nothing."""

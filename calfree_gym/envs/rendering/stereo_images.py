@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.envs.rendering.lens_map import LensMap
+from calfree_gym.envs.rendering.renderer import Image, Renderer
+from calfree_gym.envs.rendering.textures import texture
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS
-from calfree_gym.rendering.lens_map import LensMap
-from calfree_gym.rendering.renderer import Image, Renderer
-from calfree_gym.rendering.textures import texture
 from calfree_gym.robot.line_of_sight import SEEN
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.envs.rendering.renderer import Image
+from calfree_gym.envs.rendering.stereo_images import StereoImages
 from calfree_gym.errors import check_whole
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT
-from calfree_gym.rendering.renderer import Image
-from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import ROOM
 from calfree_gym.robot.line_of_sight import RIG_GROUP, SEEN

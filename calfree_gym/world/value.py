@@ -1,27 +1,19 @@
-"""World: everything that the controller does not know, as one value; and how to draw one."""
+"""World: everything that the controller does not know, as one value."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
-from calfree_gym.errors import near_misses
-from calfree_gym.geometry import Array, looking_at, quaternion_about, quaternion_product
-from calfree_gym.image import CAMERAS, IMAGE_SIZE
-from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.arms.robot import Rig, Robot
-from calfree_gym.streams import stream
+from calfree_gym.geometry import Array
+from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.vision.latency import MAX_LATENCY
 
-FOCAL_LENGTH = IMAGE_SIZE / 2 / np.tan(np.radians(40.0))
-"""Nominal focal length in pixels: a field of view of 80 degrees."""
 BUILT_LIGHT = np.array([-0.2, 0.45, -1.0]) / np.linalg.norm([-0.2, 0.45, -1.0])
 """Where the built robot's lamp shines."""
-SPAN_OF_A_HINGE = 2.0
-"""What a slide's span is compared with (rad), where quantities of hinges are drawn in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,155 +210,3 @@ _NOT_NEGATIVE = (
     "image_noise",
 )
 MAX_TEXTURE = 2**31 - 1
-
-
-def nominal(robot: Robot = MOVEMASTER) -> World:
-    """The built robot, perfectly calibrated, with image points of 0.5 px noise."""
-    rig, motors = robot.rig, len(robot.motors)
-    return World(
-        camera_position=rig.position,
-        camera_orientation=np.stack([looking_at(p, rig.target) for p in rig.position]),
-        focal_length=np.full(2, FOCAL_LENGTH),
-        principal_point=np.zeros((2, 2)),
-        lens_k1=np.zeros(2),
-        link_lengths=robot.lengths,
-        joint_zeros=np.zeros(len(robot.joints)),
-        motor_sign=np.ones(motors),
-        motor_gain=np.ones(motors),
-        motor_curvature=np.zeros(motors),
-        point_noise=np.array(0.5),
-    )
-
-
-Draw = Callable[[str], np.random.Generator]
-"""Gives the random stream of one group of world fields."""
-
-
-def _nominal(draw: Draw, robot: Robot) -> World:
-    return nominal(robot)
-
-
-def _coarse(draw: Draw, robot: Robot) -> World:
-    """The paper's coarsely calibrated robot: cameras up to 20 degrees off in any direction."""
-    built = nominal(robot)
-    orientation = np.stack(
-        [
-            quaternion_product(q, quaternion_about(rng.standard_normal(3), np.radians(rng.uniform(0, 20))))
-            for q, rng in zip(built.camera_orientation, [draw("aim")] * 2, strict=True)
-        ]
-    )
-    return World(
-        camera_position=built.camera_position,
-        camera_orientation=orientation,
-        focal_length=built.focal_length * draw("focal_length").uniform(0.8, 1.2, 2),
-        principal_point=built.principal_point,
-        lens_k1=built.lens_k1,
-        link_lengths=built.link_lengths * draw("link_lengths").uniform(0.98, 1.02, len(robot.links)),
-        joint_zeros=_zeros(draw("joint_zeros"), 2.0, robot),
-        motor_sign=built.motor_sign,
-        motor_gain=draw("motor_gain").uniform(0.98, 1.02, len(robot.motors)),
-        motor_curvature=built.motor_curvature,
-        point_noise=built.point_noise,
-    )
-
-
-def _wild(draw: Draw, robot: Robot) -> World:
-    """Cameras mounted roughly, on an arm that was never measured."""
-    built, motors = nominal(robot), len(robot.motors)
-    cameras = [wild_camera(draw("cameras_" + side), i, robot.rig) for i, side in enumerate(CAMERAS)]
-    return World(
-        camera_position=np.stack([c["camera_position"] for c in cameras]),
-        camera_orientation=np.stack([c["camera_orientation"] for c in cameras]),
-        focal_length=np.array([c["focal_length"] for c in cameras]),
-        principal_point=built.principal_point,
-        lens_k1=np.array([c["lens_k1"] for c in cameras]),
-        link_lengths=built.link_lengths * draw("link_lengths").uniform(0.9, 1.1, len(robot.links)),
-        joint_zeros=_zeros(draw("joint_zeros"), 10.0, robot),
-        motor_sign=draw("motor_sign").choice([-1.0, 1.0], motors),
-        motor_gain=log_uniform(draw("motor_gain"), 0.5, 2.0, motors),
-        motor_curvature=draw("motor_curvature").uniform(-0.3, 0.4, motors),
-        point_noise=built.point_noise,
-        **wild_light(draw("light")),
-        texture=np.array(draw("texture").integers(1, MAX_TEXTURE), float),
-        exposure=log_uniform(draw("exposure"), 0.7, 1.4, 2),
-        blur=draw("blur").uniform(0.0, 1.2, 2),
-        image_noise=draw("image_noise").uniform(1.0, 5.0, 2),
-    )
-
-
-def wild_light(rng: np.random.Generator) -> dict[str, Any]:
-    """The lamp's fields: 30 to 80 degrees above the table, anywhere around it."""
-    around, above = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(30, 80))
-    level = np.cos(above)
-    return {
-        "light_direction": -np.array([level * np.cos(around), level * np.sin(around), np.sin(above)]),
-        "light_strength": rng.uniform(0.3, 0.8),
-        "light_ambient": rng.uniform(0.3, 0.6),
-    }
-
-
-def _zeros(rng: np.random.Generator, degrees: float, robot: Robot) -> Array:
-    """Zero errors (k,) within these degrees; a slide's span counts as 2 rad."""
-    zeros = np.radians(rng.uniform(-degrees, degrees, len(robot.joints)))
-    slides = np.flatnonzero(robot.slides)
-    zeros[slides] *= robot.span[slides] / SPAN_OF_A_HINGE
-    return np.asarray(zeros)
-
-
-def wild_camera(rng: np.random.Generator, camera: int, rig: Rig) -> dict[str, Array]:
-    """One camera's fields: displaced by up to 10 cm (RV-M2), re-aimed, any roll, focal length x0.67-1.5."""
-    position = rig.position[camera] + random_direction(rng) * (rig.scale * 0.10) * rng.uniform() ** (1 / 3)
-    aimed = looking_at(position, rig.target + rng.uniform(-0.05, 0.05, 3) * rig.scale)
-    roll = quaternion_about(np.array([0.0, 0.0, 1.0]), rng.uniform(-np.pi, np.pi))
-    return {
-        "camera_position": position,
-        "camera_orientation": quaternion_product(aimed, roll),
-        "focal_length": FOCAL_LENGTH * log_uniform(rng, 0.67, 1.5),
-        "lens_k1": np.asarray(rng.uniform(-0.08, 0.08)),
-    }
-
-
-def random_direction(rng: np.random.Generator) -> Array:
-    """A unit vector (3,), uniform on the sphere."""
-    vector = rng.standard_normal(3)
-    return vector / np.linalg.norm(vector)
-
-
-def log_uniform(rng: np.random.Generator, low: float, high: float, size: int | None = None) -> Any:
-    """Numbers whose logarithms are uniform between those of `low` and `high`."""
-    return np.exp(rng.uniform(np.log(low), np.log(high), size))
-
-
-DISTRIBUTIONS: dict[str, Callable[[Draw, Robot], World]] = {
-    "nominal": _nominal,
-    "coarse": _coarse,
-    "wild": _wild,
-}
-
-
-@dataclass(frozen=True)
-class WorldDistribution:
-    """How to draw a world: "nominal", "coarse" or "wild".
-
-    Every group of fields has a random stream of its own, so that a new field changes no other draw.
-    """
-
-    name: str
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or self.name not in DISTRIBUTIONS:
-            raise ValueError(
-                f"unknown world {self.name!r}{near_misses(self.name, DISTRIBUTIONS)}; a world is a "
-                f"calfree_gym.World or one of {', '.join(DISTRIBUTIONS)}"
-            )
-
-    def sample(self, seed: int, attempt: int = 0, trial: int = 0, robot: Robot = MOVEMASTER) -> World:
-        """The world of `seed`.
-
-        Args:
-            seed: Non-negative.
-            attempt: How many draws before it were out of view.
-            trial: The trial, where each has a world of its own.
-            robot: The arm.
-        """
-        return DISTRIBUTIONS[self.name](lambda group: stream(seed, "world_" + group, trial, attempt), robot)

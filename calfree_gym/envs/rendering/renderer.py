@@ -10,14 +10,15 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.rendering.gl import gl_context
+from calfree_gym.envs.rendering.gl import drawing_context, gl_context
 
 Image = NDArray[np.uint8]
 
 SHADOW_MAP = 512
 """Width and height of the shadow map. Choice: 1024 costs a fifth more time, and shadows stay soft."""
-SLICES, STACKS = 16, 10
-"""Of round geoms. Choice: vertices cost most of the time; with these a ball is round to 2 % of its radius."""
+SLICES, STACKS = 12, 8
+"""Of round geoms. Choice: vertices cost most of the time; with these a ball is round to 3 % of its
+radius."""
 MOST_GEOMS = 1_000
 
 
@@ -49,8 +50,7 @@ class Renderer:
         model.vis.global_.offwidth = model.vis.global_.offheight = size
         self._size = size, size
         self._gl = gl_context(size)
-        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self._context = drawing_context(model)
         self._options = mujoco.MjvOption()
         self._scene = mujoco.MjvScene(model, maxgeom=MOST_GEOMS)
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.image import CAMERAS
-from calfree_gym.vision.balls import Ball, measure_ball
-from calfree_gym.vision.blobs import find_blobs
-from calfree_gym.vision.colours import ColourTable, Image
 from calfree_gym.vision.marks import MARK_NAMES, Marks
-from calfree_gym.vision.outline import Array
+from calfree_gym.vision.tracking.balls import Ball, measure_ball
+from calfree_gym.vision.tracking.blobs import find_blobs
+from calfree_gym.vision.tracking.colours import ColourTable, Image
+from calfree_gym.vision.tracking.outline import Array
 
 LEAST_SIZE = 16
 """Width and height of an image in px. Choice: a ball of the least radius is a tenth of it."""

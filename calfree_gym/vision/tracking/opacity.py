@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.vision.colours import Image
+from calfree_gym.vision.tracking.colours import Image
 
 BAND = 2.0
 """Half the width, in px, of the band along a blob's outline whose pixels may be mixed. Choice: the reach of a

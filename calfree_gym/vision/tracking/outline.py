@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.vision.opacity import Opacity
+from calfree_gym.vision.tracking.opacity import Opacity
 
 Array = NDArray[np.float64]
 

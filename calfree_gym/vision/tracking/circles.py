@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.vision.outline import RAYS, Array
+from calfree_gym.vision.tracking.outline import RAYS, Array
 
 STRETCHES = (1.0, 1.15, 1.3)
 """How much longer a ball may be away from the image's centre than across: a camera's wide angle does it."""
 TOLERANCE = (0.3, 0.04)
-"""Largest distance of an outline from its circle, in px and in radii. Choice: twice what blur, noise and
-JPEG do to balls that nothing hides."""
+"""Largest distance of an outline from its circle, in px and in the outline's mean radius. Choice: on drawn
+frames tighter ones are worse for hidden balls, wider ones alike. A share of the circle's radius would favour
+large circles."""
 ENOUGH = 10.0
 """Rays that may stay unexplained without a search for something better. Choice: an eighth of the outline."""
 STRETCH_COST = 2.0
@@ -64,9 +65,11 @@ def fit_circle(points: Array, away: Array, largest: float) -> Circle:
     axis = away / max(float(np.hypot(*away)), 1e-9)
     turn = np.array([axis, [-axis[1], axis[0]]])
     turned = (points - middle) @ turn.T
+    size = float(np.hypot(*(points - middle).T).mean())
+    tolerance = TOLERANCE[0] + TOLERANCE[1] * size
     fits = []
     for stretch in STRETCHES:
-        fit = _fit(turned / [stretch, 1.0], largest)
+        fit = _fit(turned / [stretch, 1.0], largest, tolerance)
         fits.append((fit.cost + STRETCH_COST * (stretch > 1), stretch, fit))
         if fit.cost <= ENOUGH:
             break
@@ -84,9 +87,9 @@ class _Fit(NamedTuple):
     beyond: Array
 
 
-def _fit(flat: Array, largest: float) -> _Fit:
+def _fit(flat: Array, largest: float, tolerance: float) -> _Fit:
     """The cheapest circle, by least squares where that will do, else sought through three points each."""
-    best = _refined(_near(flat, np.ones(RAYS, bool)), flat)
+    best = _refined(_near(flat, np.ones(RAYS, bool), tolerance), flat, tolerance)
     if best.cost <= ENOUGH:
         return best
     centres, radii = _through(flat[_TRIPLES])
@@ -94,26 +97,26 @@ def _fit(flat: Array, largest: float) -> _Fit:
     if not fits.any():
         return best
     centres, radii = centres[fits], radii[fits]
-    costs, beyond = _costs(flat, centres, radii)
+    costs, beyond = _costs(flat, centres, radii, tolerance)
     i = int(costs.argmin())
-    found = _refined(_Fit(centres[i], float(radii[i]), float(costs[i]), beyond[i]), flat)
+    found = _refined(_Fit(centres[i], float(radii[i]), float(costs[i]), beyond[i]), flat, tolerance)
     return found if found.cost < best.cost or best.radius > largest else best
 
 
-def _refined(fit: _Fit, flat: Array) -> _Fit:
+def _refined(fit: _Fit, flat: Array, tolerance: float) -> _Fit:
     """The circle nearest to all outline points that lie on a circle, found by going there and back."""
     for _ in range(3):
-        on = np.abs(fit.beyond) <= _tolerance(fit.radius)
+        on = np.abs(fit.beyond) <= tolerance
         if on.all() or on.sum() < 4:
             break
-        better = _near(flat, on)
+        better = _near(flat, on, tolerance)
         if better.cost > fit.cost:
             break
         fit = better
     return fit
 
 
-def _near(flat: Array, on: NDArray[np.bool_]) -> _Fit:
+def _near(flat: Array, on: NDArray[np.bool_], tolerance: float) -> _Fit:
     """The circle nearest to some outline points, by Kåsa's algebraic least squares."""
     points = flat[on]
     middle = points.mean(0)
@@ -123,15 +126,11 @@ def _near(flat: Array, on: NDArray[np.bool_]) -> _Fit:
     a, b, c = np.linalg.solve(normal, design.T @ (x * x + y * y))
     centre = middle + np.array([a, b]) / 2
     radius = float(np.sqrt(max(c + (a * a + b * b) / 4, 1e-9)))
-    costs, beyond = _costs(flat, centre[None], np.array([radius]))
+    costs, beyond = _costs(flat, centre[None], np.array([radius]), tolerance)
     return _Fit(centre, radius, float(costs[0]), beyond[0])
 
 
-def _tolerance(radius: Any) -> Any:
-    return TOLERANCE[0] + TOLERANCE[1] * radius
-
-
-def _costs(flat: Array, centres: Array, radii: Array) -> tuple[Array, Array]:
+def _costs(flat: Array, centres: Array, radii: Array, tolerance: float) -> tuple[Array, Array]:
     """For n circles: rays that they do not explain (n,), and distances (n, RAYS) of the outline beyond them.
 
     A point that sticks out counts up to three times: nothing in front of a ball can do that.
@@ -139,7 +138,7 @@ def _costs(flat: Array, centres: Array, radii: Array) -> tuple[Array, Array]:
     x = flat[:, 0] - centres[:, :1]
     y = flat[:, 1] - centres[:, 1:]
     beyond = np.sqrt(x * x + y * y) - radii[:, None]
-    relative = (beyond / _tolerance(radii)[:, None]) ** 2
+    relative = (beyond / tolerance) ** 2
     return np.minimum(relative, np.where(beyond > 0, 3.0, 1.0)).sum(-1), beyond
 
 

@@ -1,4 +1,4 @@
-"""The kinds of observations, and their spaces."""
+"""What goes in and out: control words as actions, the kinds of observations, and their spaces."""
 
 from __future__ import annotations
 
@@ -74,3 +74,28 @@ def observations(kind: str, tell: Sequence[str], arms: StereoArms) -> Observatio
     for name in tell:
         observed[name] = PRIVILEGED[name].of(arms).astype(np.float32)
     return observed
+
+
+def action_space(robot: Robot) -> spaces.Box[Any]:
+    """The control words of one arm."""
+    return spaces.Box(-1.0, 1.0, (len(robot.motors),), np.float32)
+
+
+def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Control words from an action, clipped to [-1, 1].
+
+    Raises:
+        ValueError: The action has another shape, or is not finite.
+    """
+    try:
+        words = np.asarray(action, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"the action is {action!r}; it must be numbers of shape {shape}") from None
+    if words.shape != shape:
+        raise ValueError(f"the action has shape {words.shape}; it must be {shape}, one word a motor")
+    if np.maximum.reduce(np.abs(words), axis=None) <= 1:
+        return words
+    if not np.isfinite(words).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(words))[0])
+        raise ValueError(f"the action at {where} is {words[where]}; control words must be finite, in [-1, 1]")
+    return np.clip(words, -1.0, 1.0)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calfree_gym.vision.colours import ColourTable, Image
 from calfree_gym.vision.marks import MARK_NAMES
+from calfree_gym.vision.tracking.colours import ColourTable, Image
 
 COARSE_SIZE = 256
 """Blobs are sought in images at least this large. Choice: a ball of radius 4 px in 512 still has 12

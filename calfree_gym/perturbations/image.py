@@ -1,0 +1,112 @@
+"""Perturbations of images: the light, and each camera's exposure, blur and noise.
+
+They change what is rendered; observations of points alone do not show them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+from calfree_gym.geometry import direction_between
+from calfree_gym.image import CAMERAS
+from calfree_gym.perturbations.base import (
+    DRIFT_STEPS,
+    Perturbation,
+    amount,
+    factor,
+    one_of,
+    setting,
+    uniform,
+    with_entry,
+)
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.vision.image_formation import MAX_NOISE
+from calfree_gym.world import WILD_AMBIENT, WILD_ELEVATION, WILD_STRENGTH, World, lamp
+
+
+@dataclass(frozen=True)
+class Light(Perturbation):
+    """Puts the lamp elsewhere and makes it another one; what is omitted is drawn as in wild worlds.
+
+    The lamp stands at `azimuth`, from the room's x axis to its y axis, and `elevation` above the horizontal.
+    `strength` is how brightly it lights what faces it, `ambient` how brightly all is lit from everywhere,
+    both relative to white. As a drift, the light goes a hundredth of the way there in each step.
+    """
+
+    type: ClassVar[str] = "light"
+    azimuth: float = setting(uniform(-180, 180))
+    elevation: float = setting(uniform(*WILD_ELEVATION), least=5, most=90)
+    strength: float = setting(uniform(*WILD_STRENGTH), least=0, most=2)
+    ambient: float = setting(uniform(*WILD_AMBIENT), least=0, most=2)
+
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+        return replace(world, **self._lamp())
+
+    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
+        share = -1 / (DRIFT_STEPS - 1) if back else 1 / DRIFT_STEPS
+        there = self._lamp()
+        direction = direction_between(world.light_direction, there.pop("light_direction"), share)
+        levels = {name: (1 - share) * getattr(world, name) + share * level for name, level in there.items()}
+        return replace(world, light_direction=direction, **levels)
+
+    def _lamp(self) -> dict[str, Any]:
+        return lamp(math.radians(self.azimuth), math.radians(self.elevation), self.strength, self.ambient)
+
+
+@dataclass(frozen=True)
+class Exposure(Perturbation):
+    """Multiplies the brightness of a camera's images by `factor` (drawn: 0.6-1.6)."""
+
+    type: ClassVar[str] = "exposure"
+    camera: str = one_of(CAMERAS)
+    factor: float = factor(0.6, 1.6)
+
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+        camera = CAMERAS.index(self.camera)
+        return with_entry(world, "exposure", camera, world.exposure[camera] * self.factor)
+
+    def inverse(self) -> Perturbation:
+        return replace(self, factor=1 / self.factor)
+
+
+class _ImageFault(Perturbation):
+    """Sets a camera's entry of the field that its type names; as a drift, adds to it.
+
+    Attributes:
+        quantity: The setting that holds the value.
+    """
+
+    quantity: ClassVar[str]
+    camera: str
+
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+        return with_entry(world, self.type, CAMERAS.index(self.camera), getattr(self, self.quantity))
+
+    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
+        step = getattr(self, self.quantity)
+        present = float(getattr(world, self.type)[CAMERAS.index(self.camera)])
+        there = present + (-step if back else step)
+        return replace(self, **{self.quantity: there}).change(world)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True)
+class Blur(_ImageFault):
+    """Sets the standard deviation of a camera's blur to `px` (drawn: 0.5-3), of 512; as a drift, adds it."""
+
+    type: ClassVar[str] = "blur"
+    quantity: ClassVar[str] = "px"
+    camera: str = one_of(CAMERAS)
+    px: float = amount(uniform(0.5, 3), least=0, most=20)
+
+
+@dataclass(frozen=True)
+class ImageNoise(_ImageFault):
+    """Sets the standard deviation of a camera's noise to grey `levels` (drawn: 3-12); as a drift, adds it."""
+
+    type: ClassVar[str] = "image_noise"
+    quantity: ClassVar[str] = "levels"
+    camera: str = one_of(CAMERAS)
+    levels: float = amount(uniform(3, 12), least=0, most=MAX_NOISE)

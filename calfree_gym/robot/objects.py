@@ -1,0 +1,112 @@
+"""Where the object of each trial lies: drawn among places that are reached, and seen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.geometry import Array, Flags
+from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.robot.line_of_sight import LinesOfSight
+from calfree_gym.robot.motors import MotorMap
+from calfree_gym.robot.workspace import ATTEMPTS, Candidates, Workspaces
+from calfree_gym.streams import CounterStreams, Key, key
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
+
+BLOCK = 16
+"""Candidates that are judged at once."""
+APART_SIGMAS = 6
+"""The distance of a new object from the gripper exceeds the tolerance by this many times the noise."""
+
+
+class ObjectDraws:
+    """Draws objects for N arms, each from a stream of its own: a pure function of seed and trial.
+
+    Args:
+        workspaces: Of the N worlds.
+        motors: Of the N arms.
+        tolerance: Of the rendezvous, in image units.
+        keep_in_view: Whether both cameras must see an object, from home and with the gripper there.
+        lines: Tells what hides it, where that matters.
+    """
+
+    def __init__(
+        self,
+        workspaces: Workspaces,
+        motors: MotorMap,
+        tolerance: float,
+        keep_in_view: bool,
+        lines: LinesOfSight | None,
+    ) -> None:
+        self._workspaces, self._motors, self._lines = workspaces, motors, lines
+        self._tolerance, self._keep_in_view = tolerance, keep_in_view
+        rows, self._count = motors.lowest.shape
+        self._apart = np.zeros((rows, 1))
+        self._keys: list[Key] = [(0, 0)] * rows
+        self._streams = CounterStreams()
+
+    def seed(self, row: int, seed: int) -> None:
+        """Starts `row` anew from `seed`."""
+        self._keys[row] = key(seed, "objects")
+
+    def set_world(self, row: int, world: World) -> None:
+        """Gives `row` the noise of `world`: no object starts where noise may show a rendezvous."""
+        self._apart[row] = self._tolerance + APART_SIGMAS * world.point_noise * IMAGE_UNIT
+
+    def draw(self, rows: NDArray[np.intp], trials: NDArray[np.int64]) -> tuple[Array, Array]:
+        """The next objects of some rows: the first candidates that are seen and not yet reached.
+
+        Args:
+            rows: These rows (n,).
+            trials: Trials begun in each row (N,).
+
+        Returns:
+            Objects (n, 3) in m, and positions (n, m) of the motors' joints at which the gripper is there.
+
+        Raises:
+            ValueError: There is none in a row.
+        """
+        objects, drawn_at = np.empty((len(rows), 3)), np.empty((len(rows), self._count))
+        open_ = np.arange(len(rows))
+        for block in range(ATTEMPTS):
+            draws = np.empty((len(open_), BLOCK, self._count))
+            for i, row in enumerate(rows[open_]):
+                self._streams.go_to(self._keys[row], int(trials[row]), block)
+                self._streams.generator.random(out=draws[i])
+            at = self._workspaces.candidates(draws, rows[open_])
+            good = at.seen & at.reached & (at.apart > self._apart[rows[open_]])
+            if not self._keep_in_view:
+                good |= at.within & at.reached & ~at.seen
+            elif self._lines is not None:
+                good = self._first_in_sight(self._lines, rows[open_], at, good)
+            found = good.any(1)
+            first = good[found].argmax(1)
+            objects[open_[found]] = at.points[found, first]
+            drawn_at[open_[found]] = at.positions[found, first]
+            open_ = open_[~found]
+            if not len(open_):
+                return objects, drawn_at
+        hidden = "" if self._lines is None else ", and hidden by nothing"
+        raise ValueError(
+            f"no object in {ATTEMPTS * BLOCK} candidates is within reach and in view of both "
+            f"cameras{hidden}, in row {rows[open_[0]]}, trial {trials[rows[open_[0]]]}: see its world"
+        )
+
+    def _first_in_sight(
+        self, lines: LinesOfSight, rows: NDArray[np.intp], at: Candidates, good: Flags
+    ) -> Flags:
+        """Of good candidates (n, k) the first that nothing hides, from home and at the rendezvous."""
+        first, homes = np.zeros_like(good), self._motors.joints(np.zeros((len(rows), self._count)), rows)
+        for i, (row, home) in enumerate(zip(rows.tolist(), homes, strict=True)):
+            for j in np.flatnonzero(good[i]).tolist():
+                point = at.points[i, j]
+                there = self._motors.angles(at.positions[i, j][None], rows[i, None])[0]
+                from_home = lines.shares(row, home, point)[2:]
+                if from_home.min() == 1 and lines.shares(row, there, point).min() == 1:
+                    first[i, j] = True
+                    break
+        return first

@@ -1,0 +1,33 @@
+"""The hidden world: as one value, how it is drawn, and how one is chosen."""
+
+from calfree_gym.world.choices import WorldChoice, world_choices
+from calfree_gym.world.distributions import (
+    DISTRIBUTIONS,
+    FOCAL_LENGTH,
+    WILD_AMBIENT,
+    WILD_ELEVATION,
+    WILD_STRENGTH,
+    WorldDistribution,
+    lamp,
+    log_uniform,
+    nominal,
+    wild_camera,
+)
+from calfree_gym.world.value import MAX_TEXTURE, World
+
+__all__ = [
+    "DISTRIBUTIONS",
+    "FOCAL_LENGTH",
+    "MAX_TEXTURE",
+    "WILD_AMBIENT",
+    "WILD_ELEVATION",
+    "WILD_STRENGTH",
+    "World",
+    "WorldChoice",
+    "WorldDistribution",
+    "lamp",
+    "log_uniform",
+    "nominal",
+    "wild_camera",
+    "world_choices",
+]
