@@ -42,6 +42,11 @@ DRAWN = {
     "motor gain": lambda w: w.motor_gain,
     "motor curvature": lambda w: w.motor_curvature,
     "noise of image points": lambda w: w.point_noise,
+    "strength of the lamp": lambda w: w.light_strength,
+    "ambient light": lambda w: w.light_ambient,
+    "exposure": lambda w: w.exposure,
+    "blur of images": lambda w: w.blur,
+    "noise of images": lambda w: w.image_noise,
 }
 """Rows of the page about worlds, and what they are about, in the units of the page."""
 
@@ -123,7 +128,7 @@ def test_environments_page_is_the_docstrings(site):
     actions = page.table(f"{single}--action-space")
     assert [word for word, _ in actions.values()] == list(MOTORS)
     observations = page.table(f"{single}--observation-space")
-    shapes = {key: str(box.shape) for key, box in observation_space((), MOVEMASTER).items()}
+    shapes = {key: str(box.shape) for key, box in observation_space("points", 128, (), MOVEMASTER).items()}
     assert {key: shape for key, (shape, _) in observations.items()} == shapes
     arguments = page.table(f"{single}--arguments")
     parameters = inspect.signature(StereoArmEnv).parameters

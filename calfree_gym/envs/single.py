@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.rendering.scene_frame import HEIGHT, WIDTH
 from calfree_gym.envs.shared import RENDER_MODES, GoalRewards, StereoArmShared, placed_objects
 from calfree_gym.envs.spaces import GOALS, Observation, action_space, control_words, observation_space
 from calfree_gym.envs.state import RowState
@@ -57,7 +56,8 @@ class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
     value of this trial; before it is first seen it is (0, 0), the centre. (With `occlusion`, a hidden point
     that would show a rendezvous by that is moved to just beyond the tolerance.)
 
-    Other observations, of images rendered through each camera's lens, in the world's light:
+    ## Images
+    Other observations come from images, rendered through each camera's lens in the world's light.
 
     | observation | keys |
     |---|---|
@@ -152,8 +152,8 @@ class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
         image_size: int = 128,
         reward: str = "sparse",
         render_mode: str | None = None,
-        width: int = WIDTH,
-        height: int = HEIGHT,
+        width: int = 1080,
+        height: int = 720,
     ) -> None:
         self._build(
             1,

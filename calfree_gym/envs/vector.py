@@ -11,7 +11,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from calfree_gym.envs.rendering.scene_frame import HEIGHT, WIDTH
 from calfree_gym.envs.row import HasRows
 from calfree_gym.envs.shared import RENDER_MODES, GoalRewards, StereoArmShared, placed_objects
 from calfree_gym.envs.spaces import GOALS, Observation, action_space, control_words, observation_space
@@ -70,8 +69,8 @@ class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
         image_size: int = 128,
         reward: str = "sparse",
         render_mode: str | None = None,
-        width: int = WIDTH,
-        height: int = HEIGHT,
+        width: int = 1080,
+        height: int = 720,
     ) -> None:
         _check_arguments(num_envs, max_episode_steps, autoreset_mode)
         self._build(

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar
 
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.schedule import CLOCKS, Event, parse_schedule
 from calfree_gym.perturbations.undo import Undo, undone
 from calfree_gym.robot.arms.robot import Mounts, Robot
-from calfree_gym.robot.workspace import first_in_view, in_view
+from calfree_gym.robot.workspace import cameras_at_home, first_in_view, in_view
 from calfree_gym.streams import stream
 from calfree_gym.world import World
 
@@ -93,12 +96,20 @@ class PerturbationScheduler:
             nonlocal drawn
             rng = stream(self._seeds[row], "perturbation", place, count, attempt)
             drawn = perturbation.drawn(rng, robot=self._robot)
-            return drawn.change(world, self._robot)
+            return self._changed(drawn, world, drawn.change)
 
         if not self._keep_in_view:
             return perturbed(0), drawn
         what = f"the world after {perturbation.to_dict()}"
         return first_in_view(perturbed, self._robot, self._mounts, what), drawn
+
+    def _changed(self, perturbation: Perturbation, world: World, change: Callable[..., World]) -> World:
+        """The world after a change, which is told where the cameras are at home if it must know."""
+        if not perturbation.at_home:
+            return change(world, robot=self._robot)
+        positions = cameras_at_home(world, self._robot, self._mounts)
+        there = change(replace(world, camera_position=positions), robot=self._robot)
+        return replace(there, camera_position=world.camera_position)
 
     def _undo(self, undo: Undo, row: int, world: World) -> World:
         there = undone(world, *self._undoable[row][undo.event])
@@ -118,7 +129,7 @@ class PerturbationScheduler:
         step, back = drifts[place]
         for way in (back, not back):
             try:
-                there = step.drift(world, way, self._robot)
+                there = self._changed(step, world, partial(step.drift, back=way))
             except ValueError:  # a quantity is at the end of its range
                 continue
             if not self._keep_in_view or in_view(there, self._robot, self._mounts):

@@ -104,9 +104,12 @@ class Perturbation:
 
     Attributes:
         type: Its name in YAML.
+        at_home: Whether it must know where cameras on the arm are at home. Environments then tell it; without
+            them that is as built.
     """
 
     type: ClassVar[str]
+    at_home: ClassVar[bool] = False
 
     @classmethod
     def settings(cls) -> dict[str, Setting]:

@@ -32,13 +32,14 @@ _STEPS = 40
 class Occluder(Perturbation):
     """Stands a post in a camera's way that hides a `share` (drawn: 0.1-0.4) of the work space; 0 removes it.
 
-    That is the share of the gripper points there that the camera, its mount at home as built, cannot see. The
+    That is the share of the gripper points there that the camera, with its mount at home, cannot see. The
     post stands `at` (drawn: 0.3-0.5) of the way from the camera to the gripper at home, on the side of that
     line where more of the work space lies: it hides the gripper at home only where `share` is more than that
     side has. As a drift, it hides a `share` more in each step.
     """
 
     type: ClassVar[str] = "occluder"
+    at_home: ClassVar[bool] = True
     camera: str = one_of(CAMERAS)
     share: float = amount(uniform(0.1, 0.4), least=0, most=0.8)
     at: float = setting(uniform(0.3, 0.5), least=0.1, most=0.8)

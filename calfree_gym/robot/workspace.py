@@ -176,6 +176,22 @@ def in_view(world: World, robot: Robot, mounts: Mounts, whole: bool = False) -> 
     return bool(good.mean() >= least_in_view(robot, mounts))
 
 
+def cameras_at_home(world: World, robot: Robot, mounts: Mounts) -> Array:
+    """Optical centres (2, 3) in the room at registers zero: joint zeros and links move mounts on the arm."""
+    motors = MotorMap(1, robot)
+    motors.set_world(0, world)
+    home = motors.joints(np.zeros((1, len(robot.motors))), slice(None))[0]
+    positions = world.camera_position.copy()
+    for camera, body in enumerate(mounts):
+        if body != ROOM:
+            (built, built_axes), (there, axes) = (
+                robot.home_frame(body),
+                robot.frames(body, home, world.link_lengths),
+            )
+            positions[camera] = there + axes @ built_axes.T @ (positions[camera] - built)
+    return positions
+
+
 def check_in_view(world: World, robot: Robot, mounts: Mounts) -> None:
     """Raises where a world is not in view.
 

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from calfree_gym.image import lengths
 
 Floats = NDArray[Any]
+NEAR = 1.01
+"""What is hidden and this many tolerances away may show a rendezvous in single precision."""
 BEYOND = 1.1
 """A hidden point that showed a rendezvous is shown this many tolerances away (a guard: in single precision,
 too, it is none)."""
@@ -35,7 +37,7 @@ def kept_apart(points: Floats, visible: Floats, tolerance: float) -> Floats:
         visible: Which of them are seen now (N, 4).
         tolerance: Of the rendezvous, in image units.
     """
-    near = rendezvous(lengths(points[:, :2] - points[:, 2:]), tolerance)
+    near = rendezvous(lengths(points[:, :2] - points[:, 2:]), NEAR * tolerance)
     if not (mistaken := near & ~visible.all(1)).any():
         return points
     points = points.copy()

@@ -15,10 +15,10 @@ from experiments.benchmarks import (
     controllers,
     coverage,
     knowledge,
-    pictures,
     priors,
 )
 from experiments.benchmarks.sensitivity import study as sensitivity
+from experiments.benchmarks.speed import pictures
 from experiments.benchmarks.speed import rates as speed
 from experiments.reporting.tables import Table
 from experiments.running.versions import commit, versions

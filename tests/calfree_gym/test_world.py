@@ -1,5 +1,7 @@
 """Worlds as values, their distributions, and what is in view."""
 
+import hashlib
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -44,8 +46,21 @@ def test_worlds_are_read_only():
         ({"joint_zeros": [0, 0, 0, np.nan]}, "joint_zeros must be finite"),
         ({"motor_sign": [1, 1, 0]}, "motor_sign must be"),
         ({"motor_curvature": [0.5, 0, 0]}, "motor_curvature must be within"),
-        ({"camera_orientation": np.ones((2, 4))}, "unit quaternions"),
+        ({"camera_orientation": np.ones((2, 4))}, "camera_orientation must have unit length"),
         ({"point_noise": -1}, "must not be negative"),
+        ({"light_direction": [0, 0, -2]}, "light_direction must have unit length"),
+        ({"light_direction": [0, -1]}, r"light_direction has shape \(2,\); it must be \(3,\)"),
+        ({"light_strength": -0.1}, "light_strength must not be negative"),
+        ({"light_ambient": -0.1}, "light_ambient must not be negative"),
+        ({"texture": 1.5}, "texture must be a whole number from 0 to"),
+        ({"texture": -1}, "texture must be a whole number from 0 to"),
+        ({"exposure": [1, 0]}, "exposure must be positive"),
+        ({"exposure": 1}, r"exposure has shape \(\); it must be \(2,\)"),
+        ({"blur": [0, -1]}, "blur must not be negative"),
+        ({"image_noise": [-1, 0]}, "image_noise must not be negative"),
+        ({"image_noise": [np.inf, 0]}, "image_noise must be finite"),
+        ({"occluder": [0, 0, 0, -0.1, 0]}, "occluder has a negative radius or height"),
+        ({"occluder": [0, 0, 0, 0.1]}, r"occluder has shape \(4,\); it must be \(5,\)"),
     ],
 )
 def test_worlds_that_cannot_be(fields, message):
@@ -61,6 +76,52 @@ def test_damaged_dicts_name_the_field():
         World.from_dict(values | {"lens_k9": 0})
 
 
+LIGHT = {
+    "light_direction": [0.6, 0.0, -0.8],
+    "light_strength": 0.3,
+    "light_ambient": 0.2,
+    "texture": 5.0,
+    "exposure": [0.8, 1.0],
+    "blur": [0.0, 1.0],
+    "image_noise": [2.0, 4.0],
+    "occluder": [0.2, 0.1, 0.2, 0.05, 0.2],
+}
+"""Fields of light and images, each with a value that no built robot has."""
+
+
+def test_dicts_of_before_light_and_images_give_the_built_robots():
+    old = {name: value for name, value in nominal().to_dict().items() if name not in LIGHT}
+    assert World.from_dict(old) == nominal()
+
+
+@pytest.mark.parametrize("name", LIGHT)
+def test_fields_of_light_and_images_make_worlds_differ_and_go_through_dicts(name):
+    other = replace(nominal(), **{name: LIGHT[name]})
+    assert other != nominal()
+    assert hash(other) != hash(nominal())
+    assert World.from_dict(other.to_dict()) == other
+    assert other.to_dict()[name] == LIGHT[name]
+
+
+FIELDS_BEFORE = (
+    *("camera_position", "camera_orientation", "focal_length", "principal_point", "lens_k1"),
+    *("link_lengths", "joint_zeros", "motor_sign", "motor_gain", "motor_curvature"),
+    *("point_noise", "point_outliers", "point_dropout", "latency", "backlash", "repeatability"),
+)
+BEFORE = {"nominal": "08bf8688c2dfcc4c", "coarse": "8692dadb52af493e", "wild": "d96f1428b86b2db9"}
+"""Digests of 20 worlds at commit 92bb01f, whose worlds had no light."""
+
+
+@pytest.mark.parametrize("name", BEFORE)
+def test_light_and_images_are_drawn_apart_and_move_no_other_draw(name):
+    digest = hashlib.sha256()
+    for seed, attempt in itertools.product(range(10), range(2)):
+        world = WorldDistribution(name).sample(seed, attempt)
+        for field in FIELDS_BEFORE:
+            digest.update(getattr(world, field).tobytes())
+    assert digest.hexdigest()[:16] == BEFORE[name]
+
+
 def test_wild_worlds_fill_the_ranges_they_are_said_to_have():
     worlds = [WorldDistribution("wild").sample(seed) for seed in range(400)]
 
@@ -74,6 +135,15 @@ def test_wild_worlds_fill_the_ranges_they_are_said_to_have():
     spread([w.motor_gain for w in worlds], 0.5, 2.0)
     displaced = [np.linalg.norm(w.camera_position - CAMERA_POSITION, axis=1) for w in worlds]
     spread(displaced, 0.0, 0.1)
+    spread(np.degrees(np.arcsin([-w.light_direction[2] for w in worlds])), 30, 80)
+    spread([np.degrees(np.arctan2(*-w.light_direction[1::-1])) for w in worlds], -180, 180)
+    spread([w.light_strength for w in worlds], 0.3, 0.8)
+    spread([w.light_ambient for w in worlds], 0.3, 0.6)
+    spread([w.exposure for w in worlds], 0.7, 1.4)
+    spread([w.blur for w in worlds], 0.0, 1.2)
+    spread([w.image_noise for w in worlds], 1.0, 5.0)
+    assert len({w.texture.item() for w in worlds} - {0.0}) == len(worlds)
+    assert not np.any([w.occluder for w in worlds])
     assert {tuple(w.motor_sign) for w in worlds} == {
         (a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)
     }

@@ -22,7 +22,6 @@ from calfree_gym.robot.line_of_sight import RIG_GROUP, SEEN
 if TYPE_CHECKING:
     from calfree_gym.envs.stereo_arms import StereoArms
 
-WIDTH, HEIGHT = 1080, 720
 SMALLEST, LARGEST = 120, 4096
 FINER = 2
 """The scene is drawn so many times larger, and then reduced: so its edges are smooth."""

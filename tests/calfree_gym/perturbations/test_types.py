@@ -98,6 +98,10 @@ WITHOUT_INVERSE = {
     "point_outliers",
     "point_dropout",
     "latency",
+    "light",
+    "blur",
+    "image_noise",
+    "occluder",
 }
 
 
@@ -124,12 +128,13 @@ def test_a_step_of_a_drift_and_a_step_back_are_nothing(name, seed):
 @pytest.mark.parametrize("name", sorted(TYPES))
 def test_a_drift_is_slow_and_keeps_its_direction(name):
     drawn, slow = TYPES[name]().drawn(RNG(3)), TYPES[name]().drawn(RNG(3), slowly=True)
-    for amount in ("degrees", "metres", "k1", "px", "share"):
+    for amount in ("degrees", "metres", "k1", "px", "share", "levels"):
         if hasattr(drawn, amount):
             assert getattr(slow, amount) == pytest.approx(getattr(drawn, amount) / 100)
     if hasattr(drawn, "factor"):
         assert slow.factor**100 == pytest.approx(drawn.factor)
-    for kept in ("camera", "joint", "link", "motor", "direction", "azimuth", "elevation", "seed"):
+    pose = ("direction", "azimuth", "elevation", "strength", "ambient", "at", "seed")
+    for kept in ("camera", "joint", "link", "motor", *pose):
         assert getattr(slow, kept, None) == getattr(drawn, kept, None)
 
 
@@ -173,6 +178,17 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
         ({"type": "latency", "motions": 1.5}, "it must be a whole number"),
         ({"type": "latency", "motions": 99}, "from 0 to 10"),
         ({"type": "point_outliers", "share": 1.2}, "from 0 to 1"),
+        ({"type": "lihgt"}, "lihgt.*did you mean light"),
+        ({"type": "light", "azimut": 3}, "'azimut'.*did you mean azimuth.*elevation, strength, ambient"),
+        ({"type": "light", "elevation": -10}, "elevation is -10; it must be a number from 5 to 90"),
+        ({"type": "exposure", "factor": -1}, "factor is -1; it must be a number from 0.001 to 1000"),
+        ({"type": "blur", "px": -0.1}, "px is -0.1; it must be a number from 0 to 20"),
+        ({"type": "image_noise", "level": 3}, "'level'.*did you mean levels"),
+        ({"type": "image_noise", "levels": 31}, "levels is 31; it must be a number from 0 to 30"),
+        ({"type": "oclude"}, "oclude.*did you mean occluder"),
+        ({"type": "occluder", "camera": "both"}, "camera is 'both'; allowed: left, right"),
+        ({"type": "occluder", "share": 0.9}, "share is 0.9; it must be a number from 0 to 0.8"),
+        ({"type": "occluder", "at": 0}, "at is 0; it must be a number from 0.1 to 0.8"),
     ],
 )
 def test_damaged_perturbations(entry, message):

@@ -12,7 +12,7 @@ import pandas as pd
 
 from calfree_gym.envs.rendering.stereo_images import StereoImages
 from calfree_gym.image import IMAGE_SIZE
-from experiments.benchmarks.first_renderer import FirstRenderer
+from experiments.benchmarks.speed.first_renderer import FirstRenderer
 from experiments.reporting.tables import Table
 
 ROUNDS = 15
@@ -53,7 +53,7 @@ def pictures() -> Iterator[Table]:
     formats = {"ms": ".1f", "ms then": ".0f", "ratio": ".1f", "required": ".0f"}
     note = (
         f"Medians of {ROUNDS} rounds in turns, CPU time of one process. Then: the first wave's renderer, "
-        "frozen (experiments/benchmarks/first_renderer.py); without shadow, it had its own all the same"
+        "frozen (experiments.benchmarks.speed.first_renderer.py); without shadow, it had its own all the same"
     )
     yield Table("pictures", "Pictures", frame, formats, note)
 

@@ -1,0 +1,200 @@
+"""What an occluder hides, against MuJoCo's rays and against what the environment sees."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+
+from calfree_gym import Arm, WorldDistribution, nominal
+from calfree_gym.image import CAMERAS
+from calfree_gym.perturbations import CameraShift, Occluder
+from calfree_gym.perturbations.occluder import nearest, work_space
+from calfree_gym.perturbations.undo import undone
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.simulation import Simulation
+from tests.arms.every import arm_named
+from tests.arms.own import ARMS
+
+COLLIDING = '<worldbody><geom type="box" size=".1 .1 .01" pos="2 {} 0"/>'
+
+
+def robots():
+    """The RV-M2, an arm, and one in a room whose boxes MuJoCo keeps in a tree of bounding boxes."""
+    text = ARMS["scara"]["model"].read_text()
+    for y in (2, -2):
+        text = text.replace("<worldbody>", COLLIDING.format(y), 1)
+    return {"RV-M2": MOVEMASTER, "gantry": arm_named("gantry").robot, "room": Arm(text, "tip").robot}
+
+
+@pytest.fixture(params=["RV-M2", "gantry", "room"])
+def robot(request):
+    return robots()[request.param]
+
+
+class Rays:
+    """Rays that the occluder alone can stop, in the scene of one arm."""
+
+    def __init__(self, robot):
+        self.simulation = Simulation(1, robot, robot.mounts("stand"), "kinematic", threads=1)
+        self.picture = self.simulation.picture()
+        model = self.picture[0]
+        model.geom_group[:] = 0
+        model.geom_group[model.geom(self.simulation.prefix + "occluder").id] = 3
+
+    def stopped(self, world, camera, points):
+        self.simulation.set_world(0, world)
+        self.simulation.refresh()
+        model, data = self.simulation.show(0, self.picture)
+        lengths = np.empty(len(points))
+        ways = (points - camera).ravel()
+        only = np.array([0, 0, 0, 1, 0, 0], np.uint8)
+        geoms = np.empty(len(points), np.int32)
+        mujoco.mj_multiRay(
+            model, data, camera, ways, only, 1, -1, geoms, lengths, None, len(points), mujoco.mjMAXVAL
+        )
+        return (lengths >= 0) & (lengths < 1)
+
+
+def test_rays_say_that_the_share_is_hidden_which_was_asked_for_and_the_gripper_at_home_is_not(robot):
+    rays = Rays(robot)
+    for seed in range(4):
+        world = WorldDistribution("wild").sample(seed, robot=robot)
+        for camera, name in enumerate(CAMERAS):
+            position = world.camera_position[camera]
+            for share in (0.1, 0.25, 0.4):
+                there = Occluder(name, share, 0.4).change(world, robot)
+                home, points = work_space(there, robot)
+                stopped = rays.stopped(there, position, points)
+                assert stopped.mean() == pytest.approx(share, abs=0.005)
+                assert not rays.stopped(there, position, home[None]).any()
+                distances, _ = nearest(position, points, there.occluder[:2])
+                sure = np.abs(distances - there.occluder[3]) > 1e-6
+                np.testing.assert_array_equal(stopped[sure], (distances <= there.occluder[3])[sure])
+
+
+def test_rays_see_occluders_of_any_size_anywhere(robot):
+    rng, rays, hit = np.random.default_rng(0), Rays(robot), 0
+    for _ in range(20):
+        x, y, z, radius, half = rng.uniform([-0.3, -0.3, 0, 0.01, 0.02], [0.5, 0.5, 0.5, 0.2, 0.6])
+        world = replace(nominal(robot), occluder=np.array([x, y, z, radius, half]))
+        camera, points = rng.uniform([-1, -1, -0.5], [1, 1, 1.5]), rng.uniform(-0.5, 0.5, (100, 3))
+        ways = camera + np.linspace(0, 1, 2001)[:, None, None] * (points - camera)
+        level = np.hypot(ways[..., 0] - x, ways[..., 1] - y)
+        inside = ((level <= radius) & (np.abs(ways[..., 2] - z) <= half)).any(0)
+        hit += inside.sum()
+        assert (rays.stopped(world, camera, points) != inside).sum() <= 1  # one may graze
+    assert hit > 100
+
+
+def test_an_occluder_that_is_not_there_leaves_the_extent_of_a_small_arm():
+    """Near plane and precision of depths follow from it."""
+    robot = arm_named("hobby").robot
+    assert robot.scene(robot.mounts("stand")).model.stat.extent < 0.5
+
+
+@pytest.mark.parametrize("how", [{"at": {"trial": 1}}, {"drift": {"per": "trial"}}], ids=["once", "drift"])
+def test_cameras_that_joint_zeros_turn_lose_the_share_too(how):
+    do = {"type": "occluder", "camera": "right", "share": 0.25, "at": 0.4}
+    arguments = {"world": "wild", "camera_mount": "waist", "dynamics": "kinematic", "occlusion": True}
+    env = gym.make("CalFree/Reach-v0", perturbations=[{**how, "do": do}], **arguments).unwrapped
+    rays = Rays(MOVEMASTER)
+    for seed in range(10):
+        env.reset(seed=seed)
+        before = env.world.camera_position
+        env.reset()
+        np.testing.assert_array_equal(env.world.camera_position, before)
+        assert env.arms.visible[0].all()
+        model, data = env.arms.simulation.show(0, env.arms.simulation.picture())
+        camera = data.cam_xpos[model.camera("right").id]
+        _, points = work_space(env.world, MOVEMASTER)
+        assert rays.stopped(env.world, camera, points).mean() == pytest.approx(0.25, abs=0.005)
+
+
+def test_more_than_a_side_has_is_hidden_too():
+    for name in CAMERAS:
+        there = Occluder(name, 0.8, 0.4).change(nominal())
+        _, points = work_space(there, MOVEMASTER)
+        position = there.camera_position[CAMERAS.index(name)]
+        assert Rays(MOVEMASTER).stopped(there, position, points).mean() == pytest.approx(0.8, abs=0.01)
+
+
+def test_share_0_removes_it():
+    there = Occluder("left", 0.3, 0.4).change(nominal())
+    assert there.occluder[3] > 0.01
+    assert Occluder("right", 0.0, 0.5).change(there) == nominal()
+
+
+def test_a_drift_hides_more_and_more_and_turns_back_at_the_end():
+    step, world, shares = Occluder("left", 0.05, 0.4), nominal(), []
+    _, points = work_space(world, MOVEMASTER)
+    for _ in range(6):
+        world = step.drift(world)
+        x, y, _, radius, _ = world.occluder
+        distances, _ = nearest(world.camera_position[0], points, np.array([x, y]))
+        shares.append((distances <= radius).mean())
+    np.testing.assert_allclose(shares, np.arange(0.05, 0.31, 0.05), atol=0.003)
+    world = step.drift(Occluder("left", 0.74, 0.4).change(world))
+    with pytest.raises(ValueError, match=r"occluder.share is .*; it must be a number from 0 to 0.8"):
+        step.drift(world)
+    with pytest.raises(ValueError, match=r"occluder.share is -0.05"):
+        step.drift(nominal(), back=True)
+
+
+def test_undoing_takes_the_whole_post_away_and_leaves_the_rest():
+    there = Occluder("left", 0.3, 0.4).change(nominal())
+    shifted = CameraShift("right", 0.05, 0.0, 0.0).change(there)
+    assert undone(shifted, nominal(), there) == CameraShift("right", 0.05, 0.0, 0.0).change(nominal())
+    wider = Occluder("left", 0.35, 0.4).change(there)
+    assert undone(wider, nominal(), there) == nominal()
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+def test_environments_with_occlusion_see_less_in_that_camera(camera):
+    share = 0.25
+    there = Occluder(CAMERAS[camera], share, 0.4).change(nominal())
+    _, points = work_space(there, MOVEMASTER)
+
+    def seen(world, occlusion):
+        env = gym.make(
+            "CalFree/Reach-v0",
+            world=world,
+            camera_mount="stand",
+            dynamics="kinematic",
+            occlusion=occlusion,
+            keep_in_view=False,
+        ).unwrapped
+        flags = []
+        for point in points[:120]:
+            env.reset(seed=0, options={"object": point})
+            flags.append(env.arms.visible[0])
+        return np.array(flags)
+
+    free, hidden, not_asked = seen(nominal(), True), seen(there, True), seen(there, False)
+    assert free[:, :2].all()
+    assert hidden[:, :2].all(), "the gripper at home"
+    assert not (hidden & ~free).any()
+    lost = (free & ~hidden)[:, 2 + camera].sum() / free[:, 2 + camera].sum()
+    assert lost == pytest.approx(share, abs=0.06)
+    np.testing.assert_array_equal(not_asked, seen(nominal(), False))
+
+
+def test_a_trial_ends_only_where_all_is_seen():
+    """The gripper goes to objects that an occluder hides: it gets there, and no rendezvous is told."""
+    there = Occluder("left", 0.3, 0.4).change(nominal())
+    arguments = {"camera_mount": "stand", "dynamics": "kinematic", "keep_in_view": False}
+    env = gym.make("CalFree/Reach-v0", world=there, occlusion=True, **arguments).unwrapped
+    _, points = work_space(there, MOVEMASTER)
+    ended = {True: 0, False: 0}
+    for point in points[:50]:
+        env.reset(seed=0, options={"object": point})
+        words = env.arms.object_registers()[0] - env.arms.registers[0]
+        _, reward, terminated, _, info = env.step(words.astype(np.float32))
+        assert env.arms.error_px()[0] < 4
+        all_seen = bool(env.arms.visible[0].all())
+        assert info["is_success"] == terminated == (reward == 0)
+        assert terminated <= all_seen
+        ended[all_seen] += 1
+    assert ended[False] > 10
+    assert ended[True] > 10

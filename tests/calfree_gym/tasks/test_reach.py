@@ -1,0 +1,40 @@
+"""What is asked in reaching: a rendezvous needs all points to be seen."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from calfree_gym.tasks.reach import image_distances, kept_apart, rendezvous
+
+coordinates = st.floats(-1, 1, width=32)
+nearby = st.sampled_from([0.0, 1e-6, -1e-4, 0.5, 0.7, 1.0, -1.0])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    arrays(np.float64, (3, 2, 2), elements=coordinates),
+    arrays(np.float64, (3, 2, 2), elements=nearby),
+    arrays(bool, (3, 4)),
+    st.floats(1 / 256, 1.0),
+)
+def test_what_is_hidden_never_shows_a_rendezvous(objects, apart, visible, tolerance):
+    """As the environment judges it, in single precision; gripper points lie near those of the objects."""
+    tolerance = float(np.float32(tolerance))
+    points = np.concatenate([np.clip(objects + tolerance * apart, -1, 1), objects], axis=1)
+    given_ = points.copy()
+    kept = kept_apart(points, visible, tolerance)
+    np.testing.assert_array_equal(points, given_)
+    assert np.abs(kept).max() <= 1
+    np.testing.assert_array_equal(kept[visible], points[visible])
+
+    def judged(of):
+        sensors = of.astype(np.float32).reshape(-1, 2, 4)
+        return rendezvous(image_distances(sensors[:, 0], sensors[:, 1]), np.float32(tolerance))
+
+    all_seen = visible.all(1)
+    assert not judged(kept)[~all_seen].any()
+    np.testing.assert_array_equal(kept[all_seen], points[all_seen])
+    moved = (kept != points).any((1, 2))
+    far = np.linalg.norm(points[:, :2] - points[:, 2:], axis=-1).max(-1)
+    assert not moved[far > 1.02 * tolerance].any()
