@@ -60,7 +60,8 @@ def _parser() -> argparse.ArgumentParser:
     validate = commands.add_parser("validate", help="check a configuration")
     run = commands.add_parser("run", help="carry out a configuration, and report")
     tune = commands.add_parser("tune", help="seek better settings of agents, as a configuration says")
-    for command in (validate, run, tune):
+    film = commands.add_parser("film", help="film an agent at work, as MP4 and GIF")
+    for command in (validate, run, tune, film):
         command.add_argument("config", type=Path)
         command.add_argument(
             "--set",
@@ -74,6 +75,8 @@ def _parser() -> argparse.ArgumentParser:
     validate.set_defaults(does=_validate)
     run.set_defaults(does=_run)
     tune.set_defaults(does=_tune)
+    film.add_argument("--out", type=Path, required=True, help="folder for film.mp4 and film.gif")
+    film.set_defaults(does=_film)
     merge = commands.add_parser("merge", help="gather the parts of a suite (run --part), and report")
     merge.add_argument("parts", type=Path, nargs="+", metavar="PART", help="results folder of a part")
     merge.add_argument("--out", type=Path, required=True, help="folder for the whole")
@@ -215,6 +218,18 @@ def _tune(options: argparse.Namespace) -> int:
     config = load_tuning(options.config, options.set)
     failed = tune(config, options.out, options.agent, options.jobs, options.write)
     return 1 if failed else 0
+
+
+def _film(options: argparse.Namespace) -> int:
+    from experiments.film.command import film
+    from experiments.film.config import load_film
+
+    files, records = film(load_film(options.config, options.set), options.out)
+    for record in records:
+        ends = "rendezvous" if record.rendezvous else "no rendezvous"
+        print(f"trial {record.trial + 1}: {ends} after {record.motions} motions, {record.error_px:.1f} px")
+    print(f"film: {files.mp4}, {files.gif} ({files.seconds:.0f} s, {files.gif.stat().st_size / 1e6:.1f} MB)")
+    return 0
 
 
 def _status(options: argparse.Namespace) -> int:

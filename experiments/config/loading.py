@@ -50,7 +50,8 @@ def load_as(
 
     Args:
         model: The kind.
-        path: A YAML file. The `settings` in a list of `agents` may name YAML files, relative to this one.
+        path: A YAML file. The `settings` of `agent`, and in a list of `agents`, may name YAML files, relative
+            to this one.
         overrides: Values to put in place of those in the file, such as "worlds=2".
         wrong_in: What is wrong in a configuration whose keys and values are allowed, by the path of the key.
 
@@ -126,7 +127,9 @@ def _place(error: yaml.YAMLError) -> str:
 
 def _with_other_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The plain values with those of the files that they name."""
-    read = dict(data)
+    read: dict[str, Any] = dict(_with_models_path(data, folder))
+    if "agent" in data:
+        read["agent"] = _with_settings_file(data["agent"], folder)
     if isinstance(data.get("agents"), list):
         read["agents"] = [_with_settings_file(agent, folder) for agent in data["agents"]]
     for part in ("scenarios", "sweeps"):
@@ -138,7 +141,7 @@ def _with_other_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _with_models_path(part: Any, folder: Path) -> Any:
-    """A scenario or a sweep, in which the path of an arm's model is relative to `folder` no longer."""
+    """What has an `env`, in which the path of an arm's model is relative to `folder` no longer."""
     try:
         env, arm, model = part["env"], part["env"]["arm"], part["env"]["arm"]["model"]
     except (KeyError, TypeError):

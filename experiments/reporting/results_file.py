@@ -23,9 +23,9 @@ from pydantic import ValidationError
 from calfree_gym.perturbations.undo import Undo
 from experiments.config.arms import as_told
 from experiments.config.suite import ScenarioConfig, Suite
-from experiments.cpu_time import CPU
 from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import FinishedSuite
+from experiments.running.cpu_time import CPU
 from experiments.running.plan import LifetimeRun, Run, runs_of
 from experiments.running.results_folder import (
     DONE,

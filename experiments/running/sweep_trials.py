@@ -6,8 +6,8 @@ from typing import Any
 
 import agents
 from experiments.config.requirements import requirements
-from experiments.cpu_time import CpuTimes, TimedPredictor
 from experiments.evaluation import evaluate
+from experiments.running.cpu_time import CpuTimes, TimedPredictor
 from experiments.running.plan import SweepRun
 from experiments.running.trial_log import TrialLog
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import agents
 from experiments.config.requirements import requirements
-from experiments.cpu_time import CPU, CpuTimes, TimedPredictor
 from experiments.evaluation import TrialRecord, evaluate
+from experiments.running.cpu_time import CPU, CpuTimes, TimedPredictor
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import LifetimeRun, SweepRun, parse_run
 from experiments.running.results_folder import DONE, SPEC, TIMINGS, write_json

@@ -11,13 +11,13 @@ from experiments.__main__ import main
 from experiments.config.loading import load
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, EnvironmentConfig, Suite, SweepConfig
-from experiments.cpu_time import CpuTimes
 from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.sweep.estimates import points
 from experiments.reporting.sweep.figure import sweep_figure
 from experiments.reporting.sweep.section import sweep_sections
 from experiments.running import sweep_trials as sweep
+from experiments.running.cpu_time import CpuTimes
 from experiments.running.plan import SweepRun, runs_of
 
 ENV = {"id": "CalFree/Reach-v0", "world": "nominal", "dynamics": "kinematic", "keep_in_view": False}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import cv2
@@ -49,27 +50,44 @@ class SceneFrame:
 
     def draw(self, row: int) -> Image:
         """A frame (height, width, 3) of one row."""
-        arms, images = self._arms, self._images
-        insets = images.colours(row, arms.world(row))
+        arms = self._arms
+        scene, *insets = self.views(row)
         for camera, (inset, name) in enumerate(zip(insets, CAMERAS, strict=True)):
             points = arms.points[row].reshape(2, 2, 2)[:, camera]
             seen = arms.visible[row].reshape(2, 2)[:, camera]
             draw_points(inset, points, seen, float(arms.tolerance) * PIXELS_PER_UNIT)
             _write(inset, name)
+        return beside(scene, insets)
+
+    def views(self, row: int, joints: Array | None = None) -> tuple[Image, Image, Image]:
+        """What a frame of one row is made of, without points.
+
+        Args:
+            row: The row.
+            joints: Joint positions (j,), where they are to be others than now.
+
+        Returns:
+            The scene (height, width - height / 2, 3), and the images (height / 2, height / 2, 3) of the left
+            and the right camera.
+        """
+        arms, images = self._arms, self._images
+        left, right = images.colours(row, arms.world(row), joints=joints)
         model, data = images.picture
         dress_cameras(model, arms)
         mujoco.mj_kinematics(model, data)
-        width = self._width - images.size
-        size = FINER * width, FINER * self._height
-        scene = images.renderer.draw(_view(arms), *size, (*SEEN, RIG_GROUP))[0][::-1]
-        frame = np.empty((self._height, self._width, 3), np.uint8)
-        frame[:, :width] = cv2.resize(scene, (width, self._height), interpolation=cv2.INTER_AREA)
-        frame[: images.size, width:], frame[-images.size :, width:] = insets
-        return frame
+        size = self._width - images.size, self._height
+        finer = FINER * size[0], FINER * size[1]
+        scene = images.renderer.draw(_view(arms), *finer, (*SEEN, RIG_GROUP))[0][::-1]
+        return np.asarray(cv2.resize(scene, size, interpolation=cv2.INTER_AREA), np.uint8), left, right
 
     def close(self) -> None:
         """Frees the GL context."""
         self._images.close()
+
+
+def beside(scene: Image, insets: Sequence[Image]) -> Image:
+    """A frame: the scene, and at its side both camera images, one above the other."""
+    return np.hstack([scene, np.vstack(insets)])
 
 
 def check_size(width: int, height: int) -> None:

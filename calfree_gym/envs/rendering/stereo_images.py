@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calfree_gym.envs.rendering.lens_map import LensMap
 from calfree_gym.envs.rendering.renderer import Image, Renderer
 from calfree_gym.envs.rendering.textures import texture
+from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS
 from calfree_gym.robot.line_of_sight import SEEN
 
@@ -59,17 +60,20 @@ class StereoImages:
         self._worlds: list[World | None] = [None] * simulation.rows
         self._lenses: list[tuple[LensMap, ...]] = [()] * simulation.rows
 
-    def colours(self, row: int, world: World, groups: Sequence[int] = SEEN) -> tuple[Image, Image]:
+    def colours(
+        self, row: int, world: World, groups: Sequence[int] = SEEN, joints: Array | None = None
+    ) -> tuple[Image, Image]:
         """Images (size, size, 3), left and right, as the simulation is now.
 
         Args:
             row: The row.
             world: In which it is.
             groups: Of the geoms that are shown.
+            joints: Joint positions (j,), where they are to be others than now.
         """
         left, right = (
             lens.colours(self._pinhole(camera, lens, groups)[0])
-            for camera, lens in enumerate(self.prepare(row, world))
+            for camera, lens in enumerate(self.prepare(row, world, joints))
         )
         return left, right
 
@@ -81,8 +85,8 @@ class StereoImages:
         )
         return left, right
 
-    def prepare(self, row: int, world: World) -> tuple[LensMap, ...]:
-        """Lights and covers the row's scene; its lenses."""
+    def prepare(self, row: int, world: World, joints: Array | None = None) -> tuple[LensMap, ...]:
+        """Lights and covers the row's scene, with joints as they are now or at (j,); its lenses."""
         if self._worlds[row] is not world:
             self._worlds[row] = world
             cameras = zip(world.focal_length, world.principal_point, world.lens_k1, strict=True)
@@ -93,7 +97,7 @@ class StereoImages:
         model.light_diffuse[lamp] = world.light_strength
         model.vis.headlight.ambient[:] = world.light_ambient
         self._cover(int(world.texture))
-        self._simulation.show(row, self.picture)
+        self._simulation.show(row, self.picture, joints)
         return self._lenses[row]
 
     def _pinhole(

@@ -8,9 +8,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from experiments.config.suite import EnvironmentConfig, Suite
-from experiments.cpu_time import CpuTimes
 from experiments.evaluation import TrialRecord
 from experiments.running import worker
+from experiments.running.cpu_time import CpuTimes
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import runs_of
 from experiments.running.rows import RowsRecorder

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from experiments.config.suite import Suite
-from experiments.cpu_time import CpuTimes
 from experiments.running import worker
+from experiments.running.cpu_time import CpuTimes
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import runs_of
 from tests.agents.neural.quick import QUICK

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from experiments import cpu_time
-from experiments.cpu_time import CpuTimes, TimedPredictor
+from experiments.running import cpu_time
+from experiments.running.cpu_time import CpuTimes, TimedPredictor
 
 
 @pytest.fixture

@@ -1,0 +1,65 @@
+"""`python -m experiments film`: an agent lives, and is filmed."""
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+
+import agents
+from experiments.config.requirements import requirements
+from experiments.errors import ConfigError
+from experiments.evaluation import TrialRecord, evaluate
+from experiments.film.config import FilmConfig
+from experiments.film.drawing import Screen
+from experiments.film.files import FilmFiles
+from experiments.film.predictions import Predictions
+from experiments.film.recorder import FilmRecorder
+from experiments.running.lifetime import LifetimeRecorder, learn_trials
+
+
+def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
+    """Films an agent.
+
+    Args:
+        config: Whom, and where.
+        out: Folder for film.mp4 and film.gif.
+
+    Returns:
+        The files, and what all trials came to.
+
+    Raises:
+        ConfigError: OpenGL or the codec is missing.
+    """
+    gif = config.gif
+    rates = config.frames_per_second, gif.width, gif.frames_per_second
+    required = requirements(config.agent, config.env)
+    env = config.env.make(config.perturbations, tell=required.privileged)
+    unwrapped: Any = env.unwrapped
+    try:
+        sensors = config.env.observation == "vision"
+        screen = Screen(unwrapped.arms, config.width, config.height, config.caption_height, sensors)
+        try:
+            with FilmFiles(out, config.width, config.height, *rates) as files:
+                recorder = FilmRecorder(
+                    env, screen, files.add, rates[0], config.agent.label, config.first_trial
+                )
+                records = _live(config, recorder, required.settings)
+        finally:
+            screen.close()
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise ConfigError(f"{error}") from None
+    finally:
+        env.close()
+    return files, records
+
+
+def _live(config: FilmConfig, recorder: FilmRecorder, settings: dict[str, Any]) -> list[TrialRecord]:
+    """Lets the agent make its trials."""
+    if not config.learn:
+        agent = agents.make(config.agent.name, recorder, seed=config.seed, **settings)
+        recorder.predicted = Predictions(agent).at
+        return evaluate(agent, recorder, config.trials, config.seed)
+    lifetime = LifetimeRecorder(recorder, config.seed)
+    agent = agents.make(config.agent.name, lifetime, seed=config.seed, **settings)
+    recorder.predicted = Predictions(agent).at
+    return learn_trials(agent, lifetime, config.trials)

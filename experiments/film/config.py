@@ -1,0 +1,139 @@
+"""What is filmed: one agent in one world, read from YAML into frozen models."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from calfree_gym.envs.rendering.scene_frame import LARGEST, SMALLEST
+from calfree_gym.perturbations import parse_schedule
+from experiments.config.loading import load_as
+from experiments.config.model import Model
+from experiments.config.requirements import requirements
+from experiments.config.suite import AgentConfig, EnvironmentConfig
+
+CAPTION = 12
+"""The caption takes one part in so many of a film's height."""
+LEAST_HEIGHT = 144
+"""Of a film, so that its pictures are not smaller than pictures can be."""
+
+
+class FilmEnvironmentConfig(EnvironmentConfig):
+    """The arguments of `gymnasium.make`; of observations those that have image points."""
+
+    observation: Literal["points", "vision"] = "points"
+    occlusion: bool = False
+
+
+class GifConfig(Model):
+    """The film once more, small enough for a page.
+
+    Attributes:
+        width: In pixels.
+        frames_per_second: At most the film's.
+    """
+
+    width: int = Field(540, ge=SMALLEST, le=LARGEST)
+    frames_per_second: int = Field(10, gt=0, le=50)
+
+
+class FilmConfig(Model):
+    """A lifetime that is filmed.
+
+    Attributes:
+        agent: Who is filmed; a name, or a mapping.
+        env: Where.
+        seed: Of world, objects, noise and agent.
+        trials: So many are made.
+        first_trial: The first that is shown; those before are made, too.
+        learn: Whether the agent learns, or shows what it does without.
+        perturbations: A schedule.
+        width: Of the film, in pixels.
+        height: Of the film, its caption included, in pixels.
+        frames_per_second: Of the film.
+        gif: Of the GIF.
+    """
+
+    agent: AgentConfig
+    env: FilmEnvironmentConfig
+    seed: int = Field(0, ge=0)
+    trials: int = Field(gt=0)
+    first_trial: int = Field(1, gt=0)
+    learn: bool = True
+    perturbations: tuple[dict[str, Any], ...] = Field((), strict=False)
+    height: int = Field(780, ge=LEAST_HEIGHT, le=LARGEST)
+    width: int = Field(1080, ge=SMALLEST, le=LARGEST)
+    frames_per_second: int = Field(20, gt=0, le=120)
+    gif: GifConfig = Field({}, validate_default=True)
+
+    @field_validator("first_trial")
+    @classmethod
+    def _one_of_them(cls, value: int, info: ValidationInfo) -> int:
+        if value > info.data.get("trials", value):
+            raise ValueError(f"there are {info.data['trials']} trials")
+        return value
+
+    @field_validator("perturbations")
+    @classmethod
+    def _within_the_film(
+        cls, value: tuple[dict[str, Any], ...], info: ValidationInfo
+    ) -> tuple[dict[str, Any], ...]:
+        trials = info.data.get("trials")
+        for i, event in enumerate(parse_schedule(list(value))):
+            if event.clock == "trial" and trials is not None and event.at >= trials:
+                raise ValueError(f"perturbations.{i}.at.trial is {event.at}: never, in {trials} trials")
+        return value
+
+    @field_validator("height", "width")
+    @classmethod
+    def _even(cls, value: int, info: ValidationInfo) -> int:
+        if value % 2:
+            raise ValueError("it must be even, as MP4 wants it")
+        height = info.data.get("height")
+        if info.field_name == "width" and height is not None and value < height:
+            raise ValueError(f"it must be at least the height, {height}")
+        return value
+
+    @field_validator("gif")
+    @classmethod
+    def _no_finer_than_the_film(cls, value: GifConfig, info: ValidationInfo) -> GifConfig:
+        for key in ("width", "frames_per_second"):
+            of_film = info.data.get(key)
+            if of_film is not None and getattr(value, key) > of_film:
+                raise ValueError(
+                    f"gif.{key} is {getattr(value, key)}: it must be at most the film's {of_film}"
+                )
+        return value
+
+    @property
+    def caption_height(self) -> int:
+        """Of the caption, in pixels; even."""
+        return 2 * round(self.height / (2 * CAPTION))
+
+
+def load_film(path: Path, overrides: Sequence[str] = ()) -> FilmConfig:
+    """Reads and validates what is to be filmed; environment and agent are built once.
+
+    Args:
+        path: A YAML file. The agent's `settings` may name another, relative to this one.
+        overrides: Values to put in place of those in the file, such as "trials=2".
+
+    Raises:
+        ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
+    """
+    return load_as(FilmConfig, path, overrides, _unbuildable)
+
+
+def _unbuildable(config: FilmConfig) -> dict[str, str]:
+    try:
+        config.env.make(config.perturbations).close()
+    except ValueError as error:
+        return {"env": f"{error}"}
+    try:
+        required = requirements(config.agent, config.env)
+    except Exception as error:  # whatever a library raises at a setting that it cannot use
+        return {"agent": f"{error}"}
+    if required.rows > 1:
+        return {"agent": f"{config.agent.name!r} learns from {required.rows} arms at once; a film shows one"}
+    return {}

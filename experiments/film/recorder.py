@@ -1,0 +1,167 @@
+"""An environment whose motions are filmed: the arm moves from picture to picture, and looks at the end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, Protocol
+
+import gymnasium
+import numpy as np
+
+from calfree_gym.envs.stereo_arms import LOOK_SECONDS
+from calfree_gym.geometry import Array
+from experiments.film.captions import Status, announcement, caption
+from experiments.film.drawing import Image, Marks, Words
+
+
+class Pace(NamedTuple):
+    """Seconds that things take in the film. A way takes as long as the robot needs for it.
+
+    Attributes:
+        look: Of a look.
+        shortest: Of the shortest way.
+        news: Of an announcement, with the arm at rest.
+        end: After a trial.
+    """
+
+    look: float = 0.35
+    shortest: float = 0.25
+    news: float = 1.6
+    end: float = 0.9
+
+
+PACE = Pace()
+"""Choice: so that a film of ten motions takes about ten seconds."""
+
+
+class Draws(Protocol):
+    """Draws pictures, see `drawing.Screen`."""
+
+    def draw(self, joints: Array | None, marks: Marks | None, words: Words) -> Image:
+        """A picture."""
+
+
+STILL = 1e-4
+"""Joints that move less (rad or m) stand still in the film (a guard)."""
+
+
+class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Films every trial from `first_trial` on.
+
+    Attributes:
+        predicted: Tells where the agent expects image points (4, 2) at registers (m,), or None; asked after a
+            motion and before the agent gets to know what was seen.
+
+    Args:
+        env: The environment.
+        screen: Draws.
+        add: Takes each picture, and for how many frames it is shown.
+        frames_per_second: Of the film.
+        agent: Its name, for the caption.
+        first_trial: From 1.
+        pace: How long things take.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        screen: Draws,
+        add: Callable[[Image, int], None],
+        frames_per_second: int,
+        agent: str,
+        first_trial: int = 1,
+        pace: Pace = PACE,
+    ) -> None:
+        super().__init__(env)
+        self.predicted: Callable[[Array], Array | None] = lambda registers: None
+        self._screen, self._add, self._rate = screen, add, frames_per_second
+        self._agent, self._first_trial, self._pace = agent, first_trial, pace
+        self._status = Status(agent, 0, 0, 0.0)
+        self._marks: Marks | None = None
+
+    @property
+    def _arms(self) -> Any:
+        env: Any = self.env.unwrapped
+        return env.arms
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begins a trial: what has happened to the world, the way home, and a look."""
+        unwrapped: Any = self.env.unwrapped
+        before, seconds = None, 0.0
+        if self._filming:
+            before, seconds = self._joints(), unwrapped.home_seconds - LOOK_SECONDS
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._status = Status(self._agent, self._status.trial + 1, 0, float(info["truth"]["error_px"]))
+        self._marks = None
+        if self._filming:
+            self._announce(before)
+            if before is not None:
+                self._travel(before, seconds)
+            self._look()
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Makes a motion: what has happened to the world, the way, and a look at its end."""
+        before, marks = self._joints(), self._marks
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        status = self._status._replace(motions=self._status.motions + 1)
+        if self._filming:
+            assert marks is not None
+            self._announce(before)
+            predicted = self.predicted(self._arms.registers[0])
+            self._status, self._marks = status, marks.lingering(predicted)
+            self._travel(before, float(info["robot_seconds"]) - LOOK_SECONDS)
+        self._status = status._replace(
+            error_px=float(info["truth"]["error_px"]),
+            rendezvous=bool(info["is_success"]),
+            over=terminated or truncated,
+        )
+        if self._filming:
+            self._look(predicted)
+        return observation, reward, terminated, truncated, info
+
+    @property
+    def _filming(self) -> bool:
+        return self._status.trial >= self._first_trial
+
+    def _joints(self) -> Array:
+        joints: Array = self._arms.simulation.joints()[0]
+        return joints
+
+    def _announce(self, joints: Array | None) -> None:
+        """Shows what has happened to the world, with the arm still where it was."""
+        unwrapped: Any = self.env.unwrapped
+        for perturbation in unwrapped.applied:
+            given = perturbation.to_dict()
+            words = Words(
+                caption(self._status), announced=announcement(given), camera=given.get("camera", "")
+            )
+            marks = self._marks and self._marks.lingering(None)
+            self._show(self._pace.news, joints, marks, words)
+
+    def _travel(self, before: Array, seconds: float) -> None:
+        """Shows the way from joints `before` to where they are now."""
+        after, words = self._joints(), Words(caption(self._status))
+        if np.abs(after - before).max() < STILL:
+            return
+        for share in eased(max(1, round(self._rate * max(seconds, self._pace.shortest)))):
+            self._add(self._screen.draw(before + share * (after - before), self._marks, words), 1)
+
+    def _look(self, predicted: Array | None = None) -> None:
+        """Shows what is seen now."""
+        points, visible, *_ = self._arms.delivered
+        self._marks = Marks(points[0].copy(), visible[0].copy(), predicted)
+        words = Words(caption(self._status), good=self._status.rendezvous)
+        self._show(self._pace.end if self._status.over else self._pace.look, None, self._marks, words)
+
+    def _show(self, seconds: float, joints: Array | None, marks: Marks | None, words: Words) -> None:
+        self._add(self._screen.draw(joints, marks, words), max(1, round(self._rate * seconds)))
+
+
+def eased(frames: int) -> Iterator[float]:
+    """The share of a way that is behind the arm in each of its frames: it starts and ends slowly, at 1."""
+    for frame in range(1, frames + 1):
+        yield (1 - math.cos(math.pi * frame / frames)) / 2

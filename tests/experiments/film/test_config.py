@@ -1,0 +1,97 @@
+"""A film's configuration is read whole, or refused with the path of what is wrong."""
+
+from pathlib import Path
+
+import pytest
+
+from experiments.config.requirements import requirements
+from experiments.errors import ConfigError
+from experiments.film.config import FilmConfig, GifConfig, load_film
+
+ROOT = Path(__file__).parents[3]
+
+
+def put(data, path, value):
+    *parents, last = path.split(".")
+    for key in parents:
+        data = data[int(key) if key.isdigit() else key]
+    data[last] = value
+
+
+def test_what_is_written_is_what_is_read(film_data, write_config):
+    config = load_film(write_config(film_data), ["trials=3", "agent=random"])
+    assert (config.trials, config.agent.name, config.agent.label) == (3, "random", "random")
+    assert config.perturbations[0]["do"]["degrees"] == 15
+    assert config.env.observation == "points"
+    assert config.gif == GifConfig(width=120, frames_per_second=4)
+
+
+def test_the_films_defaults_are_allowed(film_data, write_config):
+    short = {key: film_data[key] for key in ("agent", "env", "trials")}
+    config = load_film(write_config(short))
+    assert (config.width, config.height, config.gif.width, config.learn) == (1080, 780, 540, True)
+
+
+def test_settings_and_models_are_found_beside_the_file(film_data, write_config, tmp_path):
+    (tmp_path / "settings.yaml").write_text("probe_px: 12.0")
+    (tmp_path / "arms").mkdir()
+    hobby = (ROOT / "tests/arms/models/hobby.xml").read_text()
+    (tmp_path / "arms/mine.xml").write_text(hobby)
+    film_data["agent"] = {"name": "unified_servo", "settings": "settings.yaml"}
+    film_data["env"] |= {"arm": {"model": "arms/mine.xml", "gripper": "tip"}, "max_episode_steps": 4}
+    config = load_film(write_config(film_data))
+    assert config.agent.settings == {"probe_px": 12.0}
+    assert f"{tmp_path}/arms" in config.env.arm["model"]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        ("agent", "memori", "agent.name: found 'memori': unknown (did you mean memory?)"),
+        (
+            "agent",
+            {"name": "memory", "settings": {"lucks": 3}},
+            "agent: agent 'memory' has no setting 'lucks'",
+        ),
+        ("agend", "memory", "agend: unknown key (did you mean agent?)"),
+        ("env.wold", "wild", "env.wold: unknown key (did you mean world?)"),
+        ("env.world", "wilde", "env.world: found 'wilde': unknown (did you mean wild?)"),
+        ("env.observation", "pixels", "env.observation: found 'pixels'"),
+        ("gif.widht", 100, "gif.widht: unknown key (did you mean width?)"),
+        ("gif.width", 300, "gif.width is 300: it must be at most the film's 216"),
+        ("gif.frames_per_second", 9, "gif.frames_per_second is 9: it must be at most the film's 8"),
+        ("height", 157, "height: found 157: it must be even"),
+        ("height", 120, "height: found 120"),
+        ("width", 150, "width: found 150: it must be at least the height, 156"),
+        ("trials", 0, "trials: found 0"),
+        ("first_trial", 3, "first_trial: found 3: there are 2 trials"),
+        ("perturbations.0.at", {"trial": 2}, "perturbations.0.at.trial is 2: never, in 2 trials"),
+        ("perturbations.0.do", {"type": "camera_rol"}, "did you mean camera_roll"),
+        ("perturbations.0.do", {"type": "motor_sign", "motor": "J9"}, "motor_sign.motor is 'J9'"),
+    ],
+)
+def test_what_is_wrong_is_named(film_data, write_config, path, value, said):
+    put(film_data, path, value)
+    with pytest.raises(ConfigError) as error:
+        load_film(write_config(film_data))
+    assert said in str(error.value)
+    assert "suite.yaml" in str(error.value).splitlines()[0]
+
+
+def test_learners_of_many_arms_are_refused(film_data, write_config, monkeypatch):
+    def of_four(agent, env):
+        return requirements(agent, env)._replace(rows=4)
+
+    monkeypatch.setattr("experiments.film.config.requirements", of_four)
+    with pytest.raises(ConfigError, match=r"agent: 'unified_servo' learns from 4 arms at once; a film shows"):
+        load_film(write_config(film_data))
+
+
+def test_the_shipped_film_is_valid_and_its_page_names_every_key():
+    config = load_film(ROOT / "configs/film.yaml")
+    assert config.env.observation == "vision"
+    assert config.perturbations
+    page = (ROOT / "docs/film.md").read_text()
+    for key in (*FilmConfig.model_fields, *GifConfig.model_fields, "observation", "occlusion"):
+        assert f"`{key}`" in page, key
+    assert "configs/film.yaml" in page

@@ -1,0 +1,143 @@
+"""What is filmed, without drawing it."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from experiments.film.recorder import PACE, FilmRecorder, eased
+
+RATE = 20
+KNOCK = {"type": "camera_aim", "camera": "left", "degrees": 15.0}
+
+
+class Shots:
+    """Keeps what was to be drawn: joints, marks, words and for how many frames."""
+
+    def __init__(self):
+        self.all = []
+
+    def draw(self, joints, marks, words):
+        self.all.append([joints, marks, words])
+        return np.zeros((2, 2, 3), np.uint8)
+
+    def add(self, picture, times):
+        self.all[-1].append(times)
+
+
+def recorded(first_trial=1, perturbations=None, **settings):
+    env = gym.make(
+        "CalFree/Reach-v0",
+        world="wild",
+        camera_mount="stand",
+        dynamics="kinematic",
+        perturbations=perturbations,
+        **settings,
+    )
+    shots = Shots()
+    return FilmRecorder(env, shots, shots.add, RATE, "someone", first_trial), shots
+
+
+def joints(recorder):
+    return recorder.unwrapped.arms.simulation.joints()[0]
+
+
+def test_the_arm_moves_smoothly_from_look_to_look():
+    recorder, shots = recorded()
+    recorder.reset(seed=0)
+    before = joints(recorder)
+    (look,) = shots.all
+    assert look[0] is None
+    assert look[3] == round(RATE * PACE.look)
+    *_, info = recorder.step(np.array([0.3, 0.2, -0.2], np.float32))
+    _, *way, last = shots.all
+    places = np.array([before, *(each[0] for each in way)])
+    np.testing.assert_allclose(places[-1], joints(recorder))
+    assert len(way) == round(RATE * (info["robot_seconds"] - 4.0)) > 4
+    steps = np.abs(np.diff(places, axis=0)).sum(1)
+    assert (steps > 0).all()
+    assert max(steps[0], steps[-1]) < steps.max() / 2, "it starts and ends slowly"
+    assert [each[3] for each in way] == [1] * len(way)
+    assert not any(each[1].seen.any() for each in way), "it does not look on its way"
+    assert last[1].seen.any()
+    np.testing.assert_array_equal(last[1].points, recorder.unwrapped.arms.delivered[0][0])
+    assert last[2].caption.endswith(f"motion 1 · image error {info['truth']['error_px']:.0f} px")
+
+
+def test_a_motion_of_zero_words_is_a_look_only():
+    recorder, shots = recorded()
+    recorder.reset(seed=0)
+    recorder.step(np.zeros(3, np.float32))
+    assert len(shots.all) == 2
+
+
+@pytest.mark.parametrize("clock", ["motion", "trial"])
+def test_a_knock_is_announced_with_the_arm_where_it_was(clock):
+    recorder, shots = recorded(perturbations=[{"at": {clock: 1}, "do": KNOCK}])
+    recorder.reset(seed=0)
+    recorder.step(np.array([0.3, 0.2, -0.2], np.float32))
+    before, seen = joints(recorder), len(shots.all)
+    if clock == "trial":
+        recorder.reset()
+    else:
+        recorder.step(np.array([-0.3, 0.1, 0.1], np.float32))
+    said = [shot for shot in shots.all if shot[2].announced]
+    assert said == [shots.all[seen]]
+    where, marks, words, times = said[0]
+    assert words.announced == "left camera turned by 15 degrees"
+    assert words.camera == "left"
+    assert times == round(RATE * PACE.news)
+    np.testing.assert_array_equal(where, before)
+    assert (marks is None) == (clock == "trial")
+
+
+def test_the_way_home_is_shown_and_the_end_of_a_trial_lasts():
+    recorder, shots = recorded(max_episode_steps=1)
+    recorder.reset(seed=0)
+    home = joints(recorder)
+    recorder.step(np.array([0.3, 0.2, -0.2], np.float32))
+    assert shots.all[-1][3] == round(RATE * PACE.end)
+    assert "no rendezvous in 1 motion" in shots.all[-1][2].caption
+    far, seen = joints(recorder), len(shots.all)
+    recorder.reset()
+    way = shots.all[seen:-1]
+    assert len(way) > 4
+    assert np.abs(way[0][0] - far).max() < 0.1 < np.abs(far - home).max()
+    np.testing.assert_allclose(way[-1][0], home)
+    assert {each[1] for each in way} == {None}
+    assert "trial 2 · motion 0" in shots.all[-1][2].caption
+
+
+def test_earlier_trials_are_made_but_not_shown():
+    recorder, shots = recorded(first_trial=2)
+    recorder.reset(seed=0)
+    recorder.step(np.array([0.3, 0.2, -0.2], np.float32))
+    assert not shots.all
+    recorder.reset()
+    assert len(shots.all) == 1
+    assert "trial 2" in shots.all[0][2].caption
+
+
+def test_predictions_are_asked_for_the_executed_registers_and_stay_for_the_look():
+    recorder, shots = recorded()
+    asked = []
+
+    def predicted(registers):
+        asked.append(registers.copy())
+        return np.full((4, 2), 0.1)
+
+    recorder.predicted = predicted
+    recorder.reset(seed=0)
+    assert not asked
+    for k in range(2):  # the second is beyond the stops
+        observation, *_ = recorder.step(np.array([1.0, 0.9, 0.5], np.float32))
+        np.testing.assert_allclose(asked[k], observation["observation"][4:], rtol=1e-6)
+    assert (asked[1] < [2.0, 1.8, 1.0]).all()
+    assert shots.all[0][1].predicted is None
+    assert all((each[1].predicted == 0.1).all() for each in shots.all[1:])
+
+
+def test_a_way_ends_where_it_is_to_end():
+    shares = list(eased(7))
+    assert len(shares) == 7
+    assert shares[-1] == 1
+    assert list(eased(1)) == [1]
