@@ -43,7 +43,7 @@ def _points_and_jacobian(env, registers):
     arms = env.unwrapped.arms
     world = arms.world(0)
     registers = arms.registers[0] if registers is None else registers
-    model, data = arms.simulation.snapshot(0)
+    model, data = arms.simulation.show(0, arms.simulation.picture())
     data.qpos[:] = arms.motors.joints(registers[None], np.array([0]))[0]
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)

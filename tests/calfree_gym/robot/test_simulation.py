@@ -72,5 +72,5 @@ def test_a_motion_leaves_the_models_flags_as_they_were(pair):
     """Sensors are off during a motion; contacts stay off and sensors come back after it."""
     physics, _, motors, _, mount = pair
     physics.move(EVERY, motors.joints(np.full((ROWS, 3), 0.1), EVERY))
-    model, _ = physics.snapshot(0)
+    model = physics._batch.get_model(0)
     assert model.opt.disableflags == MOVEMASTER.scene(MOVEMASTER.mounts(mount)).model.opt.disableflags

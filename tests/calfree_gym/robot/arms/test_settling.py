@@ -44,7 +44,9 @@ def test_all_other_joints_stay_at_home(name):
     moved = np.zeros(robot.model.nq, bool)
     moved[robot.qpos_of_motors] = True
     for row in range(ROWS):
-        model, data = env.unwrapped.arms.simulation.snapshot(row)
+        batch = env.unwrapped.arms.simulation._batch
+        model, data = batch.get_model(row), batch.get_data(row)
+        mujoco.mj_forward(model, data)
         assert data.qpos[~moved] == pytest.approx(robot.home_qpos[~moved], abs=1e-4)
         assert (data.qpos[moved] != robot.home_qpos[moved]).all()
         for key in range(robot.model.nkey):
