@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.observation import Array
+from ..base.observation import POINTS, Array
 from ..perception.gating import Gating
 from .image_model.smooth_points import ExpectedPoints, SmoothPoints
 
@@ -22,6 +22,8 @@ ENOUGH = 0.99
 
 STARTS = 10
 """Gauss-Newton steps begin at so many places besides the present one (a guard)."""
+NOWHERE = 1.0
+"""A point that is so unsure, in image units, was never seen: its image does not count. Choice: half an image."""
 LEFT = 0.3
 """A place that leaves more than this share of the distance leaves too much: tuned on wild worlds 3000 and up;
 from 0.15 to 0.6 it hardly matters."""
@@ -51,6 +53,8 @@ class LeastDistance(NamedTuple):
 class Seeker:
     """Seeks it by Gauss-Newton steps, between the motors' stops; among equals the nearest.
 
+    An image in which gripper or object was never seen does not count; the distance is then called far.
+
     Args:
         points: What is known of the points.
         here: Registers (m,) to go from.
@@ -66,8 +70,11 @@ class Seeker:
         self._lowest, self._highest = lowest, highest
         self._caution = caution
         now = points.at(here)
-        certain = 2 * Gating.AGREE**2 * now.variances.mean()
-        self._too_much = max(LEFT**2 * float(now.distance @ now.distance), float(certain))
+        self._points_count = np.tile((now.variances < NOWHERE**2).reshape(2, 2).all(0), 2)
+        self._counts = self._points_count.reshape(2, 2)[0].repeat(2)
+        distance = now.distance * self._counts
+        certain = 2 * Gating.AGREE**2 * float(now.variances @ self._points_count) / POINTS
+        self._too_much = max(LEFT**2 * float(distance @ distance), certain)
 
     def seek(self) -> LeastDistance:
         """From here; where that ends far off, also from where the gripper was seen nearest to the object.
@@ -106,21 +113,25 @@ class Seeker:
             if enough:
                 break
         far = square > self._too_much
-        sure = there.distance @ there.distance > Gating.AGREE**2 * 2 * there.variances.sum()
-        return LeastDistance(registers, square, bool(far), bool(far and sure))
+        distance = there.distance * self._counts
+        sure = distance @ distance > Gating.AGREE**2 * 2 * there.variances @ self._points_count
+        unseen = not self._counts.all()
+        return LeastDistance(registers, square, bool(far or unseen), bool(far and sure))
 
     def _expected(self, registers: Array) -> tuple[ExpectedPoints, float]:
         """What should be seen at registers (m,), and the square that counts."""
         expected, words = self._points.at(registers), registers - self._here
-        unsure = self._caution * 2 * expected.variances.sum()
-        return expected, float(expected.distance @ expected.distance + unsure + NEAREST * words @ words)
+        distance = expected.distance * self._counts
+        unsure = self._caution * 2 * expected.variances @ self._points_count
+        return expected, float(distance @ distance + unsure + NEAREST * words @ words)
 
     def _step(self, registers: Array, there: ExpectedPoints) -> Array:
         """A Gauss-Newton step (m,) of the motors that do not press against their stops."""
-        jacobian = there.distance_jacobian
-        slope = jacobian.T @ there.distance + self._caution * there.variance_slopes.sum(0)
+        jacobian = there.distance_jacobian * self._counts[:, None]
+        slope = jacobian.T @ there.distance + self._caution * self._points_count @ there.variance_slopes
         slope += NEAREST * (registers - self._here)
-        curved = jacobian.T @ jacobian + 2 * self._caution * there.slope_variances.sum(0)
+        unsure = np.tensordot(self._points_count, there.slope_variances, 1)
+        curved = jacobian.T @ jacobian + 2 * self._caution * unsure
         curved.flat[:: len(registers) + 1] += NEAREST
         free = np.where(slope > 0, registers > self._lowest, registers < self._highest)
         step = np.zeros_like(registers)

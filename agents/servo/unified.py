@@ -101,6 +101,7 @@ class Reach:
         self._servo = servo
         self._caution = 1.0 if self.points.remembers else servo.caution
         self._trusted = findings.trusted
+        self._seen = first.visible
         self._all_seen_at = [first.registers]
         self._was_blind = False
         self._random = np.random.default_rng(0)
@@ -113,6 +114,7 @@ class Reach:
     def begin(self) -> Motions:
         """Observes until all points were seen."""
         self.now = yield from self.filter.first(self.now)
+        self._seen = self.now.visible
         self.points.look(self.now, self.filter.noise.px)
 
     def move(self, words: Array) -> Motions:
@@ -128,13 +130,21 @@ class Reach:
         look(self.now, self.filter.noise.px)
         if self.filter.often_mistaken:
             self.points.leave_out_mistaken()
-        if self.now.visible.all():
+        self._note_seen()
+
+    def _note_seen(self) -> None:
+        """Remembers where all points were seen that ever were in this trial."""
+        visible = self.now.visible
+        if (visible & ~self._seen).any():
+            self._seen = self._seen | visible
+            self._all_seen_at = []
+        if visible[self._seen].all() or not self._all_seen_at:
             self._all_seen_at.append(self.now.registers)
 
     @property
     def blind(self) -> bool:
-        """Whether a point is hidden, and where it is expected is too unsure to go on by that."""
-        lost = self.filter.lost
+        """Whether a point is hidden that was seen before, and is expected too unsurely to go on by that."""
+        lost = self.filter.lost & self._seen
         if not lost.any():
             return False
         here = self.points.at(self.now.registers)
