@@ -23,7 +23,7 @@ ENOUGH = 0.99
 STARTS = 10
 """Gauss-Newton steps begin at so many places besides the present one (a guard)."""
 NOWHERE = 1.0
-"""A point that is so unsure, in image units, was never seen: its image does not count. Choice: half an image."""
+"""A point that is so unsure, in image units, was never seen: its image does not count. Choice: half of it."""
 LEFT = 0.3
 """A place that leaves more than this share of the distance leaves too much: tuned on wild worlds 3000 and up;
 from 0.15 to 0.6 it hardly matters."""

@@ -1,0 +1,59 @@
+"""Servos whose points are hidden by the arm, or by what stands in the way."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+from agents.base.observation import Observation
+from agents.servo.image_model.smooth_points import SmoothPoints
+from agents.servo.least_distance import Seeker
+
+
+def reach(env, observation, name="unified_servo"):
+    """Whether the trial that has begun ends at the rendezvous, and its motions."""
+    agent, state = agents.make(name, env), None
+    for motion in range(1, 61):
+        words, state = agent.predict(observation, state)
+        observation, _, terminated, _, _ = env.step(words)
+        if terminated:
+            return True, motion
+    return False, 60
+
+
+@pytest.mark.parametrize("mount", ["waist", "stand"])
+def test_hidden_points_cost_few_motions(mount):
+    env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", occlusion=True)
+    trials = [reach(env, env.reset(seed=seed)[0]) for seed in range(5000, 5012)]
+    assert all(success for success, _ in trials)
+    assert np.mean([motions for _, motions in trials]) < 11
+
+
+def test_an_object_that_one_camera_does_not_see_from_home_is_not_waited_for():
+    """It goes nearer by what the other camera sees, until both see it."""
+    reached = []
+    for seed in range(20):
+        env = gym.make("CalFree/Reach-v0", camera_mount="waist", dynamics="kinematic", occlusion=True)
+        env.reset(seed=seed)
+        drawn = gym.make("CalFree/Reach-v0", world=env.unwrapped.world, dynamics="kinematic")
+        drawn.reset(seed=seed)
+        for _ in range(12):
+            place = drawn.reset()[1]["truth"]["object"]
+            observation, _ = env.reset(options={"object": place})
+            if observation["observation"][2:4].sum() == 1:
+                reached.append(reach(env, observation)[0])
+                break
+    assert len(reached) > 8
+    assert np.mean(reached) > 0.75
+
+
+def test_an_image_in_which_the_object_was_never_seen_does_not_count():
+    points = SmoothPoints(2)
+    visible = np.array([True, True, True, False])
+    for registers in ([0.0, 0.0], [0.1, 0.0], [0.0, 0.1]):
+        seen = np.array([[registers[0], 0.0], [registers[1], 0.0], [0.3, 0.0], [0.0, 0.0]])
+        points.look(Observation(seen, visible, np.array(registers)), 0.5)
+    found = Seeker(points, np.zeros(2), -np.ones(2), np.ones(2), caution=0.1).seek()
+    assert found.far, "so that a probe is made"
+    assert found.registers[0] == pytest.approx(0.3, abs=0.06)
+    assert abs(found.registers[1]) < 0.06, "nothing is known of the other image"
