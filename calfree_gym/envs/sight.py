@@ -19,6 +19,10 @@ from calfree_gym.world import World
 if TYPE_CHECKING:
     from calfree_gym.envs.stereo_arms import StereoArms
 
+SHADOWS_FROM = 256
+"""Images of fewer pixels have no shadows. Choice: those who ask for small images want them fast, and shadows
+take two thirds of their time."""
+
 Seen = tuple[NDArray[Any], ...]
 """Points (N, 4, 2), which of them were seen (N, 4), and images, where they are delivered."""
 
@@ -107,7 +111,8 @@ class RenderedSight(Sight):
     def _render(self, rows: NDArray[np.intp]) -> None:
         arms = self._arms
         if self._renderer is None:
-            self._renderer = StereoImages(arms.simulation, arms.robot.rig, self._size)
+            shadows = self._size >= SHADOWS_FROM
+            self._renderer = StereoImages(arms.simulation, arms.robot.rig, self._size, shadows)
         places = self._places.at(arms.trials, arms.motions_of_trial)
         for row in rows.tolist():
             world = arms.world(row)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -11,10 +12,13 @@ from numpy.typing import NDArray
 MOST_SATURATED = 0.3
 """Marks are told from their background by saturation; theirs is 0.8 and more."""
 DARKEST, BRIGHTEST = 0.25, 0.9
+KEPT = 256
+"""Pictures that are kept: two a world, so that many rows can be rendered in turns."""
 OCTAVES = 5
 """Blotches of five sizes, each half as large as the one before."""
 
 
+@lru_cache(maxsize=KEPT)
 def texture(number: int, height: int, width: int) -> NDArray[np.uint8]:
     """Blotches of two colours (height, width, 3); the same number gives the same picture."""
     rng = np.random.default_rng(number)

@@ -209,8 +209,8 @@ def _add_sky(spec: Any) -> tuple[str, ...]:
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
         rgb1=[0.93, 0.95, 0.97],
         rgb2=[0.70, 0.76, 0.83],
-        width=128,
-        height=128,
+        width=64,
+        height=64,
     )
     return (PREFIX + "sky",)
 
