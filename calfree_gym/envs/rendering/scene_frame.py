@@ -126,7 +126,7 @@ def _ring(
 def _write(image: Image, name: str) -> None:
     scale = len(image) / (2 * PIXELS_PER_UNIT)
     place = round(14 * scale), round(40 * scale)
-    for colour, width in (((255, 255, 255), 4), ((30, 30, 30), 1)):
+    for colour, width in (((255, 255, 255), 3), ((30, 30, 30), 1)):
         cv2.putText(image, name, place, cv2.FONT_HERSHEY_SIMPLEX, 1.1 * scale, colour, width, cv2.LINE_AA)
 
 
