@@ -52,8 +52,10 @@ class Pairs:
         looks = [look for look in looks if look.visible[:2].all()]
         shown = [look.visible[2:].all() for look in looks]
         count = len(looks)
+        if not count:
+            return cls.none(0)
         return cls(
-            np.array([look.registers for look in looks]).reshape(count, -1),
+            np.array([look.registers for look in looks]),
             np.array([look.gripper for look in looks]).reshape(count, 4),
             np.array(
                 [look.object if seen else np.full(4, np.nan) for look, seen in zip(looks, shown, strict=True)]

@@ -22,7 +22,7 @@ ENOUGH = 0.99
 
 STARTS = 10
 """Gauss-Newton steps begin at so many places besides the present one (a guard)."""
-NOWHERE = 1.0
+NEVER_SEEN = 1.0
 """A point that is so unsure, in image units, was never seen: its image does not count. Choice: half of it."""
 LEFT = 0.3
 """A place that leaves more than this share of the distance leaves too much: tuned on wild worlds 3000 and up;
@@ -70,7 +70,7 @@ class Seeker:
         self._lowest, self._highest = lowest, highest
         self._caution = caution
         now = points.at(here)
-        self._points_count = np.tile((now.variances < NOWHERE**2).reshape(2, 2).all(0), 2)
+        self._points_count = np.tile((now.variances < NEVER_SEEN**2).reshape(2, 2).all(0), 2)
         self._counts = self._points_count.reshape(2, 2)[0].repeat(2)
         distance = now.distance * self._counts
         certain = 2 * Gating.AGREE**2 * float(now.variances @ self._points_count) / POINTS

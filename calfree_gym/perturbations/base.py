@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from calfree_gym.errors import near_misses
+from calfree_gym.image import CAMERAS
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.world import World, log_uniform
@@ -178,6 +179,25 @@ class Perturbation:
 
     def _given(self) -> dict[str, Any]:
         return {k: v for k, v in asdict(self).items() if v is not None}  # type: ignore[call-overload]
+
+
+class CameraFactor(Perturbation):
+    """Multiplies one camera's entry of a field of the world by a factor.
+
+    Attributes:
+        entry: The field.
+    """
+
+    entry: ClassVar[str]
+    camera: str
+    factor: float
+
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+        camera = CAMERAS.index(self.camera)
+        return with_entry(world, self.entry, camera, getattr(world, self.entry)[camera] * self.factor)
+
+    def inverse(self) -> Perturbation:
+        return replace(self, factor=1 / self.factor)  # type: ignore[type-var]
 
 
 def with_entry(world: World, name: str, index: int, value: Any) -> World:

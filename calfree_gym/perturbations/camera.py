@@ -12,6 +12,7 @@ from calfree_gym.geometry import quaternion_about, quaternion_between, quaternio
 from calfree_gym.image import CAMERAS
 from calfree_gym.perturbations.base import (
     DRIFT_STEPS,
+    CameraFactor,
     Perturbation,
     amount,
     factor,
@@ -64,19 +65,13 @@ class CameraAim(Perturbation):
 
 
 @dataclass(frozen=True)
-class CameraZoom(Perturbation):
+class CameraZoom(CameraFactor):
     """Multiplies a camera's focal length by `factor` (drawn: 0.8-1.25)."""
 
     type: ClassVar[str] = "camera_zoom"
+    entry: ClassVar[str] = "focal_length"
     camera: str = one_of(CAMERAS)
     factor: float = factor(0.8, 1.25)
-
-    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        camera = CAMERAS.index(self.camera)
-        return with_entry(world, "focal_length", camera, world.focal_length[camera] * self.factor)
-
-    def inverse(self) -> Perturbation:
-        return replace(self, factor=1 / self.factor)
 
 
 @dataclass(frozen=True)

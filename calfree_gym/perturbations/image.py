@@ -13,6 +13,7 @@ from calfree_gym.geometry import direction_between
 from calfree_gym.image import CAMERAS
 from calfree_gym.perturbations.base import (
     DRIFT_STEPS,
+    CameraFactor,
     Perturbation,
     amount,
     factor,
@@ -57,19 +58,13 @@ class Light(Perturbation):
 
 
 @dataclass(frozen=True)
-class Exposure(Perturbation):
+class Exposure(CameraFactor):
     """Multiplies the brightness of a camera's images by `factor` (drawn: 0.6-1.6)."""
 
     type: ClassVar[str] = "exposure"
+    entry: ClassVar[str] = "exposure"
     camera: str = one_of(CAMERAS)
     factor: float = factor(0.6, 1.6)
-
-    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        camera = CAMERAS.index(self.camera)
-        return with_entry(world, "exposure", camera, world.exposure[camera] * self.factor)
-
-    def inverse(self) -> Perturbation:
-        return replace(self, factor=1 / self.factor)
 
 
 class _ImageFault(Perturbation):

@@ -72,6 +72,9 @@ class SmoothFunction:
     LENGTHS = 2.0 ** np.arange(-3, 4)
     """Registers over which points may be smooth. Choice: from an eighth to eight times what a motor has to
     its farther stop."""
+    SHORTEST = 2.0**-8
+    """No shorter length is tried (a guard: below, looks that contradict each other would be of different
+    places, and rounding would decide)."""
     USUAL, UNUSUAL = 2.0, 1.0
     """Beforehand these lengths are log-normal, with that median and deviation of the logarithm. Choice: a
     handful of looks outweighs it."""
@@ -132,7 +135,7 @@ class SmoothFunction:
             for component in range(len(best.lengths[0])):
                 for factor in (0.5, 2.0):
                     lengths = best.lengths[0].copy()
-                    lengths[component] *= factor
+                    lengths[component] = max(factor * lengths[component], self.SHORTEST)
                     other = self.of(self.looks, self.motors, lengths)
                     if other.evidence[0] > best.evidence[0]:
                         best, improves = other, True

@@ -212,3 +212,15 @@ def test_lower_triangular_matrices_are_inverted(size, rng):
     inverses = inverse(factors)
     np.testing.assert_allclose(inverses @ factors, np.tile(np.eye(size), (3, 1, 1)), atol=1e-10)
     assert not np.triu(inverses, 1).any()
+
+
+def test_looks_that_contradict_each_other_make_no_length_vanish():
+    """Such as those of cameras that were rolled again and again, each mapped a little wrongly."""
+    rng = np.random.default_rng(0)
+    places = np.repeat(rng.uniform(-1, 1, (30, 3)), 3, axis=0) + rng.normal(scale=1e-5, size=(90, 3))
+    function = SmoothFunction.unknown(3, 3)
+    for place in places:
+        function = function.with_look(place, rng.uniform(-1, 1, (2, 2)), 4e-6, np.ones(2, bool))
+    refitted = function.refitted()
+    assert refitted.lengths.min() >= SmoothFunction.SHORTEST
+    assert np.isfinite(refitted.at(places[0]).points).all()

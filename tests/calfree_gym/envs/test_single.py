@@ -220,8 +220,8 @@ def test_bad_actions(action, message):
         ({"dynamics": "quick"}, "'quick'.*physics, kinematic"),
         ({"tolerance_px": 0}, "tolerance_px is 0"),
         ({"tolerance_px": "4"}, "tolerance_px is '4'"),
-        ({"observation": "pixels"}, "'pixels'.*points"),
-        ({"render_mode": "human"}, "'human'.*rgb_array"),
+        ({"observation": "pixel"}, "'pixel'.*pixels"),
+        ({"render_mode": "humans"}, "'humans'.*human"),
         ({"perturbations": {"at": 3}}, "must be a list"),
         ({"perturbations": [{"at": {"motoin": 3}, "do": {"type": "camera_roll"}}]}, "did you mean motion"),
     ],
@@ -296,7 +296,7 @@ def test_a_renderer_that_mujoco_cannot_load_is_named_at_the_import():
 def test_render_without_a_render_mode_shows_nothing():
     env = gym.make("CalFree/Reach-v0", world="nominal").unwrapped
     env.reset(seed=0)
-    with pytest.warns(UserWarning, match="render_mode='rgb_array'"):
+    with pytest.warns(UserWarning, match="give one to gym.make: rgb_array, human"):
         assert env.render() is None
 
 
