@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.envs.privileged import PRIVILEGED
 from calfree_gym.envs.rendering.scene_frame import SceneFrame, check_size
+from calfree_gym.envs.rendering.viewer import Viewer
 from calfree_gym.envs.spaces import GOALS, IMAGES, Observation, observations
 from calfree_gym.envs.spec import plain
 from calfree_gym.envs.state import Copyable
@@ -126,8 +127,6 @@ class StereoArmShared(Copyable):
             )
             return None
         if self._renderer is None:
-            from calfree_gym.envs.rendering.viewer import Viewer
-
             human = self.render_mode == "human"
             self._renderer = Viewer(self.arms) if human else SceneFrame(self.arms, *self._frame_size)
         frame: NDArray[np.uint8] | None = self._renderer.draw(row)

@@ -32,6 +32,7 @@ class Sight:
 
     Attributes:
         renders: Whether images are rendered.
+        finds: Whether points are found in images, whatever projection and rays say.
         images: Those of all rows (N, 2, size, size, ...), where they are delivered; else none.
 
     Args:
@@ -39,6 +40,7 @@ class Sight:
     """
 
     renders: ClassVar[bool] = False
+    finds: ClassVar[bool] = False
     state_names: ClassVar[tuple[str, ...]] = ()
     images: tuple[NDArray[Any], ...] = ()
 
@@ -132,6 +134,7 @@ class RenderedSight(Sight):
 class TrackedSight(RenderedSight):
     """Points that a tracker finds in images of 512 x 512 pixels."""
 
+    finds = True
     state_names = ("_trackers", "_points", "_visible")
 
     def __init__(self, arms: StereoArms) -> None:

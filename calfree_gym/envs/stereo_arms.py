@@ -242,7 +242,7 @@ class StereoArms:
         visible = shown & (depth > 0) & inside(true)
         self.true_points = true
         motions = self.motions_of_trial
-        if self._lines is not None:
+        if self._lines is not None and not self._sight.finds:
             visible &= np.stack([self._lines.in_sight(row) for row in range(self.rows)])
         seen, self.visible, *images = self._sight.look(true, visible, self._moved)
         self._moved[:] = False

@@ -200,8 +200,32 @@ class CameraFactor(Perturbation):
         return replace(self, factor=1 / self.factor)  # type: ignore[type-var]
 
 
-def with_entry(world: World, name: str, index: int, value: Any) -> World:
-    """The world with one entry, along the first axis, of the field `name` replaced."""
+class Level(Perturbation):
+    """Sets the field that its type names, or a camera's entry of it; as a drift, adds to it.
+
+    Attributes:
+        quantity: The setting that holds the level; another one may be the camera.
+    """
+
+    quantity: ClassVar[str]
+
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+        return with_entry(world, self.type, self._entry, getattr(self, self.quantity))
+
+    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
+        step = getattr(self, self.quantity)
+        there = getattr(world, self.type)[self._entry].item() + (-step if back else step)
+        if self.settings()[self.quantity].whole:
+            there = int(there)
+        return replace(self, **{self.quantity: there}).change(world)  # type: ignore[type-var]
+
+    @property
+    def _entry(self) -> int | tuple[()]:
+        return CAMERAS.index(self.camera) if hasattr(self, "camera") else ()
+
+
+def with_entry(world: World, name: str, index: int | tuple[()], value: Any) -> World:
+    """The world with one entry, along the first axis, of the field `name` replaced; () is all of it."""
     array = getattr(world, name).copy()
     array[index] = value
     return replace(world, **{name: array})

@@ -14,13 +14,13 @@ from calfree_gym.image import CAMERAS
 from calfree_gym.perturbations.base import (
     DRIFT_STEPS,
     CameraFactor,
+    Level,
     Perturbation,
     amount,
     factor,
     one_of,
     setting,
     uniform,
-    with_entry,
 )
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
@@ -67,28 +67,8 @@ class Exposure(CameraFactor):
     factor: float = factor(0.6, 1.6)
 
 
-class _ImageFault(Perturbation):
-    """Sets a camera's entry of the field that its type names; as a drift, adds to it.
-
-    Attributes:
-        quantity: The setting that holds the value.
-    """
-
-    quantity: ClassVar[str]
-    camera: str
-
-    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        return with_entry(world, self.type, CAMERAS.index(self.camera), getattr(self, self.quantity))
-
-    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
-        step = getattr(self, self.quantity)
-        present = float(getattr(world, self.type)[CAMERAS.index(self.camera)])
-        there = present + (-step if back else step)
-        return replace(self, **{self.quantity: there}).change(world)  # type: ignore[type-var]
-
-
 @dataclass(frozen=True)
-class Blur(_ImageFault):
+class Blur(Level):
     """Sets the standard deviation of a camera's blur to `px` (drawn: 0.5-3), of 512; as a drift, adds it."""
 
     type: ClassVar[str] = "blur"
@@ -98,7 +78,7 @@ class Blur(_ImageFault):
 
 
 @dataclass(frozen=True)
-class ImageNoise(_ImageFault):
+class ImageNoise(Level):
     """Sets the standard deviation of a camera's noise to grey `levels` (drawn: 3-12); as a drift, adds it."""
 
     type: ClassVar[str] = "image_noise"

@@ -2,41 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from calfree_gym.image import IMAGE_SIZE
-from calfree_gym.perturbations.base import Perturbation, amount, setting, uniform
-from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.perturbations.base import Level, amount, setting, uniform
 from calfree_gym.vision.latency import MAX_LATENCY
-from calfree_gym.world import World, log_uniform
-
-
-class _PointPerturbation(Perturbation):
-    """Sets the field of the world that its type names; as a drift, adds to it.
-
-    Attributes:
-        quantity: The setting that holds the value.
-    """
-
-    quantity: ClassVar[str]
-
-    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        return replace(world, **{self.type: np.array(getattr(self, self.quantity))})
-
-    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
-        step = getattr(self, self.quantity)
-        there = getattr(world, self.type).item() + (-step if back else step)
-        if self.settings()[self.quantity].whole:
-            there = int(there)
-        return replace(self, **{self.quantity: there}).change(world)  # type: ignore[type-var]
+from calfree_gym.world import log_uniform
 
 
 @dataclass(frozen=True)
-class PointNoise(_PointPerturbation):
+class PointNoise(Level):
     """Sets the standard deviation of image coordinates to `px` (drawn: 0.5-5); as a drift, adds it."""
 
     type: ClassVar[str] = "point_noise"
@@ -45,7 +21,7 @@ class PointNoise(_PointPerturbation):
 
 
 @dataclass(frozen=True)
-class PointOutliers(_PointPerturbation):
+class PointOutliers(Level):
     """Places a `share` (drawn: 0-0.4) of the image points anywhere in the image; as a drift, adds it."""
 
     type: ClassVar[str] = "point_outliers"
@@ -54,7 +30,7 @@ class PointOutliers(_PointPerturbation):
 
 
 @dataclass(frozen=True)
-class PointDropout(_PointPerturbation):
+class PointDropout(Level):
     """Hides a `share` (drawn: 0-0.4) of the image points; as a drift, adds it."""
 
     type: ClassVar[str] = "point_dropout"
@@ -63,7 +39,7 @@ class PointDropout(_PointPerturbation):
 
 
 @dataclass(frozen=True)
-class Latency(_PointPerturbation):
+class Latency(Level):
     """Delays image points by `motions` (drawn: 1-3; as a drift: 1); as a drift, adds them."""
 
     type: ClassVar[str] = "latency"

@@ -10,12 +10,13 @@ import agents
 import calfree_gym
 from calfree_gym.errors import near_misses
 from calfree_gym.image import IMAGE_SIZE
-from calfree_gym.perturbations import TYPES, parse_perturbation, parse_schedule
+from calfree_gym.perturbations import TYPES, parse_perturbation
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, robot_of
 from calfree_gym.world import DISTRIBUTIONS
 from experiments.config.arms import as_arm, is_told
 from experiments.config.claims import Claim, TrialsOf
 from experiments.config.model import Model, Name, distinct, one_of
+from experiments.config.schedule import check_reached
 
 
 class EnvironmentConfig(Model):
@@ -117,13 +118,8 @@ class ScenarioConfig(Model):
     def _within_the_lifetime(
         cls, value: tuple[dict[str, Any], ...], info: ValidationInfo
     ) -> tuple[dict[str, Any], ...]:
-        for i, event in enumerate(parse_schedule(list(value))):
-            length = info.data.get(f"{event.clock}s")
-            if length is not None and event.at >= length:
-                raise ValueError(
-                    f"perturbations.{i}.at.{event.clock} is {event.at}: never, "
-                    f"in a lifetime of {length} {event.clock}s"
-                )
+        lengths = {clock: info.data.get(f"{clock}s") for clock in ("motion", "trial")}
+        check_reached(value, lengths, "a lifetime of ")
         return value
 
     @field_validator("evaluation")

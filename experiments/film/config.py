@@ -7,10 +7,10 @@ from typing import Any, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from calfree_gym.envs.rendering.scene_frame import LARGEST, SMALLEST
-from calfree_gym.perturbations import parse_schedule
 from experiments.config.loading import load_as
 from experiments.config.model import Model
 from experiments.config.requirements import requirements
+from experiments.config.schedule import check_reached
 from experiments.config.suite import AgentConfig, EnvironmentConfig
 
 CAPTION = 12
@@ -79,10 +79,7 @@ class FilmConfig(Model):
     def _within_the_film(
         cls, value: tuple[dict[str, Any], ...], info: ValidationInfo
     ) -> tuple[dict[str, Any], ...]:
-        trials = info.data.get("trials")
-        for i, event in enumerate(parse_schedule(list(value))):
-            if event.clock == "trial" and trials is not None and event.at >= trials:
-                raise ValueError(f"perturbations.{i}.at.trial is {event.at}: never, in {trials} trials")
+        check_reached(value, {"trial": info.data.get("trials")})
         return value
 
     @field_validator("height", "width")

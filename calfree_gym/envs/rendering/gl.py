@@ -20,13 +20,11 @@ def gl_context(size: int) -> Any:
     Raises:
         gymnasium.error.DependencyNotInstalled: There is none; names the package to install.
     """
-    windowed = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    backend = os.environ.get("MUJOCO_GL", "").lower() or ("glfw" if windowed else "egl")
     try:
-        context = _context(backend, windowed)(size, size)
+        context = _context(*_backend())(size, size)
         context.make_current()
     except Exception as error:
-        raise _missing(backend, error) from error
+        raise _missing(error) from error
     return context
 
 
@@ -40,11 +38,18 @@ def drawing_context(model: mujoco.MjModel) -> mujoco.MjrContext:
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
     except Exception as error:
-        raise _missing(os.environ.get("MUJOCO_GL", "egl"), error) from error
+        raise _missing(error) from error
     return context
 
 
-def _missing(backend: str, error: Exception) -> gym.error.DependencyNotInstalled:
+def _backend() -> tuple[str, bool]:
+    """The name of the backend, and whether there is a screen."""
+    windowed = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    return os.environ.get("MUJOCO_GL", "").lower() or ("glfw" if windowed else "egl"), windowed
+
+
+def _missing(error: Exception) -> gym.error.DependencyNotInstalled:
+    backend, _ = _backend()
     return gym.error.DependencyNotInstalled(
         f"no image can be rendered: the GL backend {backend!r} failed ({error or type(error).__name__}). "
         "Without a screen, install EGL (Debian: libegl1 and libgl1-mesa-dri) or OSMesa (libosmesa6) and set "
@@ -52,7 +57,7 @@ def _missing(backend: str, error: Exception) -> gym.error.DependencyNotInstalled
     )
 
 
-def _context(backend: str, windowed: str | None) -> Any:
+def _context(backend: str, windowed: bool) -> Any:
     if backend == "egl":
         from mujoco.egl import GLContext
     elif backend == "osmesa":
