@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import gymnasium
 
 from agents.base.random_state import random_state_preserved
-from calfree_gym.envs.stereo_arms import LOOK_SECONDS
+from calfree_gym.envs.arms.base import LOOK_SECONDS
 
 THRESHOLDS_PX = (2, 4, 8, 16)
 

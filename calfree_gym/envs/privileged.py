@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.stereo_arms import StereoArms
+from calfree_gym.envs.arms.stereo_arms import StereoArms
 from calfree_gym.robot.arms.robot import Robot
 
 

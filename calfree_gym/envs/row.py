@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 
-from calfree_gym.envs.state import RowState
+from calfree_gym.envs.arms.state import RowState
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
 from calfree_gym.world import World

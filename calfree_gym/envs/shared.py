@@ -11,13 +11,13 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
+from calfree_gym.envs.arms.state import Copyable
+from calfree_gym.envs.arms.stereo_arms import StereoArms
 from calfree_gym.envs.privileged import PRIVILEGED
 from calfree_gym.envs.rendering.scene_frame import SceneFrame, check_size
 from calfree_gym.envs.rendering.viewer import Viewer
 from calfree_gym.envs.spaces import GOALS, IMAGES, Observation, observations
 from calfree_gym.envs.spec import plain
-from calfree_gym.envs.state import Copyable
-from calfree_gym.envs.stereo_arms import StereoArms
 from calfree_gym.errors import check_choice, check_whole
 from calfree_gym.image import IMAGE_SIZE, lengths
 from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of

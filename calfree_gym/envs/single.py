@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.envs.arms.state import RowState
 from calfree_gym.envs.shared import RENDER_MODES, GoalRewards, StereoArmShared, placed_objects
 from calfree_gym.envs.spaces import GOALS, Observation, action_space, control_words, observation_space
-from calfree_gym.envs.state import RowState
 from calfree_gym.errors import known_arguments
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation

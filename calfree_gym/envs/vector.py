@@ -11,10 +11,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from calfree_gym.envs.arms.state import RowState
 from calfree_gym.envs.row import HasRows
 from calfree_gym.envs.shared import RENDER_MODES, GoalRewards, StereoArmShared, placed_objects
 from calfree_gym.envs.spaces import GOALS, Observation, action_space, control_words, observation_space
-from calfree_gym.envs.state import RowState
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
+from calfree_gym.envs.arms.stereo_arms import StereoArms
 from calfree_gym.envs.rendering.scene_frame import (
     GRIPPER_COLOUR,
     OBJECT_COLOUR,
@@ -17,7 +18,6 @@ from calfree_gym.envs.rendering.scene_frame import (
     beside,
     draw_points,
 )
-from calfree_gym.envs.stereo_arms import StereoArms
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import CAMERAS, IMAGE_SIZE, PIXELS_PER_UNIT
 from calfree_gym.vision.image_formation import ImageFormation

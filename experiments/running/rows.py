@@ -11,8 +11,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorWrapper
 from numpy.typing import NDArray
 
+from calfree_gym.envs.arms.stereo_arms import StereoArms
 from calfree_gym.envs.row import Row
-from calfree_gym.envs.stereo_arms import StereoArms
 from calfree_gym.perturbations.application import PerturbationScheduler
 from experiments.config.suite import EnvironmentConfig
 from experiments.evaluation import TrialMeter, TrialRecord

@@ -20,7 +20,7 @@ from calfree_gym.robot.arms.robot import ROOM
 from calfree_gym.robot.line_of_sight import RIG_GROUP, SEEN
 
 if TYPE_CHECKING:
-    from calfree_gym.envs.stereo_arms import StereoArms
+    from calfree_gym.envs.arms.stereo_arms import StereoArms
 
 SMALLEST, LARGEST = 120, 4096
 FINER = 2

@@ -9,7 +9,7 @@ import gymnasium as gym
 from calfree_gym.envs.rendering.scene_frame import dress_cameras
 
 if TYPE_CHECKING:
-    from calfree_gym.envs.stereo_arms import StereoArms
+    from calfree_gym.envs.arms.stereo_arms import StereoArms
 
 
 class Viewer:

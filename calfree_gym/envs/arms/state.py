@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from calfree_gym.robot.arms.robot import Robot
 
 if TYPE_CHECKING:
-    from calfree_gym.envs.stereo_arms import StereoArms
+    from calfree_gym.envs.arms.stereo_arms import StereoArms
 
 RowState = Mapping[str, Any]
 """Numbers, arrays and frozen values of one row; it shares nothing with the environment that it came from."""

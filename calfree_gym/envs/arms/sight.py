@@ -17,7 +17,7 @@ from calfree_gym.vision.tracking.tracker import StereoTracker
 from calfree_gym.world import World
 
 if TYPE_CHECKING:
-    from calfree_gym.envs.stereo_arms import StereoArms
+    from calfree_gym.envs.arms.stereo_arms import StereoArms
 
 SHADOWS_FROM = 256
 """Images of fewer pixels have no shadows. Choice: those who ask for small images want them fast, and shadows
