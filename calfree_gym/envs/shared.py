@@ -22,7 +22,7 @@ from calfree_gym.errors import check_choice, check_whole
 from calfree_gym.image import IMAGE_SIZE, lengths
 from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of
 from calfree_gym.robot.arms.robot import Robot
-from calfree_gym.robot.simulation import DYNAMICS
+from calfree_gym.robot.reach_simulation import DYNAMICS
 from calfree_gym.robot.workspace import check_near
 from calfree_gym.tasks import reach
 

@@ -1,8 +1,9 @@
-"""N arms in N worlds, stepped together by MuJoCo: the only file that touches MuJoCo's state."""
+"""N arms in N worlds, stepped together by MuJoCo, and what is shown of them."""
 
 from __future__ import annotations
 
 import copy
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar
 
 import mujoco
@@ -11,22 +12,17 @@ from mujoco.batch import Batch
 
 from calfree_gym.geometry import Array, Rows, quaternion_of, quaternion_product
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
-from calfree_gym.robot.arms.robot import Mounts, Places, Robot
-from calfree_gym.robot.arms.scene import POINTS, SENSOR_SIZE
+from calfree_gym.robot.arms.robot import Mounts, Places, Robot, Scene
+from calfree_gym.robot.arms.scene import SENSOR_SIZE
 
 if TYPE_CHECKING:
     from calfree_gym.world import World
 
-SUBSTEPS = 100
-"""Physics substeps of 5 ms in a motion: enough to settle to 0.1 pixels (a test measures it)."""
-DYNAMICS = ("physics", "kinematic")
 Picture = tuple[mujoco.MjModel, mujoco.MjData]
-_NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
-_NO_CONSTRAINTS = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
 
 
-class Simulation:
+class Simulation(ABC):
     """N arms in N worlds.
 
     Attributes:
@@ -37,21 +33,17 @@ class Simulation:
     Args:
         rows: N.
         robot: Their arm.
+        scene: Of the arm.
         mounts: Where the cameras are fixed.
-        dynamics: "physics", or "kinematic": the arm is placed where physics would settle.
         threads: Threads that step the worlds; they change no number.
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("_physics",)
 
-    def __init__(self, rows: int, robot: Robot, mounts: Mounts, dynamics: str, threads: int) -> None:
+    def __init__(self, rows: int, robot: Robot, scene: Scene, mounts: Mounts, threads: int) -> None:
         self.rows = rows
         self._robot = robot
-        scene = robot.scene(mounts)
         self._model, self.prefix, self.covers = scene.model, scene.prefix, scene.covers
-        self._kinematic = dynamics == "kinematic"
-        if self._kinematic:
-            self._model.opt.disableflags |= _NO_CONSTRAINTS  # motors stop before joints do
         self._batch = Batch(self._model, rows, nthread=threads)
         self._physics = self._batch.state  # all that MuJoCo integrates, the solver's warm start included
         self._occluder = self._model.geom(self.prefix + "occluder").id
@@ -60,25 +52,42 @@ class Simulation:
         self._camera_orientation = self._batch.expand("cam_quat")
         self._intrinsic = self._batch.expand("cam_intrinsic")
         self._body_position = self._batch.expand("body_pos")
-        self._disabled = self._batch.expand("opt.disableflags")
-        self._flags = int(self._model.opt.disableflags)
         self._all_qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._all_ctrl, self._all_act = self._batch.bind("ctrl"), self._batch.bind("act")
-        self._object = self._batch.bind("mocap_pos")
-        self._mocap = int(self._model.body_mocapid[self._model.body(self.prefix + "object").id])
-        sensors = self._batch.bind("sensordata")[:, scene.sensors :]
-        self._pixels = sensors[:, :8].reshape(rows, 4, 2)
-        self._minus_depth = sensors[:, 10:20:3]
+        self._all_ctrl = self._batch.bind("ctrl")
         self._sites = self._batch.bind("site_xpos")
-        self._site = [self._model.site(f"{self.prefix}{point}_point").id for point in POINTS]
         self._cameras = [self._model.camera(self.prefix + name).id for name in CAMERAS]
         self._scene = scene
-        self._qpos, self._ctrl = _columns(scene.qpos), _columns(scene.actuators)
-        self._act = _columns(self._model.actuator_actadr[scene.actuators])
+        self._qpos, self._ctrl = columns(scene.qpos), columns(scene.actuators)
         self._speeds = robot.speeds
         homes = [robot.home_frame(mount) for mount in mounts]
         self._mounts = [(position, axes, quaternion_of(axes)) for position, axes in homes]
-        self._all_qpos[:], self._all_ctrl[:], self._all_act[:] = scene.home, scene.ctrl, scene.act
+        self._all_qpos[:], self._all_ctrl[:] = scene.home, scene.ctrl
+
+    @abstractmethod
+    def place(self, rows: Rows, joints: Array, objects: Array) -> None:
+        """Puts the arms of `rows` at rest with joints at (n, j), and their objects at (n, ...)."""
+
+    @abstractmethod
+    def move(self, rows: Rows, joints: Array) -> Array:
+        """Moves the arms of `rows` until they have settled with joints at (n, j).
+
+        Returns:
+            How long the joint that takes longest travels (n,), in seconds.
+        """
+
+    @abstractmethod
+    def pinhole_pixels(self) -> tuple[Array, Array]:
+        """Image points at the last refresh, of cameras without lens distortion and principal point offset.
+
+        Returns:
+            pixels: (N, p, 2), from the image's upper left corner, x right and y down, left and right of each
+                point in turn.
+            depth: (N, p) in m; positive in front of the camera.
+        """
+
+    @abstractmethod
+    def positions(self) -> tuple[Array, Array]:
+        """Gripper points and object points (N, 3) in m at the last refresh."""
 
     def set_world(self, row: int, world: World) -> None:
         """Puts `row` into `world`; its joints stay where they are until it moves or goes home."""
@@ -92,56 +101,14 @@ class Simulation:
         self._robot.stretch(self._body_position[row], world.link_lengths)
         self._occluders[row] = world.occluder
 
-    def place(self, rows: Rows, joints: Array, objects: Array) -> None:
-        """Puts the arms of `rows` at rest with joints at (n, j), and their objects at (n, 3) in m."""
-        self._all_qpos[rows], self._all_act[rows] = self._scene.home, self._scene.act
-        _write(self._all_qpos, rows, self._qpos, joints)
-        _write(self._all_ctrl, rows, self._ctrl, joints)
-        _write(self._all_act, rows, self._act, joints)
-        self._qvel[rows] = 0.0
-        self._object[rows, self._mocap] = objects
-
-    def move(self, rows: Rows, joints: Array) -> Array:
-        """Moves the arms of `rows` until they have settled with joints at (n, j).
-
-        Returns:
-            How long the joint that takes longest travels (n,), in seconds.
-        """
-        travel = self._travel(rows, joints)
-        _write(self._all_ctrl, rows, self._ctrl, joints)
-        if self._kinematic:
-            _write(self._all_qpos, rows, self._qpos, joints)
-        else:
-            self._disabled.fill(self._flags | _NO_SENSORS)  # only `refresh` needs them
-            self._batch.step(None if isinstance(rows, slice) else rows, SUBSTEPS)
-            self._disabled.fill(self._flags)
-        return travel
-
-    def travel_to(self, joints: Array) -> Array:
-        """How long the arms would travel (N,), in seconds, from here to joints at (N, j)."""
-        return self._travel(slice(None), joints)
-
-    def _travel(self, rows: Rows, joints: Array) -> Array:
+    def travel(self, rows: Rows, joints: Array) -> Array:
+        """How long the arms of `rows` would travel (n,), in seconds, from here to joints at (n, j)."""
         far = np.abs(joints - self._all_ctrl[rows][:, self._ctrl])
         return np.asarray(np.maximum.reduce(far / self._speeds, axis=-1))
 
     def refresh(self) -> None:
         """Brings image points and positions up to date with where everything is."""
         self._batch.forward(stage=_POSITION_STAGE)
-
-    def pinhole_pixels(self) -> tuple[Array, Array]:
-        """Image points at the last refresh, of cameras without lens distortion and principal point offset.
-
-        Returns:
-            pixels: (N, 4, 2), from the image's upper left corner, x right and y down, of the gripper left
-                and right, and of the object left and right.
-            depth: (N, 4) in m; positive in front of the camera.
-        """
-        return self._pixels, -self._minus_depth
-
-    def positions(self) -> tuple[Array, Array]:
-        """Gripper points and object points (N, 3) in m at the last refresh."""
-        return self._sites[:, self._site[0]].copy(), self._sites[:, self._site[1]].copy()
 
     def joints(self) -> Array:
         """True joint positions (N, j) in rad or m; of the RV-M2 J1-J5."""
@@ -153,6 +120,10 @@ class Simulation:
         model.geom_sameframe[self._occluder] = 0
         model.body_bvhadr[0] = -1  # else rays miss what was compiled smaller or elsewhere
         return model, mujoco.MjData(model)
+
+    @abstractmethod
+    def show_object(self, row: int, picture: Picture, object_: Array | None) -> None:
+        """Puts the object of a row on a picture, where it is or would be."""
 
     def show(
         self, row: int, picture: Picture, joints: Array | None = None, object_: Array | None = None
@@ -173,24 +144,24 @@ class Simulation:
         model.geom_pos[place], model.geom_size[place, :2] = middle, (radius, half_height)
         model.geom_rbound[place] = np.hypot(radius, half_height)
         model.geom_rgba[place, 3] = radius > 0
-        data.qpos[:], data.mocap_pos[:] = self._all_qpos[row], self._object[row]
+        data.qpos[:] = self._all_qpos[row]
         if joints is not None:
             data.qpos[self._qpos] = joints
-        if object_ is not None:
-            data.mocap_pos[self._mocap] = object_
+        self.show_object(row, picture, object_)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
         return picture
 
 
-def _columns(places: Places) -> slice | Places:
+def columns(places: Places) -> slice | Places:
     """Places as a slice, where they follow each other: numpy reads and writes that faster."""
     first = int(places[0])
     in_a_row = np.array_equal(places, np.arange(first, first + len(places)))
     return slice(first, first + len(places)) if in_a_row else places
 
 
-def _write(array: Array, rows: Rows, columns: slice | Places, values: Array) -> None:
+def write(array: Array, rows: Rows, columns: slice | Places, values: Array) -> None:
+    """Writes values (n, k) into these columns of these rows of an array."""
     both_listed = not (isinstance(rows, slice) or isinstance(columns, slice))
     array[rows[:, None] if both_listed else rows, columns] = values  # type: ignore[index]

@@ -245,7 +245,7 @@ class Arms(ABC):
     def home_seconds(self) -> Array:
         """Robot time (N,) of the way home from here, in seconds."""
         home = self.motors.joints(np.zeros_like(self.registers), slice(None))
-        return self.simulation.travel_to(home) + LOOK_SECONDS
+        return self.simulation.travel(slice(None), home) + LOOK_SECONDS
 
     def get_state(self, row: int) -> dict[str, Any]:
         """All that the next motions of a row follow from, apart from the arguments."""

@@ -18,7 +18,7 @@ from calfree_gym.robot.arms.marks import RADIUS as MARK_RADIUS
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.line_of_sight import LinesOfSight
 from calfree_gym.robot.objects import ObjectDraws
-from calfree_gym.robot.simulation import Simulation
+from calfree_gym.robot.reach_simulation import ReachSimulation
 from calfree_gym.tasks import reach
 from calfree_gym.world import World
 
@@ -59,7 +59,7 @@ class StereoArms(Arms):
         image_size: int = IMAGE_SIZE,
         **shared: Any,
     ) -> None:
-        simulation = Simulation(rows, robot, robot.mounts(camera_mount), dynamics, threads)
+        simulation = ReachSimulation(rows, robot, robot.mounts(camera_mount), dynamics, threads)
         super().__init__(simulation, robot, 4, camera_mount=camera_mount, keep_in_view=keep_in_view, **shared)
         self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
         self._sight = sight_of(self, observation, image_size)

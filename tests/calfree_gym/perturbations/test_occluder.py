@@ -13,7 +13,7 @@ from calfree_gym.perturbations import CameraShift, Occluder
 from calfree_gym.perturbations.occluder import nearest, work_space
 from calfree_gym.perturbations.undo import undone
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.simulation import Simulation
+from calfree_gym.robot.reach_simulation import ReachSimulation
 from tests.arms.every import arm_named
 from tests.arms.own import ARMS
 
@@ -37,7 +37,7 @@ class Rays:
     """Rays that the occluder alone can stop, in the scene of one arm."""
 
     def __init__(self, robot):
-        self.simulation = Simulation(1, robot, robot.mounts("stand"), "kinematic", threads=1)
+        self.simulation = ReachSimulation(1, robot, robot.mounts("stand"), "kinematic", threads=1)
         self.picture = self.simulation.picture()
         model = self.picture[0]
         model.geom_group[:] = 0

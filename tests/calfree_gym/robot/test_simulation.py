@@ -8,7 +8,7 @@ from calfree_gym.geometry import rotation_matrix
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.kinematics import gripper_position
 from calfree_gym.robot.motors import MotorMap
-from calfree_gym.robot.simulation import DYNAMICS, Simulation
+from calfree_gym.robot.reach_simulation import DYNAMICS, ReachSimulation
 from calfree_gym.vision.cameras import image_points, pinhole
 
 ROWS = 32
@@ -23,7 +23,9 @@ def pair(request):
         motors.set_world(row, world)
     home, objects = motors.joints(np.zeros((ROWS, 3)), EVERY), np.tile([0.4, 0.1, 0.1], (ROWS, 1))
     for dynamics in DYNAMICS:
-        made[dynamics] = Simulation(ROWS, MOVEMASTER, MOVEMASTER.mounts(request.param), dynamics, threads=1)
+        made[dynamics] = ReachSimulation(
+            ROWS, MOVEMASTER, MOVEMASTER.mounts(request.param), dynamics, threads=1
+        )
         for row, world in enumerate(worlds):
             made[dynamics].set_world(row, world)
         made[dynamics].place(EVERY, home, objects)

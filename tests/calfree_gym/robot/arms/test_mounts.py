@@ -7,7 +7,7 @@ import pytest
 
 from calfree_gym import WorldDistribution, nominal
 from calfree_gym.robot.arms.arm import robot_of
-from calfree_gym.robot.simulation import Simulation
+from calfree_gym.robot.reach_simulation import ReachSimulation
 from calfree_gym.robot.workspace import MIN_IN_VIEW, MIN_IN_VIEW_ON_A_LINK, in_view, least_in_view
 from calfree_gym.vision.cameras import StereoCameras
 from tests.arms.every import EVERY, arm_named, moved_by, three_mounts
@@ -27,7 +27,7 @@ def movemasters(robot):
 
 def seen_and_thought(robot, mounts, world, angles, points):
     """Image points of points (n, 3) with joints at (n, j): MuJoCo's, and the work space's (n, 2, 2)."""
-    simulation, cameras = Simulation(1, robot, mounts, "kinematic", 1), StereoCameras(1)
+    simulation, cameras = ReachSimulation(1, robot, mounts, "kinematic", 1), StereoCameras(1)
     simulation.set_world(0, world)
     cameras.set_world(0, world)
     one, seen = np.array([0]), []
