@@ -1,6 +1,6 @@
 """calfree_gym: a robot arm, two cameras and no calibration, as Gymnasium environments.
 
-Importing it registers `CalFree/Reach-v0` and `CalFree/ReachDense-v0`.
+Importing it registers `CalFree/Reach-v0` and `CalFree/Grasp-v0`, and both with dense rewards.
 """
 
 import os
@@ -23,8 +23,13 @@ from calfree_gym.robot.arms.arm import Arm
 from calfree_gym.vision.cameras import MOUNTS
 from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
 
-_REWARDS = {"CalFree/Reach-v0": "sparse", "CalFree/ReachDense-v0": "dense"}
-ENV_IDS = tuple(_REWARDS)
+_SINGLE, _BATCHED, _GRASP = ("calfree_gym.envs." + module for module in ("single", "vector", "grasping"))
+_ENTRY_POINTS = {
+    "Reach": (_SINGLE + ":make", _BATCHED + ":make"),
+    "Grasp": (_GRASP + ":GraspEnv", _GRASP + ":GraspVectorEnv"),
+}
+_REWARDS = {"": "sparse", "Dense": "dense"}
+ENV_IDS = tuple(f"CalFree/{task}{kind}-v0" for task in _ENTRY_POINTS for kind in _REWARDS)
 
 __version__ = "0.1.0"
 
@@ -39,12 +44,13 @@ __all__ = [
     "nominal",
 ]
 
-for _id, _reward in _REWARDS.items():
-    _arguments: dict[str, Any] = {"reward": _reward}
-    gymnasium.register(
-        _id,
-        entry_point="calfree_gym.envs.single:make",
-        vector_entry_point="calfree_gym.envs.vector:make",
-        max_episode_steps=60,
-        kwargs=_arguments,
-    )
+for _task, (_single, _batched) in _ENTRY_POINTS.items():
+    for _kind, _reward in _REWARDS.items():
+        _arguments: dict[str, Any] = {"reward": _reward}
+        gymnasium.register(
+            f"CalFree/{_task}{_kind}-v0",
+            entry_point=_single,
+            vector_entry_point=_batched,
+            max_episode_steps=60,
+            kwargs=_arguments,
+        )

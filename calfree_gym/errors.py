@@ -24,6 +24,12 @@ def check_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
         )
 
 
+def check_flag(name: str, value: object) -> None:
+    """Raises ValueError where an argument is neither True nor False."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} is {value!r}; allowed: True, False")
+
+
 def check_whole(name: str, value: object, least: int, most: int) -> None:
     """Raises ValueError where an argument is no whole number between `least` and `most`."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:

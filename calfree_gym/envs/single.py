@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.state import RowState
-from calfree_gym.envs.shared import RENDER_MODES, GoalRewards, StereoArmShared, placed_objects
-from calfree_gym.envs.spaces import GOALS, Observation, action_space, control_words, observation_space
+from calfree_gym.envs.reaching import GoalRewards, Reaching
+from calfree_gym.envs.shared import RENDER_MODES, ArmShared
+from calfree_gym.envs.spaces import GOALS, Observation, control_words
 from calfree_gym.errors import known_arguments
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
@@ -20,7 +21,116 @@ from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World, WorldChoice
 
 
-class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
+class ArmEnv(ArmShared, gym.Env[Any, Any]):
+    """One arm: what a single environment of any task has."""
+
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012
+
+    def _build_one(self, arguments: dict[str, Any]) -> None:
+        del arguments["self"]
+        self._build(1, 1, **arguments)
+        self.observation_space, self.action_space = self._spaces()
+        self._action_shape = tuple(self.action_space.shape or ())
+        self.applied: list[Perturbation | Undo] = []
+
+    @property
+    def world(self) -> World:
+        """The hidden world. For experiments, not for controllers."""
+        return self.arms.world(0)
+
+    @world.setter
+    def world(self, world: World) -> None:
+        self.set_world(world)
+
+    @property
+    def home_seconds(self) -> float:
+        """Robot time of the way home from here, as `info["robot_seconds"]` is of a motion."""
+        return float(self.arms.home_seconds()[0])
+
+    def set_world(self, world: World) -> None:
+        """Puts the robot into `world`; later seeds draw objects and noise only."""
+        self.arms.set_world(0, world)
+
+    def get_state(self) -> RowState:
+        """All that the next steps and resets follow from, apart from the arguments: for planners.
+
+        It can be pickled, and shares nothing with the environment. Wrappers, such as `TimeLimit`, keep counts
+        of their own.
+
+        Raises:
+            gymnasium.error.ResetNeeded: No trial has begun.
+        """
+        self.arms.check_begun()
+        return self.arms.get_state(0)
+
+    def set_state(self, state: RowState) -> None:
+        """Goes back to a state that `get_state` gave here, or in an environment of the same arguments.
+
+        Raises:
+            ValueError: It is no state, or that of another arm.
+        """
+        self.arms.set_state(0, state)
+        self.arms.simulation.refresh()
+        self.applied = []
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begins a trial, see the class."""
+        super().reset(seed=seed)
+        if seed is None and self.arms.needs_seed(0):
+            seed = int(self.np_random.integers(2**31))
+        if seed is not None:
+            self.arms.seed(0, seed)
+        applied = self.arms.begin_trial(slice(None), self._placed(options))
+        self.arms.observe()
+        observation, _, success = self._outcome()
+        return {key: value[0] for key, value in observation.items()}, self._info(
+            success, np.float64(0.0), applied
+        )
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Executes one motion, see the class."""
+        seconds, applied = self.arms.move(slice(None), control_words(action, self._action_shape))
+        self.arms.observe()
+        observation, distances, success = self._outcome()
+        return (
+            {key: value[0] for key, value in observation.items()},
+            float(self._reward(distances, success)[0]),
+            self._ends and bool(success[0]),
+            bool(self._cut_short()[0]),
+            self._info(success, seconds[0], applied),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The scene, and at its side both camera images with the image points (height, width, 3).
+
+        Coloured rings are the points as observed; a thin one was seen there last, and is not seen now. The
+        white ring around the object's point is the tolerance. With render_mode="human" MuJoCo's viewer shows
+        the arm, and nothing is returned.
+
+        Raises:
+            gymnasium.error.DependencyNotInstalled: OpenGL or a screen is missing; names what to install.
+        """
+        return self._frame(0)
+
+    def _info(self, success: Any, seconds: np.float64, applied: list[Applied]) -> dict[str, Any]:
+        self.applied = [perturbation for _, perturbation in applied]
+        info: dict[str, Any] = {
+            "is_success": np.array(success[0]),  # a numpy.bool would become an object in vector infos
+            "robot_seconds": seconds,
+            "perturbed": np.int64(len(applied)),
+        } | {key: value[0] for key, value in self._events().items()}
+        if self._gives_truth:
+            info["truth"] = {key: value[0] for key, value in self._truth().items()}
+        return info
+
+    def close(self) -> None:
+        """Frees the renderer."""
+        self._close()
+
+
+class StereoArmEnv(Reaching, ArmEnv):
     """A robot arm with two cameras and no calibration, whose task is to reach an object.
 
     ## Description
@@ -130,8 +240,6 @@ class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
     v0: first version.
     """
 
-    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012
-
     @known_arguments
     def __init__(
         self,
@@ -155,127 +263,7 @@ class StereoArmEnv(StereoArmShared, gym.Env[Any, Any]):
         width: int = 1080,
         height: int = 720,
     ) -> None:
-        self._build(
-            1,
-            1,
-            reward,
-            observation,
-            terminate_on_success,
-            tell,
-            truth,
-            render_mode,
-            width,
-            height,
-            arm,
-            world=world,
-            camera_mount=camera_mount,
-            tolerance_px=tolerance_px,
-            dynamics=dynamics,
-            perturbations=perturbations,
-            redraw=redraw,
-            keep_in_view=keep_in_view,
-            occlusion=occlusion,
-            image_size=image_size,
-        )
-        self.observation_space = observation_space(observation, image_size, tell, self.arms.robot)
-        self.action_space = action_space(self.arms.robot)
-        self.applied: list[Perturbation | Undo] = []
-
-    @property
-    def world(self) -> World:
-        """The hidden world. For experiments, not for controllers."""
-        return self.arms.world(0)
-
-    @world.setter
-    def world(self, world: World) -> None:
-        self.set_world(world)
-
-    @property
-    def home_seconds(self) -> float:
-        """Robot time of the way home from here, as `info["robot_seconds"]` is of a motion."""
-        return float(self.arms.home_seconds()[0])
-
-    def set_world(self, world: World) -> None:
-        """Puts the robot into `world`; later seeds draw objects and noise only."""
-        self.arms.set_world(0, world)
-
-    def get_state(self) -> RowState:
-        """All that the next steps and resets follow from, apart from the arguments: for planners.
-
-        It can be pickled, and shares nothing with the environment. Wrappers, such as `TimeLimit`, keep counts
-        of their own.
-
-        Raises:
-            gymnasium.error.ResetNeeded: No trial has begun.
-        """
-        self.arms.check_begun()
-        return self.arms.get_state(0)
-
-    def set_state(self, state: RowState) -> None:
-        """Goes back to a state that `get_state` gave here, or in an environment of the same arguments.
-
-        Raises:
-            ValueError: It is no state, or that of another arm.
-        """
-        self.arms.set_state(0, state)
-        self.arms.simulation.refresh()
-        self.applied = []
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Begins a trial, see the class."""
-        super().reset(seed=seed)
-        if seed is None and self.arms.needs_seed(0):
-            seed = int(self.np_random.integers(2**31))
-        if seed is not None:
-            self.arms.seed(0, seed)
-        applied = self.arms.begin_trial(slice(None), placed_objects(options, 1, self.arms.robot))
-        self.arms.observe()
-        observation, _, success = self._outcome()
-        return {key: value[0] for key, value in observation.items()}, self._info(
-            success, np.float64(0.0), applied
-        )
-
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Executes one motion, see the class."""
-        seconds, applied = self.arms.move(slice(None), control_words(action, (self.arms.registers.shape[1],)))
-        self.arms.observe()
-        observation, distances, success = self._outcome()
-        return (
-            {key: value[0] for key, value in observation.items()},
-            float(self._reward(distances, success)[0]),
-            self._ends and bool(success[0]),
-            False,
-            self._info(success, seconds[0], applied),
-        )
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """The scene, and at its side both camera images with the image points (height, width, 3).
-
-        Coloured rings are the points as observed; a thin one was seen there last, and is not seen now. The
-        white ring around the object's point is the tolerance. With render_mode="human" MuJoCo's viewer shows
-        the arm, and nothing is returned.
-
-        Raises:
-            gymnasium.error.DependencyNotInstalled: OpenGL or a screen is missing; names what to install.
-        """
-        return self._frame(0)
-
-    def _info(self, success: Any, seconds: np.float64, applied: list[Applied]) -> dict[str, Any]:
-        self.applied = [perturbation for _, perturbation in applied]
-        info: dict[str, Any] = {
-            "is_success": np.array(success[0]),  # a numpy.bool would become an object in vector infos
-            "robot_seconds": seconds,
-            "perturbed": np.int64(len(applied)),
-        }
-        if self._gives_truth:
-            info["truth"] = {key: value[0] for key, value in self._truth().items()}
-        return info
-
-    def close(self) -> None:
-        """Frees the renderer."""
-        self._close()
+        self._build_one(locals())
 
 
 class StereoArmGoalEnv(GoalRewards, StereoArmEnv):

@@ -35,14 +35,14 @@ def observation_space(kind: str, image_size: int, tell: Sequence[str], robot: Ro
     boxes: dict[str, spaces.Space[Any]] = {}
     registers, size = len(robot.motors), image_size
     if kind in GOALS:
-        boxes |= {key: _unit_box(4) for key in ("achieved_goal", "desired_goal")}
+        boxes |= {key: unit_box(4) for key in ("achieved_goal", "desired_goal")}
     elif kind == "pixels":
         boxes["pixels"] = spaces.Box(0, 255, (size, size, 6), np.uint8)
     elif kind == "rgb":
         boxes |= {f"{name}_image": spaces.Box(0, 255, (size, size, 3), np.uint8) for name in CAMERAS}
     else:
         boxes |= {f"{name}_depth": spaces.Box(0.0, FARTHEST, (size, size), np.float32) for name in CAMERAS}
-    boxes["observation"] = _unit_box(registers + 4 * (kind in GOALS))
+    boxes["observation"] = unit_box(registers + 4 * (kind in GOALS))
     for name in tell:
         quantity = PRIVILEGED[name]
         bound = quantity.bound(robot)
@@ -50,7 +50,8 @@ def observation_space(kind: str, image_size: int, tell: Sequence[str], robot: Ro
     return spaces.Dict(boxes)
 
 
-def _unit_box(size: int) -> spaces.Box[Any]:
+def unit_box(size: int) -> spaces.Box[Any]:
+    """Numbers in [-1, 1]."""
     return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
 
@@ -76,9 +77,9 @@ def observations(kind: str, tell: Sequence[str], arms: StereoArms) -> Observatio
     return observed
 
 
-def action_space(robot: Robot) -> spaces.Box[Any]:
+def action_space(motors: int) -> spaces.Box[Any]:
     """The control words of one arm."""
-    return spaces.Box(-1.0, 1.0, (len(robot.motors),), np.float32)
+    return spaces.Box(-1.0, 1.0, (motors,), np.float32)
 
 
 def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

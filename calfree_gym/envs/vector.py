@@ -12,9 +12,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.state import RowState
+from calfree_gym.envs.reaching import GoalRewards, Reaching
 from calfree_gym.envs.row import HasRows
-from calfree_gym.envs.shared import RENDER_MODES, GoalRewards, StereoArmShared, placed_objects
-from calfree_gym.envs.spaces import GOALS, Observation, action_space, control_words, observation_space
+from calfree_gym.envs.shared import RENDER_MODES, ArmShared
+from calfree_gym.envs.spaces import GOALS, Observation, control_words
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
@@ -23,21 +24,8 @@ from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World, WorldChoice
 
 
-class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
-    """Many stereo arms stepped together by MuJoCo's threads; row i is `StereoArmEnv` reset with seed + i.
-
-    Each row counts its own motions and trials, and perturbations are applied by these counts.
-
-    Args:
-        num_envs: Rows.
-        max_episode_steps: Motions after which a trial is truncated.
-        autoreset_mode: Of `gymnasium.vector.AutoresetMode`. NEXT_STEP: a row whose trial is over begins the
-            next one at the next step, which ignores its action. SAME_STEP: at once; its last observation is
-            in `infos["final_obs"]`. DISABLED: by `reset(options={"reset_mask": ...})`.
-        threads: Threads of the simulation (0: all cores); they change no number.
-        world: As for `StereoArmEnv`, or a list of one a row.
-        **arguments: As for `StereoArmEnv`.
-    """
+class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
+    """Many arms: what a batched environment of any task has."""
 
     metadata = {  # noqa: RUF012
         "render_modes": list(RENDER_MODES),
@@ -45,64 +33,24 @@ class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
-    @known_arguments
-    def __init__(
+    def _build_rows(
         self,
-        *,
-        num_envs: int = 1,
-        max_episode_steps: int = 60,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        threads: int = 0,
-        world: WorldChoice | Sequence[WorldChoice] = "wild",
-        arm: ArmChoice = "movemaster",
-        camera_mount: str | Sequence[str] = "waist",
-        observation: str = "points",
-        tolerance_px: float = 4.0,
-        dynamics: str = "physics",
-        perturbations: Any = None,
-        redraw: str = "never",
-        terminate_on_success: bool = True,
-        keep_in_view: bool = True,
-        tell: Sequence[str] = (),
-        truth: bool = True,
-        occlusion: bool = False,
-        image_size: int = 128,
-        reward: str = "sparse",
-        render_mode: str | None = None,
-        width: int = 1080,
-        height: int = 720,
+        arguments: dict[str, Any],
     ) -> None:
-        _check_arguments(num_envs, max_episode_steps, autoreset_mode)
-        self._build(
-            num_envs,
-            threads,
-            reward,
-            observation,
-            terminate_on_success,
-            tell,
-            truth,
-            render_mode,
-            width,
-            height,
-            arm,
-            world=world,
-            camera_mount=camera_mount,
-            tolerance_px=tolerance_px,
-            dynamics=dynamics,
-            perturbations=perturbations,
-            redraw=redraw,
-            keep_in_view=keep_in_view,
-            occlusion=occlusion,
-            image_size=image_size,
+        del arguments["self"]
+        num_envs, max_episode_steps, autoreset_mode, threads = (
+            arguments.pop(name) for name in ("num_envs", "max_episode_steps", "autoreset_mode", "threads")
         )
+        _check_arguments(num_envs, max_episode_steps, autoreset_mode)
+        self._build(num_envs, threads, **arguments)
         self.num_envs = num_envs
         self._max_episode_steps = max_episode_steps
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = observation_space(observation, image_size, tell, self.arms.robot)
-        self.single_action_space = action_space(self.arms.robot)
+        self.single_observation_space, self.single_action_space = self._spaces()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._action_shape = tuple(self.single_action_space.shape or ())
         self._over = np.zeros(num_envs, bool)
         self._applied: list[Applied] = []
 
@@ -179,7 +127,7 @@ class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
         for row in rows:
             if (row_seed := seeds[row]) is not None:
                 self.arms.seed(row, row_seed)
-        objects = placed_objects(given, self.num_envs, self.arms.robot)
+        objects = self._placed(given)
         self._applied = self._begin(rows, None if objects is None else objects[rows])
         self.arms.observe()
         observation, _, success = self._outcome()
@@ -191,7 +139,7 @@ class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
         Raises:
             gymnasium.error.ResetNeeded: A trial is over and the next was not begun (autoreset disabled).
         """
-        words = control_words(actions, (self.num_envs, self.arms.registers.shape[1]))
+        words = control_words(actions, (self.num_envs, *self._action_shape))
         over, beginning = self._over.copy(), np.flatnonzero(self._over)
         seconds = np.zeros(self.num_envs)
         if not len(beginning):
@@ -210,7 +158,7 @@ class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
         observation, distances, success = self._outcome()
         rewards = np.where(over, 0.0, self._reward(distances, success))
         terminated = success & ~over if self._ends else np.zeros(self.num_envs, bool)
-        truncated = self.arms.motions_of_trial >= self._max_episode_steps
+        truncated = (self.arms.motions_of_trial >= self._max_episode_steps) | self._cut_short() & ~over
         self._over = terminated | truncated
         self._applied = applied
         infos = self._infos(success, seconds, applied)
@@ -269,7 +217,7 @@ class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
     def _infos(self, success: Any, seconds: Any, applied: list[Applied]) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)
         perturbed = np.bincount([row for row, _ in applied], minlength=self.num_envs)
-        infos = {"is_success": success, "robot_seconds": seconds, "perturbed": perturbed}
+        infos = {"is_success": success, "robot_seconds": seconds, "perturbed": perturbed} | self._events()
         if self._gives_truth:
             truth = self._truth()
             infos["truth"] = truth | {"_" + key: every for key in truth}
@@ -278,6 +226,52 @@ class StereoArmVectorEnv(StereoArmShared, HasRows, VectorEnv[Any, Any, Any]):
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the renderer."""
         self._close()
+
+
+class StereoArmVectorEnv(Reaching, ArmVectorEnv):
+    """Many stereo arms stepped together by MuJoCo's threads; row i is `StereoArmEnv` reset with seed + i.
+
+    Each row counts its own motions and trials, and perturbations are applied by these counts.
+
+    Args:
+        num_envs: Rows.
+        max_episode_steps: Motions after which a trial is truncated.
+        autoreset_mode: Of `gymnasium.vector.AutoresetMode`. NEXT_STEP: a row whose trial is over begins the
+            next one at the next step, which ignores its action. SAME_STEP: at once; its last observation is
+            in `infos["final_obs"]`. DISABLED: by `reset(options={"reset_mask": ...})`.
+        threads: Threads of the simulation (0: all cores); they change no number.
+        world: As for `StereoArmEnv`, or a list of one a row.
+        **arguments: As for `StereoArmEnv`.
+    """
+
+    @known_arguments
+    def __init__(
+        self,
+        *,
+        num_envs: int = 1,
+        max_episode_steps: int = 60,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 0,
+        world: WorldChoice | Sequence[WorldChoice] = "wild",
+        arm: ArmChoice = "movemaster",
+        camera_mount: str | Sequence[str] = "waist",
+        observation: str = "points",
+        tolerance_px: float = 4.0,
+        dynamics: str = "physics",
+        perturbations: Any = None,
+        redraw: str = "never",
+        terminate_on_success: bool = True,
+        keep_in_view: bool = True,
+        tell: Sequence[str] = (),
+        truth: bool = True,
+        occlusion: bool = False,
+        image_size: int = 128,
+        reward: str = "sparse",
+        render_mode: str | None = None,
+        width: int = 1080,
+        height: int = 720,
+    ) -> None:
+        self._build_rows(locals())
 
 
 class StereoArmGoalVectorEnv(GoalRewards, StereoArmVectorEnv):

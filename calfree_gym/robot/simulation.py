@@ -68,14 +68,6 @@ class Simulation(ABC):
         """Puts the arms of `rows` at rest with joints at (n, j), and their objects at (n, ...)."""
 
     @abstractmethod
-    def move(self, rows: Rows, joints: Array) -> Array:
-        """Moves the arms of `rows` until they have settled with joints at (n, j).
-
-        Returns:
-            How long the joint that takes longest travels (n,), in seconds.
-        """
-
-    @abstractmethod
     def pinhole_pixels(self) -> tuple[Array, Array]:
         """Image points at the last refresh, of cameras without lens distortion and principal point offset.
 

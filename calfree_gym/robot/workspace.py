@@ -69,13 +69,14 @@ class Workspaces:
         rows: N.
         robot: Their arm.
         mounts: Where the cameras are fixed.
+        points: How many of them each camera sees.
     """
 
-    def __init__(self, rows: int, robot: Robot, mounts: Mounts) -> None:
+    def __init__(self, rows: int, robot: Robot, mounts: Mounts, points: int = 2) -> None:
         self._robot, self._mounts = robot, mounts
         self._moving = mounts != (ROOM, ROOM)
         self._motors = MotorMap(rows, robot)
-        self.cameras = StereoCameras(rows)
+        self.cameras = StereoCameras(rows, points)
         self._lengths = np.ones((rows, len(robot.links)))
         self._home = np.zeros((rows, len(robot.built_home)))
         self._gripper_images = np.zeros((rows, 2, 2))
@@ -91,7 +92,7 @@ class Workspaces:
         one = np.array([row])
         self._home[one] = self._motors.joints(np.zeros((1, len(self._robot.motors))), one)
         gripper = self._robot.gripper_position(self._home[one], self._lengths[one])
-        self._gripper_images[one], self._gripper_seen[one] = self._images(gripper, self._home[one], one)
+        self._gripper_images[one], self._gripper_seen[one] = self.images(gripper, self._home[one], one)
 
     def candidates(self, draws: Array, rows: Indices) -> Candidates:
         """Turns uniform draws in [0, 1) (n, k, m), one a motor of the n `rows`, into candidates."""
@@ -101,9 +102,9 @@ class Workspaces:
         points = robot.gripper_position(angles, self._lengths[rows][:, None])
         within = robot.within(points)
         of, _ = np.nonzero(within)
-        images, judged = self._images(points[within], self._home[rows[of]], rows[of])
+        images, judged = self.images(points[within], self._home[rows[of]], rows[of])
         if self._moving:
-            judged &= self._images(points[within], angles[within], rows[of])[1]
+            judged &= self.images(points[within], angles[within], rows[of])[1]
         seen, apart = np.zeros_like(within), np.zeros(within.shape)
         seen[within] = judged
         apart[within] = lengths(images - self._gripper_images[rows[of]]).max(-1)
@@ -144,10 +145,16 @@ class Workspaces:
 
         return InverseKinematics(gripper_at, self._motors.lowest[row], self._motors.highest[row])
 
-    def _images(self, points: Array, angles: Array, rows: Indices) -> tuple[Array, Flags]:
-        """Image points (k, 2, 2) of points (k, 3) in the cameras of their rows (k,), joints at (k, j).
+    def images(self, points: Array, angles: Array, rows: Indices) -> tuple[Array, Flags]:
+        """Image points (k, 2, 2), unclipped, of points (k, 3) in the cameras of their rows (k,).
 
-        The second result says which of them (k,) both cameras see, well inside.
+        Args:
+            points: In the room, in m.
+            angles: Of all joints (k, j).
+            rows: The row of each point.
+
+        Returns:
+            Them, and which of them (k,) both cameras see, well inside.
         """
         lengths = self._lengths[rows]
         images, shown = self.cameras.project(

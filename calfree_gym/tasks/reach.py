@@ -15,12 +15,6 @@ BEYOND = 1.1
 too, it is none)."""
 
 
-def image_distances(achieved: Floats, desired: Floats) -> Floats:
-    """Distances (..., 2) in image units, per camera, between sensor vectors (..., 4)."""
-    d = achieved - desired
-    return lengths(d.reshape(*d.shape[:-1], 2, 2))
-
-
 def rendezvous(distances: Floats, tolerance: float | np.float32) -> Floats:
     """Whether (...) both cameras see gripper and object within `tolerance`, in image units."""
     return np.maximum(distances[..., 0], distances[..., 1]) <= tolerance
@@ -47,13 +41,3 @@ def kept_apart(points: Floats, visible: Floats, tolerance: float) -> Floats:
         away = np.where(other > 0, -1.0, 1.0) / np.sqrt(2)  # towards the middle: never out of the image
         points[row, hidden] = other + BEYOND * tolerance * away
     return points
-
-
-def sparse_reward(distances: Floats, success: Floats) -> Floats:
-    """0 at the rendezvous and -1 anywhere else (...)."""
-    return success - 1.0
-
-
-def dense_reward(distances: Floats, success: Floats) -> Floats:
-    """Minus the mean of both distances (...), in image units."""
-    return -0.5 * (distances[..., 0] + distances[..., 1]).astype(np.float64)

@@ -68,26 +68,28 @@ class StereoCameras:
 
     Args:
         rows: N.
+        points: How many points `through_lens` gets, in each image.
     """
 
-    def __init__(self, rows: int) -> None:
+    def __init__(self, rows: int, points: int = 2) -> None:
         self._position = np.zeros((rows, 2, 3))
         self._rotation = np.zeros((rows, 2, 3, 3))
-        # In the shape of the gripper's and the object's image points: equal shapes multiply fastest.
-        self._centre_px = np.full((rows, 4, 2), PIXELS_PER_UNIT)
-        self._focal_px = np.ones((rows, 4, 2))
-        self._focal = np.ones((rows, 4, 2))
-        self._principal = np.zeros((rows, 4, 2))
-        self._k1 = np.zeros((rows, 4))
+        shape = rows, 2 * points, 2  # that of the image points: equal shapes multiply fastest
+        self._points = points
+        self._centre_px = np.full(shape, PIXELS_PER_UNIT)
+        self._focal_px = np.ones(shape)
+        self._focal = np.ones(shape)
+        self._principal = np.zeros(shape)
+        self._k1 = np.zeros(shape[:2])
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the cameras of `world`."""
         self._position[row] = world.camera_position
         self._rotation[row] = [rotation_matrix(q) for q in world.camera_orientation]
-        self._focal_px[row] = np.tile(world.focal_length, 2)[:, None]
+        self._focal_px[row] = np.tile(world.focal_length, self._points)[:, None]
         self._focal[row] = self._focal_px[row] * IMAGE_UNIT
-        self._principal[row] = np.tile(world.principal_point * IMAGE_UNIT, (2, 1))
-        self._k1[row] = np.tile(world.lens_k1, 2)
+        self._principal[row] = np.tile(world.principal_point * IMAGE_UNIT, (self._points, 1))
+        self._k1[row] = np.tile(world.lens_k1, self._points)
 
     def project(self, points: Array, rows: NDArray[np.intp]) -> tuple[Array, Flags]:
         """Image points (k, 2, 2), unclipped, of points (k, 1 or 2, 3) in the cameras of their rows (k,).
@@ -107,14 +109,14 @@ class StereoCameras:
         return images, shown & (depth > 0)
 
     def through_lens(self, pixels: Array) -> tuple[Array, Flags]:
-        """Image points (N, 4, 2), unclipped, of points in the images of cameras without lens or offset.
+        """Image points (N, p, 2), unclipped, of points in the images of cameras without lens or offset.
 
         Args:
-            pixels: Pinhole points (N, 4, 2) in pixels from the image's upper left corner: gripper left and
-                right, object left and right.
+            pixels: Pinhole points (N, p, 2) in pixels from the image's upper left corner: of each point in
+                turn, such as gripper and object, left and right.
 
         Returns:
-            The image points, and which of them (N, 4) the lenses show.
+            The image points, and which of them (N, p) the lenses show.
         """
         flat = (pixels - self._centre_px) / self._focal_px
         return image_points(flat, self._focal, self._principal, self._k1)

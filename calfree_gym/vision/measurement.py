@@ -18,15 +18,20 @@ Counts = NDArray[np.int64]
 
 
 class MeasurementModel:
-    """The vision systems of N worlds, one row each: true image points in, measured ones out."""
+    """The vision systems of N worlds, one row each: true image points in, measured ones out.
 
-    def __init__(self, rows: int) -> None:
-        self._noise = np.zeros((rows, 4, 2))
+    Args:
+        rows: N.
+        points: p, of both images together.
+    """
+
+    def __init__(self, rows: int, points: int = 4) -> None:
+        self._noise = np.zeros((rows, points, 2))
         self._outliers = np.zeros((rows, 1))
         self._dropout = np.zeros((rows, 1))
-        self._noise_numbers = MotionNumbers(rows, "noise", (4, 2), normal=True)
-        self._outlier_numbers = MotionNumbers(rows, "outliers", (4, 3), normal=False)
-        self._dropout_numbers = MotionNumbers(rows, "dropout", (4,), normal=False)
+        self._noise_numbers = MotionNumbers(rows, "noise", (points, 2), normal=True)
+        self._outlier_numbers = MotionNumbers(rows, "outliers", (points, 3), normal=False)
+        self._dropout_numbers = MotionNumbers(rows, "dropout", (points,), normal=False)
         self._any_outliers = self._any_dropout = False
 
     def seed(self, row: int, seed: int) -> None:
@@ -43,7 +48,7 @@ class MeasurementModel:
         self._any_dropout = bool(self._dropout.any())
 
     def measure(self, true: Array, visible: Flags, trials: Counts, motions: Counts) -> tuple[Array, Flags]:
-        """Measured points (N, 4, 2) and flags (N, 4) of one observation, from the true ones.
+        """Measured points (N, p, 2) and flags (N, p) of one observation, from the true ones.
 
         An outlier stands anywhere in the image. A point that drops out is not seen this time.
         """

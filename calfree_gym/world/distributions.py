@@ -95,6 +95,8 @@ def _wild(draw: Draw, robot: Robot) -> World:
         exposure=log_uniform(draw("exposure"), 0.7, 1.4, 2),
         blur=draw("blur").uniform(0.0, 1.2, 2),
         image_noise=draw("image_noise").uniform(1.0, 5.0, 2),
+        object_mass=log_uniform(draw("object_mass"), 0.05, 0.3),
+        object_friction=np.asarray(draw("object_friction").uniform(0.6, 1.2)),
     )
 
 

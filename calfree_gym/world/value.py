@@ -20,8 +20,8 @@ BUILT_LIGHT = np.array([-0.2, 0.45, -1.0]) / np.linalg.norm([-0.2, 0.45, -1.0])
 class World:
     """Cameras, arm, motors, measurement and light of one robot. Compares by value; arrays are read-only.
 
-    The fields from `light_direction` on matter to rendered images alone, and `occluder` where points can be
-    hidden.
+    The fields from `light_direction` on matter to rendered images alone, `occluder` where points can be
+    hidden, and the last two where objects are grasped.
 
     Attributes:
         camera_position: Optical centres (2, 3) in m, left then right: in the room, with their mount where it
@@ -51,6 +51,8 @@ class World:
         image_noise: Standard deviation of each image's noise (2,), in grey levels of 255.
         occluder: An upright cylinder that stands in the way (5,): its middle, its radius and half its height,
             in m, in the room; radius 0: none.
+        object_mass: Of the things to be grasped, in kg ().
+        object_friction: Coefficient of friction between them and the jaws ().
     """
 
     camera_position: Array
@@ -77,6 +79,8 @@ class World:
     blur: Array = field(default_factory=lambda: np.zeros(2))
     image_noise: Array = field(default_factory=lambda: np.full(2, 2.0))
     occluder: Array = field(default_factory=lambda: np.zeros(5))
+    object_mass: Array = field(default_factory=lambda: np.array(0.15))
+    object_friction: Array = field(default_factory=lambda: np.array(0.9))
 
     def __post_init__(self) -> None:
         motors = np.size(self.motor_sign)
@@ -97,7 +101,7 @@ class World:
         self._check_ranges()
 
     def _check_ranges(self) -> None:
-        for name in ("focal_length", "link_lengths", "motor_gain", "exposure"):
+        for name in _POSITIVE:
             if (getattr(self, name) <= 0).any():
                 raise ValueError(f"World.{name} must be positive, found {getattr(self, name)}")
         if (np.abs(self.motor_sign) != 1).any():
@@ -199,7 +203,10 @@ _SHAPES: dict[str, tuple[int | str, ...]] = {
     "blur": (2,),
     "image_noise": (2,),
     "occluder": (5,),
+    "object_mass": (),
+    "object_friction": (),
 }
+_POSITIVE = ("focal_length", "link_lengths", "motor_gain", "exposure", "object_mass", "object_friction")
 _NOT_NEGATIVE = (
     "point_noise",
     "backlash",

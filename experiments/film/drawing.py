@@ -114,7 +114,8 @@ class Screen:
 
     def _mark(self, image: Image, marks: Marks, camera: int) -> None:
         tolerance = float(self._arms.tolerance) * PIXELS_PER_UNIT
-        draw_points(image, marks.points[camera::2], marks.seen[camera::2], tolerance)
+        points = marks.points[camera::2]
+        draw_points(image, points, marks.seen[camera::2], points[1], tolerance)
         if marks.predicted is not None:
             draw_crosses(image, marks.predicted[camera::2])
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.state import RowState, arm_state, check_state, restore, state_of
-from calfree_gym.geometry import Array, Rows
+from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.perturbations.application import Applied, PerturbationScheduler
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.motor_errors import MotorErrors
@@ -36,6 +36,7 @@ class Arms(ABC):
         delivered: Image points (N, p, 2), flags (N, p) and what else is observed (N, ...), as the controller
             gets them: delayed where there is latency.
         true_points: Where noise-free cameras see them now (N, p, 2), not clipped to the image.
+        tolerance: Image distance within which the task is done, in image units.
         motions: Motions since reset with a seed (N,).
         trials: Trials begun since reset with a seed (N,).
 
@@ -60,6 +61,7 @@ class Arms(ABC):
     parts: ClassVar[tuple[str, ...]] = ("simulation", "_motor_errors", "_latency", "_scheduler")
     """Names of what has a state of its own."""
     delivered: tuple[NDArray[Any], ...]
+    tolerance: np.float32
 
     def __init__(
         self,
@@ -79,7 +81,7 @@ class Arms(ABC):
         motors = len(robot.motors)
         self.motors = MotorMap(rows, robot)
         self._motor_errors = MotorErrors(rows, motors)
-        self._workspaces = Workspaces(rows, robot, self.mounts)
+        self._workspaces = Workspaces(rows, robot, self.mounts, points // 2)
         self._scheduler = PerturbationScheduler(rows, perturbations, robot, self.mounts, keep_in_view)
         self._choices = world_choices(world, rows)
         self._redraws = redraw == "trial"
@@ -108,6 +110,10 @@ class Arms(ABC):
     @abstractmethod
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """Where the objects of the next trial of some rows (n,) are: drawn, unless they are given."""
+
+    @abstractmethod
+    def shown(self, row: int) -> tuple[Array, Flags, Array]:
+        """What frames show of a row, by camera: gripper and object points (2, 2, 2), seen (2, 2), target."""
 
     @abstractmethod
     def begun(self, rows: Rows) -> None:
@@ -222,9 +228,9 @@ class Arms(ABC):
         applied = self._apply_due("motion", self.motions, rows)
         return self.execute(rows, words) + LOOK_SECONDS, applied
 
+    @abstractmethod
     def execute(self, rows: Rows, words: Array) -> Array:
-        """Executes control words (n, m); how long the arms travel (n,), in seconds."""
-        return self.simulation.move(rows, self.targets(rows, words))
+        """Executes control words (n, ...); how long the arms travel (n,), in seconds."""
 
     def targets(self, rows: Rows, words: Array) -> Array:
         """Adds control words (n, m) to the registers: joint positions (n, j) to which the arms are sent."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from calfree_gym.robot.arms.robot import Robot
 
 if TYPE_CHECKING:
-    from calfree_gym.envs.arms.stereo_arms import StereoArms
+    from calfree_gym.envs.arms.base import Arms
 
 RowState = Mapping[str, Any]
 """Numbers, arrays and frozen values of one row; it shares nothing with the environment that it came from."""
@@ -30,9 +30,9 @@ class Copyable:
     MuJoCo's simulation cannot be pickled. So a copy makes its own, and brings every row into its state.
     """
 
-    arms: StereoArms
+    arms: Arms
 
-    def _new_arms(self) -> StereoArms:
+    def _new_arms(self) -> Arms:
         """Arms of the same arguments."""
         raise NotImplementedError
 

@@ -15,12 +15,12 @@ from calfree_gym.envs.rendering.stereo_images import StereoImages
 from calfree_gym.errors import check_whole
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT
-from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.arms.movemaster import Movemaster
 from calfree_gym.robot.arms.robot import ROOM
 from calfree_gym.robot.line_of_sight import RIG_GROUP, SEEN
 
 if TYPE_CHECKING:
-    from calfree_gym.envs.arms.stereo_arms import StereoArms
+    from calfree_gym.envs.arms.base import Arms
 
 SMALLEST, LARGEST = 120, 4096
 FINER = 2
@@ -43,7 +43,7 @@ class SceneFrame:
         gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
     """
 
-    def __init__(self, arms: StereoArms, width: int, height: int) -> None:
+    def __init__(self, arms: Arms, width: int, height: int) -> None:
         check_size(width, height)
         self._arms, self._width, self._height = arms, width, height
         self._images = StereoImages(arms.simulation, arms.robot.rig, height // 2)
@@ -53,9 +53,9 @@ class SceneFrame:
         arms = self._arms
         scene, *insets = self.views(row)
         for camera, (inset, name) in enumerate(zip(insets, CAMERAS, strict=True)):
-            points = arms.points[row].reshape(2, 2, 2)[:, camera]
-            seen = arms.visible[row].reshape(2, 2)[:, camera]
-            draw_points(inset, points, seen, float(arms.tolerance) * PIXELS_PER_UNIT)
+            points, seen, target = arms.shown(row)
+            tolerance_px = float(arms.tolerance) * PIXELS_PER_UNIT
+            draw_points(inset, points[:, camera], seen[:, camera], target[0, camera], tolerance_px)
             _write(inset, name)
         return beside(scene, insets)
 
@@ -100,26 +100,26 @@ def check_size(width: int, height: int) -> None:
         )
 
 
-def draw_points(image: Image, points: Array, seen: NDArray[np.bool_], tolerance_px: float) -> None:
+def draw_points(
+    image: Image, points: Array, seen: NDArray[np.bool_], target: Array, tolerance_px: float
+) -> None:
     """Draws rings around the gripper and object points (2, 2), thin where not seen now; and the tolerance.
 
     Args:
         image: A camera's (size, size, 3); it is drawn on.
         points: In image units.
         seen: Which of them (2,) were seen now.
+        target: Where the tolerance is (2,), in image units.
         tolerance_px: In pixels of 512.
     """
     scale = len(image) / (2 * PIXELS_PER_UNIT)
     for point, now, colour in zip(points, seen, (GRIPPER_COLOUR, OBJECT_COLOUR), strict=True):
-        center = np.round(((point + 1) * len(image) / 2 - 0.5) * 2**_SHIFT).astype(int).tolist()
-        _ring(image, center, 14 * scale, colour, 2 if now else 1)
-        if colour is OBJECT_COLOUR:
-            _ring(image, center, tolerance_px * scale, (255, 255, 255), 1)
+        _ring(image, point, 14 * scale, colour, 2 if now else 1)
+    _ring(image, target, tolerance_px * scale, (255, 255, 255), 1)
 
 
-def _ring(
-    image: Image, center: list[int], radius: float, colour: tuple[int, int, int], thickness: int
-) -> None:
+def _ring(image: Image, point: Array, radius: float, colour: tuple[int, int, int], thickness: int) -> None:
+    center = np.round(((point + 1) * len(image) / 2 - 0.5) * 2**_SHIFT).astype(int).tolist()
     cv2.circle(image, center, round(radius * 2**_SHIFT), colour, thickness, cv2.LINE_AA, _SHIFT)
 
 
@@ -130,7 +130,7 @@ def _write(image: Image, name: str) -> None:
         cv2.putText(image, name, place, cv2.FONT_HERSHEY_SIMPLEX, 1.1 * scale, colour, width, cv2.LINE_AA)
 
 
-def _view(arms: StereoArms) -> mujoco.MjvCamera:
+def _view(arms: Arms) -> mujoco.MjvCamera:
     """From where the scene is drawn: before and above the arm, at its side."""
     rig, view = arms.robot.rig, mujoco.MjvCamera()
     ahead = (rig.target - rig.position.mean(0)) * [1, 1, 0]
@@ -141,14 +141,14 @@ def _view(arms: StereoArms) -> mujoco.MjvCamera:
     return view
 
 
-def dress_cameras(model: mujoco.MjModel, arms: StereoArms) -> None:
+def dress_cameras(model: mujoco.MjModel, arms: Arms) -> None:
     """Puts each camera's housing where the camera is, and its rod from the housing to the mount."""
     prefix, scale = arms.simulation.prefix, arms.robot.rig.scale
     for name, mount in zip(CAMERAS, arms.mounts, strict=True):
         camera = model.camera(prefix + name)
         position, turn = camera.pos.copy(), camera.quat.copy()
         foot = position * [1, 1, 0] if mount == ROOM else np.zeros(3)
-        if arms.robot is MOVEMASTER and mount == "waist":
+        if isinstance(arms.robot, Movemaster) and mount == "waist":
             foot = np.array([0.0, 0.07 * np.sign(position[1]), 0.36])
         rod, housing = model.geom(f"{prefix}{name}_rod"), model.geom(f"{prefix}{name}_housing")
         axis = position - foot

@@ -9,7 +9,7 @@ import gymnasium as gym
 from calfree_gym.envs.rendering.scene_frame import dress_cameras
 
 if TYPE_CHECKING:
-    from calfree_gym.envs.arms.stereo_arms import StereoArms
+    from calfree_gym.envs.arms.base import Arms
 
 
 class Viewer:
@@ -22,7 +22,7 @@ class Viewer:
         gymnasium.error.DependencyNotInstalled: No window can be opened.
     """
 
-    def __init__(self, arms: StereoArms) -> None:
+    def __init__(self, arms: Arms) -> None:
         self._arms = arms
         self._picture = arms.simulation.picture()
         self._window: Any = None

@@ -10,7 +10,7 @@ import numpy as np
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.robot.arms.marks import GripperMarks, add_marks
 from calfree_gym.robot.arms.robot import HINGE_SPEED, Mounts, Rig, Robot, Scene
-from calfree_gym.robot.arms.scene import add_cameras, add_surroundings
+from calfree_gym.robot.arms.scene import add_rig, add_sensors, add_surroundings
 from calfree_gym.robot.kinematics import gripper_position
 
 LINKS = ("base", "shoulder", "upper_arm", "forearm", "hand")
@@ -37,9 +37,9 @@ WAIST = 0.9
 LIMIT_MARGIN = 0.1
 """No object needs a joint nearer than this to its limit (rad)."""
 _WRIST_LOWEST, _WRIST_HIGHEST = JOINT_LIMITS[3].tolist()
-_HAND_TO_GRIPPER_POINT = 0.18
-_GRIPPER_POINT = np.array([_HAND_TO_GRIPPER_POINT, 0.0, 0.0])
-_COVERS = ("table", "sky")
+_HAND_TOGRIPPER_POINT = 0.18
+GRIPPER_POINT = np.array([_HAND_TOGRIPPER_POINT, 0.0, 0.0])
+COVERS = ("table", "sky")
 _MARKS = GripperMarks(axis=np.array([0.0, 0.0, 1.0]))
 """Below the tips of the jaws, in assets/arm.xml, which have stalks for them."""
 _STRETCHED = [3, 4, 5, 6]
@@ -53,8 +53,8 @@ class Movemaster(Robot):
     section 2.1, from its own joint angles, and so tilts it where its joint zeros are wrong. J5 stays.
     """
 
-    motors = MOTORS
-    joints = ("J1", "J2", "J3", "J4")
+    motors: tuple[str, ...] = MOTORS
+    joints: tuple[str, ...] = ("J1", "J2", "J3", "J4")
     links = LINKS
     lengths = LENGTHS
     slides = np.zeros(3, bool)
@@ -115,7 +115,7 @@ class Movemaster(Robot):
         place = self.bodies.index(body)
         if place:
             radius, height, rise = radius + shoulder, height + base, upper
-        ways = ((upper_arm, upper, fore), (forearm, fore, grip), (hand - _HAND_TO_GRIPPER_POINT, grip, grip))
+        ways = ((upper_arm, upper, fore), (forearm, fore, grip), (hand - _HAND_TOGRIPPER_POINT, grip, grip))
         for length, along, then in ways[: max(place - 1, 0)]:
             radius, height, rise = radius + length * np.cos(along), height + length * np.sin(along), then
         c, s, up, level = np.cos(waist), np.sin(waist), np.sin(rise), np.cos(rise)
@@ -133,13 +133,12 @@ class Movemaster(Robot):
     def scene(self, mounts: Mounts) -> Scene:
         """See `Robot`."""
         spec = mujoco.MjSpec.from_file(str(files("calfree_gym") / "assets" / "arm.xml"))
-        add_marks(spec, spec.body("gripper"), _GRIPPER_POINT, _MARKS, prefix="")
-        add_cameras(spec, mounts)
+        add_marks(spec, spec.body("gripper"), GRIPPER_POINT, _MARKS, prefix="")
+        add_rig(spec, mounts)
+        add_sensors(spec)
         add_surroundings(spec)
         still, places = np.zeros(5), np.arange(5)
-        return Scene(
-            spec.compile(), still, still, still, places, places, sensors=0, prefix="", covers=_COVERS
-        )
+        return Scene(spec.compile(), still, still, still, places, places, sensors=0, prefix="", covers=COVERS)
 
     def stretch(self, body_positions: Array, lengths: Array) -> None:
         """See `Robot`."""
@@ -148,7 +147,7 @@ class Movemaster(Robot):
             (shoulder, 0, base),
             (upper_arm, 0, 0),
             (forearm, 0, 0),
-            (hand - _HAND_TO_GRIPPER_POINT, 0, 0),
+            (hand - _HAND_TOGRIPPER_POINT, 0, 0),
         )
         body_positions[_STRETCHED] = offsets
 

@@ -63,7 +63,8 @@ def build(
     body, at = spec.body(gripper[0]), gripper[1]
     add_marks(spec, body, at, marks, PREFIX)
     add_bar(body, at, marks, PREFIX)
-    add_cameras(spec, mounts, PREFIX)
+    add_rig(spec, mounts, PREFIX)
+    add_sensors(spec, PREFIX)
     add_surroundings(spec, PREFIX)
     covers = _add_sky(spec)
     model = spec.compile()
@@ -136,13 +137,13 @@ def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
         servo.set_to_position(kp=stiffness, dampratio=1.0, timeconst=FILTER)
 
 
-def add_cameras(spec: Any, mounts: Mounts, prefix: str = "") -> None:
-    """Adds the two cameras on thin rods, and the sensors that project gripper and object into them.
+def add_rig(spec: Any, mounts: Mounts, prefix: str = "") -> None:
+    """Adds the two cameras on thin rods.
 
     Args:
-        spec: Of the arm, with the points of gripper and object; it is changed.
+        spec: Of the arm; it is changed.
         mounts: Names of the bodies to which the left and the right camera are fixed.
-        prefix: Of the points' names, and of all names that are added.
+        prefix: Of all names that are added.
     """
     plain = mujoco.MjSpec()
     for camera, mount in zip(CAMERAS, mounts, strict=True):
@@ -166,6 +167,10 @@ def add_cameras(spec: Any, mounts: Mounts, prefix: str = "") -> None:
                 contype=0,
                 conaffinity=0,
             )
+
+
+def add_sensors(spec: Any, prefix: str = "") -> None:
+    """Adds the sensors that project the points of gripper and object into the cameras; see `add_rig`."""
     for kind in KINDS:
         for point in POINTS:
             for camera in CAMERAS:

@@ -12,7 +12,8 @@ from gymnasium.utils.env_checker import check_env
 
 from calfree_gym.envs.rendering.gl import gl_context
 from calfree_gym.image import IMAGE_SIZE
-from calfree_gym.tasks.reach import image_distances, rendezvous
+from calfree_gym.tasks.goals import image_distances
+from calfree_gym.tasks.reach import rendezvous
 
 KINDS = {
     "vision": {"achieved_goal": (4,), "desired_goal": (4,), "observation": (7,)},

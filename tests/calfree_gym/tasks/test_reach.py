@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from calfree_gym.tasks.reach import image_distances, kept_apart, rendezvous
+from calfree_gym.tasks.goals import image_distances
+from calfree_gym.tasks.reach import kept_apart, rendezvous
 
 coordinates = st.floats(-1, 1, width=32)
 nearby = st.sampled_from([0.0, 1e-6, -1e-4, 0.5, 0.7, 1.0, -1.0])

@@ -1,0 +1,192 @@
+"""N arms that grasp. Both environments step them."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.envs.arms.base import Arms
+from calfree_gym.geometry import Array, Flags, Rows
+from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT, inside
+from calfree_gym.robot.grasping.gripping_arm import GrippingArm
+from calfree_gym.robot.grasping.jaws import STROKE
+from calfree_gym.robot.grasping.placing import Placed, Placing
+from calfree_gym.robot.grasping.shapes import ShapeChoice
+from calfree_gym.robot.grasping.simulation import OBJECT, POINTS, GraspSimulation
+from calfree_gym.tasks import grasp
+from calfree_gym.vision.measurement import MeasurementModel
+from calfree_gym.world import World
+
+TABLE = np.array([[-0.32, 0.92], [-0.62, 0.62]])
+"""From where to where the table goes (m): x, then y."""
+GRIPPER = (0, 1)
+"""Where the gripper's point stands among the image points."""
+HELD = (2 * OBJECT, 2 * OBJECT + 1)
+"""Where the object's does."""
+
+
+class GraspingArms(Arms):
+    """N arms, whose cameras see `robot.grasping.simulation.POINTS`.
+
+    Attributes:
+        jaws: Registers of the jaws (N,), from 0, open, to 1, closed.
+        openings: How far jaws are open (N,), as a share.
+        held: Whether the object is held (N,), as jaws and images tell.
+        goals: Image points (N, 4) to which objects are to be lifted.
+        forces: Largest force (N, 2) of the gripper on table and object in the last motion, in N.
+        lifted: How high above where it lay the object was (N,) in the last second, at least, in m.
+        off_table: Whether the object has left the table (N,).
+
+    Args:
+        rows: N.
+        shape: Of things, see `robot.grasping.shapes`.
+        tolerance_px: Image distance within which an object is lifted to its place.
+        threads: Threads of the simulation; they change no number.
+        camera_mount, keep_in_view, **shared: See `Arms`.
+
+    Raises:
+        ValueError: See `Arms`.
+    """
+
+    simulation: GraspSimulation
+    robot: GrippingArm
+    state_names: ClassVar[tuple[str, ...]] = (
+        *Arms.state_names,
+        *("jaws", "openings", "held", "goals", "forces", "lifted", "_placed", "_waited"),
+    )
+
+    def __init__(
+        self,
+        rows: int,
+        *,
+        camera_mount: str | tuple[str, ...],
+        keep_in_view: bool,
+        tolerance_px: float,
+        shape: ShapeChoice,
+        threads: int,
+        **shared: Any,
+    ) -> None:
+        robot = GrippingArm()
+        simulation = GraspSimulation(rows, robot, robot.mounts(camera_mount), threads)
+        points = 2 * len(POINTS)
+        super().__init__(
+            simulation, robot, points, camera_mount=camera_mount, keep_in_view=keep_in_view, **shared
+        )
+        self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
+        self._placing = Placing(robot, self._workspaces, self.motors, shape, keep_in_view)
+        self._measurement = MeasurementModel(rows, points)
+        self.jaws, self.openings = np.zeros(rows), np.ones(rows)
+        self.held, self._waited = np.zeros(rows, bool), np.zeros(rows, bool)
+        self.goals, self.forces, self.lifted = np.zeros((rows, 4)), np.zeros((rows, 2)), np.zeros(rows)
+        self._placed: list[Placed | None] = [None] * rows
+        self.delivered = (self.points, self.visible, self.held)
+
+    def seed_streams(self, row: int, seed: int) -> None:
+        """See `Arms`."""
+        super().seed_streams(row, seed)
+        self._measurement.seed(row, seed)
+
+    def enter(self, row: int, world: World) -> None:
+        """See `Arms`: a thing keeps its shape, and gets the mass and the friction of the world."""
+        super().enter(row, world)
+        self._measurement.set_world(row, world)
+        if (placed := self._placed[row]) is not None:
+            self._weigh(row, placed)
+
+    def _weigh(self, row: int, placed: Placed) -> None:
+        world = self.world(row)
+        self.simulation.set_thing(row, placed.thing, float(world.object_mass), float(world.object_friction))
+
+    def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
+        """See `Arms`: poses (n, 4); given are places (n, 2), or with an angle (n, 3)."""
+        poses = np.empty((len(rows), 4))
+        for i, row in enumerate(rows.tolist()):
+            which = row, self._seeds[row] or 0, int(self.trials[row]), self.world(row)
+            placed = self._placing.draw(*which) if given is None else self._placing.given(*which, given[i])
+            self._placed[row] = placed
+            self._weigh(row, placed)
+            self.goals[row], poses[i] = np.clip(placed.goal, -1, 1), placed.pose
+        return poses
+
+    def begun(self, rows: Rows) -> None:
+        """See `Arms`: the jaws are open."""
+        self.jaws[rows], self.openings[rows], self.held[rows] = 0.0, 1.0, False
+        self.forces[rows], self.lifted[rows], self._waited[rows] = 0.0, 0.0, False
+
+    def execute(self, rows: Rows, words: Array) -> Array:
+        """See `Arms`: with something between its jaws, an arm waits for a second after each motion.
+
+        Where the guard stops an arm, its registers are those of where it stands.
+        """
+        indices, simulation = self._all[rows], self.simulation
+        words = np.atleast_2d(words)
+        before = self.motors.positions(self.registers[rows], rows)
+        joints = self.targets(rows, words[:, :-1])
+        seconds = simulation.travel(rows, joints)
+        self.jaws[rows] = np.clip(self.jaws[rows] + words[:, -1], 0.0, 1.0)
+        motion = simulation.move(indices, joints, STROKE * (1 - self.jaws[rows]))
+        self.forces[rows] = motion.forces
+        for i in np.flatnonzero(motion.shares < 1).tolist():
+            row = int(indices[i])
+            there = self.motors.positions(self.registers[row, None], indices[i, None])[0]
+            stopped = before[i] + motion.shares[i] * (there - before[i])
+            self.registers[row] = self.motors.registers(stopped, row)
+        self.openings[rows] = simulation.openings()[rows] / STROKE
+        self._waited[rows] = False
+        heights = simulation.heights()
+        holding = indices[grasp.blocked(self.openings[rows], self.jaws[rows]) & ~simulation.diverged[rows]]
+        if len(holding):
+            forces, heights[holding] = simulation.wait(holding)
+            self.forces[holding] = np.maximum(self.forces[holding], forces)
+            self.openings[holding] = simulation.openings()[holding] / STROKE
+            self._waited[holding] = True
+        for row in indices.tolist():
+            placed = self._placed[row]
+            self.lifted[row] = 0.0 if placed is None else heights[row] - placed.pose[2]
+        return seconds + self._waited[rows]
+
+    def observe(self) -> None:
+        """See `Arms`."""
+        self.simulation.recover()
+        self.simulation.refresh()
+        pixels, depth = self.simulation.pinhole_pixels()
+        true, shown = self._workspaces.cameras.through_lens(pixels)
+        visible = shown & (depth > 0) & inside(true)
+        self.true_points = true
+        seen, now_visible = self._measurement.measure(true, visible, self.trials, self.motions_of_trial)
+        before, both = self.points, self.visible & now_visible
+        self.visible = now_visible
+        self.points = np.where(now_visible[:, :, None], seen, before)
+        way = self.points - before
+        self.held = grasp.held(
+            grasp.blocked(self.openings, self.jaws) & (self.motions_of_trial > 0),
+            self.held,
+            way[:, GRIPPER],
+            way[:, HELD],
+            np.asarray(both[:, (*GRIPPER, *HELD)].all(1)),
+        )
+        self.delivered = self._latency.deliver(self.motions_of_trial, self.points, self.visible, self.held)
+
+    def shown(self, row: int) -> tuple[Array, Flags, Array]:
+        """See `Arms`: the target is where the object is to be lifted to."""
+        pairs = [*GRIPPER, *HELD]
+        points, seen = self.points[row, pairs].reshape(2, 2, 2), self.visible[row, pairs].reshape(2, 2)
+        return points, seen, self.goals[row].reshape(1, 2, 2)
+
+    @property
+    def off_table(self) -> Flags:
+        """Whether the object of a row has left the table (N,)."""
+        place = self.simulation.positions()[1]
+        level = place[:, :2]
+        outside = ((level < TABLE[:, 0]) | (level > TABLE[:, 1])).any(1)
+        return np.asarray(outside)
+
+    def error_px(self) -> Array:
+        """Noise-free image distances (N,) in pixels of objects from where they are to be lifted to."""
+        away = self.true_points[:, HELD] - self.goals.reshape(-1, 2, 2)
+        return np.asarray(PIXELS_PER_UNIT * np.sqrt(np.square(away).sum(-1)).max(1))
+
+    def close(self) -> None:
+        """See `Arms`: it renders nothing."""

@@ -1,0 +1,259 @@
+"""Grasping as Gymnasium environments, single and batched."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from calfree_gym.envs.arms.grasping_arms import HELD, GraspingArms
+from calfree_gym.envs.shared import ArmShared
+from calfree_gym.envs.single import ArmEnv
+from calfree_gym.envs.spaces import Observation, action_space, unit_box
+from calfree_gym.envs.vector import ArmVectorEnv
+from calfree_gym.errors import check_choice, known_arguments
+from calfree_gym.robot.grasping.shapes import ShapeChoice, check_shape
+from calfree_gym.robot.grasping.simulation import POINTS
+from calfree_gym.tasks import grasp
+from calfree_gym.world import WorldChoice
+
+OBSERVATIONS = ("points",)
+_OTHERS = [place for place in range(2 * len(POINTS)) if place not in HELD]
+"""Image points other than the object's, which is a goal of its own."""
+MM = 1000.0
+
+
+class Grasping(ArmShared):
+    """What is so in an environment whose task is to grasp."""
+
+    arms: GraspingArms
+
+    def _build(self, rows: int, threads: int, *, observation: str, **arguments: Any) -> None:
+        check_choice("observation", observation, OBSERVATIONS)
+        check_shape(arguments["shape"])
+        super()._build(rows, threads, observation=observation, tell=(), **arguments)
+
+    def _new_arms(self) -> GraspingArms:
+        return GraspingArms(**self._arguments)
+
+    def _spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
+        registers = len(self.arms.robot.motors) + 1
+        state = 2 * len(POINTS) + registers + 1 + 2 * len(_OTHERS)
+        goals = {key: unit_box(5) for key in ("achieved_goal", "desired_goal")}
+        return spaces.Dict(goals | {"observation": unit_box(state)}), action_space(registers)
+
+    def _placed(self, options: dict[str, Any] | None) -> NDArray[np.float64] | None:
+        return placed_things(options, self.arms.rows)
+
+    def _outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
+        arms, rows = self.arms, self.arms.rows
+        points, visible, held = arms.delivered
+        ones = np.ones((rows, 1))
+        achieved = np.concatenate([points[:, HELD].reshape(rows, 4), held[:, None]], 1).astype(np.float32)
+        desired = np.concatenate([arms.goals, ones], 1).astype(np.float32)
+        state = np.concatenate(
+            [
+                visible,
+                arms.registers,
+                arms.jaws[:, None],
+                np.clip(arms.openings, 0, 1)[:, None],
+                points[:, _OTHERS].reshape(rows, -1),
+            ],
+            1,
+        ).astype(np.float32)
+        observed = {"achieved_goal": achieved, "desired_goal": desired, "observation": state}
+        distances = grasp.place_distances(achieved, desired)
+        return observed, distances, grasp.lifted(achieved, desired, arms.tolerance)
+
+    def _truth(self) -> dict[str, Any]:
+        arms = self.arms
+        gripper, object_ = arms.simulation.positions()
+        return {
+            "error_px": arms.error_px(),
+            "distance_mm": MM * np.sqrt(np.square(gripper - object_).sum(-1)),
+            "lifted_mm": MM * arms.lifted,
+            "points": arms.true_points.reshape(arms.rows, -1),
+            "gripper": gripper,
+            "object": object_,
+            "joints": arms.simulation.joints(),
+        }
+
+    def _events(self) -> dict[str, NDArray[Any]]:
+        arms = self.arms
+        return {
+            "force_table": arms.forces[:, 0].copy(),
+            "force_object": arms.forces[:, 1].copy(),
+            "off_table": arms.off_table,
+            "diverged": arms.simulation.diverged.copy(),
+        }
+
+    def _cut_short(self) -> NDArray[np.bool_]:
+        return self.arms.off_table | self.arms.simulation.diverged
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """The reward (...) for goals (..., 5); pure, and what `step` returns."""
+        distances = grasp.place_distances(achieved_goal, desired_goal)
+        return self._reward(distances, grasp.lifted(achieved_goal, desired_goal, self.arms.tolerance))
+
+    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Whether a trial ends (...) at goals (..., 5); pure, and what `step` returns."""
+        ended = grasp.lifted(achieved_goal, desired_goal, self.arms.tolerance)
+        return ended if self._ends else np.zeros_like(ended)
+
+    def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """False: what cuts a trial short cannot be told from goals (`info["off_table"]`, `["diverged"]`)."""
+        return np.zeros(np.shape(achieved_goal)[:-1], bool)
+
+
+class GraspEnv(Grasping, ArmEnv):
+    """The paper's arm, with a gripper that can hold, whose task is to lift an object (paper, 3.1 and 3.5).
+
+    ## Description
+    An object lies on a table. The controller brings the gripper over it, turns the jaws, closes them and
+    lifts the object to a place in both images. Cameras, arm, motors and the object's mass and friction are
+    unknown to it: they are the hidden `World`. Physics is whole: gravity, contacts, friction.
+
+    ## Action space
+    `Box(-1, 1, (5,), float32)`: one control word each, as in `StereoArmEnv`; all add up in registers.
+
+    | num | word | effect |
+    |---|---|---|
+    | 0-2 | waist, shoulder, elbow | unknown sign and size |
+    | 3 | wrist_turn | turns the gripper about its axis (J5), by unknown sign and size |
+    | 4 | jaws | + closes: register 0 is open, 1 closed |
+
+    One step is one motion. Its targets travel with least jerk, and the gripper at 0.4 m/s at most. An arm
+    that presses with more than 12 N stops, and goes back to where it did not: registers tell where it
+    stands. With something between its jaws it waits for a second after each motion.
+
+    ## Observation space
+    A `Dict` of a goal environment. Image points are (x, y), x right and y down, +-1 the image border.
+
+    | key | shape | content |
+    |---|---|---|
+    | achieved_goal | (5,) | the object's sensor vector: (xa, ya, xb, yb); 1 where it is held |
+    | desired_goal | (5,) | the sensor vector to which it is to be lifted, fixed in the images; 1 |
+    | observation | (56,) | see below |
+
+    `observation`: 18 flags, 1 where a point is seen now, left and right of: gripper point, gripper base, tips
+    of jaw 1 and 2, edges 1 and 2, object, ends 1 and 2 of its main axis; 5 registers; how far the jaws are
+    open, 0 to 1; and 16 image points (x, y), as the flags but without the object's.
+    An upright cylinder's and a sphere's main axis is upright.
+
+    *Held* is what jaws and images tell: the jaws stay open though they should have closed, the object's
+    image has moved with the gripper's, and so it has stayed for a second.
+
+    ## Rewards
+    `CalFree/Grasp-v0`: 0 on the motion after which the object is held within `tolerance_px` of the desired
+    place in both images, -1 on every other. `CalFree/GraspDense-v0`: minus the mean of both distances from
+    it, in image units. The place is fixed in the images: hindsight relabelling is valid on both mounts.
+
+    ## Starting state
+    The arm is at home, jaws open. The object lies where both cameras see it, and where the gripper can grasp
+    it from above. `reset(seed=k)` draws the world, objects and noise from k; `reset()` places the next
+    object in the same world. `reset(options={"object": (x, y)})` places it there (m), `(x, y, angle)` also at
+    an angle (rad) about the vertical.
+
+    ## Episode end
+    Terminated with the object held at its place, unless `terminate_on_success=False`. Truncated after
+    `max_episode_steps` (60) motions, where the object has left the table, and where the physics diverged.
+
+    ## Information
+    As in `StereoArmEnv`; besides `force_table` and `force_object`: the largest force (N) of one contact of
+    the gripper in the motion; `off_table` and `diverged`. `truth`: `error_px`: of the object from its place;
+    `lifted_mm`: how high above where it lay the object was, for a whole second if something is between the
+    jaws.
+
+    Args:
+        shape: "cylinder", "sphere", "box", "bar" or "l_shape"; a mapping of `shape` and all its sizes in m,
+            such as {"shape": "sphere", "radius": 0.02}; or None: any.
+        world, camera_mount, perturbations, redraw, terminate_on_success, keep_in_view, truth, reward,
+            render_mode, width, height: As for `StereoArmEnv`.
+        observation: "points".
+        tolerance_px: Image distance within which the object is at its place, in pixels of 512.
+
+    Raises:
+        ValueError: An argument is not allowed, the jaws cannot hold the object, or the world is not in view.
+
+    ## Version history
+    v0: first version.
+    """
+
+    @known_arguments
+    def __init__(
+        self,
+        *,
+        shape: ShapeChoice = None,
+        world: WorldChoice = "wild",
+        camera_mount: str | Sequence[str] = "waist",
+        observation: str = "points",
+        tolerance_px: float = 24.0,
+        perturbations: Any = None,
+        redraw: str = "never",
+        terminate_on_success: bool = True,
+        keep_in_view: bool = True,
+        truth: bool = True,
+        reward: str = "sparse",
+        render_mode: str | None = None,
+        width: int = 1080,
+        height: int = 720,
+    ) -> None:
+        self._build_one(locals())
+
+
+class GraspVectorEnv(Grasping, ArmVectorEnv):
+    """Many arms that grasp, stepped together; row i is `GraspEnv` reset with seed + i.
+
+    Args:
+        num_envs, max_episode_steps, autoreset_mode, threads: As for `StereoArmVectorEnv`.
+        world: As for `StereoArmEnv`, or a list of one a row.
+        **arguments: As for `GraspEnv`.
+    """
+
+    @known_arguments
+    def __init__(
+        self,
+        *,
+        num_envs: int = 1,
+        max_episode_steps: int = 60,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 0,
+        shape: ShapeChoice = None,
+        world: WorldChoice | Sequence[WorldChoice] = "wild",
+        camera_mount: str | Sequence[str] = "waist",
+        observation: str = "points",
+        tolerance_px: float = 24.0,
+        perturbations: Any = None,
+        redraw: str = "never",
+        terminate_on_success: bool = True,
+        keep_in_view: bool = True,
+        truth: bool = True,
+        reward: str = "sparse",
+        render_mode: str | None = None,
+        width: int = 1080,
+        height: int = 720,
+    ) -> None:
+        self._build_rows(locals())
+
+
+def placed_things(options: dict[str, Any] | None, rows: int) -> NDArray[np.float64] | None:
+    """The place of the object in reset's options (rows, 2 or 3), or None without one.
+
+    Raises:
+        ValueError: It is none; says what was found and what is allowed.
+    """
+    if not options:
+        return None
+    if not isinstance(options, Mapping) or set(options) != {"object"}:
+        raise ValueError(f"reset's options are {options!r}; allowed: {{'object': (x, y)}} or (x, y, angle)")
+    try:
+        place = np.asarray(options["object"], np.float64)
+    except (TypeError, ValueError):
+        place = np.empty(0)
+    if place.shape not in ((2,), (3,), (rows, 2), (rows, 3)) or not np.isfinite(place).all():
+        raise ValueError(f"options['object'] is {options['object']!r}; it must be (x, y) or (x, y, angle)")
+    return np.broadcast_to(place, (rows, place.shape[-1]))

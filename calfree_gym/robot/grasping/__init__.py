@@ -1,0 +1,1 @@
+"""A gripper that can hold, things that it can hold, and the physics of both."""

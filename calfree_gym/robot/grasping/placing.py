@@ -1,0 +1,156 @@
+"""Where things lie, and where they are to be lifted to: places that the arm reaches and both cameras see."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from calfree_gym.geometry import Array, Flags
+from calfree_gym.robot.arms.movemaster import DISTANCE, WAIST
+from calfree_gym.robot.grasping.gripping_arm import GrippingArm
+from calfree_gym.robot.grasping.jaws import AXIS
+from calfree_gym.robot.grasping.shapes import ShapeChoice, Thing, draw_thing
+from calfree_gym.robot.motors import MotorMap
+from calfree_gym.robot.workspace import ATTEMPTS, MAX_REGISTER, Workspaces
+from calfree_gym.streams import stream
+from calfree_gym.world import World
+
+BLOCK = 32
+"""Places that are judged at once."""
+LIFTED = 0.12
+"""Things are to be lifted to places at least so high above the table (m)."""
+EXACT = 1e-6
+"""The arm reaches what it comes so near to (m); a guard against rounding."""
+BASE = 0.16
+"""Nothing can lie nearer to the waist's axis than this (m): there the arm stands."""
+
+
+class Placed(NamedTuple):
+    """What a trial begins with.
+
+    Attributes:
+        thing: To be grasped.
+        pose: Where it lies (4,): x, y, z in m, and its angle about the vertical.
+        goal: The image point (4,) to which it is to be lifted, left and right.
+    """
+
+    thing: Thing
+    pose: Array
+    goal: Array
+
+
+class Placing:
+    """Draws things and their places for N arms: a pure function of seed and trial.
+
+    Args:
+        robot: The arm.
+        workspaces: Of the N worlds.
+        motors: Of the N arms.
+        shape: Of the things.
+        keep_in_view: Whether both cameras must see them.
+    """
+
+    def __init__(
+        self,
+        robot: GrippingArm,
+        workspaces: Workspaces,
+        motors: MotorMap,
+        shape: ShapeChoice,
+        keep_in_view: bool,
+    ) -> None:
+        self._robot, self._workspaces, self._motors = robot, workspaces, motors
+        self._shape, self._keep_in_view = shape, keep_in_view
+
+    def draw(self, row: int, seed: int, trial: int, world: World) -> Placed:
+        """What the trial of a row begins with.
+
+        Raises:
+            ValueError: There is no such place.
+        """
+        thing = draw_thing(self._shape, stream(seed, "thing", trial))
+        for block in range(ATTEMPTS):
+            shares = stream(seed, "place", trial, block).random((BLOCK, 3))
+            far = DISTANCE[0] + shares[:, 0] * (DISTANCE[1] - DISTANCE[0])
+            around = (2 * shares[:, 1] - 1) * WAIST
+            poses = np.column_stack(
+                [
+                    far * np.cos(around),
+                    far * np.sin(around),
+                    np.full(BLOCK, thing.height),
+                    (2 * shares[:, 2] - 1) * np.pi,
+                ]
+            )
+            graspable = self.graspable(row, world, thing, poses)
+            if graspable.any():
+                return Placed(thing, poses[graspable.argmax()], self._goal(row, seed, trial))
+        raise ValueError(
+            f"no {thing.shape} in {ATTEMPTS * BLOCK} drawn places can be reached and is in view of both "
+            f"cameras, in row {row}, trial {trial}: see its world"
+        )
+
+    def given(self, row: int, seed: int, trial: int, world: World, place: Array) -> Placed:
+        """The same, with the thing at a given place (2,) or (3,): x and y in m, and its angle.
+
+        Raises:
+            ValueError: The arm stands there, or cannot grasp it there.
+        """
+        thing = draw_thing(self._shape, stream(seed, "thing", trial))
+        angle = place[2] if len(place) > 2 else (2 * stream(seed, "place", trial).random() - 1) * np.pi
+        pose = np.array([place[0], place[1], thing.height, angle])
+        where = f"the object at {place[:2].tolist()}"
+        if (near := float(np.hypot(*place[:2]))) < BASE:
+            raise ValueError(
+                f"{where} is inside the arm: {near:.2f} m from the waist; it must be {BASE} m or more"
+            )
+        reached, _ = self._judged(row, world, thing, pose[None])
+        if not reached[0]:
+            raise ValueError(
+                f"{where} is out of reach: things can be grasped about {DISTANCE[0]} to {DISTANCE[1]} m from "
+                f"the waist's axis, within {WAIST} rad of straight ahead"
+            )
+        return Placed(thing, pose, self._goal(row, seed, trial))
+
+    def graspable(self, row: int, world: World, thing: Thing, poses: Array) -> Flags:
+        """At which poses (k, 4) a thing can be grasped from above, and is seen from home and from there."""
+        reached, seen = self._judged(row, world, thing, poses)
+        return reached & seen if self._keep_in_view else reached
+
+    def _judged(self, row: int, world: World, thing: Thing, poses: Array) -> tuple[Flags, Flags]:
+        """Which poses (k, 4) the gripper reaches, from one length before them on; and which are seen."""
+        robot, rows = self._robot, np.full(len(poses), row)
+        rest = robot.rest(world.joint_zeros)
+        places, home = poses[:, :3], self._motors.joints(np.zeros((1, len(robot.motors))), rows[:1])
+        c, s, o = np.cos(poses[:, 3]), np.sin(poses[:, 3]), np.zeros(len(poses))
+        ahead = np.column_stack([c, s, o]) * thing.axis[0] + np.array([0.0, 0.0, thing.axis[2]])
+        seen, reached = np.ones(len(poses), bool), np.ones(len(poses), bool)
+        for point in (places, places + ahead, places - ahead):
+            seen &= self._workspaces.images(point, home.repeat(len(poses), 0), rows)[1]
+        back = np.zeros_like(places)
+        for _ in range(2):  # at the thing, then before it
+            positions = robot.positions_at(places + back, rest, world.link_lengths)
+            angles = self._motors.angles(positions[None], rows[:1])[0]
+            there = robot.gripper_position(angles, world.link_lengths)
+            reached &= np.abs(there - places - back).max(1) < EXACT
+            reached &= self._motors.reaches(positions[None], MAX_REGISTER, rows[:1])[0]
+            axis = robot.axis(angles)
+            for point in (places, there, there - AXIS * axis):
+                seen &= self._workspaces.images(point, angles, rows)[1]
+            back = -AXIS * axis
+        return reached, seen
+
+    def _goal(self, row: int, seed: int, trial: int) -> Array:
+        """An image point (4,) of the gripper above the table."""
+        one = np.array([row])
+        for block in range(ATTEMPTS):
+            draws = stream(seed, "lifted", trial, block).random((1, BLOCK, len(self._robot.motors)))
+            at = self._workspaces.candidates(draws, one)
+            good = (at.seen & at.reached & (at.points[..., 2] > LIFTED))[0]
+            if not self._keep_in_view:
+                good = (at.within & at.reached & (at.points[..., 2] > LIFTED))[0]
+            if good.any():
+                first = good.argmax()
+                angles = self._motors.angles(at.positions[:, first], one)
+                images, _ = self._workspaces.images(at.points[:, first], angles, one)
+                return images.reshape(4)
+        raise ValueError(f"nothing can be lifted in view of both cameras, in row {row}: see its world")

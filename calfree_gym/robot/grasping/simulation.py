@@ -1,0 +1,241 @@
+"""Arms that grasp: gravity, contacts, smooth motions, and a guard that stops an arm that presses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.geometry import Array, Rows
+from calfree_gym.image import PIXELS_PER_UNIT
+from calfree_gym.robot.arms.robot import Mounts
+from calfree_gym.robot.grasping.gripping_arm import SENSORS, GrippingArm
+from calfree_gym.robot.grasping.jaws import JAWS
+from calfree_gym.robot.grasping.shapes import Thing
+from calfree_gym.robot.simulation import Picture, Simulation
+from calfree_gym.vision.cameras import pinhole
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
+
+POINTS = (
+    *("gripper_point", "gripper_base", "jaw_1_tip", "jaw_2_tip", "edge_1", "edge_2"),
+    *("object_point", "axis_1", "axis_2"),
+)
+"""What cameras see: the gripper's point and base, tips and edges, the object and the ends of its axis."""
+OBJECT = POINTS.index("object_point")
+CHUNK = 10
+"""Substeps after which the guard looks at the forces."""
+SPEED, TURNING = 0.4, 2.0
+"""The gripper's speed (m/s) and that of joints (rad/s) at most. Choice: about the RV-M2's."""
+PEAK = 1.875
+"""Of a motion of least jerk: its speed at most, relative to the mean."""
+LEAST_CHUNKS, SETTLING = 7, 3
+"""Chunks of the ramp at least, and after it."""
+GUARD, RISES = 12.0, 1.0
+"""An arm stops that presses with more than this force (N), and this more than before (N)."""
+SECOND = 200
+"""Substeps of a second."""
+_OF_GEOMS = ("geom_type", "geom_size", "geom_pos", "geom_rbound", "geom_aabb")
+_OF_BODIES = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_invweight0")
+
+
+class Motion(NamedTuple):
+    """What became of a motion.
+
+    Attributes:
+        shares: Of the way (n,), in joints: less than 1 where the guard stopped the arm.
+        forces: Largest force of a contact (n, 2), of the gripper with the table and with the object (N).
+    """
+
+    shares: Array
+    forces: Array
+
+
+class GraspSimulation(Simulation):
+    """N arms that grasp things.
+
+    Attributes:
+        diverged: Whether the physics of a row (N,) has diverged since it was placed.
+
+    Args:
+        rows, robot, mounts, threads: See `Simulation`.
+    """
+
+    state_names: ClassVar[tuple[str, ...]] = (*Simulation.state_names, "_pressing", "diverged", "_things")
+
+    def __init__(self, rows: int, robot: GrippingArm, mounts: Mounts, threads: int) -> None:
+        super().__init__(rows, robot, robot.scene(mounts), mounts, threads)
+        model = self._model
+        self._camera_places, self._camera_axes = self._batch.bind("cam_xpos"), self._batch.bind("cam_xmat")
+        self._focal = np.ones((rows, 2, 1))
+        self._site = [model.site(name).id for name in POINTS]
+        self._jaw = int(model.joint(JAWS[0]).qposadr[0])
+        self._jaws = [int(model.joint(name).qposadr[0]) for name in JAWS]
+        self._free = int(model.joint("object").qposadr[0])
+        self._body = int(model.body("object").id)
+        self._dof = int(model.joint("object").dofadr[0])
+        self._geoms = [model.geom(f"object_{part}").id for part in (1, 2)]
+        self._pads = [model.geom(f"{name}_pad").id for name in JAWS]
+        names = (*_OF_GEOMS, *_OF_BODIES, "dof_invweight0", "site_pos", "geom_friction", "geom_condim")
+        self._fields = {
+            name: self._batch.expand(name) for name in (*names, "geom_contype", "geom_conaffinity")
+        }
+        self._at_rest = self._physics[0].copy()
+        self._lengths = np.tile(robot.lengths, (rows, 1))
+        self._pressing = np.zeros(rows)
+        self.diverged = np.zeros(rows, bool)
+        self._things: list[tuple[Thing, float, float] | None] = [None] * rows
+
+    def set_world(self, row: int, world: World) -> None:
+        """See `Simulation`."""
+        super().set_world(row, world)
+        self._focal[row, :, 0] = world.focal_length
+        self._lengths[row] = world.link_lengths
+
+    def set_thing(self, row: int, thing: Thing, mass: float, friction: float) -> None:
+        """Gives `row` a thing of this mass (kg), and this friction between it and the jaws."""
+        self._things[row] = thing, mass, friction
+        fields, alone = self._fields, _alone(thing, mass)
+        for name in _OF_BODIES:
+            fields[name][row, self._body] = getattr(alone, name)[1]
+        fields["dof_invweight0"][row, self._dof : self._dof + 6] = alone.dof_invweight0
+        for part, geom in enumerate(self._geoms):
+            there = part < alone.ngeom
+            for name in _OF_GEOMS:
+                fields[name][row, geom] = getattr(alone, name)[part if there else 0]
+            fields["geom_contype"][row, geom] = fields["geom_conaffinity"][row, geom] = int(there)
+            rolls = thing.shape == "sphere"
+            fields["geom_condim"][row, geom] = 6 if rolls else 3
+            fields["geom_friction"][row, geom] = [0.6, 0.005, 0.002 if rolls else 0.0001]
+        fields["geom_friction"][row, self._pads] = [friction, 0.01, 0.0001]
+        for name, end in (("axis_1", thing.axis), ("axis_2", -thing.axis)):
+            fields["site_pos"][row, self._site[POINTS.index(name)]] = end
+
+    def place(self, rows: Rows, joints: Array, objects: Array) -> None:
+        """See `Simulation`: objects are (n, 4), their place in m, and their angle about the vertical."""
+        self._all_qpos[rows], self._all_ctrl[rows], self._qvel[rows] = self._scene.home, self._scene.ctrl, 0.0
+        self._all_qpos[rows, self._qpos] = joints
+        self._all_ctrl[rows, self._ctrl] = joints
+        free = np.zeros((len(objects), 7))
+        free[:, :3], half = objects[:, :3], objects[:, 3] / 2
+        free[:, 3], free[:, 6] = np.cos(half), np.sin(half)
+        self._all_qpos[rows, self._free : self._free + 7] = free
+        self._pressing[rows], self.diverged[rows] = 0.0, False
+
+    def move(self, rows: NDArray[np.intp], joints: Array, openings: Array) -> Motion:
+        """Moves the arms of `rows` to joints at (n, j), and each jaw to an opening (n,) in m.
+
+        Targets travel with least jerk, and not faster than `SPEED`. An arm that presses goes back to where it
+        did not, and stays; its jaws go on.
+        """
+        before = self._all_ctrl[rows].copy()
+        way = np.column_stack([joints, openings]) - before
+        chunks = self._chunks(rows, before[:, :-1], way[:, :-1])
+        until = np.ones(len(rows))
+        forces = np.zeros((len(rows), 2))
+        for chunk in range(chunks.max() + SETTLING):
+            on = np.flatnonzero((chunk < chunks + SETTLING) & ~self.diverged[rows])
+            if not len(on):
+                break
+            substeps = chunk * CHUNK + np.arange(1, CHUNK + 1)
+            times = np.minimum(substeps / (CHUNK * chunks[on, None]), 1.0)
+            shares = np.repeat(smooth(np.minimum(times, until[on, None]))[..., None], way.shape[1], 2)
+            shares[..., -1] = smooth(times)
+            control = before[on, None] + way[on, None] * shares
+            largest, pressing = self._step(rows[on], control)
+            forces[on] = np.maximum(forces[on], largest)
+            stops = (pressing > GUARD) & (pressing > self._pressing[rows[on]] + RISES) & (until[on] == 1)
+            until[on[stops]] = np.minimum(chunk / chunks[on[stops]], 1.0)
+            self._pressing[rows[on]] = pressing
+        return Motion(smooth(until), forces)
+
+    def wait(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Lets a second pass in `rows`.
+
+        Returns:
+            Largest forces (n, 2) as in `Motion`, and the lowest height (n,) of the objects meanwhile, in m.
+        """
+        control = np.repeat(self._all_ctrl[rows][:, None], SECOND, 1)
+        before = self.heights()[rows]
+        forces, self._pressing[rows] = self._step(rows, control)
+        return forces, np.minimum(before, self.heights()[rows])
+
+    def _step(self, rows: NDArray[np.intp], control: Array) -> tuple[Array, Array]:
+        """Steps `rows` under control (n, k, nu): largest forces (n, 2), and what the arms press with (n,)."""
+        recorded = self._batch.rollout(control.shape[1], control, record=("sensordata",), ids=rows)
+        forces = recorded["sensordata"].reshape(len(rows), -1, len(SENSORS), 3)
+        self.diverged[rows] |= ~np.isfinite(self._all_qpos[rows]).all(1)
+        largest = np.sqrt(np.square(forces[:, :, :2]).sum(-1)).max(1)
+        pressing = forces[:, -1, 2] + forces[:, -1, 3]
+        return largest, np.sqrt(np.square(pressing).sum(-1))
+
+    def _chunks(self, rows: NDArray[np.intp], joints: Array, way: Array) -> NDArray[np.int64]:
+        """How many chunks a ramp takes (n,)."""
+        lengths, robot = self._lengths[rows], self._robot
+        apart = robot.gripper_position(joints + way, lengths) - robot.gripper_position(joints, lengths)
+        seconds = np.maximum(np.sqrt(np.square(apart).sum(-1)) / SPEED, np.abs(way).max(-1) / TURNING) * (
+            PEAK / (CHUNK * self._model.opt.timestep)
+        )
+        return np.maximum(np.ceil(seconds), LEAST_CHUNKS).astype(np.int64)
+
+    def recover(self) -> None:
+        """Puts rows whose physics has diverged at rest at home, the object out of the way: all is finite."""
+        rows = np.flatnonzero(self.diverged & ~np.isfinite(self._physics).all(1))
+        self._physics[rows] = self._at_rest
+
+    def openings(self) -> Array:
+        """How far each jaw of a row is open (N,), in m."""
+        return self._all_qpos[:, self._jaw].copy()
+
+    def heights(self) -> Array:
+        """Of the objects above the table (N,), in m."""
+        return self._all_qpos[:, self._free + 2].copy()
+
+    def pinhole_pixels(self) -> tuple[Array, Array]:
+        """See `Simulation`: of all `POINTS`."""
+        points = self._sites[:, self._site][:, :, None]
+        places, axes = self._camera_places[:, self._cameras], self._camera_axes[:, self._cameras]
+        flat, depth = pinhole(points, places[:, None], axes.reshape(-1, 1, 2, 3, 3))
+        pixels = flat * self._focal[:, None] + PIXELS_PER_UNIT
+        return pixels.reshape(self.rows, -1, 2), depth.reshape(self.rows, -1)
+
+    def positions(self) -> tuple[Array, Array]:
+        """See `Simulation`."""
+        return self._sites[:, self._site[0]].copy(), self._sites[:, self._site[OBJECT]].copy()
+
+    def show_object(self, row: int, picture: Picture, object_: Array | None) -> None:
+        """See `Simulation`."""
+        model, data = picture
+        for name, values in self._fields.items():
+            getattr(model, name)[:] = values[row]
+        model.geom_rgba[self._geoms, 3] = self._fields["geom_contype"][row, self._geoms]
+        if object_ is not None:
+            data.qpos[self._free : self._free + 3] = object_
+
+
+def smooth(times: Array) -> Array:
+    """The way of least jerk: shares of it (...) at shares (...) of the time."""
+    return times**3 * (10 + times * (6 * times - 15))
+
+
+def _alone(thing: Thing, mass: float) -> mujoco.MjModel:
+    """A model of nothing but a thing: MuJoCo reckons its inertia, bounds and weights."""
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body(name="object")
+    body.add_freejoint()
+    volumes = np.array([_volume(part.kind, part.size) for part in thing.parts])
+    for part, share in zip(thing.parts, volumes / volumes.sum(), strict=True):
+        body.add_geom(type=part.kind, size=part.size, pos=part.place, mass=mass * share)
+    return spec.compile()
+
+
+def _volume(kind: object, size: Array) -> float:
+    """In m³."""
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return float(4 / 3 * np.pi * size[0] ** 3)
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return float(2 * np.pi * size[0] ** 2 * size[1])
+    return float(8 * size.prod())

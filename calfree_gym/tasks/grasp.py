@@ -1,0 +1,58 @@
+"""Grasping: hold the object, and lift it to a place in both images (paper, 3.1 and 3.5)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.image import IMAGE_UNIT, lengths
+from calfree_gym.tasks.goals import Floats
+
+BLOCKED = 0.06
+"""Jaws that stay open by this share more than they were told have something between them. Choice: on nothing
+they close to a hundredth."""
+MOVED = 8 * IMAGE_UNIT
+"""The gripper has moved where its image point has moved so far, in one image. Choice."""
+ALIKE, ALIKE_AT_LEAST = 0.25, 4 * IMAGE_UNIT
+"""The object has moved with it where their image points differ by no more than this share of the way, or by
+so much (image units). Choice: a thing that stays differs by all of the way."""
+
+
+def blocked(opening: Floats, register: Floats) -> Floats:
+    """Whether (...) something is between jaws, by how far they are open (share), and their register (...)."""
+    return opening - (1 - register) > BLOCKED
+
+
+def held(blocked: Floats, before: Floats, gripper_way: Floats, object_way: Floats, seen: Floats) -> Floats:
+    """Whether (N,) the gripper holds the object, as jaws and images tell.
+
+    Args:
+        blocked: Whether (N,) something is between its jaws.
+        before: Whether (N,) it held it before.
+        gripper_way: Of its image points (N, 2, 2) in the last motion.
+        object_way: Of the object's (N, 2, 2).
+        seen: Whether (N,) all four were seen before and after.
+    """
+    far = lengths(gripper_way).max(-1)
+    apart = lengths(object_way - gripper_way).max(-1)
+    alike = apart <= np.maximum(ALIKE * far, ALIKE_AT_LEAST)
+    return blocked & np.where(seen, alike & (before | (far > MOVED)), before)
+
+
+def place_distances(achieved: Floats, desired: Floats) -> Floats:
+    """Distances (..., 2) in image units, per camera, of the object from where it is to be lifted to.
+
+    Args:
+        achieved: The object's sensor vector, and whether it is held (..., 5).
+        desired: The wanted one, and 1 (..., 5).
+    """
+    d = (achieved - desired)[..., :4]
+    return lengths(d.reshape(*d.shape[:-1], 2, 2))
+
+
+def lifted(achieved: Floats, desired: Floats, tolerance: float | np.float32) -> NDArray[Any]:
+    """Whether (...) the object is held, within `tolerance` of the wanted place in both images."""
+    near = np.maximum.reduce(place_distances(achieved, desired), axis=-1) <= tolerance
+    return near & (np.abs((achieved - desired)[..., 4]) < 0.5)
