@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calfree_gym.geometry import Array, Flags
-from calfree_gym.robot.arms.movemaster import DISTANCE, WAIST
+from calfree_gym.robot.arms.movemaster import DISTANCE, LIMIT_MARGIN, WAIST
 from calfree_gym.robot.grasping.gripping_arm import GrippingArm
 from calfree_gym.robot.grasping.jaws import AXIS
 from calfree_gym.robot.grasping.shapes import ShapeChoice, Thing, draw_thing
@@ -126,6 +126,7 @@ class Placing:
         seen, reached = np.ones(len(poses), bool), np.ones(len(poses), bool)
         for point in (places, places + ahead, places - ahead):
             seen &= self._workspaces.images(point, home.repeat(len(poses), 0), rows)[1]
+        lowest, highest = robot.stops[:, 0] + LIMIT_MARGIN, robot.stops[:, 1] - LIMIT_MARGIN
         back = np.zeros_like(places)
         for _ in range(2):  # at the thing, then before it
             positions = robot.positions_at(places + back, rest, world.link_lengths)
@@ -133,6 +134,7 @@ class Placing:
             there = robot.gripper_position(angles, world.link_lengths)
             reached &= np.abs(there - places - back).max(1) < EXACT
             reached &= self._motors.reaches(positions[None], MAX_REGISTER, rows[:1])[0]
+            reached &= ((positions > lowest) & (positions < highest)).all(1)
             axis = robot.axis(angles)
             for point in (places, there, there - AXIS * axis):
                 seen &= self._workspaces.images(point, angles, rows)[1]

@@ -101,8 +101,8 @@ SHAPES = {
     "l_shape": Shape(
         _l_shape,
         {
-            "half_length": (0.045, 0.060),
-            "half_width": (0.010, 0.014),
+            "half_length": (0.055, 0.070),
+            "half_width": (0.010, 0.013),
             "half_height": (0.012, 0.018),
             "half_foot": (0.015, 0.025),
         },

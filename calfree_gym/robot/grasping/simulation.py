@@ -35,11 +35,16 @@ PEAK = 1.875
 LEAST_CHUNKS, SETTLING = 7, 3
 """Chunks of the ramp at least, and after it."""
 GUARD, RISES = 12.0, 1.0
-"""An arm stops that presses with more than this force (N), and this more than before (N)."""
+"""An arm stops that presses by this force (N) more than when its motion began, and ever more: by this (N)."""
+PINNED = 24.0
+"""As long as it did not press more than this then (N): so it gets away with what it has closed its jaws on."""
 SECOND = 200
 """Substeps of a second."""
 _OF_GEOMS = ("geom_type", "geom_size", "geom_pos", "geom_rbound", "geom_aabb")
-_OF_BODIES = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_invweight0")
+_OF_BODIES = (
+    *("body_mass", "body_subtreemass", "body_inertia", "body_ipos", "body_iquat", "body_invweight0"),
+)
+_OF_DOFS = ("dof_invweight0", "dof_M0", "dof_length")
 
 
 class Motion(NamedTuple):
@@ -79,10 +84,9 @@ class GraspSimulation(Simulation):
         self._dof = int(model.joint("object").dofadr[0])
         self._geoms = [model.geom(f"object_{part}").id for part in (1, 2)]
         self._pads = [model.geom(f"{name}_pad").id for name in JAWS]
-        names = (*_OF_GEOMS, *_OF_BODIES, "dof_invweight0", "site_pos", "geom_friction", "geom_condim")
-        self._fields = {
-            name: self._batch.expand(name) for name in (*names, "geom_contype", "geom_conaffinity")
-        }
+        own = ("site_pos", "geom_friction", "geom_condim", "geom_contype", "geom_conaffinity")
+        names = (*_OF_GEOMS, *_OF_BODIES, *_OF_DOFS, *own)
+        self._fields = {name: self._batch.expand(name) for name in names}
         self._at_rest = self._physics[0].copy()
         self._lengths = np.tile(robot.lengths, (rows, 1))
         self._pressing = np.zeros(rows)
@@ -101,7 +105,8 @@ class GraspSimulation(Simulation):
         fields, alone = self._fields, _alone(thing, mass)
         for name in _OF_BODIES:
             fields[name][row, self._body] = getattr(alone, name)[1]
-        fields["dof_invweight0"][row, self._dof : self._dof + 6] = alone.dof_invweight0
+        for name in _OF_DOFS:
+            fields[name][row, self._dof : self._dof + 6] = getattr(alone, name)
         for part, geom in enumerate(self._geoms):
             there = part < alone.ngeom
             for name in _OF_GEOMS:
@@ -135,6 +140,7 @@ class GraspSimulation(Simulation):
         way = np.column_stack([joints, openings]) - before
         chunks = self._chunks(rows, before[:, :-1], way[:, :-1])
         until = np.ones(len(rows))
+        most = GUARD + np.minimum(self._pressing[rows], PINNED)
         forces = np.zeros((len(rows), 2))
         for chunk in range(chunks.max() + SETTLING):
             on = np.flatnonzero((chunk < chunks + SETTLING) & ~self.diverged[rows])
@@ -147,7 +153,7 @@ class GraspSimulation(Simulation):
             control = before[on, None] + way[on, None] * shares
             largest, pressing = self._step(rows[on], control)
             forces[on] = np.maximum(forces[on], largest)
-            stops = (pressing > GUARD) & (pressing > self._pressing[rows[on]] + RISES) & (until[on] == 1)
+            stops = (pressing > most[on]) & (pressing > self._pressing[rows[on]] + RISES) & (until[on] == 1)
             until[on[stops]] = np.minimum(chunk / chunks[on[stops]], 1.0)
             self._pressing[rows[on]] = pressing
         return Motion(smooth(until), forces)
