@@ -55,6 +55,10 @@ class ProcedureAgent(Agent):
             findings: What `new_findings` returned; the procedure writes into it what it finds out.
         """
 
+    def observed(self, raw: RawObservation) -> Any:
+        """What is observed, as procedures get it."""
+        return Observation.of(raw)
+
     def new_findings(self) -> Any:
         """Where a trial's findings go; None for agents that do not learn."""
         return None
@@ -110,11 +114,11 @@ class ProcedureAgent(Agent):
             ValueError: `state` is None in the middle of a trial, or of another number of environments.
         """
         single = np.ndim(observation["achieved_goal"]) == 1
-        rows = [observation] if single else _rows(observation)
-        begins = begins_trial(observation, None if state is None else len(state), episode_start)
+        rows = [self.observed(row) for row in ([observation] if single else _rows(observation))]
+        registers = np.array([row.registers for row in rows])
+        begins = begins_trial(registers, None if state is None else len(state), episode_start)
         words, after = [], []
-        for i, row in enumerate(rows):
-            now = Observation.of(row)
+        for i, now in enumerate(rows):
             if state is None or begins[i]:
                 trial = self._new_trial(now)
                 words.append(trial.begin(now))
@@ -136,13 +140,13 @@ class ProcedureAgent(Agent):
     def _live_trial(self, target: int, callback: Callback | None) -> bool:
         """One trial of its own, cut off where `target` motions were made; whether the callback goes on."""
         raw, _ = self.env.reset()
-        now = Observation.of(raw)
+        now = self.observed(raw)
         trial = self._new_trial(now)
         words = trial.begin(now)
         while True:
             words = self.explore(words, now)
             raw, _, terminated, truncated, _ = self.env.step(words.astype(np.float32))
-            before, now = now, Observation.of(raw)
+            before, now = now, self.observed(raw)
             self.num_timesteps += 1
             self.learn_motion(trial.findings, before, now)
             over = bool(terminated or truncated)

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from .observation import POINTS, Flags, RawObservation
+from .observation import Array, Flags
 
 
-def begins_trial(
-    observation: RawObservation, rows_of_state: int | None, episode_start: Flags | None
-) -> Flags:
+def begins_trial(registers: Array, rows_of_state: int | None, episode_start: Flags | None) -> Flags:
     """Where (n,) a new trial begins.
 
     Args:
-        observation: Of one environment, or a batch of n.
+        registers: Of one environment (m,), or a batch of n (n, m).
         rows_of_state: How many environments the state is of; None where there is no state.
         episode_start: Where (n,) the caller says that one begins.
 
     Raises:
         ValueError: There is no state in the middle of a trial, or it is of another number of environments.
     """
-    registers = np.atleast_2d(observation["observation"])[:, POINTS:]
+    registers = np.atleast_2d(registers)
     rows = len(registers)
     starts = np.zeros(rows, bool) if episode_start is None else np.atleast_1d(episode_start)
     if rows_of_state is not None and rows_of_state != rows:

@@ -6,6 +6,7 @@ during its ordinary operation" (section 2.3): the paper has not tested it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,11 +42,14 @@ class UnifiedServo:
             on the way.
         border: Motions are expected to keep every point within this part of the images. Choice: as in other
             servos.
+        sure_px: No motion leads where the gripper is less surely expected (standard deviation): for those who
+            must not touch what they come near to.
     """
 
     probe_px: float = 16.0
     caution: float = 0.1
     border: float = 0.95
+    sure_px: float = math.inf
 
     prior_knowledge = SERVO_KNOWLEDGE
 
@@ -53,6 +57,7 @@ class UnifiedServo:
         for name in ("probe_px", "border"):
             check_number(name, getattr(self, name), least=SMALLEST)
         check_number("caution", self.caution, least=0)
+        check_number("sure_px", self.sure_px, least=SMALLEST, finite=False)
 
     def new_estimator(self, motors: int, start: Slopes | None) -> SmoothPoints:
         """See `Servo`."""
@@ -171,7 +176,16 @@ class Reach:
         if found.far or self._was_blind:
             words = self._with_probe(words, found.length)
         self._was_blind = False
-        return self._within_images(words / max(1.0, float(np.abs(words).max())))
+        return self._within_images(self._sure(words / max(1.0, float(np.abs(words).max()))))
+
+    def _sure(self, words: Array) -> Array:
+        """Words (m,), shorter where the gripper would be too unsurely expected."""
+        most = (self._servo.sure_px * IMAGE_UNIT) ** 2
+        for _ in range(self.HALVINGS):
+            if self.points.at(self.now.registers + words).gripper.variances.max() <= most:
+                break
+            words = words / 2
+        return words
 
     def _with_probe(self, words: Array, left: float) -> Array:
         """A step (m,), and a probe in a way of which least is known.

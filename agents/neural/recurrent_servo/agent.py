@@ -65,7 +65,8 @@ class RecurrentServo(Agent):
         Raises:
             ValueError: `state` is None in the middle of a trial, or of another number of environments.
         """
-        begins = begins_trial(observation, None if state is None else len(state.looks), episode_start)
+        registers = np.atleast_2d(observation["observation"])[:, POINTS:]
+        begins = begins_trial(registers, None if state is None else len(state.looks), episode_start)
         memory = self._network.begin(len(begins))
         if state is not None:
             begun = torch.from_numpy(begins)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
@@ -94,6 +95,16 @@ class GraspingArms(Arms):
         self._measurement.set_world(row, world)
         if (placed := self._placed[row]) is not None:
             self._weigh(row, placed)
+
+    def also_in_view(self, row: int) -> Callable[[World], bool]:
+        """See `Arms`: things can be grasped in enough places."""
+
+        def serves(world: World) -> bool:
+            self.motors.set_world(row, world)
+            self._workspaces.set_world(row, world)
+            return self._placing.serves(row, world)
+
+        return serves
 
     def _weigh(self, row: int, placed: Placed) -> None:
         world = self.world(row)

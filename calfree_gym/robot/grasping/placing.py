@@ -12,18 +12,22 @@ from calfree_gym.robot.grasping.gripping_arm import GrippingArm
 from calfree_gym.robot.grasping.jaws import AXIS
 from calfree_gym.robot.grasping.shapes import ShapeChoice, Thing, draw_thing
 from calfree_gym.robot.motors import MotorMap
-from calfree_gym.robot.workspace import ATTEMPTS, MAX_REGISTER, Workspaces
+from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, MAX_REGISTER, Workspaces
 from calfree_gym.streams import stream
 from calfree_gym.world import World
 
 BLOCK = 32
 """Places that are judged at once."""
-LIFTED = 0.12
-"""Things are to be lifted to places at least so high above the table (m)."""
+LIFTED = 0.18
+"""Things are to be lifted to places at least so high above the table (m): also where 24 pixels are many mm."""
 EXACT = 1e-6
 """The arm reaches what it comes so near to (m); a guard against rounding."""
 BASE = 0.16
 """Nothing can lie nearer to the waist's axis than this (m): there the arm stands."""
+
+
+LEAST_GRASPABLE = 0.2
+"""Of the places on the table, so many must be graspable in a world that is drawn."""
 
 
 class Placed(NamedTuple):
@@ -70,17 +74,7 @@ class Placing:
         """
         thing = draw_thing(self._shape, stream(seed, "thing", trial))
         for block in range(ATTEMPTS):
-            shares = stream(seed, "place", trial, block).random((BLOCK, 3))
-            far = DISTANCE[0] + shares[:, 0] * (DISTANCE[1] - DISTANCE[0])
-            around = (2 * shares[:, 1] - 1) * WAIST
-            poses = np.column_stack(
-                [
-                    far * np.cos(around),
-                    far * np.sin(around),
-                    np.full(BLOCK, thing.height),
-                    (2 * shares[:, 2] - 1) * np.pi,
-                ]
-            )
+            poses = _poses(stream(seed, "place", trial, block).random((BLOCK, 3)), thing.height)
             graspable = self.graspable(row, world, thing, poses)
             if graspable.any():
                 return Placed(thing, poses[graspable.argmax()], self._goal(row, seed, trial))
@@ -110,6 +104,12 @@ class Placing:
                 f"the waist's axis, within {WAIST} rad of straight ahead"
             )
         return Placed(thing, pose, self._goal(row, seed, trial))
+
+    def serves(self, row: int, world: World) -> bool:
+        """Whether enough of the table is graspable in a world, into which the row is put."""
+        thing = draw_thing("sphere", np.random.default_rng(0))
+        poses = _poses(np.random.default_rng(0).random((CHECKED, 3)), thing.height)
+        return bool(self.graspable(row, world, thing, poses).mean() >= LEAST_GRASPABLE)
 
     def graspable(self, row: int, world: World, thing: Thing, poses: Array) -> Flags:
         """At which poses (k, 4) a thing can be grasped from above, and is seen from home and from there."""
@@ -156,3 +156,10 @@ class Placing:
                 images, _ = self._workspaces.images(at.points[:, first], angles, one)
                 return images.reshape(4)
         raise ValueError(f"nothing can be lifted in view of both cameras, in row {row}: see its world")
+
+
+def _poses(shares: Array, height: float) -> Array:
+    """Poses (k, 4) of things on the table, from numbers in [0, 1) (k, 3)."""
+    far = DISTANCE[0] + shares[:, 0] * (DISTANCE[1] - DISTANCE[0])
+    around, angle = (2 * shares[:, 1] - 1) * WAIST, (2 * shares[:, 2] - 1) * np.pi
+    return np.stack([far * np.cos(around), far * np.sin(around), np.full_like(far, height), angle], -1)

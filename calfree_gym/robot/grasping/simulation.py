@@ -37,7 +37,7 @@ LEAST_CHUNKS, SETTLING = 7, 3
 GUARD, RISES = 12.0, 1.0
 """An arm stops that presses by this force (N) more than when its motion began, and ever more: by this (N)."""
 PINNED = 24.0
-"""As long as it did not press more than this then (N): so it gets away with what it has closed its jaws on."""
+"""Of what it pressed with then, so much counts (N). Choice: it gets away with what jaws have closed on."""
 SECOND = 200
 """Substeps of a second."""
 _OF_GEOMS = ("geom_type", "geom_size", "geom_pos", "geom_rbound", "geom_aabb")

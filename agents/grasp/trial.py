@@ -1,0 +1,238 @@
+"""One trial of grasping: what is known in it, and the motions that the procedure is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from calfree_gym.image import IMAGE_UNIT, lengths_px
+
+from ..base.observation import Array, Flags, Observation
+from ..jacobian import Slopes
+from ..servo.image_model.smooth_function import SmoothFunction
+from ..servo.image_model.smooth_points import SmoothPoints
+from ..servo.least_distance import Seeker
+from ..servo.servo_agent import ServoAgent
+from .intermediate import target
+from .observation import ARM, NAMES, GraspObservation
+from .orientation import turn_needed
+
+Motions = Generator[Array, GraspObservation, Any]
+"""Yields control words (5,), is sent what is observed after them."""
+_OBJECT = NAMES.index("object")
+
+
+@dataclass
+class GraspFindings:
+    """What is found out in a trial.
+
+    Attributes:
+        reach: What the servo of the approach finds out.
+        rate: By how much a word of the wrist's motor turns the jaws (rad); None as long as none has.
+        looks: All that was seen on the way to the object.
+        approached: Whether the gripper came to the intermediate position.
+    """
+
+    reach: Any
+    rate: float | None
+    looks: list[Observation] = field(default_factory=list)
+    approached: bool = False
+
+
+class GraspTrial:
+    """What is known in a trial, and its motions.
+
+    Attributes:
+        now: What was seen last.
+
+    Args:
+        reacher: Goes to the intermediate position.
+        intermediate: One of `INTERMEDIATE`.
+        orientation: One of `ORIENTATION`.
+        first: The first observation.
+        findings: What to begin with.
+    """
+
+    NEAR_PX = 8.0
+    """The intermediate position is reached within so many pixels. Choice: what is left is made good while the
+    gripper descends."""
+    SURE_PX, SURE_ABOVE_PX = 6.0, 20.0
+    """No motion leads where the tip is less surely expected (standard deviation): near the table, and with an
+    object lifted. Choice: a tenth, and a third, of the gripper's length in the images."""
+    TEST_TURN = 0.1
+    """Of the first turn, whose sign and size are unknown. Choice: it turns by 10 to 40 degrees."""
+    TURNED = np.radians(2.0)
+    """The jaws need not turn by less (rad). Choice: they tolerate twenty times that."""
+    LEAST_TURN = 0.02
+    """Turns by shorter words tell too little of the rate (a guard)."""
+    FARTHEST_TURN = 0.95
+    """Registers of the wrist's motor stay within this; the jaws can as well be the other way round."""
+    OBJECT_MOVED_PX = 8.0
+    """An object that is seen so far from where it should be was pushed. Choice: ten times the noise."""
+
+    def __init__(
+        self,
+        reacher: ServoAgent,
+        intermediate: str,
+        orientation: str,
+        first: GraspObservation,
+        findings: GraspFindings,
+    ) -> None:
+        self.now = first
+        self._reacher, self._intermediate, self._orientation = reacher, intermediate, orientation
+        self._findings = findings
+        self._seen = [first]
+        self._from = first.registers[:ARM]
+        self._tip = SmoothFunction.unknown(ARM, ARM)
+
+    def move(self, words: Array | None = None, turn: float = 0.0, jaws: float = 0.0) -> Motions:
+        """Executes words (3,) of the arm, one of the wrist's turn, and one of the jaws."""
+        before = self.now
+        arm = np.zeros(ARM) if words is None else words
+        angle = turn_needed(self._orientation, before)
+        self.now = now = yield np.concatenate([arm, [turn, jaws]])
+        self._seen.append(now)
+        if abs(turned := now.registers[ARM] - before.registers[ARM]) > self.LEAST_TURN and angle is not None:
+            after = turn_needed(self._orientation, now)
+            if after is not None:
+                self._learn_rate(angle - after, turned)
+
+    def _learn_rate(self, by: float, word: float) -> None:
+        """A word has turned the jaws by an angle, or by half a turn more: which, tells the rate so far."""
+        rate = self._findings.rate
+        expected = 0.0 if rate is None else rate * word
+        by += np.pi * np.round((expected - by) / np.pi)
+        self._findings.rate = by / word
+
+    def approach(self) -> Motions:
+        """To the intermediate position, by the servo and what it remembers (paper, 3.4)."""
+        procedure = self._reacher.procedure(self._view(1.0), self._findings.reach)
+        words = next(procedure)
+        while not self.now.last:
+            yield from self.move(words, turn=self._known_turn())
+            view = self._view(1.0)
+            words = procedure.send(view)
+            if view.visible.all() and view.distance_px <= self.NEAR_PX:
+                self._findings.approached = True
+                break
+        self._from = self.now.registers[:ARM]
+        self._findings.looks = [self._view(1.0, each) for each in self._seen]
+        self._tip = self._tip_as_known()
+
+    def _view(self, share: float, now: GraspObservation | None = None) -> Observation:
+        """What a servo sees that goes to where a share of the way is left to the object."""
+        now = self.now if now is None else now
+        return now.toward(*target(self._intermediate, now, share))
+
+    def turn(self) -> Motions:
+        """Turns the jaws along the object, by test turns as long as it is not known what they do (3.5)."""
+        if self._findings.rate is None and turn_needed(self._orientation, self.now) is not None:
+            yield from self.move(turn=self.TEST_TURN)
+
+    def _known_turn(self) -> float:
+        """The word that turns the jaws along the object, if it is known; 0 where none is needed."""
+        angle, rate, there = (
+            turn_needed(self._orientation, self.now),
+            self._findings.rate,
+            self.now.registers[ARM],
+        )
+        if angle is None or not rate or abs(angle) < self.TURNED:
+            return 0.0
+        turns = there + (angle + np.pi * np.arange(-1, 2)) / rate
+        possible = turns[np.abs(turns) <= self.FARTHEST_TURN]
+        if not len(possible):
+            return float(np.clip(angle / rate, -1, 1))
+        return float(np.clip(possible[np.abs(possible - there).argmin()] - there, -1, 1))
+
+    def toward(self, share: float) -> Motions:
+        """To where this share of the way is left to the object, the jaws turning as needed meanwhile."""
+        words = self._words(lambda each: target(self._intermediate, each, share))
+        yield from self.move(words, turn=self._known_turn())
+
+    def left_px(self, share: float) -> float:
+        """How far the tip is seen from there, in the image where it is farther."""
+        return self._view(share).distance_px
+
+    @property
+    def turned(self) -> bool:
+        """Whether the jaws lie along the object."""
+        angle = turn_needed(self._orientation, self.now)
+        return angle is None or abs(angle) < self.TURNED
+
+    def close(self) -> Motions:
+        """Closes the jaws; then reads how far they are open."""
+        yield from self.move(jaws=1.0)
+
+    def open(self) -> Motions:
+        """Opens the jaws."""
+        yield from self.move(jaws=-1.0)
+
+    def back(self) -> Motions:
+        """Back to the intermediate position: so nothing is dragged along the table."""
+        yield from self.move(self._from - self.now.registers[:ARM])
+
+    def lift(self) -> Motions:
+        """To where the object is to be lifted, as it hangs between the jaws."""
+        way = self.now.goal + self.now.at("tip") - self.now.at("object")
+        words = self._words(lambda each: (way, np.ones(2, bool)), self.SURE_ABOVE_PX)
+        yield from self.move(words)
+
+    def forget_where_the_object_was(self) -> None:
+        """Where the object has been pushed, earlier looks are corrected by how far, in each image."""
+        points = self._points(lambda each: (each.points[_OBJECT], each.visible[_OBJECT]), self._seen[:-1])
+        pushed = self.now.at("object") - points.at(self.now.registers[:ARM]).object.points
+        if lengths_px(pushed).max() > self.OBJECT_MOVED_PX:
+            for each in self._seen[:-1]:
+                each.points[_OBJECT:] += pushed
+
+    def _words(
+        self, target_of: Callable[[GraspObservation], tuple[Array, Flags]], sure_px: float = SURE_PX
+    ) -> Array:
+        """Words (3,) to where the tip is expected to be seen at its target, or as far as that is sure."""
+        points = self._points(target_of, self._seen)
+        here = self.now.registers[:ARM]
+        ends = np.ones(ARM)
+        found = Seeker(points, here, -ends, ends, caution=0.0).seek()
+        words = found.registers - here
+        words /= max(1.0, float(np.abs(words).max()))
+        while points.at(here + words).gripper.variances.max() > (sure_px * IMAGE_UNIT) ** 2:
+            words /= 2
+        return words
+
+    def _points(
+        self,
+        target_of: Callable[[GraspObservation], tuple[Array, Flags]],
+        seen: list[GraspObservation],
+    ) -> SmoothPoints:
+        """Tip and target over registers, by what was seen in this trial."""
+        variance = (self._noise_px * IMAGE_UNIT) ** 2
+        points = SmoothPoints(ARM)
+        points.gripper = self._tip
+        for each in seen[len(self._findings.looks) :]:
+            points.gripper = points.gripper.with_look(
+                each.registers[:ARM], each.at("tip"), variance, each.visible[0]
+            )
+        points.home = target_of(seen[0])[0]
+        for each in seen:
+            there, visible = target_of(each)
+            place = np.concatenate([each.registers[:ARM], points.home.ravel()])
+            points.object = points.object.with_look(place, there - points.home, variance, visible)
+        return points
+
+    @property
+    def _noise_px(self) -> float:
+        return float(self._findings.reach.filter.noise.px)
+
+    def _tip_as_known(self) -> SmoothFunction:
+        """The tip over registers, by the servo's looks; of a servo that keeps none, by the trial's."""
+        estimator = self._findings.reach.estimator
+        if isinstance(estimator, SmoothPoints):
+            return estimator.gripper
+        slopes = Slopes.of(estimator.jacobian, self.now.registers[:ARM])
+        points = SmoothPoints(ARM, slopes)
+        for each in self._findings.looks:
+            points.look(each, self._noise_px)
+        return points.gripper
