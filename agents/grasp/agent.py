@@ -19,7 +19,7 @@ from ..servo.servo_agent import ServoAgent
 from .observation import ARM, GraspObservation
 from .trial import GraspFindings, GraspTrial
 
-SHARES = (0.6, 0.3, 0.12, 0.05)
+SHARES = (0.5, 0.15, 0.0)
 """Of the way from the intermediate position that are left after each motion of the descent. Choice."""
 ACCURATE_PX = 3.0
 """The jaws close where the gripper is seen so near to its place. Derived: half of where every tenth grasp of
@@ -79,7 +79,6 @@ class Grasp(ProcedureAgent):
         trial = GraspTrial(self.reacher, self.intermediate, self.orientation, first, findings)
         yield from trial.approach()
         for _ in range(self.tries):
-            yield from trial.turn()
             for share in SHARES:
                 yield from trial.toward(share)
             for _ in range(CORRECTIONS):

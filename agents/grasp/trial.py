@@ -112,7 +112,7 @@ class GraspTrial:
         procedure = self._reacher.procedure(self._view(1.0), self._findings.reach)
         words = next(procedure)
         while not self.now.last:
-            yield from self.move(words, turn=self._known_turn())
+            yield from self.move(words, turn=0.0 if self._findings.rate is None else self._turn())
             view = self._view(1.0)
             words = procedure.send(view)
             if view.visible.all() and view.distance_px <= self.NEAR_PX:
@@ -127,20 +127,17 @@ class GraspTrial:
         now = self.now if now is None else now
         return now.toward(*target(self._intermediate, now, share))
 
-    def turn(self) -> Motions:
-        """Turns the jaws along the object, by test turns as long as it is not known what they do (3.5)."""
-        if self._findings.rate is None and turn_needed(self._orientation, self.now) is not None:
-            yield from self.move(turn=self.TEST_TURN)
-
-    def _known_turn(self) -> float:
-        """The word that turns the jaws along the object, if it is known; 0 where none is needed."""
+    def _turn(self) -> float:
+        """The word that turns the jaws along the object, a test word as long as that is not known (3.5)."""
         angle, rate, there = (
             turn_needed(self._orientation, self.now),
             self._findings.rate,
             self.now.registers[ARM],
         )
-        if angle is None or not rate or abs(angle) < self.TURNED:
+        if angle is None or abs(angle) < self.TURNED:
             return 0.0
+        if rate is None:
+            return self.TEST_TURN
         turns = there + (angle + np.pi * np.arange(-1, 2)) / rate
         possible = turns[np.abs(turns) <= self.FARTHEST_TURN]
         if not len(possible):
@@ -150,7 +147,7 @@ class GraspTrial:
     def toward(self, share: float) -> Motions:
         """To where this share of the way is left to the object, the jaws turning as needed meanwhile."""
         words = self._words(lambda each: target(self._intermediate, each, share))
-        yield from self.move(words, turn=self._known_turn())
+        yield from self.move(words, turn=self._turn())
 
     def left_px(self, share: float) -> float:
         """How far the tip is seen from there, in the image where it is farther."""
@@ -198,7 +195,7 @@ class GraspTrial:
         found = Seeker(points, here, -ends, ends, caution=0.0).seek()
         words = found.registers - here
         words /= max(1.0, float(np.abs(words).max()))
-        while points.at(here + words).gripper.variances.max() > (sure_px * IMAGE_UNIT) ** 2:
+        while points.gripper.unsure(here + words).max() > (sure_px * IMAGE_UNIT) ** 2:
             words /= 2
         return words
 

@@ -51,12 +51,22 @@ class Stops:
     STOPPED = 1e-4
     """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
 
+    ALIKE = 0.1
+    """Shares of words that differ by less are the same (a guard: motors' curves bend them)."""
+
     def __init__(self, motors: int) -> None:
         self.lowest = np.full(motors, -1.0)
         self.highest = np.full(motors, 1.0)
 
-    def learn(self, short: Array, registers: Array) -> None:
-        """Motors whose words were executed but for `short` (m,) have met a stop at `registers` (m,)."""
+    def learn(self, words: Array, short: Array, registers: Array) -> None:
+        """Motors whose words (m,) were executed but for `short` (m,) have met a stop at `registers` (m,).
+
+        Where several were, all but for the same share, the arm has met something: that is no motor's stop.
+        """
+        sent = np.abs(words) > self.STOPPED
+        shares = short[sent] / words[sent]
+        if len(shares) > 1 and shares.min() > 0 and np.ptp(shares) < self.ALIKE:
+            return
         self.highest = np.where(short > self.STOPPED, registers, self.highest)
         self.lowest = np.where(short < -self.STOPPED, registers, self.lowest)
 
@@ -157,7 +167,7 @@ class Trial:
         deviations_px = linear_deviations_px(predicted, known)
         expected = before.points + predicted
         observation = yield from self.filter.settle(observation, before, expected, deviations_px)
-        self.stops.learn(words - executed, observation.registers)
+        self.stops.learn(words, words - executed, observation.registers)
         moved, usable = self._learn_motion(executed, before, observation, known)
         if np.count_nonzero(moving) == 1:
             self.known[usable, moving.argmax()] = True

@@ -126,7 +126,7 @@ class Reach:
         """Executes words (m,), and learns from what is then seen."""
         before = self.now
         observation = yield words
-        self.stops.learn(words - (observation.registers - before.registers), observation.registers)
+        self.stops.learn(words, words - (observation.registers - before.registers), observation.registers)
         expected = self.points.at(observation.registers)
         deviations_px = np.sqrt(expected.variances) / IMAGE_UNIT
         self.now = yield from self.filter.settle(observation, before, expected.points, deviations_px)
@@ -180,9 +180,11 @@ class Reach:
 
     def _sure(self, words: Array) -> Array:
         """Words (m,), shorter where the gripper would be too unsurely expected."""
+        if math.isinf(self._servo.sure_px):
+            return words
         most = (self._servo.sure_px * IMAGE_UNIT) ** 2
         for _ in range(self.HALVINGS):
-            if self.points.at(self.now.registers + words).gripper.variances.max() <= most:
+            if self.points.gripper.unsure(self.now.registers + words).max() <= most:
                 break
             words = words / 2
         return words

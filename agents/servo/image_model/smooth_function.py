@@ -256,6 +256,22 @@ class SmoothFunction:
             variance_slopes=(-2 * known @ leaning)[:, 0].repeat(images, 0),
         )
 
+    def unsure(self, place: Array) -> Array:
+        """Variances (2,) of a coordinate at a place (d,) in each image, over all lengths that may be.
+
+        As long as looks tell little of the lengths, that is far more than at the best of them.
+        """
+        known = (self.whitening @ self._covariances(place)[:, None, :, None]).swapaxes(2, 3)
+        points = (known @ self.white)[:, :, 0]
+        within = np.maximum(self._most - np.square(known[:, :, 0]).sum(2), 0.0)
+        odds = (
+            np.exp(self.evidence - self.evidence.max())[:, None]
+            / np.exp(self.evidence - self.evidence.max()).sum()
+        )
+        mean = (odds[..., None] * points).sum(0)
+        between = np.square(points - mean).mean(2)
+        return np.asarray((odds * (within + between)).sum(0))
+
     def at_all(self, places: Array) -> tuple[Array, Array, Array]:
         """The same at places (k, d), of a function without slopes from before.
 
