@@ -127,7 +127,7 @@ class GraspEnv(Grasping, ArmEnv):
     | 4 | jaws | + closes: register 0 is open, 1 closed |
 
     One step is one motion. Its targets travel with least jerk, and the gripper at 0.4 m/s at most. An arm
-    that presses with more than 12 N stops, and goes back to where it did not: registers tell where it
+    that presses with more than 12 N goes back half of the way that it has come: registers tell where it
     stands. With something between its jaws it waits for a second after each motion.
 
     ## Observation space

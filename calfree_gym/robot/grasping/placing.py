@@ -19,7 +19,7 @@ from calfree_gym.world import World
 BLOCK = 32
 """Places that are judged at once."""
 LIFTED = 0.18
-"""Things are to be lifted to places at least so high above the table (m): also where 24 pixels are many mm."""
+"""Things are to be lifted to places at least so high (m): enough where 24 pixels are many mm, too."""
 EXACT = 1e-6
 """The arm reaches what it comes so near to (m); a guard against rounding."""
 BASE = 0.16

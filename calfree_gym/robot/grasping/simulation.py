@@ -36,6 +36,8 @@ LEAST_CHUNKS, SETTLING = 7, 3
 """Chunks of the ramp at least, and after it."""
 GUARD, RISES = 12.0, 1.0
 """An arm stops that presses by this force (N) more than when its motion began, and ever more: by this (N)."""
+RETREAT = 0.5
+"""It then goes back by this share of the way that it has come."""
 PINNED = 24.0
 """Of what it pressed with then, so much counts (N). Choice: it gets away with what jaws have closed on."""
 SECOND = 200
@@ -112,7 +114,7 @@ class GraspSimulation(Simulation):
             for name in _OF_GEOMS:
                 fields[name][row, geom] = getattr(alone, name)[part if there else 0]
             fields["geom_contype"][row, geom] = fields["geom_conaffinity"][row, geom] = int(there)
-            rolls = thing.shape == "sphere"
+            rolls = thing.shape in ("sphere", "cylinder")
             fields["geom_condim"][row, geom] = 6 if rolls else 3
             fields["geom_friction"][row, geom] = [0.6, 0.005, 0.002 if rolls else 0.0001]
         fields["geom_friction"][row, self._pads] = [friction, 0.01, 0.0001]
@@ -133,30 +135,25 @@ class GraspSimulation(Simulation):
     def move(self, rows: NDArray[np.intp], joints: Array, openings: Array) -> Motion:
         """Moves the arms of `rows` to joints at (n, j), and each jaw to an opening (n,) in m.
 
-        Targets travel with least jerk, and not faster than `SPEED`. An arm that presses goes back to where it
-        did not, and stays; its jaws go on.
+        Targets travel with least jerk, and not faster than `SPEED`. An arm that presses goes back half of the
+        way that it has come; its jaws go on.
         """
         before = self._all_ctrl[rows].copy()
         way = np.column_stack([joints, openings]) - before
-        chunks = self._chunks(rows, before[:, :-1], way[:, :-1])
-        until = np.ones(len(rows))
+        ramp = _Ramp(self._chunks(rows, before[:, :-1], way[:, :-1]))
         most = GUARD + np.minimum(self._pressing[rows], PINNED)
         forces = np.zeros((len(rows), 2))
-        for chunk in range(chunks.max() + SETTLING):
-            on = np.flatnonzero((chunk < chunks + SETTLING) & ~self.diverged[rows])
-            if not len(on):
-                break
-            substeps = chunk * CHUNK + np.arange(1, CHUNK + 1)
-            times = np.minimum(substeps / (CHUNK * chunks[on, None]), 1.0)
-            shares = np.repeat(smooth(np.minimum(times, until[on, None]))[..., None], way.shape[1], 2)
-            shares[..., -1] = smooth(times)
-            control = before[on, None] + way[on, None] * shares
-            largest, pressing = self._step(rows[on], control)
+        chunk = 0
+        while (on := np.flatnonzero((chunk < ramp.end) & ~self.diverged[rows])).size:
+            shares = np.repeat(ramp.arms(chunk, on)[..., None], way.shape[1], 2)
+            shares[..., -1] = ramp.jaws(chunk, on)
+            largest, pressing = self._step(rows[on], before[on, None] + way[on, None] * shares)
             forces[on] = np.maximum(forces[on], largest)
-            stops = (pressing > most[on]) & (pressing > self._pressing[rows[on]] + RISES) & (until[on] == 1)
-            until[on[stops]] = np.minimum(chunk / chunks[on[stops]], 1.0)
+            stops = (pressing > most[on]) & (pressing > self._pressing[rows[on]] + RISES)
+            ramp.turn_back(on[stops], chunk)
             self._pressing[rows[on]] = pressing
-        return Motion(smooth(until), forces)
+            chunk += 1
+        return Motion(ramp.executed, forces)
 
     def wait(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Lets a second pass in `rows`.
@@ -220,6 +217,52 @@ class GraspSimulation(Simulation):
         model.geom_rgba[self._geoms, 3] = self._fields["geom_contype"][row, self._geoms]
         if object_ is not None:
             data.qpos[self._free : self._free + 3] = object_
+
+
+class _Ramp:
+    """How far along their ways arms and jaws are meant to be, chunk by chunk.
+
+    Attributes:
+        end: Chunks after which all is over (n,).
+        executed: Of the arms' ways (n,), in the end.
+
+    Args:
+        chunks: That the ways take (n,).
+    """
+
+    def __init__(self, chunks: NDArray[np.int64]) -> None:
+        self._chunks = chunks
+        self.end = chunks + SETTLING
+        self.executed = np.ones(len(chunks))
+        self._turn = np.full(len(chunks), np.iinfo(np.int64).max // 2)
+        self._back = np.ones(len(chunks), np.int64)
+
+    def arms(self, chunk: int, rows: NDArray[np.intp]) -> Array:
+        """Shares of the ways (k, c) in the substeps of a chunk."""
+        back = (_substeps(chunk) - CHUNK * self._turn[rows, None]) / (CHUNK * self._back[rows, None])
+        top = smooth(self._times(chunk, rows, self._turn))
+        return np.asarray(top * (1 - RETREAT * smooth(np.clip(back, 0, 1))))
+
+    def jaws(self, chunk: int, rows: NDArray[np.intp]) -> Array:
+        """The same of the jaws, which go on."""
+        return smooth(self._times(chunk, rows, self._chunks))
+
+    def _times(self, chunk: int, rows: NDArray[np.intp], until: NDArray[np.int64]) -> Array:
+        there = np.minimum(_substeps(chunk), CHUNK * until[rows, None])
+        return np.asarray(np.minimum(there / (CHUNK * self._chunks[rows, None]), 1.0))
+
+    def turn_back(self, rows: NDArray[np.intp], chunk: int) -> None:
+        """Lets arms of these rows turn back where they began this chunk, unless they have before."""
+        rows = rows[self.executed[rows] == 1]
+        self._turn[rows] = chunk
+        self._back[rows] = max(LEAST_CHUNKS, chunk)
+        self.executed[rows] = smooth(np.minimum(chunk / self._chunks[rows], 1.0)) * (1 - RETREAT)
+        self.end[rows] = np.maximum(self.end[rows], chunk + self._back[rows] + SETTLING)
+
+
+def _substeps(chunk: int) -> Array:
+    """Numbers of the substeps of a chunk (c,), from 1."""
+    return chunk * CHUNK + np.arange(1.0, CHUNK + 1)
 
 
 def smooth(times: Array) -> Array:
