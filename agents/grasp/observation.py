@@ -71,5 +71,5 @@ class GraspObservation:
             seen: Whether (2,) that is known from what is seen now.
         """
         visible = np.concatenate([self.visible[0], seen])
-        points = np.concatenate([self.at("tip"), np.clip(target, -1, 1)])
+        points = np.concatenate([self.at("tip"), target])
         return Observation(points, visible, self.registers[:ARM], last=self.last)

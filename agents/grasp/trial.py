@@ -16,6 +16,7 @@ from ..servo.image_model.smooth_function import SmoothFunction
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.least_distance import Seeker
 from ..servo.servo_agent import ServoAgent
+from ..servo.trial import met_something
 from .intermediate import target
 from .observation import ARM, NAMES, GraspObservation
 from .orientation import turn_needed
@@ -47,6 +48,7 @@ class GraspTrial:
 
     Attributes:
         now: What was seen last.
+        touched: Whether the arm met something in the last motion.
 
     Args:
         reacher: Goes to the intermediate position.
@@ -84,6 +86,7 @@ class GraspTrial:
         self.now = first
         self._reacher, self._intermediate, self._orientation = reacher, intermediate, orientation
         self._findings = findings
+        self.touched = False
         self._seen = [first]
         self._from = first.registers[:ARM]
         self._tip = SmoothFunction.unknown(ARM, ARM)
@@ -91,10 +94,13 @@ class GraspTrial:
     def move(self, words: Array | None = None, turn: float = 0.0, jaws: float = 0.0) -> Motions:
         """Executes words (3,) of the arm, one of the wrist's turn, and one of the jaws."""
         before = self.now
+        self.touched = False
         arm = np.zeros(ARM) if words is None else words
         angle = turn_needed(self._orientation, before)
         self.now = now = yield np.concatenate([arm, [turn, jaws]])
         self._seen.append(now)
+        executed = (now.registers - before.registers)[:ARM]
+        self.touched = met_something(arm, arm - executed)
         if abs(turned := now.registers[ARM] - before.registers[ARM]) > self.LEAST_TURN and angle is not None:
             after = turn_needed(self._orientation, now)
             if after is not None:
@@ -109,12 +115,18 @@ class GraspTrial:
 
     def approach(self) -> Motions:
         """To the intermediate position, by the servo and what it remembers (paper, 3.4)."""
-        procedure = self._reacher.procedure(self._view(1.0), self._findings.reach)
+        findings, home = self._findings.reach, self.now.registers[:ARM]
+        procedure = self._reacher.procedure(self._view(1.0), findings)
         words = next(procedure)
         while not self.now.last:
             yield from self.move(words, turn=0.0 if self._findings.rate is None else self._turn())
             view = self._view(1.0)
             words = procedure.send(view)
+            if self.touched:
+                yield from self.move((home - self.now.registers[:ARM]) / 2)
+                view = self._view(1.0)
+                procedure = self._reacher.servo(view, findings)
+                words = next(procedure)
             if view.visible.all() and view.distance_px <= self.NEAR_PX:
                 self._findings.approached = True
                 break

@@ -38,6 +38,17 @@ class Findings(Generic[E]):
     trusted: list[Observation] = field(default_factory=list)
 
 
+ALIKE = 0.1
+"""Shares of words that differ by less are the same (a guard: motors' curves bend them)."""
+
+
+def met_something(words: Array, short: Array) -> bool:
+    """Whether all words (m,), two at least, were executed but for the same share: `short` (m,)."""
+    sent = np.abs(words) > Stops.STOPPED
+    shares = short[sent] / words[sent]
+    return len(shares) > 1 and bool(shares.min() > ALIKE / 2 and np.ptp(shares) < ALIKE)
+
+
 class Stops:
     """Where motors are known to stop.
 
@@ -51,9 +62,6 @@ class Stops:
     STOPPED = 1e-4
     """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
 
-    ALIKE = 0.1
-    """Shares of words that differ by less are the same (a guard: motors' curves bend them)."""
-
     def __init__(self, motors: int) -> None:
         self.lowest = np.full(motors, -1.0)
         self.highest = np.full(motors, 1.0)
@@ -63,9 +71,7 @@ class Stops:
 
         Where several were, all but for the same share, the arm has met something: that is no motor's stop.
         """
-        sent = np.abs(words) > self.STOPPED
-        shares = short[sent] / words[sent]
-        if len(shares) > 1 and shares.min() > 0 and np.ptp(shares) < self.ALIKE:
+        if met_something(words, short):
             return
         self.highest = np.where(short > self.STOPPED, registers, self.highest)
         self.lowest = np.where(short < -self.STOPPED, registers, self.lowest)
