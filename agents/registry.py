@@ -21,6 +21,9 @@ from .base.agent import Agent
 from .calibrated.affine_stereo import AffineStereo
 from .calibrated.model_based import ModelBased
 from .calibrated.self_calibrating import SelfCalibrating
+from .grasp.agent import Grasp
+from .grasp.observation import GOAL as GRASP_GOAL
+from .grasp.trial import SURE_PX
 from .knowledge.factored_table import FactoredTable
 from .knowledge.grid_table import GridTable
 from .knowledge.support_points import SupportPoints
@@ -90,6 +93,25 @@ def _knowledge(env: Environment, name: str, settings: dict[str, Any]) -> Any:
 def _own_settings(knowledge: str) -> dict[str, Any]:
     settings = _named_settings(KNOWLEDGE[knowledge])
     return {name: default for name, default in settings.items() if name != "motors"}
+
+
+def _grasp(
+    env: Environment,
+    seed: int = 0,
+    knowledge: str | None = "memory",
+    servo: str = "unified_servo",
+    intermediate: str = "along_axis",
+    orientation: str = "least_squares",
+    tries: int = 2,
+    **settings: Any,
+) -> Agent:
+    if servo == "unified_servo":
+        settings = {"sure_px": SURE_PX} | settings
+    own = {"servo": servo} | settings
+    reacher = partial(_servo_agent, seed=seed, **own)
+    if knowledge is not None:
+        reacher = partial(_learning_servo, seed=seed, knowledge=knowledge, **own)
+    return Grasp(env, reacher, intermediate, orientation, tries, seed)
 
 
 def _sb3(env: Environment, seed: int = 0, **settings: Any) -> Agent:
@@ -164,6 +186,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "oracle": Oracle,
     **{name: partial(_servo_agent, servo=name) for name in SERVOS},
     "learning_servo": _learning_servo,
+    "grasp": _grasp,
     **{name: partial(_learning_servo, knowledge=name) for name in KNOWLEDGE},
     "joint_space_servo": JointSpaceServo,
     "affine_stereo": AffineStereo,
@@ -176,6 +199,8 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
 }
 
 
+OF_GRASPING = ("random", "grasp", "sb3", *SB3)
+"""Agents that act in an environment whose task is to grasp."""
 OF_ONE_ARM = ("affine_stereo", "model_based", "self_calibrating")
 """Agents that are built on what the motors of the built-in arm do."""
 ARM = "movemaster"
@@ -207,6 +232,7 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
     if shape is None or (len(shape) != 1 and _MAKERS[name] is not _sb3):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
     _check_arm(name, env)
+    _check_task(name, env)
     with _told_what_to_install(name):
         settings = _defaults(name) | settings
         allowed = _settings_of(name, settings)
@@ -255,6 +281,19 @@ def _check_arm(name: str, env: Environment) -> None:
     )
 
 
+def _check_task(name: str, env: Environment) -> None:
+    """Raises where an agent cannot do what the environment asks for."""
+    goals = getattr(env.observation_space, "spaces", {}).get("achieved_goal")
+    grasping = goals is not None and goals.shape[-1] == GRASP_GOAL
+    if grasping and name not in OF_GRASPING:
+        raise ValueError(
+            f"agent {name!r} reaches, and this environment's task is to grasp; allowed: "
+            + ", ".join(OF_GRASPING)
+        )
+    if name == "grasp" and not grasping:
+        raise ValueError("agent 'grasp' needs CalFree/Grasp-v0 or CalFree/GraspDense-v0, as points")
+
+
 @contextmanager
 def _told_what_to_install(name: str) -> Iterator[None]:
     try:
@@ -288,9 +327,12 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     named = _named_settings(_MAKERS[name])
     if name in SERVOS:
         return {"seed": named["seed"], **_fields(name)}
+    chosen = {"servo": "unified_servo", "knowledge": "memory", **given}
+    if name == "grasp":
+        knowing = chosen["knowledge"] is not None
+        return (_settings_of("learning_servo", chosen) if knowing else _fields(chosen["servo"])) | named
     if name not in KNOWLEDGE and name != "learning_servo":
         return named
-    chosen = {"servo": "unified_servo", "knowledge": "memory", **given}
     if name in KNOWLEDGE:
         named.pop("knowledge")
         chosen["knowledge"] = name

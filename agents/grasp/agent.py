@@ -10,13 +10,15 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from ..base.checks import checked_array
+from ..base.checks import check_number, check_one_of, checked_array
 from ..base.observation import Array, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import ProcedureAgent
 from ..base.storage import prefixed, under
 from ..servo.servo_agent import ServoAgent
+from .intermediate import INTERMEDIATE
 from .observation import ARM, GraspObservation
+from .orientation import ORIENTATION
 from .trial import GraspFindings, GraspTrial
 
 SHARES = (0.5, 0.15, 0.0)
@@ -59,6 +61,9 @@ class Grasp(ProcedureAgent):
         seed: int = 0,
     ) -> None:
         super().__init__(env, seed)
+        check_one_of("intermediate", intermediate, INTERMEDIATE)
+        check_one_of("orientation", orientation, ORIENTATION)
+        check_number("tries", tries, least=1, whole=True)
         self.reacher: ServoAgent = reacher(Reaching())
         self.intermediate, self.orientation, self.tries = intermediate, orientation, tries
         self.prior_knowledge = self.reacher.prior_knowledge | {PriorKnowledge.MOTOR_ORDER}
@@ -72,9 +77,7 @@ class Grasp(ProcedureAgent):
         """See `ProcedureAgent`."""
         return GraspFindings(self.reacher.new_findings(), self.rate)
 
-    def procedure(
-        self, first: GraspObservation, findings: GraspFindings
-    ) -> Generator[Array, GraspObservation, None]:
+    def procedure(self, first: Any, findings: GraspFindings) -> Generator[Array, Any, None]:
         """See `ProcedureAgent`."""
         trial = GraspTrial(self.reacher, self.intermediate, self.orientation, first, findings)
         yield from trial.approach()
@@ -96,7 +99,7 @@ class Grasp(ProcedureAgent):
             trial.forget_where_the_object_was()
             yield from trial.toward(1.0)
 
-    def learn_trial(self, findings: GraspFindings, last: GraspObservation, ended: bool) -> None:
+    def learn_trial(self, findings: GraspFindings, last: Any, ended: bool) -> None:
         """See `ProcedureAgent`: of the approach."""
         self.rate = findings.rate
         if findings.looks:

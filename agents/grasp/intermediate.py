@@ -32,6 +32,6 @@ def target(kind: str, now: GraspObservation, share: float) -> tuple[Array, Flags
     """
     points, visible = now.points, now.visible
     if kind == "along_axis":
-        seen = visible[[_TIP, _BASE, _OBJECT]].all(0)
+        seen = np.asarray(visible[[_TIP, _BASE, _OBJECT]].all(0))
         return points[_OBJECT] + share * (points[_BASE] - points[_TIP]), seen
     return points[_OBJECT] - share * OFFSET_PX * IMAGE_UNIT * np.array([0.0, 1.0]), visible[_OBJECT]

@@ -13,6 +13,8 @@ NAMES = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1",
 """What is seen, in the order of the flags."""
 OBJECT = NAMES.index("object")
 FLAGS = 2 * len(NAMES)
+GOAL = 5
+"""Numbers of a goal: the object's sensor vector, and whether it is held."""
 ARM = 3
 """So many motors bring the gripper to a place; the next one turns it, and the last one closes its jaws."""
 

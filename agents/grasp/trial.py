@@ -26,6 +26,11 @@ Motions = Generator[Array, GraspObservation, Any]
 _OBJECT = NAMES.index("object")
 
 
+SURE_PX, SURE_ABOVE_PX = 6.0, 20.0
+"""No motion leads where the tip is less surely expected (standard deviation): as long as the table or the
+object may be met, and with the object lifted. Choice: a tenth and a third of the gripper's length."""
+
+
 @dataclass
 class GraspFindings:
     """What is found out in a trial.
@@ -61,9 +66,8 @@ class GraspTrial:
     NEAR_PX = 8.0
     """The intermediate position is reached within so many pixels. Choice: what is left is made good while the
     gripper descends."""
-    SURE_PX, SURE_ABOVE_PX = 6.0, 20.0
-    """No motion leads where the tip is less surely expected (standard deviation): near the table, and with an
-    object lifted. Choice: a tenth, and a third, of the gripper's length in the images."""
+    HALVINGS = 5
+    """How often a word is halved (a guard)."""
     TEST_TURN = 0.1
     """Of the first turn, whose sign and size are unknown. Choice: it turns by 10 to 40 degrees."""
     TURNED = np.radians(2.0)
@@ -186,7 +190,7 @@ class GraspTrial:
     def lift(self) -> Motions:
         """To where the object is to be lifted, as it hangs between the jaws."""
         way = self.now.goal + self.now.at("tip") - self.now.at("object")
-        words = self._words(lambda each: (way, np.ones(2, bool)), self.SURE_ABOVE_PX)
+        words = self._words(lambda each: (way, np.ones(2, bool)), SURE_ABOVE_PX)
         yield from self.move(words)
 
     def forget_where_the_object_was(self) -> None:
@@ -207,7 +211,9 @@ class GraspTrial:
         found = Seeker(points, here, -ends, ends, caution=0.0).seek()
         words = found.registers - here
         words /= max(1.0, float(np.abs(words).max()))
-        while points.gripper.unsure(here + words).max() > (sure_px * IMAGE_UNIT) ** 2:
+        for _ in range(self.HALVINGS):
+            if points.gripper.unsure(here + words).max() <= (sure_px * IMAGE_UNIT) ** 2:
+                break
             words /= 2
         return words
 

@@ -25,6 +25,8 @@ OBSERVATIONS = ("points",)
 _OTHERS = [place for place in range(2 * len(POINTS)) if place not in HELD]
 """Image points other than the object's, which is a goal of its own."""
 MM = 1000.0
+LIFTED_MM = 50.0
+"""An object is lifted, in truth, that is so high above where it lay, for a second."""
 
 
 class Grasping(ArmShared):
@@ -45,6 +47,10 @@ class Grasping(ArmShared):
         state = 2 * len(POINTS) + registers + 1 + 2 * len(_OTHERS)
         goals = {key: unit_box(5) for key in ("achieved_goal", "desired_goal")}
         return spaces.Dict(goals | {"observation": unit_box(state)}), action_space(registers)
+
+    def is_solved(self, truth: Mapping[str, Any]) -> bool:
+        """Whether the truth of an arm's info says that the task is done."""
+        return bool(truth["lifted_mm"] >= LIFTED_MM)
 
     def _placed(self, options: dict[str, Any] | None) -> NDArray[np.float64] | None:
         return placed_things(options, self.arms.rows)

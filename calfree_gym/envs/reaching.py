@@ -53,6 +53,10 @@ class Reaching(ArmShared):
         robot, size = self.arms.robot, self._arguments["image_size"]
         return observation_space(self._kind, size, self._tell, robot), action_space(len(robot.motors))
 
+    def is_solved(self, truth: Mapping[str, Any]) -> bool:
+        """Whether the truth of an arm's info says that the task is done."""
+        return bool(truth["error_px"] <= self.tolerance_px)
+
     def _placed(self, options: dict[str, Any] | None) -> NDArray[np.float64] | None:
         return placed_objects(options, self.arms.rows, self.arms.robot)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -80,6 +80,10 @@ class ArmShared(Copyable, ABC):
     @abstractmethod
     def _spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
         """Observations and actions of one arm."""
+
+    @abstractmethod
+    def is_solved(self, truth: Mapping[str, Any]) -> bool:
+        """Whether the truth of an arm's info says that the task is done."""
 
     @abstractmethod
     def _placed(self, options: dict[str, Any] | None) -> NDArray[np.float64] | None:

@@ -23,7 +23,7 @@ from experiments.config.suite import AgentConfig, EnvironmentConfig
 from experiments.reporting.tables import Table
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 
-REACH, _ = calfree_gym.ENV_IDS
+REACH = calfree_gym.ENV_IDS[0]
 FIRST_WORLD = 5000
 BREAKS = 1.4
 """Choice: in the gap between what other motions alone did to means, 1.3, and a false belief, 1.5."""

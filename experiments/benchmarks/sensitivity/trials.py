@@ -20,7 +20,7 @@ from experiments.running.lifetime import LifetimeRecorder, learn_trials
 
 Array = NDArray[np.float64]
 
-REACH, _ = calfree_gym.ENV_IDS
+REACH = calfree_gym.ENV_IDS[0]
 CAP = 60
 """Motions of a trial that failed."""
 NEAR_PX = 8

@@ -12,7 +12,7 @@ from experiments.benchmarks import knowledge, region
 from experiments.evaluation import TrialRecord
 from experiments.running.lifetime import LifetimeRecorder
 
-REACH, _ = calfree_gym.ENV_IDS
+REACH = calfree_gym.ENV_IDS[0]
 RECORD = TrialRecord(0, 1, 1.0, True, True, 1.0, 1.0, {})
 
 
