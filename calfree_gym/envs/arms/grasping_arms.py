@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.base import Arms
+from calfree_gym.envs.arms.state import RowState
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT, inside
 from calfree_gym.robot.grasping.gripping_arm import GrippingArm
@@ -138,6 +139,7 @@ class GraspingArms(Arms):
         seconds = simulation.travel(rows, joints)
         self.jaws[rows] = np.clip(self.jaws[rows] + words[:, -1], 0.0, 1.0)
         motion = simulation.move(indices, joints, STROKE * (1 - self.jaws[rows]))
+        simulation.recover()
         self.forces[rows] = motion.forces
         for i in np.flatnonzero(motion.shares < 1).tolist():
             row = int(indices[i])
@@ -160,7 +162,6 @@ class GraspingArms(Arms):
 
     def observe(self) -> None:
         """See `Arms`."""
-        self.simulation.recover()
         self.simulation.refresh()
         pixels, depth = self.simulation.pinhole_pixels()
         true, shown = self._workspaces.cameras.through_lens(pixels)
@@ -179,6 +180,12 @@ class GraspingArms(Arms):
             np.asarray(both[:, (*GRIPPER, *HELD)].all(1)),
         )
         self.delivered = self._latency.deliver(self.motions_of_trial, self.points, self.visible, self.held)
+
+    def set_state(self, row: int, state: RowState) -> None:
+        """See `Arms`."""
+        super().set_state(row, state)
+        if (placed := self._placed[row]) is not None:
+            self._weigh(row, placed)
 
     def shown(self, row: int) -> tuple[Array, Flags, Array]:
         """See `Arms`: the target is where the object is to be lifted to."""

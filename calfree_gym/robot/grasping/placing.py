@@ -100,8 +100,8 @@ class Placing:
         reached, _ = self._judged(row, world, thing, pose[None])
         if not reached[0]:
             raise ValueError(
-                f"{where} is out of reach: things can be grasped about {DISTANCE[0]} to {DISTANCE[1]} m from "
-                f"the waist's axis, within {WAIST} rad of straight ahead"
+                f"{where} is out of reach in this world: things can be grasped about {DISTANCE[0]} to "
+                f"{DISTANCE[1]} m from the waist's axis, within {WAIST} rad of straight ahead"
             )
         return Placed(thing, pose, self._goal(row, seed, trial))
 

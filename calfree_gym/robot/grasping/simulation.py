@@ -71,7 +71,7 @@ class GraspSimulation(Simulation):
         rows, robot, mounts, threads: See `Simulation`.
     """
 
-    state_names: ClassVar[tuple[str, ...]] = (*Simulation.state_names, "_pressing", "diverged", "_things")
+    state_names: ClassVar[tuple[str, ...]] = (*Simulation.state_names, "_pressing", "diverged")
 
     def __init__(self, rows: int, robot: GrippingArm, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, robot.scene(mounts), mounts, threads)
@@ -93,7 +93,6 @@ class GraspSimulation(Simulation):
         self._lengths = np.tile(robot.lengths, (rows, 1))
         self._pressing = np.zeros(rows)
         self.diverged = np.zeros(rows, bool)
-        self._things: list[tuple[Thing, float, float] | None] = [None] * rows
 
     def set_world(self, row: int, world: World) -> None:
         """See `Simulation`."""
@@ -103,7 +102,6 @@ class GraspSimulation(Simulation):
 
     def set_thing(self, row: int, thing: Thing, mass: float, friction: float) -> None:
         """Gives `row` a thing of this mass (kg), and this friction between it and the jaws."""
-        self._things[row] = thing, mass, friction
         fields, alone = self._fields, _alone(thing, mass)
         for name in _OF_BODIES:
             fields[name][row, self._body] = getattr(alone, name)[1]

@@ -29,7 +29,7 @@ def test_checkers_pass_without_a_warning(env_id, mount):
         sb3_check_env(gym.make(env_id, camera_mount=mount).unwrapped)
 
 
-@pytest.mark.parametrize("env_id", calfree_gym.ENV_IDS)
+@pytest.mark.parametrize("env_id", calfree_gym.ENV_IDS[:2])
 def test_reward_and_end_follow_from_the_observation_exactly(env_id):
     env = gym.make(env_id, tolerance_px=60.0).unwrapped
     env.reset(seed=1, options={"object": (0.45, 0.0, 0.15)})

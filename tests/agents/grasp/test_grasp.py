@@ -1,0 +1,147 @@
+"""The whole procedure in worlds that it does not know, and each of its parts against the truth."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+from agents.grasp.intermediate import target
+from agents.grasp.observation import ARM, GraspObservation
+from agents.grasp.orientation import turn_needed
+from agents.servo.trial import Stops
+from calfree_gym.robot.grasping.jaws import AXIS
+from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
+from experiments.evaluation import evaluate
+
+GRASP = "CalFree/Grasp-v0"
+
+
+def looked(env, seed, **options):
+    observation, _ = env.reset(seed=seed, **options)
+    return GraspObservation.of(observation)
+
+
+@pytest.mark.parametrize("mount", ["waist", "stand"])
+def test_it_grasps_in_worlds_that_it_has_not_seen(mount):
+    records = []
+    for seed, shape in enumerate(SHAPE_NAMES * 2):
+        env = gym.make(GRASP, shape=shape, camera_mount=mount)
+        records += evaluate(agents.make("grasp", env), env, trials=1, seed=700 + seed)
+    assert sum(record.success for record in records) >= 9
+    assert np.median([record.motions for record in records]) <= 20
+
+
+def test_with_memory_it_needs_fewer_motions():
+    env = gym.make(GRASP, camera_mount="stand")
+    agent = agents.make("grasp", env)
+    first = evaluate(agent, env, trials=5, seed=720)
+    env.reset(seed=720)
+    agent.learn(250)
+    later = evaluate(agent, env, trials=5, seed=720)
+    assert np.mean([r.motions for r in later]) <= 0.7 * np.mean([r.motions for r in first])
+
+
+def test_any_servo_approaches():
+    env = gym.make(GRASP, shape="cylinder", camera_mount="stand")
+    agent = agents.make("grasp", env, servo="jacobian_servo", knowledge=None)
+    assert sum(record.rendezvous for record in evaluate(agent, env, trials=3, seed=730)) >= 1
+
+
+def test_the_intermediate_position_is_one_gripper_length_before_the_object():
+    """Where the gripper stands over the object, its place in both images is that of a true point."""
+    env = gym.make(GRASP, shape="box", camera_mount="stand", world="nominal").unwrapped
+    env.reset(seed=1, options={"object": (0.4, 0.0)})
+    arms, row = env.arms, np.array([0])
+    at = np.array([[0.4, 0.0, arms._placed[0].pose[2] + AXIS]])
+    rest = arms.robot.rest(arms.world(0).joint_zeros)
+    registers = arms.motors.registers(arms.robot.positions_at(at, rest, arms.world(0).link_lengths)[0], 0)
+    env.step(np.append(registers, 0).astype(np.float32))
+    env.arms._measurement._noise[:] = 0
+    observation, *_ = env.step(np.zeros(5, np.float32))
+    now = GraspObservation.of(observation)
+    along, seen = target("along_axis", now, 1.0)
+    true, _ = arms._workspaces.cameras.project(at[None], row)
+    assert seen.all()
+    assert 256 * np.abs(along - true[0]).max() < 6, "perspective over one gripper length"
+    assert 256 * np.abs(now.at("tip") - true[0]).max() < 1
+
+
+@pytest.mark.parametrize(
+    ("orientation", "angle", "off"),
+    [
+        *[("least_squares", angle, 0.12) for angle in (-1.0, -0.3, 0.1, 0.4, 1.2)],
+        ("both_images", 1.4, 0.12),  # nearly right: elsewhere perspective bends it
+        ("one_image", 1.4, 0.3),
+    ],
+)
+def test_the_turn_that_is_needed_is_the_true_one_near_the_object(orientation, angle, off):
+    env = gym.make(GRASP, shape="bar", camera_mount="stand", world="nominal").unwrapped
+    env.reset(seed=1, options={"object": (0.4, 0.0, angle)})
+    arms = env.arms
+    at = np.array([[0.4, 0.0, arms._placed[0].pose[2] + AXIS]])
+    rest = arms.robot.rest(arms.world(0).joint_zeros)
+    registers = arms.motors.registers(arms.robot.positions_at(at, rest, arms.world(0).link_lengths)[0], 0)
+    observation, *_ = env.step(np.append(registers, 0).astype(np.float32))
+    edges = np.pi / 2  # the jaws' edges lie across the arm, seen from above
+    true = min(abs(edges - angle) % np.pi, np.pi - abs(edges - angle) % np.pi)
+    assert abs(turn_needed(orientation, GraspObservation.of(observation))) == pytest.approx(true, abs=off)
+
+
+@pytest.mark.parametrize("shape", ["cylinder", "sphere"])
+def test_what_is_round_needs_no_turn(shape):
+    env = gym.make(GRASP, shape=shape)
+    assert all(turn_needed("least_squares", looked(env, seed)) is None for seed in range(3))
+
+
+def test_what_is_observed_is_read_as_the_environment_writes_it():
+    env = gym.make(GRASP, camera_mount="stand").unwrapped
+    now = looked(env, 3)
+    arms = env.arms
+    np.testing.assert_allclose(now.points.reshape(-1, 2), arms.points[0], atol=1e-6)
+    np.testing.assert_array_equal(now.visible.ravel(), arms.visible[0])
+    assert now.registers.shape == (ARM + 2,)
+    assert now.opening == 1
+    np.testing.assert_allclose(now.goal.ravel(), arms.goals[0], atol=1e-6)
+
+
+def test_what_it_has_learned_is_saved_and_loaded(tmp_path):
+    env = gym.make(GRASP, camera_mount="stand")
+    agent = agents.make("grasp", env)
+    agent.learn(60)
+    agent.save(tmp_path / "agent.npz")
+    other = agents.make("grasp", env).load(tmp_path / "agent.npz")
+    assert other.rate == agent.rate
+    first = {name: array.tolist() for name, array in agent.arrays().items()}
+    assert {name: array.tolist() for name, array in other.arrays().items()} == first
+    with pytest.raises(ValueError, match="this agent is grasp over"):
+        agents.make("grasp", env, tries=1).load(tmp_path / "agent.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "env_id", "settings", "message"),
+    [
+        ("unified_servo", GRASP, {}, "reaches, and this environment's task is to grasp; allowed: random"),
+        ("grasp", "CalFree/Reach-v0", {}, "needs CalFree/Grasp-v0"),
+        ("grasp", GRASP, {"intermediate": "above"}, "intermediate is 'above'; allowed: along_axis"),
+        ("grasp", GRASP, {"orientation": "eye"}, "orientation is 'eye'; allowed: least_squares"),
+        ("grasp", GRASP, {"tries": 0}, "tries"),
+        ("grasp", GRASP, {"lift": 3}, "no setting 'lift'"),
+    ],
+)
+def test_what_cannot_be_is_named(name, env_id, settings, message):
+    with pytest.raises(ValueError, match=message):
+        agents.make(name, gym.make(env_id), **settings)
+
+
+@pytest.mark.parametrize(
+    ("words", "executed", "highest"),
+    [
+        ([0.2, 0.1, -0.3], [0.1, 0.05, -0.15], [1, 1, 1]),  # something is in the way
+        ([0.2, 0.1, -0.3], [0.1, 0.1, -0.3], [0.1, 1, 1]),  # a motor's stop
+        ([0.2, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 1, 1]),
+    ],
+)
+def test_what_the_arm_meets_is_no_motors_stop(words, executed, highest):
+    stops, words, executed = Stops(3), np.array(words), np.array(executed)
+    stops.learn(words, words - executed, executed)
+    assert stops.highest.tolist() == highest

@@ -1,0 +1,230 @@
+"""Grasping: that what is held well is lifted, what is told is true, and one arm is as many."""
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import calfree_gym
+from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
+
+GRASP = "CalFree/Grasp-v0"
+OPENING, HELD = 23, 4
+
+
+def registers_before(env, back):
+    """Registers at which the gripper is `back` m before the object, on its axis, its edges along the object.
+
+    By the arm's closed form and the object's true pose.
+    """
+    arms, row = env.unwrapped.arms, np.array([0])
+    world, robot, placed = arms.world(0), arms.robot, arms._placed[0]
+    rest, pose = robot.rest(world.joint_zeros), placed.pose
+    at = robot.positions_at(pose[None, :3], rest, world.link_lengths)
+    axis = robot.axis(arms.motors.angles(at[None], row)[0])
+    positions = robot.positions_at(pose[None, :3] - back * axis, rest, world.link_lengths)
+    if placed.thing.axis[2] == 0:
+        turn = pose[3] - positions[0, 0] - np.pi / 2
+        positions[0, 3] = -((turn + np.pi / 2) % np.pi - np.pi / 2)
+    return arms.motors.registers(positions[0], 0)
+
+
+def go(env, back, jaws):
+    arms = env.unwrapped.arms
+    words = [*(registers_before(env, back) - arms.registers[0]), jaws - arms.jaws[0]]
+    return env.step(np.array(words, np.float32))
+
+
+@pytest.fixture
+def env():
+    return gym.make(GRASP, camera_mount="stand", terminate_on_success=False)
+
+
+@pytest.mark.parametrize("shape", SHAPE_NAMES)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_is_grasped_where_it_is_is_lifted_and_held(shape, seed):
+    env = gym.make(GRASP, shape=shape, terminate_on_success=False)
+    env.reset(seed=seed)
+    go(env, 0.095, 0)
+    go(env, 0.0, 0)
+    closed, *_ = go(env, 0.0, 1)
+    assert closed["achieved_goal"][HELD] == 0, "nothing has moved with the gripper yet"
+    assert closed["observation"][OPENING] > 0.1
+    observation, _, _, _, info = go(env, 0.1, 1)
+    assert observation["achieved_goal"][HELD] == 1
+    assert info["truth"]["lifted_mm"] > 50
+    assert info["truth"]["distance_mm"] < 30
+    observation, *_, info = go(env, 0.1, 0)
+    assert observation["achieved_goal"][HELD] == 0, "let go"
+    assert info["truth"]["lifted_mm"] < 50
+
+
+def test_jaws_that_close_on_nothing_hold_nothing(env):
+    env.reset(seed=4)
+    observation, *_ = go(env, 0.095, 1)
+    assert abs(observation["observation"][OPENING]) < 0.02
+    observation, *_ = go(env, 0.15, 1)
+    assert observation["achieved_goal"][HELD] == 0
+
+
+def test_rewards_and_ends_follow_from_goals():
+    env = gym.make("CalFree/GraspDense-v0", terminate_on_success=True)
+    observation, info = env.reset(seed=5)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        observation, reward, terminated, truncated, info = env.step(
+            rng.uniform(-0.2, 0.2, 5).astype(np.float32)
+        )
+        goals = observation["achieved_goal"], observation["desired_goal"]
+        assert reward == env.unwrapped.compute_reward(*goals, info)
+        assert terminated == env.unwrapped.compute_terminated(*goals, info)
+        if truncated:
+            break
+    there = np.stack([goals[1], goals[1] * [1, 1, 1, 1, 0]])
+    assert env.unwrapped.compute_terminated(there, np.stack([goals[1]] * 2), {}).tolist() == [True, False]
+
+
+def test_many_arms_are_as_one():
+    rows = 3
+    envs = gym.make_vec(GRASP, num_envs=rows, threads=2)
+    singles = [gym.make(GRASP) for _ in range(rows)]
+    envs.reset(seed=7)
+    for i, each in enumerate(singles):
+        each.reset(seed=7 + i)
+    rng = np.random.default_rng(0)
+    for _ in range(15):
+        words = rng.uniform(-0.3, 0.3, (rows, 5)).astype(np.float32)
+        observations, rewards, terminated, truncated, _ = envs.step(words)
+        if terminated.any() or truncated.any():
+            break
+        for i, each in enumerate(singles):
+            alone, reward, *_ = each.step(words[i])
+            assert reward == rewards[i]
+            for key in alone:
+                np.testing.assert_array_equal(alone[key], observations[key][i])
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_in_mid_grasp_goes_on_as_the_original(env, copied):
+    env.reset(seed=8)
+    go(env, 0.095, 0)
+    go(env, 0.0, 0)
+    go(env, 0.0, 1)
+    other = copied(env)
+    for one, same in zip(go(env, 0.1, 1)[0].items(), go(other, 0.1, 1)[0].items(), strict=True):
+        np.testing.assert_array_equal(one[1], same[1])
+
+
+def test_random_motions_neither_press_hard_nor_diverge(env):
+    observation, _ = env.reset(seed=9)
+    rng, largest = np.random.default_rng(1), 0.0
+    for _ in range(200):
+        observation, _, terminated, truncated, info = env.step(rng.uniform(-1, 1, 5).astype(np.float32))
+        assert env.observation_space.contains(observation)
+        assert not info["diverged"]
+        largest = max(largest, info["force_table"], info["force_object"])
+        if terminated or truncated:
+            env.reset()
+    assert 0 < largest < 200
+
+
+def test_an_arm_that_presses_goes_back_and_its_registers_say_so(env):
+    env.reset(seed=10)
+    arms = env.unwrapped.arms
+    go(env, 0.02, 0)
+    before = arms.registers[0].copy()
+    words = [*(registers_before(env, -0.1) - before), 0]
+    _, _, _, _, info = env.step(np.array(words, np.float32))
+    executed = (arms.registers[0] - before)[:3] / np.array(words[:3])
+    assert executed.min() > 0
+    assert executed.max() < 0.9
+    assert 10 < max(info["force_table"], info["force_object"]) < 200
+
+
+def test_an_object_that_leaves_the_table_ends_the_trial_with_a_flag(env):
+    env.reset(seed=11)
+    arms = env.unwrapped.arms
+    free = arms.simulation._free
+    arms.simulation._all_qpos[0, free : free + 2] = 1.5, 0.0
+    _, _, terminated, truncated, info = env.step(np.zeros(5, np.float32))
+    assert (terminated, truncated, bool(info["off_table"])) == (False, True, True)
+    assert not env.reset()[1]["off_table"]
+
+
+def test_physics_that_diverges_ends_the_trial_with_a_flag_and_finite_points(env):
+    env.reset(seed=12)
+    arms = env.unwrapped.arms
+    arms.simulation._qvel[0, -6:] = np.nan
+    observation, _, _, truncated, info = env.step(np.zeros(5, np.float32))
+    assert truncated
+    assert info["diverged"]
+    assert env.observation_space.contains(observation)
+    env.reset()
+    assert not env.step(np.zeros(5, np.float32))[4]["diverged"]
+
+
+def test_points_are_where_the_lens_shows_what_is_there(env):
+    observation, info = env.reset(seed=13)
+    arms, world = env.unwrapped.arms, env.unwrapped.world
+    for name, place in (("object", slice(12, 14)), ("gripper", slice(0, 2))):
+        seen, _ = arms._workspaces.cameras.project(info["truth"][name][None, None], np.array([0]))
+        np.testing.assert_allclose(arms.true_points[0, place], seen[0], atol=1e-9)
+    assert np.abs(observation["achieved_goal"][:4] - arms.true_points[0, 12:14].ravel()).max() < 6 / 256
+    assert world.object_mass > 0
+
+
+def test_the_goal_is_where_a_lifted_object_can_be_seen():
+    for mount in calfree_gym.MOUNTS:
+        env = gym.make(GRASP, camera_mount=mount)
+        for seed in range(5):
+            observation, _ = env.reset(seed=seed)
+            assert np.abs(observation["desired_goal"][:4]).max() < 1
+            assert observation["desired_goal"][HELD] == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"shape": "cilinder"}, r"unknown shape 'cilinder' \(did you mean cylinder\?\)"),
+        ({"shape": {"shape": "sphere"}}, "a sphere has .*; it must have radius, in m"),
+        ({"shape": {"shape": "sphere", "radius": 0.05}}, "0.100 m wide, too large for the jaws"),
+        ({"shape": {"shape": "sphere", "radius": 0.001}}, "radius is 0.001; it must be a number from"),
+        ({"shape": {"radius": 0.02}}, "a mapping has `shape`"),
+        ({"observation": "pixel"}, "unknown observation 'pixel'"),
+        ({"tolerance_px": 0}, "tolerance_px is 0"),
+        ({"redraw": "always"}, "unknown redraw 'always'"),
+    ],
+)
+def test_arguments_that_are_wrong_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        gym.make(GRASP, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ((0.1, 0.0), "inside the arm"),
+        ((0.9, 0.0), "out of reach"),
+        ("there", r"it must be \(x, y\) or \(x, y, angle\)"),
+        ((0.4, np.nan), "it must be"),
+    ],
+)
+def test_places_that_are_wrong_are_named(env, place, message):
+    env.reset(seed=14)
+    with pytest.raises(ValueError, match=message):
+        env.reset(options={"object": place})
+
+
+def test_an_object_is_placed_where_it_is_asked_for():
+    env = gym.make(GRASP, world="nominal")
+    env.reset(seed=15)
+    _, info = env.reset(options={"object": (0.40, 0.05, 0.7)})
+    np.testing.assert_allclose(info["truth"]["object"][:2], [0.40, 0.05], atol=1e-9)
+
+
+def test_words_of_a_wrong_width_are_named(env):
+    env.reset(seed=16)
+    with pytest.raises(ValueError, match=r"shape \(3,\); it must be \(5,\)"):
+        env.step(np.zeros(3, np.float32))
