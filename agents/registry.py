@@ -22,14 +22,14 @@ from .calibrated.affine_stereo import AffineStereo
 from .calibrated.model_based import ModelBased
 from .calibrated.self_calibrating import SelfCalibrating
 from .grasp.agent import Grasp
-from .grasp.observation import GOAL as GRASP_GOAL
+from .grasp.task import task_of
 from .grasp.trial import SURE_PX
 from .knowledge.factored_table import FactoredTable
 from .knowledge.grid_table import GridTable
 from .knowledge.support_points import SupportPoints
 from .learning_servo import LearningServo
-from .oracle import Oracle
-from .random_agent import RandomAgent
+from .reference.oracle import Oracle
+from .reference.random_agent import RandomAgent
 from .servo.jacobian_servo import JacobianServo
 from .servo.joint_space import JointSpaceServo
 from .servo.paper import PaperServo
@@ -208,9 +208,9 @@ ARM = "movemaster"
 ARM_MOTORS = 3
 
 
-def names() -> tuple[str, ...]:
-    """The names that `make` knows."""
-    return tuple(_MAKERS)
+def names(task: str = "reach") -> tuple[str, ...]:
+    """The names that `make` knows of agents that do a task, "reach" or "grasp"."""
+    return OF_GRASPING if task == "grasp" else tuple(name for name in _MAKERS if name != "grasp")
 
 
 def make(name: str, env: Environment, **settings: Any) -> Agent:
@@ -232,7 +232,6 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
     if shape is None or (len(shape) != 1 and _MAKERS[name] is not _sb3):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
     _check_arm(name, env)
-    _check_task(name, env)
     with _told_what_to_install(name):
         settings = _defaults(name) | settings
         allowed = _settings_of(name, settings)
@@ -242,6 +241,10 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
                 raise ValueError(
                     f"agent {name!r} has no setting {setting!r}{hint}; allowed: {', '.join(allowed)}"
                 )
+        if name not in names(task := task_of(env)):
+            raise ValueError(
+                f"agent {name!r} cannot {task}, as this environment asks; allowed: {', '.join(names(task))}"
+            )
         try:
             return _MAKERS[name](env, **settings)
         except (TypeError, ValueError) as error:
@@ -274,24 +277,11 @@ def _check_arm(name: str, env: Environment) -> None:
     arm = spec.kwargs.get("arm", ARM) if spec is not None else ARM
     if name not in OF_ONE_ARM or (isinstance(arm, str) and arm == ARM and motors == ARM_MOTORS):
         return
-    of_any = ", ".join(known for known in _MAKERS if known not in (*OF_ONE_ARM, "recurrent_servo"))
+    of_any = ", ".join(known for known in names() if known not in (*OF_ONE_ARM, "recurrent_servo"))
     raise ValueError(
         f"agent {name!r}: {name} is built on the arm {ARM!r}, and this is another one, of {motors} "
         f"motors; allowed with any arm: {of_any}; recurrent_servo with any of its network's motors"
     )
-
-
-def _check_task(name: str, env: Environment) -> None:
-    """Raises where an agent cannot do what the environment asks for."""
-    goals = getattr(env.observation_space, "spaces", {}).get("achieved_goal")
-    grasping = goals is not None and goals.shape[-1] == GRASP_GOAL
-    if grasping and name not in OF_GRASPING:
-        raise ValueError(
-            f"agent {name!r} reaches, and this environment's task is to grasp; allowed: "
-            + ", ".join(OF_GRASPING)
-        )
-    if name == "grasp" and not grasping:
-        raise ValueError("agent 'grasp' needs CalFree/Grasp-v0 or CalFree/GraspDense-v0, as points")
 
 
 @contextmanager

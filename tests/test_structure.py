@@ -28,8 +28,7 @@ LAYERS = {
     ],
     "agents": [
         "base",
-        "random_agent",
-        "oracle",
+        "reference",
         "neural",
         "perception",
         "jacobian",
@@ -38,6 +37,7 @@ LAYERS = {
         "knowledge",
         "adaptation",
         "learning_servo",
+        "grasp",
         "registry",
         "agents",
     ],

@@ -108,8 +108,9 @@ FIELDS_BEFORE = (
     *("link_lengths", "joint_zeros", "motor_sign", "motor_gain", "motor_curvature"),
     *("point_noise", "point_outliers", "point_dropout", "latency", "backlash", "repeatability"),
 )
-BEFORE = {"nominal": "08bf8688c2dfcc4c", "coarse": "8692dadb52af493e", "wild": "d96f1428b86b2db9"}
-"""Digests of 20 worlds at commit 92bb01f, whose worlds had no light."""
+BEFORE = {"nominal": "6a51b07a1c61f255", "coarse": "1f0eca45779e61bd", "wild": "999fbb6dc7b7d315"}
+"""Digests of 20 worlds at commit 92bb01f, whose worlds had no light, to nine digits: the last bits are the
+processor's."""
 
 
 @pytest.mark.parametrize("name", BEFORE)
@@ -118,7 +119,7 @@ def test_light_and_images_are_drawn_apart_and_move_no_other_draw(name):
     for seed, attempt in itertools.product(range(10), range(2)):
         world = WorldDistribution(name).sample(seed, attempt)
         for field in FIELDS_BEFORE:
-            digest.update(getattr(world, field).tobytes())
+            digest.update((np.round(getattr(world, field), 9) + 0.0).tobytes())
     assert digest.hexdigest()[:16] == BEFORE[name]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,9 @@ from calfree_gym.robot.grasping.shapes import ShapeChoice, Thing, draw_thing
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, MAX_REGISTER, Workspaces
 from calfree_gym.streams import stream
-from calfree_gym.world import World
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
 
 BLOCK = 32
 """Places that are judged at once."""

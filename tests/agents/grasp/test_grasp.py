@@ -120,8 +120,8 @@ def test_what_it_has_learned_is_saved_and_loaded(tmp_path):
 @pytest.mark.parametrize(
     ("name", "env_id", "settings", "message"),
     [
-        ("unified_servo", GRASP, {}, "reaches, and this environment's task is to grasp; allowed: random"),
-        ("grasp", "CalFree/Reach-v0", {}, "needs CalFree/Grasp-v0"),
+        ("unified_servo", GRASP, {}, "cannot grasp, as this environment asks; allowed: random, grasp"),
+        ("grasp", "CalFree/Reach-v0", {}, "cannot reach, as this environment asks"),
         ("grasp", GRASP, {"intermediate": "above"}, "intermediate is 'above'; allowed: along_axis"),
         ("grasp", GRASP, {"orientation": "eye"}, "orientation is 'eye'; allowed: least_squares"),
         ("grasp", GRASP, {"tries": 0}, "tries"),

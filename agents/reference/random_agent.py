@@ -7,9 +7,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from .base.checks import check_number
-from .base.observation import Observation
-from .base.procedure import Procedure, ProcedureAgent
+from ..base.checks import check_number
+from ..base.observation import Observation
+from ..base.procedure import Procedure, ProcedureAgent
 
 
 class RandomAgent(ProcedureAgent):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .base.observation import Observation
-from .base.procedure import Procedure, ProcedureAgent
+from ..base.observation import Observation
+from ..base.procedure import Procedure, ProcedureAgent
 
 
 class Oracle(ProcedureAgent):
