@@ -177,8 +177,9 @@ class GraspEnv(Grasping, ArmEnv):
     Args:
         shape: "cylinder", "sphere", "box", "bar" or "l_shape"; a mapping of `shape` and all its sizes in m,
             such as {"shape": "sphere", "radius": 0.02}; or None: any.
-        world, camera_mount, perturbations, redraw, terminate_on_success, keep_in_view, truth, reward,
-            render_mode, width, height: As for `StereoArmEnv`.
+        world, camera_mount, perturbations, redraw: As for `StereoArmEnv`.
+        terminate_on_success, keep_in_view, truth, reward: As for `StereoArmEnv`.
+        render_mode, width, height: As for `StereoArmEnv`.
         observation: "points".
         tolerance_px: Image distance within which the object is at its place, in pixels of 512.
 
