@@ -51,6 +51,7 @@ OTHERS: dict[str, str] = {
     "agents.jacobian.linear": "other servos",
     "agents.jacobian.rank_one": "other servos",
     "agents.jacobian.test_motions": "other servos",
+    "agents.grasp": "the procedure of a grasp",
     "agents.learning_servo": "tables over a servo",
     "agents.knowledge.distance": "other knowledge bases",
     "agents.knowledge.factored_table": "other knowledge bases",
@@ -80,6 +81,7 @@ SETTINGS: dict[str, tuple[type[Any], ...]] = {
 LEFT_OUT: dict[str, str] = {
     "seed": "no constant",
     "jump_px": "acts with other servos alone",
+    "sure_px": "infinite in reaching",
     "NoiseEstimate.QUANTILE_OF_NORMAL": "exact, follows from QUANTILE",
     "robust.MEAN_SQUARE_MEDIAN": "exact",
     "mistaken.IMAGE_AREA": "exact: two by two image units",
