@@ -29,6 +29,7 @@ WHAT_MAKES_A_RESULT = (
     "experiments/config/arms.py",
     "experiments/config/model.py",
     "experiments/config/requirements.py",
+    "experiments/config/schedule.py",
     "experiments/config/suite.py",
     "experiments/evaluation.py",
     "experiments/running/body.py",

@@ -43,6 +43,9 @@ class CountdownEnv(gymnasium.Env[Any, Any]):
         }
         return self._observation(), 0.0, arrived, self.left == 0, info
 
+    def is_solved(self, truth: dict[str, Any]) -> bool:
+        return bool(truth["error_px"] <= self.tolerance_px)
+
     def _perturb(self, due: bool) -> None:
         if due:
             self.world = SimpleNamespace(point_noise=0.5, shaken=True)
