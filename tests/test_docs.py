@@ -235,7 +235,7 @@ def test_configuration_page_tells_the_defaults():
     text = " ".join((ROOT / "docs/configuration.md").read_text().split())
     for key, field in config.EnvironmentConfig.model_fields.items():
         if not field.is_required():
-            told = {True: "true", (): "none"}.get(field.default, field.default)
+            told = {True: "true", False: "false", None: "null", (): "none"}.get(field.default, field.default)
             assert f"`{key}` (`{told}`)" in text or f"`{key}` ({told})" in text, key
 
 

@@ -28,7 +28,6 @@ LAYERS = {
     ],
     "agents": [
         "base",
-        "reference",
         "neural",
         "perception",
         "jacobian",
@@ -38,6 +37,7 @@ LAYERS = {
         "adaptation",
         "learning_servo",
         "grasp",
+        "reference",
         "registry",
         "agents",
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -19,7 +20,7 @@ from ..servo.servo_agent import ServoAgent
 from .intermediate import INTERMEDIATE
 from .observation import ARM, GraspObservation
 from .orientation import ORIENTATION
-from .trial import GraspFindings, GraspTrial
+from .trial import GraspFindings, GraspTrial, TurnRate
 
 SHARES = (0.5, 0.15, 0.0)
 """Of the way from the intermediate position that are left after each motion of the descent. Choice."""
@@ -40,7 +41,7 @@ class Grasp(ProcedureAgent):
 
     Attributes:
         reacher: Goes to the intermediate position, and remembers how.
-        rate: By how much a word of the wrist's motor turns the jaws (rad); None before it ever has.
+        rate: By how much the wrist's motor turns the jaws.
 
     Args:
         env: See `Agent`.
@@ -67,7 +68,7 @@ class Grasp(ProcedureAgent):
         self.reacher: ServoAgent = reacher(Reaching())
         self.intermediate, self.orientation, self.tries = intermediate, orientation, tries
         self.prior_knowledge = self.reacher.prior_knowledge | {PriorKnowledge.MOTOR_ORDER}
-        self.rate: float | None = None
+        self.rate = TurnRate()
 
     def observed(self, raw: RawObservation) -> GraspObservation:
         """See `ProcedureAgent`."""
@@ -75,7 +76,7 @@ class Grasp(ProcedureAgent):
 
     def new_findings(self) -> GraspFindings:
         """See `ProcedureAgent`."""
-        return GraspFindings(self.reacher.new_findings(), self.rate)
+        return GraspFindings(self.reacher.new_findings(), replace(self.rate))
 
     def procedure(self, first: Any, findings: GraspFindings) -> Generator[Array, Any, None]:
         """See `ProcedureAgent`."""
@@ -113,12 +114,12 @@ class Grasp(ProcedureAgent):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        own = {} if self.rate is None else {"rate": np.array([self.rate])}
+        own = {"rate": np.array([self.rate.words, self.rate.turned])}
         return own | prefixed("reacher", self.reacher.arrays())
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
-        self.rate = float(checked_array(arrays, "rate", (1,))[0]) if "rate" in arrays else None
+        self.rate = TurnRate(*checked_array(arrays, "rate", (2,)).tolist())
         self.reacher.restore(under("reacher", arrays))
 
 

@@ -57,6 +57,11 @@ class GraspObservation:
             goal=desired[:4].reshape(2, 2),
         )
 
+    @property
+    def object(self) -> Array:
+        """The object's sensor vector (4,)."""
+        return self.at("object").reshape(4)
+
     def at(self, name: str) -> Array:
         """Image points (2, 2) of one of `NAMES`, left and right."""
         return self.points[NAMES.index(name)]

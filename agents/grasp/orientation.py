@@ -14,7 +14,7 @@ UPRIGHT = 1.0
 Choice: 45 degrees."""
 
 
-WORLD = np.array([1.0, 2.0, 2.0])
+WORLD = np.array([1.0, 1.1, 1.0])
 """How long the line of the open jaws and the gripper's axis are, relative to its edge: roughly, for where the
 angle is zero they do not matter."""
 

@@ -32,18 +32,56 @@ object may be met, and with the object lifted. Choice: a tenth and a third of th
 
 
 @dataclass
+class TurnRate:
+    """By how much a word of the wrist's motor turns the jaws, by least squares over all turns.
+
+    Attributes:
+        words: Sum of squared words.
+        turned: Sum of words times the angles (rad) by which they turned the jaws.
+    """
+
+    KEPT = 0.8
+    """Share of what was known that counts at the next turn: the motor may change. Choice."""
+    FARTHER = 4.0
+    """No word is longer than those before together by this factor: so half turns are told apart. Choice."""
+    words: float = 0.0
+    turned: float = 0.0
+
+    @property
+    def known(self) -> bool:
+        """Whether the jaws have ever turned."""
+        return self.words > 0
+
+    @property
+    def value(self) -> float:
+        """In rad, 0 as long as it is not known."""
+        return self.turned / self.words if self.known else 0.0
+
+    @property
+    def longest(self) -> float:
+        """The longest word whose turn is foreseen."""
+        return min(1.0, self.FARTHER * self.words**0.5)
+
+    def learn(self, word: float, by: float) -> None:
+        """A word has turned the jaws by an angle (rad), or half turns more: which, tells the rate so far."""
+        by += np.pi * np.round((self.value * word - by) / np.pi)
+        self.words = self.KEPT * self.words + word**2
+        self.turned = self.KEPT * self.turned + word * by
+
+
+@dataclass
 class GraspFindings:
     """What is found out in a trial.
 
     Attributes:
         reach: What the servo of the approach finds out.
-        rate: By how much a word of the wrist's motor turns the jaws (rad); None as long as none has.
+        rate: By how much the wrist's motor turns the jaws.
         looks: All that was seen on the way to the object.
         approached: Whether the gripper came to the intermediate position.
     """
 
     reach: Any
-    rate: float | None
+    rate: TurnRate
     looks: list[Observation] = field(default_factory=list)
     approached: bool = False
 
@@ -70,8 +108,9 @@ class GraspTrial:
     """How often a word is halved (a guard)."""
     TEST_TURN = 0.1
     """Of the first turn, whose sign and size are unknown. Choice: it turns by 10 to 40 degrees."""
-    TURNED = np.radians(2.0)
-    """The jaws need not turn by less (rad). Choice: they tolerate twenty times that."""
+    TURNED, TOLERATED = np.radians(2.0), np.radians(10.0)
+    """The jaws need not turn by less (rad), and need no further motion to turn by less than the second.
+    Choice: they grasp at four times that."""
     LEAST_TURN = 0.02
     """Turns by shorter words tell too little of the rate (a guard)."""
     FARTHEST_TURN = 0.95
@@ -105,17 +144,11 @@ class GraspTrial:
         self._seen.append(now)
         executed = (now.registers - before.registers)[:ARM]
         self.touched = met_something(arm, arm - executed)
-        if abs(turned := now.registers[ARM] - before.registers[ARM]) > self.LEAST_TURN and angle is not None:
+        turned = now.registers[ARM] - before.registers[ARM]
+        if abs(turned) > self.LEAST_TURN and angle is not None and not self.touched:
             after = turn_needed(self._orientation, now)
             if after is not None:
-                self._learn_rate(angle - after, turned)
-
-    def _learn_rate(self, by: float, word: float) -> None:
-        """A word has turned the jaws by an angle, or by half a turn more: which, tells the rate so far."""
-        rate = self._findings.rate
-        expected = 0.0 if rate is None else rate * word
-        by += np.pi * np.round((expected - by) / np.pi)
-        self._findings.rate = by / word
+                self._findings.rate.learn(float(turned), angle - after)
 
     def approach(self) -> Motions:
         """To the intermediate position, by the servo and what it remembers (paper, 3.4)."""
@@ -123,15 +156,17 @@ class GraspTrial:
         procedure = self._reacher.procedure(self._view(1.0), findings)
         words = next(procedure)
         while not self.now.last:
-            yield from self.move(words, turn=0.0 if self._findings.rate is None else self._turn())
-            view = self._view(1.0)
-            words = procedure.send(view)
+            tested = self._findings.rate.known or len(self._seen) > ARM
+            yield from self.move(words, turn=self._turn() if tested else 0.0)
+            try:
+                words = procedure.send(self._view(1.0))
+            except StopIteration:
+                break
             if self.touched:
                 yield from self.move((home - self.now.registers[:ARM]) / 2)
-                view = self._view(1.0)
-                procedure = self._reacher.servo(view, findings)
+                procedure = self._reacher.servo(self._view(1.0), findings)
                 words = next(procedure)
-            if view.visible.all() and view.distance_px <= self.NEAR_PX:
+            if self.left_px(1.0) <= self.NEAR_PX:
                 self._findings.approached = True
                 break
         self._from = self.now.registers[:ARM]
@@ -145,20 +180,18 @@ class GraspTrial:
 
     def _turn(self) -> float:
         """The word that turns the jaws along the object, a test word as long as that is not known (3.5)."""
-        angle, rate, there = (
-            turn_needed(self._orientation, self.now),
-            self._findings.rate,
-            self.now.registers[ARM],
-        )
+        angle, rate = turn_needed(self._orientation, self.now), self._findings.rate
         if angle is None or abs(angle) < self.TURNED:
             return 0.0
-        if rate is None:
+        if not rate.known:
             return self.TEST_TURN
-        turns = there + (angle + np.pi * np.arange(-1, 2)) / rate
+        there = self.now.registers[ARM]
+        turns = there + (angle + np.pi * np.arange(-1, 2)) / rate.value
         possible = turns[np.abs(turns) <= self.FARTHEST_TURN]
         if not len(possible):
-            return float(np.clip(angle / rate, -1, 1))
-        return float(np.clip(possible[np.abs(possible - there).argmin()] - there, -1, 1))
+            possible = there + np.array([angle]) / rate.value
+        word = possible[np.abs(possible - there).argmin()] - there
+        return float(np.clip(word, -rate.longest, rate.longest))
 
     def toward(self, share: float) -> Motions:
         """To where this share of the way is left to the object, the jaws turning as needed meanwhile."""
@@ -166,14 +199,19 @@ class GraspTrial:
         yield from self.move(words, turn=self._turn())
 
     def left_px(self, share: float) -> float:
-        """How far the tip is seen from there, in the image where it is farther."""
-        return self._view(share).distance_px
+        """How far the tip is from there, as seen, or as expected, in the image where it is farther."""
+        view = self._view(share)
+        if view.visible.all():
+            return view.distance_px
+        points = self._points(lambda each: target(self._intermediate, each, share), self._seen)
+        expected = points.at(self.now.registers[:ARM])
+        return float(lengths_px(expected.gripper.points - expected.object.points).max())
 
     @property
     def turned(self) -> bool:
-        """Whether the jaws lie along the object."""
+        """Whether the jaws lie along the object, nearly."""
         angle = turn_needed(self._orientation, self.now)
-        return angle is None or abs(angle) < self.TURNED
+        return angle is None or abs(angle) < self.TOLERATED
 
     def close(self) -> Motions:
         """Closes the jaws; then reads how far they are open."""
@@ -188,8 +226,9 @@ class GraspTrial:
         yield from self.move(self._from - self.now.registers[:ARM])
 
     def lift(self) -> Motions:
-        """To where the object is to be lifted, as it hangs between the jaws."""
-        way = self.now.goal + self.now.at("tip") - self.now.at("object")
+        """To where the object is to be lifted, as it is seen to hang between the jaws."""
+        hangs = np.where(self.now.visible[_OBJECT][:, None], self.now.at("object") - self.now.at("tip"), 0.0)
+        way = self.now.goal - hangs
         words = self._words(lambda each: (way, np.ones(2, bool)), SURE_ABOVE_PX)
         yield from self.move(words)
 

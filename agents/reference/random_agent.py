@@ -8,8 +8,10 @@ import gymnasium as gym
 import numpy as np
 
 from ..base.checks import check_number
-from ..base.observation import Observation
+from ..base.observation import Observation, RawObservation
 from ..base.procedure import Procedure, ProcedureAgent
+from ..grasp.observation import GraspObservation
+from ..grasp.task import task_of
 
 
 class RandomAgent(ProcedureAgent):
@@ -21,12 +23,17 @@ class RandomAgent(ProcedureAgent):
 
     def __init__(self, env: gym.Env[Any, Any], limit: float = 0.25, seed: int = 0) -> None:
         super().__init__(env, seed)
+        self._grasps = task_of(env) == "grasp"
         self.limit = check_number("limit", limit, above=0, most=1)
 
     @property
     def kind(self) -> str:
         """See `ProcedureAgent`."""
         return f"RandomAgent(limit={self.limit}, seed={self.seed})"
+
+    def observed(self, raw: RawObservation) -> Observation | GraspObservation:
+        """See `ProcedureAgent`."""
+        return GraspObservation.of(raw) if self._grasps else Observation.of(raw)
 
     def procedure(self, first: Observation, findings: None) -> Procedure:
         """See `ProcedureAgent`. Every trial has a stream of its own, so that `predict` changes nothing."""

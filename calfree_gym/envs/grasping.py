@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calfree_gym.envs.arms.grasping_arms import HELD, GraspingArms
 from calfree_gym.envs.shared import ArmShared
 from calfree_gym.envs.single import ArmEnv
-from calfree_gym.envs.spaces import Observation, action_space, unit_box
+from calfree_gym.envs.spaces import GOALS, Observation, action_space, unit_box
 from calfree_gym.envs.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.robot.grasping.shapes import ShapeChoice, check_shape
@@ -21,7 +21,7 @@ from calfree_gym.robot.grasping.simulation import POINTS
 from calfree_gym.tasks import grasp
 from calfree_gym.world import WorldChoice
 
-OBSERVATIONS = ("points",)
+OBSERVATIONS = GOALS
 _OTHERS = [place for place in range(2 * len(POINTS)) if place not in HELD]
 """Image points other than the object's, which is a goal of its own."""
 MM = 1000.0
@@ -40,7 +40,7 @@ class Grasping(ArmShared):
         super()._build(rows, threads, observation=observation, tell=(), **arguments)
 
     def _new_arms(self) -> GraspingArms:
-        return GraspingArms(**self._arguments)
+        return GraspingArms(observation=self._kind, **self._arguments)
 
     def _spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
         registers = len(self.arms.robot.motors) + 1
@@ -57,7 +57,7 @@ class Grasping(ArmShared):
 
     def _outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
         arms, rows = self.arms, self.arms.rows
-        points, visible, held = arms.delivered
+        points, visible, held = arms.delivered[:3]
         ones = np.ones((rows, 1))
         achieved = np.concatenate([points[:, HELD].reshape(rows, 4), held[:, None]], 1).astype(np.float32)
         desired = np.concatenate([arms.goals, ones], 1).astype(np.float32)
@@ -145,10 +145,12 @@ class GraspEnv(Grasping, ArmEnv):
     | desired_goal | (5,) | the sensor vector to which it is to be lifted, fixed in the images; 1 |
     | observation | (56,) | see below |
 
-    `observation`: 18 flags, 1 where a point is seen now, left and right of: gripper point, gripper base, tips
-    of jaw 1 and 2, edges 1 and 2, object, ends 1 and 2 of its main axis; 5 registers; how far the jaws are
-    open, 0 to 1; and 16 image points (x, y), as the flags but without the object's.
-    An upright cylinder's and a sphere's main axis is upright.
+    `observation`: 18 flags, 1 where a point is seen now, left and right of: gripper point, gripper base,
+    lower ends of jaw 1 and 2, edges 1 and 2, object, ends 1 and 2 of its main axis; 5 registers; how far the
+    jaws are open, 0 to 1; and 16 image points (x, y), as the flags but without the object's.
+    With "points" they are where projection puts them, nothing hides them, and an upright cylinder's and a
+    sphere's main axis is upright. With "vision" a `GraspTracker` finds them in images of 512 pixels: it sees
+    the gripper's coloured marks and the object's colour, of which the main axis is the longest way across.
 
     *Held* is what jaws and images tell: the jaws stay open though they should have closed, the object's
     image has moved with the gripper's, and so it has stayed for a second.
@@ -159,10 +161,10 @@ class GraspEnv(Grasping, ArmEnv):
     it, in image units. The place is fixed in the images: hindsight relabelling is valid on both mounts.
 
     ## Starting state
-    The arm is at home, jaws open. The object lies where both cameras see it, and where the gripper can grasp
-    it from above. `reset(seed=k)` draws the world, objects and noise from k; `reset()` places the next
-    object in the same world. `reset(options={"object": (x, y)})` places it there (m), `(x, y, angle)` also at
-    an angle (rad) about the vertical.
+    The arm is at home, jaws open. The object lies where both cameras see it (with "vision" nothing hides it
+    then), and where the gripper can grasp it from above. `reset(seed=k)` draws the world, objects and noise
+    from k; `reset()` places the next object in the same world. `reset(options={"object": (x, y)})` places it
+    there (m), `(x, y, angle)` also at an angle (rad) about the vertical.
 
     ## Episode end
     Terminated with the object held at its place, unless `terminate_on_success=False`. Truncated after
@@ -180,7 +182,7 @@ class GraspEnv(Grasping, ArmEnv):
         world, camera_mount, perturbations, redraw: As for `StereoArmEnv`.
         terminate_on_success, keep_in_view, truth, reward: As for `StereoArmEnv`.
         render_mode, width, height: As for `StereoArmEnv`.
-        observation: "points".
+        observation: "points" or "vision".
         tolerance_px: Image distance within which the object is at its place, in pixels of 512.
 
     Raises:

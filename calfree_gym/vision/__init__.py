@@ -1,18 +1,22 @@
-"""The stereo cameras, the measurement of image points, and a tracker that finds them in images.
+"""The stereo cameras, the measurement of image points, and trackers that find them in images.
 
-`StereoTracker`, `Marks` and `Mark` need OpenCV, which is loaded when they are asked for.
+`StereoTracker` with its `Marks`, and `GraspTracker` with its `GraspMarks`, need OpenCV, which is loaded when
+they are asked for.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from calfree_gym.vision.marks import Mark, Marks
+    from calfree_gym.vision.marks import GraspMarks, Mark, Marks
+    from calfree_gym.vision.tracking.grasp_tracker import GraspTracker
     from calfree_gym.vision.tracking.tracker import StereoTracker
 
-__all__ = ["Mark", "Marks", "StereoTracker"]
+__all__ = ["GraspMarks", "GraspTracker", "Mark", "Marks", "StereoTracker"]
 
 _HOMES = {
+    "GraspMarks": "calfree_gym.vision.marks",
+    "GraspTracker": "calfree_gym.vision.tracking.grasp_tracker",
     "Mark": "calfree_gym.vision.marks",
     "Marks": "calfree_gym.vision.marks",
     "StereoTracker": "calfree_gym.vision.tracking.tracker",

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Self
 
 from calfree_gym.errors import near_misses
 
@@ -76,23 +76,16 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Marks:
-    """Three balls: two of equal size on the gripper, and the object's.
-
-    The gripper point is midway in space between `gripper_1` and `gripper_2`. The default suits the
-    simulator, whose magenta (242, 13, 140) has hues from 300, overexposed, to 340, in warm light: no red.
-    """
-
-    gripper_1: Mark = Mark((242, 13, 165), 27.0)
-    gripper_2: Mark = Mark((13, 13, 242))
-    object: Mark = Mark((13, 242, 13))
+class MarkSet:
+    """Marks that one tracker looks for, by name; their hues must be far apart."""
 
     def __post_init__(self) -> None:
-        for name in MARK_NAMES:
+        kind, names = type(self).__name__, self.names()
+        for name in names:
             if not isinstance(getattr(self, name), Mark):
-                raise ValueError(f"Marks.{name} is {getattr(self, name)!r}; it must be a Mark")
-        for i, first in enumerate(MARK_NAMES):
-            for second in MARK_NAMES[i + 1 :]:
+                raise ValueError(f"{kind}.{name} is {getattr(self, name)!r}; it must be a Mark")
+        for i, first in enumerate(names):
+            for second in names[i + 1 :]:
                 gap = hue_gap(getattr(self, first).hue, getattr(self, second).hue)
                 if gap < LEAST_HUE_GAP:
                     raise ValueError(
@@ -100,12 +93,17 @@ class Marks:
                         f"degrees apart; they must be {LEAST_HUE_GAP:.0f} or more"
                     )
 
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """The marks, in the order in which every array holds them."""
+        return tuple(each.name for each in fields(cls))
+
     def to_dict(self) -> dict[str, Any]:
         """Plain dicts, lists and numbers; `from_dict` gets them back exactly."""
-        return {name: getattr(self, name).to_dict() for name in MARK_NAMES}
+        return {name: getattr(self, name).to_dict() for name in self.names()}
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Marks:
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """The marks that `to_dict` wrote.
 
         One that is missing is its default, or another mark's where that is too like one that is given.
@@ -113,23 +111,26 @@ class Marks:
         Raises:
             ValueError: A name is unknown, or a mark is not allowed; names it.
         """
-        _check_fields("marks", values, (), MARK_NAMES)
+        names = cls.names()
+        _check_fields("marks", values, (), names)
         marks = {}
         for name, value in values.items():
             try:
                 marks[name] = Mark.from_dict(value)
             except ValueError as error:
                 raise ValueError(f"{name}: {error}") from None
-        defaults = [getattr(cls, name) for name in MARK_NAMES]
-        for name in MARK_NAMES:
+        defaults = [getattr(cls, name) for name in names]
+        for name in names:
             if name not in marks:
                 taken = [mark.hue for mark in marks.values()]
                 free = [m for m in defaults if all(hue_gap(m.hue, hue) >= LEAST_HUE_GAP for hue in taken)]
+                if not free:
+                    raise ValueError(f"{name} is missing, and no default differs enough from those given")
                 marks[name] = getattr(cls, name) if getattr(cls, name) in free else free[0]
         return cls(**marks)
 
     @classmethod
-    def load(cls, path: str | Path) -> Marks:
+    def load(cls, path: str | Path) -> Self:
         """The marks of a YAML file, such as `python -m calfree_gym.vision pick` writes.
 
         Raises:
@@ -154,8 +155,38 @@ class Marks:
         Path(path).write_text(text, encoding="utf-8")
 
 
-MARK_NAMES = tuple(each.name for each in fields(Marks))
-"""The marks, in the order in which every array holds them."""
+@dataclass(frozen=True)
+class Marks(MarkSet):
+    """Three balls: two of equal size on the gripper, and the object's.
+
+    The gripper point is midway in space between `gripper_1` and `gripper_2`. The default suits the
+    simulator, whose magenta (242, 13, 140) has hues from 300, overexposed, to 340, in warm light: no red.
+    """
+
+    gripper_1: Mark = Mark((242, 13, 165), 27.0)
+    gripper_2: Mark = Mark((13, 13, 242))
+    object: Mark = Mark((13, 242, 13))
+
+
+@dataclass(frozen=True)
+class GraspMarks(MarkSet):
+    """What a gripper that grasps is seen by, and an object of one colour.
+
+    Each mark's middle is what it marks, from wherever it is seen: the lower ends of both jaws; the upper ends
+    of both, in one colour; a ball or the like on each side of the gripper's base, across the line of the
+    jaws; and the object.
+    """
+
+    jaw_1: Mark = Mark((230, 13, 230))
+    jaw_2: Mark = Mark((26, 51, 242))
+    edge_1: Mark = Mark((242, 217, 13))
+    edge_2: Mark = Mark((13, 204, 217))
+    fingers: Mark = Mark((242, 26, 13))
+    object: Mark = Mark((13, 204, 64))
+
+
+MARK_NAMES = Marks.names()
+"""The balls of a gripper that reaches, and of an object."""
 
 
 def hue_gap(first: float, second: float) -> float:

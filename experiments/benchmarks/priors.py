@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 import agents
 import calfree_gym
 from agents.base.prior_knowledge import PriorKnowledge
+from experiments.config.environment import EnvironmentConfig
 from experiments.config.requirements import requirements
-from experiments.config.suite import AgentConfig, EnvironmentConfig
+from experiments.config.suite import AgentConfig
 from experiments.reporting.tables import Table
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 

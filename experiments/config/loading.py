@@ -8,9 +8,10 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from calfree_gym.errors import near_misses
+from experiments.config.environment import EnvironmentConfig
 from experiments.config.overrides import with_overrides
 from experiments.config.requirements import requirements
-from experiments.config.suite import AgentConfig, EnvironmentConfig, ScenarioConfig, Suite
+from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
 from experiments.errors import ConfigError
 
 Config = TypeVar("Config", bound=BaseModel)

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 import agents
 from agents.base.prior_knowledge import PriorKnowledge, in_order
 from calfree_gym.envs.privileged import PRIVILEGED
-from experiments.config.suite import AgentConfig, EnvironmentConfig
+from experiments.config.environment import EnvironmentConfig
+from experiments.config.suite import AgentConfig
 
 
 class Requirements(NamedTuple):

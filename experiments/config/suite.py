@@ -1,85 +1,17 @@
 """What is compared with what: a suite, read from YAML into frozen models."""
 
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Any
 
-import gymnasium
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import agents
-import calfree_gym
 from calfree_gym.errors import near_misses
-from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations import TYPES, parse_perturbation
-from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, robot_of
-from calfree_gym.world import DISTRIBUTIONS
-from experiments.config.arms import as_arm, is_told
 from experiments.config.claims import Claim, TrialsOf
+from experiments.config.environment import EnvironmentConfig
 from experiments.config.model import Model, Name, distinct, one_of
 from experiments.config.schedule import check_reached
-
-
-class EnvironmentConfig(Model):
-    """The arguments of `gymnasium.make`."""
-
-    id: str
-    world: str
-    arm: str | dict[str, Any] = MOVEMASTER_NAME
-    camera_mount: str | Annotated[tuple[str, str], Field(strict=False)] = "waist"
-    tolerance_px: float = Field(4.0, gt=0, lt=IMAGE_SIZE)
-    dynamics: Literal["physics", "kinematic"] = "physics"
-    max_episode_steps: int = Field(60, gt=0)
-    redraw: Literal["never", "trial"] = "never"
-    terminate_on_success: bool = True
-    keep_in_view: bool = True
-
-    @field_validator("id")
-    @classmethod
-    def _known_id(cls, value: str) -> str:
-        return one_of(value, tuple(k for k in gymnasium.registry if k.startswith("CalFree/")))
-
-    @field_validator("world")
-    @classmethod
-    def _known_world(cls, value: str) -> str:
-        return one_of(value, tuple(DISTRIBUTIONS))
-
-    @field_validator("arm")
-    @classmethod
-    def _as_value(cls, value: str | dict[str, Any]) -> str | dict[str, Any]:
-        """An arm's mapping, `home_degrees` among its keys, as the plain dict of the `Arm` that it means.
-
-        What results say of an arm stays as it is: its files may be elsewhere.
-        """
-        if not isinstance(value, dict):
-            return one_of(value, (MOVEMASTER_NAME,))
-        if is_told(value):
-            return value
-        return as_arm(value).to_dict()
-
-    @field_validator("camera_mount")
-    @classmethod
-    def _known_mount(cls, value: str | tuple[str, str], info: ValidationInfo) -> str | tuple[str, str]:
-        if "arm" in info.data and not is_told(info.data["arm"]):
-            robot_of(info.data["arm"]).mounts(value)
-        return value
-
-    def make(
-        self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()
-    ) -> gymnasium.Env[Any, Any]:
-        """Builds the environment; `tell` names the privileged observations that it adds."""
-        arguments = {**self.model_dump(exclude={"id"}), "tell": tell}
-        return gymnasium.make(self.id, perturbations=list(perturbations) or None, **arguments)
-
-    def make_rows(
-        self, rows: int, world: calfree_gym.World, tell: tuple[str, ...] = ()
-    ) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
-        """Builds a batched environment in one world, whose next trials begin when they are told to.
-
-        Raises:
-            ValueError: Every trial is to be in a new world.
-        """
-        arguments = {**self.model_dump(exclude={"id"}), "world": world, "tell": tell}
-        return gymnasium.make_vec(self.id, num_envs=rows, autoreset_mode="Disabled", **arguments)
 
 
 class EvaluationConfig(Model):
@@ -210,7 +142,7 @@ class AgentConfig(Model):
     @field_validator("name")
     @classmethod
     def _known_name(cls, value: str) -> str:
-        return one_of(value, agents.names())
+        return one_of(value, tuple(dict.fromkeys([*agents.names(), *agents.names("grasp")])))
 
 
 class Suite(Model):
@@ -254,6 +186,13 @@ class Suite(Model):
         labels = [agent.label for agent in value]
         distinct(labels, "label")
         for part in (*info.data.get("scenarios", ()), *info.data.get("sweeps", ())):
+            able = agents.names(part.env.task)
+            for agent in value:
+                if (part.agents is None or agent.label in part.agents) and agent.name not in able:
+                    raise ValueError(
+                        f"{agent.label!r} cannot {part.env.task}, as {part.name!r} asks; "
+                        f"allowed: {', '.join(able)}"
+                    )
             for label in part.agents or ():
                 if label not in labels:
                     hint = near_misses(label, labels)

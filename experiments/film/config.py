@@ -7,11 +7,12 @@ from typing import Any, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from calfree_gym.envs.rendering.scene_frame import LARGEST, SMALLEST
+from experiments.config.environment import EnvironmentConfig
 from experiments.config.loading import load_as
 from experiments.config.model import Model
 from experiments.config.requirements import requirements
 from experiments.config.schedule import check_reached
-from experiments.config.suite import AgentConfig, EnvironmentConfig
+from experiments.config.suite import AgentConfig
 
 CAPTION = 12
 """The caption takes one part in so many of a film's height."""

@@ -11,10 +11,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorWrapper
 from numpy.typing import NDArray
 
-from calfree_gym.envs.arms.stereo_arms import StereoArms
+from calfree_gym.envs.arms.base import Arms
 from calfree_gym.envs.row import Row
 from calfree_gym.perturbations.application import PerturbationScheduler
-from experiments.config.suite import EnvironmentConfig
+from experiments.config.environment import EnvironmentConfig
 from experiments.evaluation import TrialMeter, TrialRecord
 from experiments.running.lifetime import LifetimeCounts, refuse_options
 
@@ -54,7 +54,7 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         super().__init__(config.make_rows(rows, self.world, privileged))
         self.metadata = {**self.env.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
         stereo: Any = self.env.unwrapped
-        arms: StereoArms = stereo.arms
+        arms: Arms = stereo.arms
         self._scheduler = PerturbationScheduler(
             1, list(schedule), arms.robot, arms.mounts, config.keep_in_view
         )
@@ -126,7 +126,7 @@ def _of_row(infos: dict[str, Any], row: int) -> dict[str, Any]:
     """What `TrialMeter` reads of one row's info."""
     truth: dict[str, NDArray[Any]] = infos["truth"]
     return {
-        "truth": {name: float(truth[name][row]) for name in ("error_px", "distance_mm")},
+        "truth": {name: float(values[row]) for name, values in truth.items() if values.ndim == 1},
         "is_success": infos["is_success"][row],
         "robot_seconds": infos["robot_seconds"][row],
     }

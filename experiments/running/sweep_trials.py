@@ -1,8 +1,9 @@
 """One agent at every value of a sweep: without learning, one trial in each of the paired worlds."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import gymnasium
 
 import agents
 from experiments.config.requirements import requirements
@@ -11,15 +12,12 @@ from experiments.running.cpu_time import CpuTimes, TimedPredictor
 from experiments.running.plan import SweepRun
 from experiments.running.trial_log import TrialLog
 
-_POINTS = 4
-"""Visibility flags at the head of `observation`: gripper left, right, object left, right."""
-
 
 def run_sweep(run: SweepRun, folder: Path, times: CpuTimes) -> dict[str, Any]:
     """Makes the trials of a sweep, and logs each into `folder`.
 
     At every value the agent is made afresh, and learns nothing. A trial is in view where its first
-    observation shows gripper and object to both cameras, whatever the agent then does.
+    observation shows all points to both cameras, whatever the agent then does.
 
     Args:
         run: The sweep.
@@ -38,7 +36,7 @@ def run_sweep(run: SweepRun, folder: Path, times: CpuTimes) -> dict[str, Any]:
             agent = agents.make(run.agent.name, env, seed=run.agent_seed, **settings)
             reached = 0
             for world, seed in enumerate(run.world_seeds):
-                in_view = _in_view(env.reset(seed=seed)[0])
+                in_view = _in_view(env, seed)
                 (record,) = evaluate(TimedPredictor(agent, times), env, trials=1, seed=seed)
                 log.write("sweep", 0, 0, record, world=world, value=float(value), in_view=in_view)
                 reached += record.rendezvous
@@ -48,5 +46,7 @@ def run_sweep(run: SweepRun, folder: Path, times: CpuTimes) -> dict[str, Any]:
     return {"privileged": list(privileged), "prior_knowledge": list(known)}
 
 
-def _in_view(observation: Mapping[str, Any]) -> bool:
-    return bool((observation["observation"][:_POINTS] > 0.5).all())
+def _in_view(env: gymnasium.Env[Any, Any], seed: int) -> bool:
+    env.reset(seed=seed)
+    unwrapped: Any = env.unwrapped
+    return bool(unwrapped.arms.delivered[1].all())

@@ -27,6 +27,7 @@ WHAT_MAKES_A_RESULT = (
     "agents",
     "configs/agents",
     "experiments/config/arms.py",
+    "experiments/config/environment.py",
     "experiments/config/model.py",
     "experiments/config/requirements.py",
     "experiments/config/schedule.py",

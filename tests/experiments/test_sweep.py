@@ -8,9 +8,10 @@ import pytest
 import scipy.stats
 
 from experiments.__main__ import main
+from experiments.config.environment import EnvironmentConfig
 from experiments.config.loading import load
 from experiments.config.requirements import requirements
-from experiments.config.suite import AgentConfig, EnvironmentConfig, Suite, SweepConfig
+from experiments.config.suite import AgentConfig, Suite, SweepConfig
 from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.sweep.estimates import points

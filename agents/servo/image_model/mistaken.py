@@ -39,26 +39,32 @@ def _mistaken(inverse: Array, sums: Array, seen: Flags) -> list[int]:
     left_out: list[int] = []
     staying = inverse, sums
     for _ in range(np.count_nonzero(seen) // 2):
-        odds = np.where(seen, _odds(*staying), -np.inf)
+        odds = np.where(seen, _odds(np.diagonal(staying[0]), staying[1]), -np.inf)
         odds[left_out] = -np.inf
         worst = int(odds.argmax())
         if odds[worst] < 0:
             break
         left_out.append(worst)
         staying = without(worst, *staying)
-    mistaken = []
-    for look in left_out:
-        known = inverse, sums
-        for other in left_out:
-            known = known if other == look else without(other, *known)
-        if _odds(*known)[look] > 0:
-            mistaken.append(look)
-    return mistaken
+    odds = odds_by_the_rest(left_out, inverse, sums)
+    return [look for look, each in zip(left_out, odds, strict=True) if each > 0]
 
 
-def _odds(inverse: Array, sums: Array) -> Array:
-    """The logarithms of the odds (n,) of each look to be mistaken, by the others."""
-    certain = np.maximum(np.diagonal(inverse), 1e-12)
+def odds_by_the_rest(left_out: list[int], inverse: Array, sums: Array) -> Array:
+    """The logarithms of the odds (k,) of looks to be mistaken, each by those that are not left out."""
+    among = np.linalg.inv(inverse[np.ix_(left_out, left_out)])
+    certain = 1 / np.diagonal(among)
+    return _odds(certain, certain[:, None] * (among @ sums[left_out]))
+
+
+def _odds(certain: Array, sums: Array) -> Array:
+    """The logarithms of the odds (n,) of each look to be mistaken, by the others.
+
+    Args:
+        certain: Inverse variances (n,) of looks, as the others tell them.
+        sums: Those times how far off they are (n, 2).
+    """
+    certain = np.maximum(certain, 1e-12)
     odds = np.square(sums).sum(1) / (2 * certain) + np.log(2 * np.pi / certain) + price()
     return np.asarray(odds)
 

@@ -9,16 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.base import Arms
+from calfree_gym.envs.arms.sight import Seen, sight_of
 from calfree_gym.envs.arms.state import RowState
 from calfree_gym.geometry import Array, Flags, Rows
-from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT, inside
+from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, PIXELS_PER_UNIT, inside
 from calfree_gym.robot.grasping.gripping_arm import GrippingArm
+from calfree_gym.robot.grasping.in_sight import InSight
 from calfree_gym.robot.grasping.jaws import STROKE
 from calfree_gym.robot.grasping.placing import Placed, Placing
 from calfree_gym.robot.grasping.shapes import ShapeChoice
 from calfree_gym.robot.grasping.simulation import OBJECT, POINTS, GraspSimulation
 from calfree_gym.tasks import grasp
-from calfree_gym.vision.measurement import MeasurementModel
+from calfree_gym.vision.tracking.grasp_tracker import GraspTracker
 from calfree_gym.world import World
 
 TABLE = np.array([[-0.32, 0.92], [-0.62, 0.62]])
@@ -46,6 +48,7 @@ class GraspingArms(Arms):
         shape: Of things, see `robot.grasping.shapes`.
         tolerance_px: Image distance within which an object is lifted to its place.
         threads: Threads of the simulation; they change no number.
+        observation, image_size: See `StereoArms`.
         camera_mount, keep_in_view, **shared: See `Arms`.
 
     Raises:
@@ -58,6 +61,7 @@ class GraspingArms(Arms):
         *Arms.state_names,
         *("jaws", "openings", "held", "goals", "forces", "lifted", "_placed", "_waited"),
     )
+    parts: ClassVar[tuple[str, ...]] = (*Arms.parts, "_sight")
 
     def __init__(
         self,
@@ -68,6 +72,8 @@ class GraspingArms(Arms):
         tolerance_px: float,
         shape: ShapeChoice,
         threads: int,
+        observation: str = "points",
+        image_size: int = IMAGE_SIZE,
         **shared: Any,
     ) -> None:
         robot = GrippingArm()
@@ -77,23 +83,26 @@ class GraspingArms(Arms):
             simulation, robot, points, camera_mount=camera_mount, keep_in_view=keep_in_view, **shared
         )
         self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
-        self._placing = Placing(robot, self._workspaces, self.motors, shape, keep_in_view)
-        self._measurement = MeasurementModel(rows, points)
+        self._sight = sight_of(self, observation, image_size, GraspTracker)
+        in_sight = InSight(simulation) if self._sight.renders else None
+        self._placing = Placing(robot, self._workspaces, self.motors, shape, keep_in_view, in_sight)
+        self._moved = np.zeros(rows, bool)
         self.jaws, self.openings = np.zeros(rows), np.ones(rows)
         self.held, self._waited = np.zeros(rows, bool), np.zeros(rows, bool)
         self.goals, self.forces, self.lifted = np.zeros((rows, 4)), np.zeros((rows, 2)), np.zeros(rows)
         self._placed: list[Placed | None] = [None] * rows
-        self.delivered = (self.points, self.visible, self.held)
+        self.delivered: Seen = (self.points, self.visible, self.held, *self._sight.images)
 
     def seed_streams(self, row: int, seed: int) -> None:
         """See `Arms`."""
         super().seed_streams(row, seed)
-        self._measurement.seed(row, seed)
+        self._sight.seed(row, seed)
 
     def enter(self, row: int, world: World) -> None:
         """See `Arms`: a thing keeps its shape, and gets the mass and the friction of the world."""
         super().enter(row, world)
-        self._measurement.set_world(row, world)
+        self._sight.set_world(row, world)
+        self._moved[row] = True
         if (placed := self._placed[row]) is not None:
             self._weigh(row, placed)
 
@@ -103,6 +112,7 @@ class GraspingArms(Arms):
         def serves(world: World) -> bool:
             self.motors.set_world(row, world)
             self._workspaces.set_world(row, world)
+            self.simulation.set_world(row, world)
             return self._placing.serves(row, world)
 
         return serves
@@ -126,6 +136,8 @@ class GraspingArms(Arms):
         """See `Arms`: the jaws are open."""
         self.jaws[rows], self.openings[rows], self.held[rows] = 0.0, 1.0, False
         self.forces[rows], self.lifted[rows], self._waited[rows] = 0.0, 0.0, False
+        self._sight.begin_trial(self._all[rows])
+        self._moved[rows] = True
 
     def execute(self, rows: Rows, words: Array) -> Array:
         """See `Arms`: with something between its jaws, an arm waits for a second after each motion.
@@ -134,6 +146,7 @@ class GraspingArms(Arms):
         """
         indices, simulation = self._all[rows], self.simulation
         words = np.atleast_2d(words)
+        self._moved[rows] = True
         before = self.motors.positions(self.registers[rows], rows)
         joints = self.targets(rows, words[:, :-1])
         seconds = simulation.travel(rows, joints)
@@ -167,7 +180,8 @@ class GraspingArms(Arms):
         true, shown = self._workspaces.cameras.through_lens(pixels)
         visible = shown & (depth > 0) & inside(true)
         self.true_points = true
-        seen, now_visible = self._measurement.measure(true, visible, self.trials, self.motions_of_trial)
+        seen, now_visible, *images = self._sight.look(true, visible, self._moved)
+        self._moved[:] = False
         before, both = self.points, self.visible & now_visible
         self.visible = now_visible
         self.points = np.where(now_visible[:, :, None], seen, before)
@@ -179,7 +193,9 @@ class GraspingArms(Arms):
             way[:, HELD],
             np.asarray(both[:, (*GRIPPER, *HELD)].all(1)),
         )
-        self.delivered = self._latency.deliver(self.motions_of_trial, self.points, self.visible, self.held)
+        self.delivered = self._latency.deliver(
+            self.motions_of_trial, self.points, self.visible, self.held, *images
+        )
 
     def set_state(self, row: int, state: RowState) -> None:
         """See `Arms`."""
@@ -207,4 +223,5 @@ class GraspingArms(Arms):
         return np.asarray(PIXELS_PER_UNIT * np.sqrt(np.square(away).sum(-1)).max(1))
 
     def close(self) -> None:
-        """See `Arms`: it renders nothing."""
+        """See `Arms`."""
+        self._sight.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -13,18 +14,21 @@ from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.streams import MotionNumbers
 from calfree_gym.vision.image_formation import ImageFormation
 from calfree_gym.vision.measurement import MeasurementModel
-from calfree_gym.vision.tracking.tracker import StereoTracker
 from calfree_gym.world import World
 
 if TYPE_CHECKING:
-    from calfree_gym.envs.arms.stereo_arms import StereoArms
+    from calfree_gym.envs.arms.base import Arms
+    from calfree_gym.vision.tracking.grasp_tracker import GraspTracker
+    from calfree_gym.vision.tracking.tracker import StereoTracker
+
+    Tracker = StereoTracker | GraspTracker
 
 SHADOWS_FROM = 256
 """Images of fewer pixels have no shadows. Choice: those who ask for small images want them fast, and shadows
 take two thirds of their time."""
 
 Seen = tuple[NDArray[Any], ...]
-"""Points (N, 4, 2), which of them were seen (N, 4), and images, where they are delivered."""
+"""Points (N, p, 2), which of them were seen (N, p), and images, where they are delivered."""
 
 
 class Sight:
@@ -44,9 +48,9 @@ class Sight:
     state_names: ClassVar[tuple[str, ...]] = ()
     images: tuple[NDArray[Any], ...] = ()
 
-    def __init__(self, arms: StereoArms) -> None:
+    def __init__(self, arms: Arms) -> None:
         self._arms = arms
-        self._measurement = MeasurementModel(arms.rows)
+        self._measurement = MeasurementModel(*arms.visible.shape)
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`."""
@@ -63,8 +67,8 @@ class Sight:
         """What is seen.
 
         Args:
-            true: Where noise-free cameras would see the points (N, 4, 2).
-            visible: Which of them are in the images, and nothing hides them (N, 4).
+            true: Where noise-free cameras would see the points (N, p, 2).
+            visible: Which of them are in the images, and nothing hides them (N, p).
             moved: Where anything has moved (N,) since the last look.
         """
         arms = self._arms
@@ -88,7 +92,7 @@ class RenderedSight(Sight):
     renders = True
     state_names: ClassVar[tuple[str, ...]] = ("_images",)
 
-    def __init__(self, arms: StereoArms, size: int, depth: bool = False) -> None:
+    def __init__(self, arms: Arms, size: int, depth: bool = False) -> None:
         super().__init__(arms)
         self._size, self._depth = size, depth
         shape = (arms.rows, 2, size, size)
@@ -132,17 +136,21 @@ class RenderedSight(Sight):
 
 
 class TrackedSight(RenderedSight):
-    """Points that a tracker finds in images of 512 x 512 pixels."""
+    """Points that a tracker finds in images of 512 x 512 pixels.
+
+    Args:
+        arms: The arms.
+        tracker: Makes a tracker for one row.
+    """
 
     finds = True
     state_names = ("_trackers", "_points", "_visible")
 
-    def __init__(self, arms: StereoArms) -> None:
+    def __init__(self, arms: Arms, tracker: Callable[[], Tracker]) -> None:
         super().__init__(arms, IMAGE_SIZE)
         self.images = ()
-        self._trackers = [StereoTracker() for _ in range(arms.rows)]
-        self._points = np.zeros((arms.rows, 4, 2))
-        self._visible = np.zeros((arms.rows, 4), bool)
+        self._trackers = [tracker() for _ in range(arms.rows)]
+        self._points, self._visible = np.zeros_like(arms.points), np.zeros_like(arms.visible)
 
     def begin_trial(self, rows: NDArray[np.intp]) -> None:
         """See `Sight`: what was tracked before is forgotten."""
@@ -158,10 +166,10 @@ class TrackedSight(RenderedSight):
         return self._points.copy(), self._visible.copy()
 
 
-def sight_of(arms: StereoArms, observation: str, image_size: int) -> Sight:
-    """What an observation of that name needs."""
+def sight_of(arms: Arms, observation: str, image_size: int, tracker: Callable[[], Tracker]) -> Sight:
+    """What an observation of that name needs; `tracker` makes one for what is to be found in images."""
     if observation == "points":
         return Sight(arms)
     if observation == "vision":
-        return TrackedSight(arms)
+        return TrackedSight(arms, tracker)
     return RenderedSight(arms, image_size, depth=observation == "depth")

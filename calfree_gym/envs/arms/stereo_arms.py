@@ -20,6 +20,7 @@ from calfree_gym.robot.line_of_sight import LinesOfSight
 from calfree_gym.robot.objects import ObjectDraws
 from calfree_gym.robot.reach_simulation import ReachSimulation
 from calfree_gym.tasks import reach
+from calfree_gym.vision.tracking.tracker import StereoTracker
 from calfree_gym.world import World
 
 
@@ -63,7 +64,7 @@ class StereoArms(Arms):
         simulation = ReachSimulation(rows, robot, robot.mounts(camera_mount), dynamics, threads)
         super().__init__(simulation, robot, 4, camera_mount=camera_mount, keep_in_view=keep_in_view, **shared)
         self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
-        self._sight = sight_of(self, observation, image_size)
+        self._sight = sight_of(self, observation, image_size, StereoTracker)
         self.delivered: Seen = (self.points, self.visible, *self._sight.images)
         self._lines: LinesOfSight | None = None
         if occlusion or self._sight.renders:

@@ -13,6 +13,7 @@ from calfree_gym.robot.arms.movemaster import COVERS, GRIPPER_POINT, Movemaster
 from calfree_gym.robot.arms.robot import Mounts, Scene
 from calfree_gym.robot.arms.scene import add_rig, add_surroundings
 from calfree_gym.robot.grasping.jaws import JAWS, STROKE, add_gripper, add_surfaces
+from calfree_gym.robot.grasping.marks import add_marks
 
 MOTORS: tuple[str, ...] = (*Movemaster.motors, "wrist_turn")
 TURN = 3.5
@@ -101,6 +102,7 @@ class GrippingArm(Movemaster):
             servo.forcelimited, servo.forcerange = True, [-torque, torque]
         add_gripper(spec, spec.body("gripper"), GRIPPER_POINT)
         add_surfaces(spec)
+        add_marks(spec, ("object_1", "object_2"))
         add_rig(spec, mounts)
         add_surroundings(spec)
         _add_sensors(spec)

@@ -22,11 +22,15 @@ SPRING = 3_000.0
 JAWS = ("jaw_1", "jaw_2")
 BEYOND = 0.006
 """The pads end so far beyond the gripper point (m)."""
-AXIS = 0.095
-"""From the gripper point back to the mark at the gripper's base (m): the jaws' opening, and a little."""
+RAIL, SLIDES = 0.088, 0.096
+"""From the hand to the middle of the rail, the gripper's base, and to where jaws slide on it (m)."""
+FINGERS = 0.126
+"""From the hand to the middle of the jaws' upper ends (m)."""
+AXIS = 0.092
+"""From the gripper point back to the gripper's base (m): the jaws' opening, and a little."""
 PAD = np.array([0.020, 0.016, 0.004])
 """Half of a pad's length along the gripper's axis, of its width, and of its thickness (m)."""
-EDGE = 0.022
+EDGE = 0.045
 """From the gripper's axis to each of its edges' marks (m)."""
 _GRIPPER, _SURFACES = 2, 1
 """Bits of what touches: the gripper touches surfaces, and not itself."""
@@ -58,10 +62,10 @@ def add_gripper(spec: Any, hand: Any, point: Array) -> None:
         range=[-GIVES_WAY, 0.005],
     )
     _add_box(palm, "palm_block", [0.045, 0, 0], [0.035, 0.024, 0.032], 0.3)
-    _add_box(palm, "palm_rail", [0.088, 0, 0], [0.008, 0.018, 0.055], 0.1)
+    _add_box(palm, "palm_rail", [RAIL, 0, 0], [0.008, 0.018, 0.055], 0.1)
     tip = point[0] + BEYOND
     for name, side in zip(JAWS, (1, -1), strict=True):
-        jaw = palm.add_body(plain, name=name, pos=[0.096, 0, 0], gravcomp=1)
+        jaw = palm.add_body(plain, name=name, pos=[SLIDES, 0, 0], gravcomp=1)
         jaw.add_joint(
             plain,
             name=name,
@@ -70,16 +74,16 @@ def add_gripper(spec: Any, hand: Any, point: Array) -> None:
             armature=0.2,
             damping=20,
         )
-        length = tip - 0.096
+        length = tip - SLIDES
         finger, pad = length / 2, length - PAD[0]
         _add_box(jaw, f"{name}_finger", [finger, 0, side * 0.012], [finger, 0.008, 0.004], 0.05)
         box = _add_box(jaw, f"{name}_pad", [pad, 0, side * PAD[2]], PAD, 0.05)
         box.condim, box.priority = 4, 1
-        jaw.add_site(plain, name=f"{name}_tip", pos=[length, 0, side * PAD[2]], rgba=[0] * 4)
+        jaw.add_site(plain, name=f"{name}_tip", pos=[pad, 0, side * 2 * PAD[2]], rgba=[0] * 4)
     palm.add_site(plain, name="gripper_point", pos=point, rgba=[0] * 4)
     palm.add_site(plain, name="gripper_base", pos=point - [AXIS, 0, 0], rgba=[0] * 4)
     for i, side in enumerate((1, -1)):
-        palm.add_site(plain, name=f"edge_{i + 1}", pos=[0.096, side * EDGE, 0], rgba=[0] * 4)
+        palm.add_site(plain, name=f"edge_{i + 1}", pos=[RAIL, side * EDGE, 0], rgba=[0] * 4)
     equality = spec.add_equality(
         plain,
         name="jaws",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.robot.arms.movemaster import DISTANCE, LIMIT_MARGIN, WAIST
 from calfree_gym.robot.grasping.gripping_arm import GrippingArm
+from calfree_gym.robot.grasping.in_sight import InSight
 from calfree_gym.robot.grasping.jaws import AXIS
 from calfree_gym.robot.grasping.shapes import ShapeChoice, Thing, draw_thing
 from calfree_gym.robot.motors import MotorMap
@@ -30,6 +32,8 @@ BASE = 0.16
 
 LEAST_GRASPABLE = 0.2
 """Of the places on the table, so many must be graspable in a world that is drawn."""
+LEAST_SHARE = 0.5
+"""Of a thing that must be in sight with the gripper before it. Choice: from home all of it was seen."""
 
 
 class Placed(NamedTuple):
@@ -55,6 +59,7 @@ class Placing:
         motors: Of the N arms.
         shape: Of the things.
         keep_in_view: Whether both cameras must see them.
+        in_sight: Tells what hides them, where that matters.
     """
 
     def __init__(
@@ -64,9 +69,11 @@ class Placing:
         motors: MotorMap,
         shape: ShapeChoice,
         keep_in_view: bool,
+        in_sight: InSight | None,
     ) -> None:
         self._robot, self._workspaces, self._motors = robot, workspaces, motors
         self._shape, self._keep_in_view = shape, keep_in_view
+        self._in_sight = in_sight if keep_in_view else None
 
     def draw(self, row: int, seed: int, trial: int, world: World) -> Placed:
         """What the trial of a row begins with.
@@ -77,12 +84,12 @@ class Placing:
         thing = draw_thing(self._shape, stream(seed, "thing", trial))
         for block in range(ATTEMPTS):
             poses = _poses(stream(seed, "place", trial, block).random((BLOCK, 3)), thing.height)
-            graspable = self.graspable(row, world, thing, poses)
-            if graspable.any():
-                return Placed(thing, poses[graspable.argmax()], self._goal(row, seed, trial))
+            for pose in self._graspable(row, world, thing, poses):
+                return Placed(thing, pose, self._goal(row, seed, trial))
+        hidden = "" if self._in_sight is None else ", hidden by nothing"
         raise ValueError(
             f"no {thing.shape} in {ATTEMPTS * BLOCK} drawn places can be reached and is in view of both "
-            f"cameras, in row {row}, trial {trial}: see its world"
+            f"cameras{hidden}, in row {row}, trial {trial}: see its world"
         )
 
     def given(self, row: int, seed: int, trial: int, world: World, place: Array) -> Placed:
@@ -99,7 +106,7 @@ class Placing:
             raise ValueError(
                 f"{where} is inside the arm: {near:.2f} m from the waist; it must be {BASE} m or more"
             )
-        reached, _ = self._judged(row, world, thing, pose[None])
+        reached, _, _ = self._judged(row, world, thing, pose[None])
         if not reached[0]:
             raise ValueError(
                 f"{where} is out of reach in this world: things can be grasped about {DISTANCE[0]} to "
@@ -109,20 +116,33 @@ class Placing:
 
     def serves(self, row: int, world: World) -> bool:
         """Whether enough of the table is graspable in a world, into which the row is put."""
+        if self._in_sight is not None and not self._in_sight.gripper(row, self._home(row)):
+            return False
         thing = draw_thing("sphere", np.random.default_rng(0))
         poses = _poses(np.random.default_rng(0).random((CHECKED, 3)), thing.height)
-        return bool(self.graspable(row, world, thing, poses).mean() >= LEAST_GRASPABLE)
+        return len(list(self._graspable(row, world, thing, poses))) >= LEAST_GRASPABLE * CHECKED
 
-    def graspable(self, row: int, world: World, thing: Thing, poses: Array) -> Flags:
-        """At which poses (k, 4) a thing can be grasped from above, and is seen from home and from there."""
-        reached, seen = self._judged(row, world, thing, poses)
-        return reached & seen if self._keep_in_view else reached
+    def _graspable(self, row: int, world: World, thing: Thing, poses: Array) -> Iterator[Array]:
+        """Those poses (4,) of (k, 4) at which a thing can be grasped from above, and is seen before."""
+        reached, seen, before = self._judged(row, world, thing, poses)
+        if not self._keep_in_view:
+            seen[:] = True
+        for i in np.flatnonzero(reached & seen):
+            if self._in_sight is None or (
+                self._in_sight.thing(row, thing, poses[i], self._home(row)) == 1
+                and self._in_sight.thing(row, thing, poses[i], before[i]) >= LEAST_SHARE
+            ):
+                yield poses[i]
 
-    def _judged(self, row: int, world: World, thing: Thing, poses: Array) -> tuple[Flags, Flags]:
-        """Which poses (k, 4) the gripper reaches, from one length before them on; and which are seen."""
+    def _home(self, row: int) -> Array:
+        """Joints (j,) at home."""
+        return self._motors.joints(np.zeros((1, len(self._robot.motors))), np.array([row]))[0]
+
+    def _judged(self, row: int, world: World, thing: Thing, poses: Array) -> tuple[Flags, Flags, Array]:
+        """Which poses (k, 4) the gripper reaches, and which are seen; and joints (k, j) one length before."""
         robot, rows = self._robot, np.full(len(poses), row)
         rest = robot.rest(world.joint_zeros)
-        places, home = poses[:, :3], self._motors.joints(np.zeros((1, len(robot.motors))), rows[:1])
+        places, home = poses[:, :3], self._home(row)[None]
         c, s, o = np.cos(poses[:, 3]), np.sin(poses[:, 3]), np.zeros(len(poses))
         ahead = np.column_stack([c, s, o]) * thing.axis[0] + np.array([0.0, 0.0, thing.axis[2]])
         seen, reached = np.ones(len(poses), bool), np.ones(len(poses), bool)
@@ -141,7 +161,7 @@ class Placing:
             for point in (places, there, there - AXIS * axis):
                 seen &= self._workspaces.images(point, angles, rows)[1]
             back = -AXIS * axis
-        return reached, seen
+        return reached, seen, angles
 
     def _goal(self, row: int, seed: int, trial: int) -> Array:
         """An image point (4,) of the gripper above the table."""

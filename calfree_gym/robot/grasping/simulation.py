@@ -80,7 +80,7 @@ class GraspSimulation(Simulation):
         self._focal = np.ones((rows, 2, 1))
         self._site = [model.site(name).id for name in POINTS]
         self._jaw = int(model.joint(JAWS[0]).qposadr[0])
-        self._jaws = [int(model.joint(name).qposadr[0]) for name in JAWS]
+        self._gripper = [int(model.joint(name).qposadr[0]) for name in (*JAWS, "wrist_spring")]
         self._free = int(model.joint("object").qposadr[0])
         self._body = int(model.body("object").id)
         self._dof = int(model.joint("object").dofadr[0])
@@ -208,12 +208,13 @@ class GraspSimulation(Simulation):
         return self._sites[:, self._site[0]].copy(), self._sites[:, self._site[OBJECT]].copy()
 
     def show_object(self, row: int, picture: Picture, object_: Array | None) -> None:
-        """See `Simulation`."""
+        """See `Simulation`: where it would be, the gripper is open and unloaded."""
         model, data = picture
         for name, values in self._fields.items():
             getattr(model, name)[:] = values[row]
         model.geom_rgba[self._geoms, 3] = self._fields["geom_contype"][row, self._geoms]
         if object_ is not None:
+            data.qpos[self._gripper] = self._scene.home[self._gripper]
             data.qpos[self._free : self._free + 3] = object_
 
 

@@ -83,8 +83,8 @@ def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
     clear = min((area / np.pi) ** 0.5 / CLEAR_RADIUS, 1.0)
     if area < np.pi * least**2 or contrast < LEAST_CONTRAST * clear:
         return None
-    colour = _covered(blob, shares)
-    if not _has_colour(colour, mark, float(np.interp(clear, (0.5, 1), BALL_SATURATION))):
+    colour = covered(blob, shares)
+    if not has_colour(colour, mark, float(np.interp(clear, (0.5, 1), BALL_SATURATION))):
         return None
     rows, columns = np.indices(shares.shape)
     centroid = np.array([(shares * columns).sum(), (shares * rows).sum()]) / area
@@ -107,14 +107,14 @@ def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
     return Ball(centre, disc, circle.roundness, seen)
 
 
-def _covered(blob: Blob, shares: Opacity) -> NDArray[np.float64]:
+def covered(blob: Blob, shares: Opacity) -> NDArray[np.float64]:
     """Mean colour (3,) of the pixels that the blob covers."""
     mean: NDArray[np.float64] = blob.window[shares > min(0.9, 0.9 * float(shares.max()))].mean(0)
     return mean
 
 
-def _has_colour(colour: NDArray[np.float64], mark: Mark, saturation_share: float) -> bool:
-    """Whether a colour (3,) is the mark's."""
+def has_colour(colour: NDArray[np.float64], mark: Mark, saturation_share: float) -> bool:
+    """Whether a colour (3,) is the mark's, and has this share of its saturation."""
     hue, saturation = hues_and_saturations(colour)
     fits = hue_gap(float(hue), mark.hue) <= mark.hue_tolerance
     return bool(fits and saturation >= saturation_share * mark.saturation)

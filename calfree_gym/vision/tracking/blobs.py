@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calfree_gym.vision.marks import MARK_NAMES
 from calfree_gym.vision.tracking.colours import ColourTable, Image
 
 COARSE_SIZE = 256
@@ -39,8 +38,14 @@ class Blob:
     mask: Image
 
 
-def find_blobs(image: Image, table: ColourTable) -> dict[str, list[Blob]]:
-    """The blobs of each mark's colour in an image (h, w, 3), the largest first."""
+def find_blobs(image: Image, table: ColourTable, largest: float = LARGEST_BLOB) -> dict[str, list[Blob]]:
+    """The blobs of each mark's colour in an image, the largest first.
+
+    Args:
+        image: (h, w, 3).
+        table: Of the marks' colours.
+        largest: Width or height of a blob at most, as a share of the image's.
+    """
     height, width = image.shape[:2]
     factor = max(1, min(height, width) // COARSE_SIZE)
     size = (width // factor, height // factor)
@@ -48,13 +53,13 @@ def find_blobs(image: Image, table: ColourTable) -> dict[str, list[Blob]]:
     codes = table.look_up(cv2.GaussianBlur(coarse, (3, 3), 0.6))
     scale = (width / size[0], height / size[1])
     return {
-        name: list(_blobs(image, cv2.inRange(codes, code, code), table, code, scale))
-        for code, name in enumerate(MARK_NAMES, 1)
+        name: list(_blobs(image, cv2.inRange(codes, code, code), table, code, scale, largest))
+        for code, name in enumerate(table.names, 1)
     }
 
 
 def _blobs(
-    image: Image, found: Image, table: ColourTable, code: int, scale: tuple[float, float]
+    image: Image, found: Image, table: ColourTable, code: int, scale: tuple[float, float], largest: float
 ) -> Iterator[Blob]:
     left, top, width, height = cv2.boundingRect(found)
     if width == 0:
@@ -62,8 +67,8 @@ def _blobs(
     part = found[top : top + height, left : left + width]
     part = cv2.morphologyEx(part, cv2.MORPH_CLOSE, _SQUARE)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(part)
-    largest = LARGEST_BLOB * min(found.shape)
-    small = [i for i in range(1, len(stats)) if max(stats[i, 2], stats[i, 3]) <= largest]
+    most = largest * min(found.shape)
+    small = [i for i in range(1, len(stats)) if max(stats[i, 2], stats[i, 3]) <= most]
     for i in sorted(small, key=lambda i: -stats[i, cv2.CC_STAT_AREA])[:CANDIDATES]:
         x, y, w, h = (int(v) for v in stats[i, :4])
         shape = labels[y : y + h, x : x + w] == i

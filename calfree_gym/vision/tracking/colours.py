@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.vision.marks import MARK_NAMES, Marks
+from calfree_gym.vision.marks import MarkSet
 
 Image = NDArray[Any]
 """uint8: RGB (h, w, 3), or one channel (h, w)."""
@@ -34,10 +34,15 @@ def hues_and_saturations(rgb: NDArray[Any]) -> tuple[NDArray[np.float64], NDArra
 
 
 class ColourTable:
-    """Gives colours their mark by a table of 2^16 colours, five or six bits a channel."""
+    """Gives colours their mark by a table of 2^16 colours, five or six bits a channel.
 
-    def __init__(self, marks: Marks) -> None:
-        self._marks = [getattr(marks, name) for name in MARK_NAMES]
+    Attributes:
+        names: Of the marks.
+    """
+
+    def __init__(self, marks: MarkSet) -> None:
+        self.names = marks.names()
+        self._marks = [getattr(marks, name) for name in self.names]
         code = np.arange(1 << 16)
         channels = np.stack([code >> 11, code >> 5 & 63, code & 31], -1)
         self._table = self.marks_of((channels + 0.5) * [8, 4, 8])

@@ -7,7 +7,8 @@ import pandas as pd
 
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from experiments.config.arms import as_told
-from experiments.config.suite import EnvironmentConfig, ScenarioConfig
+from experiments.config.environment import EnvironmentConfig
+from experiments.config.suite import ScenarioConfig
 from experiments.reporting.by_arm.figure import arms_figure
 from experiments.reporting.by_trial.estimates import COARSE, blocks, edges_of
 from experiments.reporting.by_trial.figure import span

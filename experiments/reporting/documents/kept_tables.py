@@ -10,8 +10,9 @@ import pandas as pd
 
 import agents
 from calfree_gym.errors import near_misses
+from experiments.config.environment import EnvironmentConfig
 from experiments.config.requirements import requirements
-from experiments.config.suite import AgentConfig, EnvironmentConfig
+from experiments.config.suite import AgentConfig
 from experiments.errors import ConfigError
 from experiments.reporting.by_arm.section import BY_ARM, arms_table
 from experiments.reporting.claims.section import claims_section, verdict_table

@@ -3,17 +3,29 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import agents
 from agents.grasp.intermediate import target
 from agents.grasp.observation import ARM, GraspObservation
 from agents.grasp.orientation import turn_needed
+from agents.grasp.trial import TurnRate
 from agents.servo.trial import Stops
+from calfree_gym.envs.rendering.gl import gl_context
 from calfree_gym.robot.grasping.jaws import AXIS
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 from experiments.evaluation import evaluate
 
 GRASP = "CalFree/Grasp-v0"
+
+
+@pytest.fixture
+def opengl():
+    try:
+        gl_context(16).free()
+    except gym.error.DependencyNotInstalled as error:
+        pytest.skip(str(error))
 
 
 def looked(env, seed, **options):
@@ -29,6 +41,25 @@ def test_it_grasps_in_worlds_that_it_has_not_seen(mount):
         records += evaluate(agents.make("grasp", env), env, trials=1, seed=700 + seed)
     assert sum(record.success for record in records) >= 9
     assert np.median([record.motions for record in records]) <= 20
+
+
+def test_it_grasps_what_it_sees(opengl):
+    env = gym.make(GRASP, shape="bar", camera_mount="stand", observation="vision")
+    agent = agents.make("grasp", env, knowledge=None)
+    records = [evaluate(agent, env, trials=1, seed=710 + seed)[0] for seed in range(3)]
+    env.close()
+    assert sum(record.success for record in records) >= 2
+
+
+@given(st.floats(1.0, 7.0), st.sampled_from([-1, 1]), st.lists(st.floats(0.3, 1.0), min_size=3, max_size=8))
+def test_the_rate_of_turning_is_told_though_half_turns_look_alike(rate, sign, shares):
+    """Each word is a share of the longest that is allowed; angles are known up to half turns."""
+    known = TurnRate()
+    for place, share in enumerate(shares):
+        word = share * known.longest * (-1) ** place if known.known else 0.1
+        turned = sign * rate * word
+        known.learn(word, (turned + np.pi / 2) % np.pi - np.pi / 2)
+    assert known.value == pytest.approx(sign * rate)
 
 
 def test_with_memory_it_needs_fewer_motions():
@@ -56,7 +87,7 @@ def test_the_intermediate_position_is_one_gripper_length_before_the_object():
     rest = arms.robot.rest(arms.world(0).joint_zeros)
     registers = arms.motors.registers(arms.robot.positions_at(at, rest, arms.world(0).link_lengths)[0], 0)
     env.step(np.append(registers, 0).astype(np.float32))
-    env.arms._measurement._noise[:] = 0
+    env.arms._sight._measurement._noise[:] = 0
     observation, *_ = env.step(np.zeros(5, np.float32))
     now = GraspObservation.of(observation)
     along, seen = target("along_axis", now, 1.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.servo.image_model.mistaken import right_looks, without_mistaken
+from agents.servo.image_model.mistaken import odds_by_the_rest, price, right_looks, without_mistaken
 from agents.servo.image_model.smooth_function import SmoothFunction
 from calfree_gym.image import IMAGE_UNIT
 
@@ -62,3 +62,25 @@ def test_what_was_not_seen_is_not_mistaken():
     function = looked(places, points)
     missed = function.with_look(places[0] + 0.01, points[0] + 9.0, NOISE**2, ~SEEN)
     assert right_looks(missed)[-1].all()
+
+
+def test_each_is_judged_by_those_that_stay():
+    """As by leaving out all others, one after the other."""
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        places = rng.uniform(-1, 1, (rng.integers(6, 30), 3))
+        away = np.square(places[:, None] - places).sum(-1)
+        covariance = np.exp(-away) + 1e-5 * np.eye(len(places))
+        seen = np.linalg.cholesky(covariance) @ rng.normal(size=(len(places), 2))
+        wrong = rng.random(len(places)) < 0.3
+        seen[wrong] += rng.normal(scale=0.5, size=(np.count_nonzero(wrong), 2))
+        left_out = rng.permutation(len(places))[: len(places) // 2].tolist()
+        inverse = np.linalg.inv(covariance)
+        for look, odds in zip(left_out, odds_by_the_rest(left_out, inverse, inverse @ seen), strict=True):
+            rest = [each for each in range(len(places)) if each not in left_out]
+            told = covariance[look, rest] @ np.linalg.inv(covariance[np.ix_(rest, rest)])
+            variance = covariance[look, look] - told @ covariance[rest, look]
+            off = np.square(seen[look] - told @ seen[rest]).sum()
+            assert odds == pytest.approx(
+                off / (2 * variance) + np.log(2 * np.pi * variance) + price(), rel=1e-4
+            )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import calfree_gym
+from calfree_gym.envs.rendering.gl import gl_context
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 
 GRASP = "CalFree/Grasp-v0"
@@ -104,6 +105,28 @@ def test_many_arms_are_as_one():
             assert reward == rewards[i]
             for key in alone:
                 np.testing.assert_array_equal(alone[key], observations[key][i])
+
+
+def test_what_is_seen_follows_from_the_row_alone_and_lies_in_its_space():
+    try:
+        gl_context(16).free()
+    except gym.error.DependencyNotInstalled as error:
+        pytest.skip(str(error))
+    envs = gym.make_vec(GRASP, num_envs=2, observation="vision", camera_mount="stand")
+    alone = gym.make(GRASP, observation="vision", camera_mount="stand")
+    batched, _ = envs.reset(seed=15)
+    observation, _ = alone.reset(seed=16)
+    for _ in range(3):
+        assert alone.observation_space.contains(observation)
+        for key, value in observation.items():
+            np.testing.assert_array_equal(value, batched[key][1])
+        words = np.full((2, 5), 0.1, np.float32)
+        batched, observation = envs.step(words)[0], alone.step(words[1])[0]
+    true = alone.unwrapped.arms.true_points[0]
+    found = alone.unwrapped.arms.points[0]
+    assert np.abs(found - true).max() > 0, "it is found, not projected"
+    envs.close()
+    alone.close()
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])

@@ -265,7 +265,8 @@ def test_the_circle_of_a_disc_that_is_cut_is_the_discs(angle, cut, radius, stret
     disc = (start + reach[:, None] * rays) * radius
     points = disc + np.outer(disc @ axis, (stretch - 1) * axis) + [50.0, 70.0]
     circle = fit_circle(points, axis, 46.0)
-    limit = 0.06 if stretch == 1 else 0.35  # which stretch it has, a part of it does not tell
+    # which stretch it has, a part of it does not tell: 0.38 in the worst of 15,000 on a grid
+    limit = 0.06 if stretch == 1 else 0.4
     assert np.hypot(*(circle.centre - [50, 70])) < 0.3 + limit * radius
     assert circle.roundness > 0.3
 
@@ -312,6 +313,7 @@ def test_the_tracker_needs_no_mujoco():
         "typing",
         "dataclasses",
         "collections.abc",
+        "itertools",
         "pathlib",
         "types",
         "argparse",

@@ -45,6 +45,8 @@ ENV = ("scenarios", 0, "env")
         ((*ENV, "camera_mount"), "wrist", "scenarios.0.env.camera_mount", "allowed: waist, stand"),
         ((*ENV, "world"), "wilt", "scenarios.0.env.world", "did you mean wild?"),
         ((*ENV, "id"), "CalFree/Reach-v9", "scenarios.0.env.id", "CalFree/Reach-v0"),
+        ((*ENV, "shape"), "bar", "scenarios.0.env", "shape is of grasping"),
+        ((*ENV, "id"), "CalFree/Grasp-v0", "scenarios.0.env", "dynamics is of reaching"),
         ((*ENV, "dynamics"), "magic", "scenarios.0.env.dynamics", "'physics' or 'kinematic'"),
         ((*ENV, "tolerance_px"), -1.0, "scenarios.0.env.tolerance_px", "greater than 0"),
         ((*ENV, "tolerance_px"), 900.0, "scenarios.0.env.tolerance_px", "less than 512"),
@@ -87,6 +89,28 @@ def test_errors_say_where_what_and_what_else(suite_data, write_config, path, val
     assert str(config) in str(error.value)
     assert f"\n  {where}" in str(error.value)
     assert said in str(error.value)
+
+
+def test_grasping_has_a_tolerance_of_its_own_and_nothing_of_reaching(suite_data, write_config):
+    env = {"id": "CalFree/Grasp-v0", "world": "wild", "shape": "bar"}
+    suite_data["scenarios"][0]["env"] = env
+    suite_data["agents"] = ["random", "grasp"]
+    suite = load(write_config(suite_data))
+    assert suite.scenarios[0].env.tolerance_px == 24
+    made = suite.scenarios[0].env.make()
+    assert made.unwrapped.tolerance_px == 24
+    made.close()
+    suite_data["agents"] = ["unified_servo"]
+    with pytest.raises(
+        ConfigError, match="'unified_servo' cannot grasp, as 'aimed' asks; allowed: random, gr"
+    ):
+        load(write_config(suite_data))
+    suite_data["scenarios"][0]["env"] = env | {"shape": "ball"}
+    with pytest.raises(ConfigError, match=r"scenarios\.0\.env\.shape: .*'ball'"):
+        load(write_config(suite_data))
+    suite_data["scenarios"][0]["env"] = env | {"dynamics": "kinematic"}
+    with pytest.raises(ConfigError, match="dynamics is of reaching"):
+        load(write_config(suite_data))
 
 
 def test_one_wrong_key_is_one_error(suite_data, write_config):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from experiments.config.suite import EnvironmentConfig, Suite
+from experiments.config.environment import EnvironmentConfig
+from experiments.config.suite import Suite
 from experiments.evaluation import TrialRecord
 from experiments.running import worker
 from experiments.running.cpu_time import CpuTimes

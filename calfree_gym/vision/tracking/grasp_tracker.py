@@ -1,0 +1,135 @@
+"""A gripper that grasps, and an object of one colour, in two images."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.image import CAMERAS
+from calfree_gym.vision.marks import GraspMarks
+from calfree_gym.vision.tracking.blobs import find_blobs
+from calfree_gym.vision.tracking.colours import ColourTable, Image
+from calfree_gym.vision.tracking.gripper_fit import GripperLayout, fit_gripper
+from calfree_gym.vision.tracking.outline import Array
+from calfree_gym.vision.tracking.parts import Part, find_parts, whole
+from calfree_gym.vision.tracking.tracker import check_image
+
+POINTS = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
+"""What is found, in the order of the points."""
+LEAST_SEEN = 0.25
+"""What shows less of a mark than this share of what was seen of it in any of the last looks is not taken for
+it. Choice: seams where other marks meet have their hues, and are thin."""
+LOOKS = 3
+"""So many looks count: what goes on to show less is farther away now. Choice."""
+LARGEST = 0.5
+"""Width or height of an object as a share of the image's. Choice: it must be seen whole at first."""
+_TIP, _BASE, _JAW_1, _JAW_2, _EDGE_1, _EDGE_2, _OBJECT, _END_1, _END_2 = range(len(POINTS))
+_GRIPPER = slice(_OBJECT)
+
+
+class GraspTracker:
+    """Finds the points of a gripper and an object in pairs of images.
+
+    Args:
+        marks: Colours of their parts.
+        layout: Where they are on the gripper. The default suits the simulator's.
+    """
+
+    def __init__(self, marks: GraspMarks | None = None, layout: GripperLayout | None = None) -> None:
+        if marks is not None and not isinstance(marks, GraspMarks):
+            raise ValueError(f"marks must be GraspMarks; found {marks!r}")
+        self.marks, self._layout = marks or GraspMarks(), layout or GripperLayout()
+        self._table = ColourTable(self.marks)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets all images: what was never seen stands at the centre."""
+        self._points = np.zeros((len(POINTS), 2, 2))
+        self._areas: list[dict[str, tuple[float, ...]]] = [{} for _ in CAMERAS]
+        self._directions: list[Array | None] = [None for _ in CAMERAS]
+
+    def copy(self) -> GraspTracker:
+        """One that remembers the same, and goes on by itself."""
+        other = copy.copy(self)
+        other._points, other._areas = self._points.copy(), [dict(areas) for areas in self._areas]
+        other._directions = list(self._directions)
+        return other
+
+    def __call__(self, left: Image, right: Image) -> tuple[Array, NDArray[np.bool_]]:
+        """The points in a pair of images, and which of them are seen.
+
+        Args:
+            left: RGB (h, w, 3), uint8, of any size.
+            right: As `left`; it may have another size.
+
+        Returns:
+            Image points (18, 2), left and right of each of `POINTS`; and flags (18,). A point that is not
+            seen stands where it was seen last, at first at the centre.
+
+        Raises:
+            ValueError: An image is no such array.
+        """
+        for name, image in zip(CAMERAS, (left, right), strict=True):
+            check_image(name, image)
+        visible = np.zeros((len(POINTS), 2), bool)
+        axes = np.zeros((2, 2))
+        for camera, image in enumerate((left, right)):
+            scale = np.array([image.shape[1], image.shape[0]]) / 2
+            visible[:, camera], axes[camera] = self._look(image, camera, scale)
+        self._place_ends(axes, visible)
+        return self._points.reshape(-1, 2).copy(), visible.ravel()
+
+    def _look(self, image: Image, camera: int, scale: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Updates what is seen in one camera's image: flags (9,), and the object's main axis (2,)."""
+        points, seen = self._points[:, camera], np.zeros(len(POINTS), bool)
+        parts = self._parts(image, camera)
+        fit = fit_gripper(parts, scale, self._layout, self._directions[camera])
+        if fit is not None:
+            self._directions[camera] = fit.directions
+            points[_GRIPPER][fit.seen], seen[_GRIPPER] = fit.points[fit.seen], fit.seen
+        object_ = whole(parts["object"])
+        if object_ is None:
+            return seen, np.zeros(2)
+        points[_OBJECT], seen[_OBJECT] = object_.middle / scale - 1, True
+        return seen, object_.axis / scale
+
+    def _parts(self, image: Image, camera: int) -> dict[str, list[Part]]:
+        """What is seen of the marks in one camera's image."""
+        size, areas = (image.shape[1], image.shape[0]), self._areas[camera]
+        parts = {}
+        for name, blobs in find_blobs(image, self._table, LARGEST).items():
+            found = find_parts(blobs, getattr(self.marks, name), size)
+            area, last = sum(part.area for part in found), areas.get(name, ())
+            areas[name] = (*last[1 - LOOKS :], area)
+            parts[name] = found if area >= LEAST_SEEN * max(last, default=0.0) else []
+        return parts
+
+    def _place_ends(self, axes: Array, visible: NDArray[np.bool_]) -> None:
+        """Puts the ends of the object's axis, which are the same ends in both images.
+
+        Args:
+            axes: In each image (2, 2); of either sign.
+            visible: Which points (9, 2) are seen; those of the ends are added.
+        """
+        both = visible[_OBJECT].all()
+        gripper = [(_EDGE_1, _EDGE_2), (_JAW_1, _JAW_2), (_BASE, _TIP)]
+        before = self._points[_END_1] - self._points[_END_2]
+        if both and all(visible[list(pair)].all() for pair in gripper):
+            directions = np.stack([(self._points[a] - self._points[b]).ravel() for a, b in gripper], 1)
+            errors = [_left_over(directions, np.concatenate([axes[0], sign * axes[1]])) for sign in (1, -1)]
+            axes[1] *= (1, -1)[int(np.argmin(errors))]
+            axes *= np.sign((axes * before).sum()) or 1.0
+        else:
+            axes *= np.where((axes * before).sum(1, keepdims=True) < 0, -1, 1)
+        for camera in np.flatnonzero(visible[_OBJECT]):
+            for end, sign in ((_END_1, 1), (_END_2, -1)):
+                self._points[end, camera] = self._points[_OBJECT, camera] + sign * axes[camera]
+                visible[end, camera] = True
+
+
+def _left_over(directions: Array, axis: Array) -> float:
+    """How much of an axis (4,) in both images no combination of directions (4, 3) explains."""
+    explained = directions @ np.linalg.lstsq(directions, axis, rcond=None)[0]
+    return float(np.square(axis - explained).sum())

@@ -1,0 +1,128 @@
+"""Which environment, and how it is made: its id, and the arguments of its task."""
+
+from typing import Annotated, Any, Literal
+
+import gymnasium
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
+
+import calfree_gym
+from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, robot_of
+from calfree_gym.robot.grasping.shapes import check_shape
+from calfree_gym.world import DISTRIBUTIONS
+from experiments.config.arms import as_arm, is_told
+from experiments.config.model import Model, one_of
+
+GRASP, GRASP_TOLERANCE_PX = "CalFree/Grasp", 24.0
+"""Beginning of the ids of environments whose task is to grasp, and what they tolerate by default."""
+OF_REACHING, OF_GRASPING = frozenset({"arm", "dynamics", "occlusion"}), frozenset({"shape"})
+"""Arguments that only one of the tasks has."""
+
+
+class EnvironmentConfig(Model):
+    """The arguments of `gymnasium.make`."""
+
+    id: str
+    world: str
+    arm: str | dict[str, Any] = MOVEMASTER_NAME
+    camera_mount: str | Annotated[tuple[str, str], Field(strict=False)] = "waist"
+    observation: Literal["points", "vision"] = "points"
+    occlusion: bool = False
+    shape: str | dict[str, Any] | None = None
+    tolerance_px: float = Field(4.0, gt=0, lt=IMAGE_SIZE)
+    dynamics: Literal["physics", "kinematic"] = "physics"
+    max_episode_steps: int = Field(60, gt=0)
+    redraw: Literal["never", "trial"] = "never"
+    terminate_on_success: bool = True
+    keep_in_view: bool = True
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_its_task(cls, data: Any) -> Any:
+        """The tolerance of its task, where none is given."""
+        if isinstance(data, dict) and str(data.get("id")).startswith(GRASP):
+            if found := sorted(
+                OF_REACHING & {key for key in data if data[key] != cls.model_fields[key].default}
+            ):
+                raise ValueError(f"{', '.join(found)} is of reaching; {data['id']} has none")
+            return {"tolerance_px": GRASP_TOLERANCE_PX, **data}
+        if isinstance(data, dict) and data.get("shape") is not None:
+            raise ValueError(f"shape is of grasping; {data.get('id')} has none")
+        return data
+
+    @model_serializer(mode="wrap")
+    def _without_unused(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out what came later and is not used: kept results know nothing of it."""
+        values: dict[str, Any] = written(self)
+        later = {"observation": "points", "occlusion": False, "shape": None}
+        return {key: value for key, value in values.items() if key not in later or value != later[key]}
+
+    @field_validator("shape")
+    @classmethod
+    def _known_shape(cls, value: str | dict[str, Any] | None) -> str | dict[str, Any] | None:
+        check_shape(value)
+        return value
+
+    @field_validator("id")
+    @classmethod
+    def _known_id(cls, value: str) -> str:
+        return one_of(value, tuple(k for k in gymnasium.registry if k.startswith("CalFree/")))
+
+    @field_validator("world")
+    @classmethod
+    def _known_world(cls, value: str) -> str:
+        return one_of(value, tuple(DISTRIBUTIONS))
+
+    @field_validator("arm")
+    @classmethod
+    def _as_value(cls, value: str | dict[str, Any]) -> str | dict[str, Any]:
+        """An arm's mapping, `home_degrees` among its keys, as the plain dict of the `Arm` that it means.
+
+        What results say of an arm stays as it is: its files may be elsewhere.
+        """
+        if not isinstance(value, dict):
+            return one_of(value, (MOVEMASTER_NAME,))
+        if is_told(value):
+            return value
+        return as_arm(value).to_dict()
+
+    @field_validator("camera_mount")
+    @classmethod
+    def _known_mount(cls, value: str | tuple[str, str], info: ValidationInfo) -> str | tuple[str, str]:
+        if "arm" in info.data and not is_told(info.data["arm"]):
+            robot_of(info.data["arm"]).mounts(value)
+        return value
+
+    def make(
+        self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()
+    ) -> gymnasium.Env[Any, Any]:
+        """Builds the environment; `tell` names the privileged observations that it adds."""
+        return gymnasium.make(self.id, perturbations=list(perturbations) or None, **self._arguments(tell))
+
+    def make_rows(
+        self, rows: int, world: calfree_gym.World, tell: tuple[str, ...] = ()
+    ) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
+        """Builds a batched environment in one world, whose next trials begin when they are told to.
+
+        Raises:
+            ValueError: Every trial is to be in a new world.
+        """
+        arguments = {**self._arguments(tell), "world": world}
+        return gymnasium.make_vec(self.id, num_envs=rows, autoreset_mode="Disabled", **arguments)
+
+    @property
+    def task(self) -> str:
+        """What agents are to do in it: "reach" or "grasp"."""
+        return "grasp" if self.id.startswith(GRASP) else "reach"
+
+    def _arguments(self, tell: tuple[str, ...]) -> dict[str, Any]:
+        if self.task == "grasp":
+            return self.model_dump(exclude={"id", *OF_REACHING})
+        return {**self.model_dump(exclude={"id", *OF_GRASPING}), "tell": tell}

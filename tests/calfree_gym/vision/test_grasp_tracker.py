@@ -1,0 +1,171 @@
+"""The tracker of a gripper that grasps, against true projections in rendered images, and against drawings."""
+
+import cv2
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from calfree_gym.envs.rendering.gl import gl_context
+from calfree_gym.image import PIXELS_PER_UNIT
+from calfree_gym.vision import GraspMarks, GraspTracker, Mark
+from calfree_gym.vision.tracking.grasp_tracker import POINTS
+from calfree_gym.vision.tracking.gripper_fit import GripperLayout
+
+TIP, BASE, OBJECT, END_1, END_2 = (POINTS.index(name) for name in ("tip", "base", "object", "end_1", "end_2"))
+LAYOUT = GripperLayout(lower=0.9, upper=0.4)
+
+
+def looks(mount, shape, seeds):
+    """What the tracker finds from home and after a motion, and what is true: points (9, 2, 2), and flags."""
+    try:
+        gl_context(16).free()
+    except gym.error.DependencyNotInstalled as error:
+        pytest.skip(str(error))
+    env = gym.make("CalFree/Grasp-v0", camera_mount=mount, shape=shape, observation="vision")
+    arms, rng = env.unwrapped.arms, np.random.default_rng(0)
+    for seed in seeds:
+        env.reset(seed=seed)
+        for _ in range(2):
+            yield (each[0].reshape(9, 2, -1) for each in (arms.points, arms.true_points, arms.visible))
+            env.step(np.append(rng.uniform(-0.1, 0.1, 3), [rng.uniform(-0.5, 0.5), 0]))
+    env.close()
+
+
+def between_lines(one, other):
+    """Angles (...) between lines along (..., 2), in degrees."""
+    cosine = (
+        (one * other).sum(-1) / np.hypot(one[..., 0], one[..., 1]) / np.hypot(other[..., 0], other[..., 1])
+    )
+    return np.degrees(np.arccos(np.minimum(np.abs(cosine), 1)))
+
+
+@pytest.mark.parametrize("mount", ["waist", "stand"])
+def test_points_are_found_where_they_are(mount):
+    seen, errors, angles = [], [], []
+    for points, true, visible in looks(mount, "bar", range(5)):
+        away = PIXELS_PER_UNIT * np.hypot(*np.moveaxis(points - true, -1, 0))
+        seen.append(visible[..., 0])
+        errors.append(np.where(visible[..., 0], away, np.nan))
+        (found, axis) = (each[END_1] - each[END_2] for each in (points, true))
+        angles.append(between_lines(axis, found))
+    seen, errors = np.array(seen), np.array(errors)
+    assert seen.mean() > 0.95
+    tip, base, object_ = (np.nanmedian(errors[:, each]) for each in (TIP, BASE, OBJECT))
+    assert tip < 2
+    assert base < 4
+    assert object_ < 2
+    assert np.median(angles) < 3
+
+
+def test_ends_of_the_object_are_the_same_in_both_images():
+    alike = []
+    for points, true, _ in looks("waist", "bar", range(5)):
+        along = ((points[END_1] - points[END_2]) * (true[END_1] - true[END_2])).sum(-1)
+        alike.append(along[0] * along[1] > 0)
+    assert np.mean(alike) > 0.85
+
+
+def drawn(base, axis, line, edge, object_, without=()):
+    """An image (256, 256, 3) of the marks, as squares of 9 px, and a bar, by its ends; all in px."""
+    marks = GraspMarks()
+    image = np.full((256, 256, 3), 128, np.uint8)
+    places = {
+        "jaw_1": [base + LAYOUT.lower * axis + line],
+        "jaw_2": [base + LAYOUT.lower * axis - line],
+        "fingers": [base + LAYOUT.upper * axis + side * line for side in (1, -1)],
+        "edge_1": [base + edge],
+        "edge_2": [base - edge],
+    }
+    for name, middles in places.items():
+        if name not in without:
+            for middle in middles:
+                x, y = np.round(middle - 4.5).astype(int)
+                cv2.rectangle(image, (x, y), (x + 8, y + 8), getattr(marks, name).rgb, cv2.FILLED)
+    one, other = (tuple(np.round(end).astype(int).tolist()) for end in object_)
+    cv2.line(image, one, other, marks.object.rgb, 9)
+    return image
+
+
+LEFT = {
+    "base": np.array([100.0, 60]),
+    "axis": np.array([10.0, 60]),
+    "line": np.array([26.0, -4]),
+    "edge": np.array([-18.0, -10]),
+    "object_": np.array([[60.0, 180], [110, 200]]),
+}
+RIGHT = {
+    "base": np.array([150.0, 70]),
+    "axis": np.array([-12.0, 52]),
+    "line": np.array([20.0, 12]),
+    "edge": np.array([24.0, -12]),
+    "object_": np.array([[150.0, 190], [190, 168]]),
+}
+
+
+def found(tracker, left, right):
+    points, visible = tracker(left, right)
+    return 128 * (points.reshape(9, 2, 2) + 1), visible.reshape(9, 2)
+
+
+def wanted(image):
+    """Tip, base, jaws, edges and object (7, 2) in px of what is drawn."""
+    base, axis, line, edge = (image[name] for name in ("base", "axis", "line", "edge"))
+    jaws = [base + LAYOUT.lower * axis + side * line for side in (1, -1)]
+    return np.array([base + axis, base, *jaws, base + edge, base - edge, image["object_"].mean(0)])
+
+
+def test_a_drawn_gripper_is_found():
+    points, visible = found(GraspTracker(layout=LAYOUT), drawn(**LEFT), drawn(**RIGHT))
+    assert visible.all()
+    for camera, image in enumerate((LEFT, RIGHT)):
+        np.testing.assert_allclose(points[:7, camera], wanted(image), atol=1.2)
+        axis, true = points[END_1, camera] - points[END_2, camera], np.diff(image["object_"], axis=0)[0]
+        assert between_lines(axis, true) < 2
+
+
+@pytest.mark.parametrize("hidden", ["jaw_1", "jaw_2", "edge_1", "edge_2", "fingers"])
+def test_a_mark_that_is_hidden_is_told_by_the_others(hidden):
+    tracker = GraspTracker(layout=LAYOUT)
+    tracker(drawn(**LEFT), drawn(**RIGHT))
+    moved = {**LEFT, "base": LEFT["base"] + [15, 9], "object_": LEFT["object_"] + 3}
+    points, visible = found(tracker, drawn(**moved, without=(hidden,)), drawn(**RIGHT))
+    assert visible[[TIP, BASE], 0].all()
+    np.testing.assert_allclose(points[:6, 0], wanted(moved)[:6], atol=1.5)
+
+
+def test_a_gripper_that_is_hidden_is_not_seen_and_stands_where_it_was():
+    tracker = GraspTracker(layout=LAYOUT)
+    before, _ = found(tracker, drawn(**LEFT), drawn(**RIGHT))
+    gone = ("jaw_1", "jaw_2", "edge_1", "edge_2", "fingers")
+    points, visible = found(tracker, drawn(**LEFT, without=gone), drawn(**RIGHT))
+    assert not visible[:6, 0].any()
+    assert visible[:, 1].all()
+    np.testing.assert_array_equal(points[:6, 0], before[:6, 0])
+
+
+def test_a_copy_goes_on_by_itself():
+    tracker = GraspTracker(layout=LAYOUT)
+    tracker(drawn(**LEFT), drawn(**RIGHT))
+    other = tracker.copy()
+    tracker.reset()
+    gone = ("jaw_1", "jaw_2", "edge_1", "edge_2", "fingers")
+    points, _ = found(other, drawn(**LEFT, without=gone), drawn(**RIGHT))
+    np.testing.assert_allclose(points[TIP, 0], wanted(LEFT)[TIP], atol=1.2)
+
+
+def test_colours_are_ones_own():
+    marks = GraspMarks.from_dict(
+        {"object": {"rgb": [250, 120, 20]}, "edge_1": {"rgb": [20, 220, 20]}}
+        | {"fingers": {"rgb": [230, 20, 90]}, "jaw_1": {"rgb": [200, 20, 240]}}
+    )
+    assert marks.object == Mark((250, 120, 20))
+    assert GraspMarks.from_dict(marks.to_dict()) == marks
+
+
+def test_bad_input_is_named():
+    with pytest.raises(ValueError, match="must be GraspMarks; found 'red'"):
+        GraspTracker("red")
+    with pytest.raises(ValueError, match="fingers is missing, and no default differs enough"):
+        GraspMarks.from_dict({"object": {"rgb": [250, 120, 20]}})
+    with pytest.raises(ValueError, match="the right image has shape"):
+        GraspTracker()(np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.uint8))
