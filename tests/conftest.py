@@ -18,10 +18,12 @@ ONE_THREAD = {
 }
 os.environ.update(ONE_THREAD)  # before numpy is imported, and for all that tests start
 
+import gymnasium as gym  # noqa: E402
 import pytest  # noqa: E402
 from gymnasium.utils import seeding  # noqa: E402
 
 import calfree_gym  # noqa: E402, F401
+from calfree_gym.envs.rendering.gl import gl_context  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -40,3 +42,12 @@ def one_torch_thread():
     """Networks of a few units lose more by a second thread than they gain."""
     if torch := sys.modules.get("torch"):
         torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def opengl():
+    """Skips tests that render where nothing can."""
+    try:
+        gl_context(16).free()
+    except gym.error.DependencyNotInstalled as error:
+        pytest.skip(str(error))

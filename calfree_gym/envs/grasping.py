@@ -57,7 +57,7 @@ class Grasping(ArmShared):
 
     def _outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
         arms, rows = self.arms, self.arms.rows
-        points, visible, held = arms.delivered[:3]
+        points, visible, held = arms.delivered
         ones = np.ones((rows, 1))
         achieved = np.concatenate([points[:, HELD].reshape(rows, 4), held[:, None]], 1).astype(np.float32)
         desired = np.concatenate([arms.goals, ones], 1).astype(np.float32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -12,7 +13,7 @@ from calfree_gym.image import CAMERAS
 
 if TYPE_CHECKING:
     from calfree_gym.robot.motors import MotorMap
-    from calfree_gym.robot.simulation import Simulation
+    from calfree_gym.robot.simulation import Picture, Simulation
     from calfree_gym.world import World
 
 MARKS = ("gripper_mark_1", "gripper_mark_2", "object_mark")
@@ -70,6 +71,14 @@ def shares_in_sight(
     return np.asarray(free.reshape(len(balls), -1).mean(1))
 
 
+def shares_by_camera(picture: Picture, cameras: Sequence[int], balls: Array, radius: float) -> Array:
+    """As `shares_in_sight`, which share (c, k) of balls each of these cameras sees."""
+    model, data = picture
+    return np.stack(
+        [shares_in_sight(model, data, data.cam_xpos[camera], balls, radius) for camera in cameras]
+    )
+
+
 class LinesOfSight:
     """Which points the cameras of N worlds see past the arm, the marks and what stands in the way.
 
@@ -109,11 +118,7 @@ class LinesOfSight:
             joints: Joint positions (j,), where they are to be others than now.
             object_: Where the object would be (3,).
         """
-        model, data = self._simulation.show(row, self._picture, joints, object_)
-        balls = data.geom_xpos[self._balls]
-        shares = [
-            shares_in_sight(model, data, data.cam_xpos[camera], balls, self._radius)
-            for camera in self._cameras
-        ]
-        left, right = shares
+        picture = self._simulation.show(row, self._picture, joints, object_)
+        balls = picture[1].geom_xpos[self._balls]
+        left, right = shares_by_camera(picture, self._cameras, balls, self._radius)
         return np.array([left[:2].min(), right[:2].min(), left[2], right[2]])

@@ -24,6 +24,8 @@ GRASP, GRASP_TOLERANCE_PX = "CalFree/Grasp", 24.0
 """Beginning of the ids of environments whose task is to grasp, and what they tolerate by default."""
 OF_REACHING, OF_GRASPING = frozenset({"arm", "dynamics", "occlusion"}), frozenset({"shape"})
 """Arguments that only one of the tasks has."""
+LATER = frozenset({"observation", "occlusion", "shape"})
+"""Arguments of which older kept results know nothing."""
 
 
 class EnvironmentConfig(Model):
@@ -48,9 +50,8 @@ class EnvironmentConfig(Model):
     def _of_its_task(cls, data: Any) -> Any:
         """The tolerance of its task, where none is given."""
         if isinstance(data, dict) and str(data.get("id")).startswith(GRASP):
-            if found := sorted(
-                OF_REACHING & {key for key in data if data[key] != cls.model_fields[key].default}
-            ):
+            usual = {key: cls.model_fields[key].default for key in OF_REACHING}
+            if found := sorted(key for key in usual if data.get(key, usual[key]) != usual[key]):
                 raise ValueError(f"{', '.join(found)} is of reaching; {data['id']} has none")
             return {"tolerance_px": GRASP_TOLERANCE_PX, **data}
         if isinstance(data, dict) and data.get("shape") is not None:
@@ -59,10 +60,12 @@ class EnvironmentConfig(Model):
 
     @model_serializer(mode="wrap")
     def _without_unused(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out what came later and is not used: kept results know nothing of it."""
+        """Leaves out what came later and is not used."""
         values: dict[str, Any] = written(self)
-        later = {"observation": "points", "occlusion": False, "shape": None}
-        return {key: value for key, value in values.items() if key not in later or value != later[key]}
+        fields = type(self).model_fields
+        return {
+            key: value for key, value in values.items() if key not in LATER or value != fields[key].default
+        }
 
     @field_validator("shape")
     @classmethod

@@ -48,7 +48,7 @@ class GraspingArms(Arms):
         shape: Of things, see `robot.grasping.shapes`.
         tolerance_px: Image distance within which an object is lifted to its place.
         threads: Threads of the simulation; they change no number.
-        observation, image_size: See `StereoArms`.
+        observation: "points" or "vision".
         camera_mount, keep_in_view, **shared: See `Arms`.
 
     Raises:
@@ -73,7 +73,6 @@ class GraspingArms(Arms):
         shape: ShapeChoice,
         threads: int,
         observation: str = "points",
-        image_size: int = IMAGE_SIZE,
         **shared: Any,
     ) -> None:
         robot = GrippingArm()
@@ -83,7 +82,7 @@ class GraspingArms(Arms):
             simulation, robot, points, camera_mount=camera_mount, keep_in_view=keep_in_view, **shared
         )
         self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
-        self._sight = sight_of(self, observation, image_size, GraspTracker)
+        self._sight = sight_of(self, observation, IMAGE_SIZE, GraspTracker)
         in_sight = InSight(simulation) if self._sight.renders else None
         self._placing = Placing(robot, self._workspaces, self.motors, shape, keep_in_view, in_sight)
         self._moved = np.zeros(rows, bool)
@@ -91,7 +90,7 @@ class GraspingArms(Arms):
         self.held, self._waited = np.zeros(rows, bool), np.zeros(rows, bool)
         self.goals, self.forces, self.lifted = np.zeros((rows, 4)), np.zeros((rows, 2)), np.zeros(rows)
         self._placed: list[Placed | None] = [None] * rows
-        self.delivered: Seen = (self.points, self.visible, self.held, *self._sight.images)
+        self.delivered: Seen = (self.points, self.visible, self.held)
 
     def seed_streams(self, row: int, seed: int) -> None:
         """See `Arms`."""
@@ -180,7 +179,7 @@ class GraspingArms(Arms):
         true, shown = self._workspaces.cameras.through_lens(pixels)
         visible = shown & (depth > 0) & inside(true)
         self.true_points = true
-        seen, now_visible, *images = self._sight.look(true, visible, self._moved)
+        seen, now_visible = self._sight.look(true, visible, self._moved)
         self._moved[:] = False
         before, both = self.points, self.visible & now_visible
         self.visible = now_visible
@@ -193,9 +192,7 @@ class GraspingArms(Arms):
             way[:, HELD],
             np.asarray(both[:, (*GRIPPER, *HELD)].all(1)),
         )
-        self.delivered = self._latency.deliver(
-            self.motions_of_trial, self.points, self.visible, self.held, *images
-        )
+        self.delivered = self._latency.deliver(self.motions_of_trial, self.points, self.visible, self.held)
 
     def set_state(self, row: int, state: RowState) -> None:
         """See `Arms`."""

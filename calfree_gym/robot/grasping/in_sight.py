@@ -8,7 +8,7 @@ import numpy as np
 
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS
-from calfree_gym.robot.line_of_sight import NOWHERE, shares_in_sight
+from calfree_gym.robot.line_of_sight import NOWHERE, shares_by_camera
 
 if TYPE_CHECKING:
     from calfree_gym.robot.grasping.shapes import Thing
@@ -54,7 +54,4 @@ class InSight:
 
     def _shares(self, balls: Array, radius: float) -> Array:
         """Which share (2, k) of balls (k, 3) each camera sees."""
-        model, data = self._picture
-        return np.stack(
-            [shares_in_sight(model, data, data.cam_xpos[camera], balls, radius) for camera in self._cameras]
-        )
+        return shares_by_camera(self._picture, self._cameras, balls, radius)

@@ -127,9 +127,10 @@ class Placing:
         reached, seen, before = self._judged(row, world, thing, poses)
         if not self._keep_in_view:
             seen[:] = True
+        home = self._home(row)
         for i in np.flatnonzero(reached & seen):
             if self._in_sight is None or (
-                self._in_sight.thing(row, thing, poses[i], self._home(row)) == 1
+                self._in_sight.thing(row, thing, poses[i], home) == 1
                 and self._in_sight.thing(row, thing, poses[i], before[i]) >= LEAST_SHARE
             ):
                 yield poses[i]

@@ -14,7 +14,7 @@ from calfree_gym.vision.tracking.colours import ColourTable, Image
 from calfree_gym.vision.tracking.gripper_fit import GripperLayout, fit_gripper
 from calfree_gym.vision.tracking.outline import Array
 from calfree_gym.vision.tracking.parts import Part, find_parts, whole
-from calfree_gym.vision.tracking.tracker import check_image
+from calfree_gym.vision.tracking.tracker import check_images
 
 POINTS = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
 """What is found, in the order of the points."""
@@ -71,8 +71,7 @@ class GraspTracker:
         Raises:
             ValueError: An image is no such array.
         """
-        for name, image in zip(CAMERAS, (left, right), strict=True):
-            check_image(name, image)
+        check_images(left, right)
         visible = np.zeros((len(POINTS), 2), bool)
         axes = np.zeros((2, 2))
         for camera, image in enumerate((left, right)):

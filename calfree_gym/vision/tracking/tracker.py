@@ -116,8 +116,7 @@ class StereoTracker:
             ValueError: An image is no such array.
         """
         visible = np.zeros(4, bool)
-        for camera, image in enumerate((left, right)):
-            check_image(CAMERAS[camera], image)
+        check_images(left, right)
         for camera, image in enumerate((left, right)):
             balls = self._finders[camera](image)
             for row, point in ((camera, gripper_point(balls)), (2 + camera, object_point(balls))):
@@ -144,8 +143,13 @@ def object_point(balls: dict[str, Ball]) -> Array | None:
     return balls["object"].centre if "object" in balls else None
 
 
-def check_image(name: str, image: Any) -> None:
+def check_images(left: Any, right: Any) -> None:
     """Raises ValueError where an image is no uint8 array (h, w, 3), or too small."""
+    for name, image in zip(CAMERAS, (left, right), strict=True):
+        _check_image(name, image)
+
+
+def _check_image(name: str, image: Any) -> None:
     if not isinstance(image, np.ndarray):
         raise ValueError(f"the {name} image is a {type(image).__name__}; it must be a uint8 array (h, w, 3)")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:

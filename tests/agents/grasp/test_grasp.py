@@ -12,20 +12,11 @@ from agents.grasp.observation import ARM, GraspObservation
 from agents.grasp.orientation import turn_needed
 from agents.grasp.trial import TurnRate
 from agents.servo.trial import Stops
-from calfree_gym.envs.rendering.gl import gl_context
 from calfree_gym.robot.grasping.jaws import AXIS
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 from experiments.evaluation import evaluate
 
 GRASP = "CalFree/Grasp-v0"
-
-
-@pytest.fixture
-def opengl():
-    try:
-        gl_context(16).free()
-    except gym.error.DependencyNotInstalled as error:
-        pytest.skip(str(error))
 
 
 def looked(env, seed, **options):

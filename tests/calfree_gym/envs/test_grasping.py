@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import calfree_gym
-from calfree_gym.envs.rendering.gl import gl_context
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 
 GRASP = "CalFree/Grasp-v0"
@@ -107,11 +106,7 @@ def test_many_arms_are_as_one():
                 np.testing.assert_array_equal(alone[key], observations[key][i])
 
 
-def test_what_is_seen_follows_from_the_row_alone_and_lies_in_its_space():
-    try:
-        gl_context(16).free()
-    except gym.error.DependencyNotInstalled as error:
-        pytest.skip(str(error))
+def test_what_is_seen_follows_from_the_row_alone_and_lies_in_its_space(opengl):
     envs = gym.make_vec(GRASP, num_envs=2, observation="vision", camera_mount="stand")
     alone = gym.make(GRASP, observation="vision", camera_mount="stand")
     batched, _ = envs.reset(seed=15)

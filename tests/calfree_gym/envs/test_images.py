@@ -10,7 +10,6 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
-from calfree_gym.envs.rendering.gl import gl_context
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.tasks.goals import image_distances
 from calfree_gym.tasks.reach import rendezvous
@@ -23,12 +22,7 @@ KINDS = {
 }
 
 
-@pytest.fixture(scope="module", autouse=True)
-def opengl():
-    try:
-        gl_context(16).free()
-    except gym.error.DependencyNotInstalled as error:
-        pytest.skip(str(error))
+pytestmark = pytest.mark.usefixtures("opengl")
 
 
 @pytest.fixture

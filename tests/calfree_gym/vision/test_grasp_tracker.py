@@ -5,7 +5,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from calfree_gym.envs.rendering.gl import gl_context
 from calfree_gym.image import PIXELS_PER_UNIT
 from calfree_gym.vision import GraspMarks, GraspTracker, Mark
 from calfree_gym.vision.tracking.grasp_tracker import POINTS
@@ -17,10 +16,6 @@ LAYOUT = GripperLayout(lower=0.9, upper=0.4)
 
 def looks(mount, shape, seeds):
     """What the tracker finds from home and after a motion, and what is true: points (9, 2, 2), and flags."""
-    try:
-        gl_context(16).free()
-    except gym.error.DependencyNotInstalled as error:
-        pytest.skip(str(error))
     env = gym.make("CalFree/Grasp-v0", camera_mount=mount, shape=shape, observation="vision")
     arms, rng = env.unwrapped.arms, np.random.default_rng(0)
     for seed in seeds:
@@ -40,7 +35,7 @@ def between_lines(one, other):
 
 
 @pytest.mark.parametrize("mount", ["waist", "stand"])
-def test_points_are_found_where_they_are(mount):
+def test_points_are_found_where_they_are(opengl, mount):
     seen, errors, angles = [], [], []
     for points, true, visible in looks(mount, "bar", range(5)):
         away = PIXELS_PER_UNIT * np.hypot(*np.moveaxis(points - true, -1, 0))
@@ -57,7 +52,7 @@ def test_points_are_found_where_they_are(mount):
     assert np.median(angles) < 3
 
 
-def test_ends_of_the_object_are_the_same_in_both_images():
+def test_ends_of_the_object_are_the_same_in_both_images(opengl):
     alike = []
     for points, true, _ in looks("waist", "bar", range(5)):
         along = ((points[END_1] - points[END_2]) * (true[END_1] - true[END_2])).sum(-1)

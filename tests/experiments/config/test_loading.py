@@ -108,6 +108,9 @@ def test_grasping_has_a_tolerance_of_its_own_and_nothing_of_reaching(suite_data,
     suite_data["scenarios"][0]["env"] = env | {"shape": "ball"}
     with pytest.raises(ConfigError, match=r"scenarios\.0\.env\.shape: .*'ball'"):
         load(write_config(suite_data))
+    suite_data["scenarios"][0]["env"] = env | {"camera_mont": "stand"}
+    with pytest.raises(ConfigError, match="camera_mont: unknown key"):
+        load(write_config(suite_data))
     suite_data["scenarios"][0]["env"] = env | {"dynamics": "kinematic"}
     with pytest.raises(ConfigError, match="dynamics is of reaching"):
         load(write_config(suite_data))
