@@ -1,4 +1,4 @@
-"""How noisy image points are, learned from observations at one place."""
+"""How noisy image points are, learned from observations at one place, and from one home to the next."""
 
 from __future__ import annotations
 
@@ -14,10 +14,14 @@ and wild worlds, and a margin of √2."""
 
 
 class NoiseEstimate:
-    """Standard deviation of an image coordinate, by differences between observations without a motion.
+    """Standard deviation of an image coordinate, by differences between two observations of one place.
 
     A low quantile of the differences starts it, so that mistaken points hardly matter; then all that is
     within three standard deviations refines it.
+
+    Every trial shows the gripper at home, which costs no motion. But from one trial to the next cameras can
+    be moved, and then the difference is no noise. So it is by homes only as long as few places were observed
+    twice in a row.
 
     Attributes:
         px: The estimate; that of a good marker until there are `ENOUGH` differences.
@@ -42,26 +46,32 @@ class NoiseEstimate:
 
     def __init__(self) -> None:
         self.px = MARKER_NOISE_PX
-        self._differences = np.empty(0)
+        self._at_once, self._of_homes = np.empty(0), np.empty(0)
 
     @property
     def needs_samples(self) -> bool:
         """Whether it is worth observing again only to learn how noisy image points are."""
-        return self.px > self.NOISY_PX and len(self._differences) < self.ENOUGH
+        return self.px > self.NOISY_PX and len(self._at_once) < self.ENOUGH
 
     def add(self, difference: Array) -> None:
-        """Learns from the difference (k, 2), in image units, of points seen twice at one place."""
-        new = np.abs(difference).ravel() / IMAGE_UNIT
-        self.restore(np.concatenate([self._differences, new])[-self.LATEST :])
+        """Learns from the difference (k, 2), in image units, of points seen twice in a row at one place."""
+        self.restore(self._with(self._at_once, difference), self._of_homes)
 
-    def arrays(self) -> Array:
-        """The differences (n,) that it is known by, in pixels."""
-        return self._differences
+    def add_homes(self, difference: Array) -> None:
+        """Learns from the difference (k, 2), in image units, of points seen at home in two trials in a row."""
+        self.restore(self._at_once, self._with(self._of_homes, difference))
 
-    def restore(self, differences: Array) -> None:
+    def _with(self, differences: Array, new: Array) -> Array:
+        return np.concatenate([differences, np.abs(new).ravel() / IMAGE_UNIT])[-self.LATEST :]
+
+    def arrays(self) -> tuple[Array, Array]:
+        """The differences (n,) that it is known by, in pixels: of observations in a row, and of homes."""
+        return self._at_once, self._of_homes
+
+    def restore(self, at_once: Array, of_homes: Array) -> None:
         """Estimates it by differences (n,) that are known."""
-        self._differences = differences
-        pool = differences / np.sqrt(2)
+        self._at_once, self._of_homes = at_once, of_homes
+        pool = (at_once if len(at_once) >= self.ENOUGH else of_homes) / np.sqrt(2)
         if len(pool) < self.ENOUGH:
             return
         noise = np.quantile(pool, self.QUANTILE) / self.QUANTILE_OF_NORMAL

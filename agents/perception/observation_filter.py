@@ -78,13 +78,20 @@ class ObservationFilter:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What lasts, as named arrays."""
-        known = {"noise_differences": self.noise.arrays(), "mistaken": self.gating.counts}
-        return known | {"last_home": self.home, "returns": self.visibility.returns}
+        at_once, of_homes = self.noise.arrays()
+        noise = {"noise_differences": at_once, "home_differences": of_homes}
+        return noise | {
+            "mistaken": self.gating.counts,
+            "last_home": self.home,
+            "returns": self.visibility.returns,
+        }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Takes over what `arrays` returned; nothing, where it is of a version that kept nothing."""
         if "mistaken" in arrays:
-            self.noise.restore(checked_array(arrays, "noise_differences", (None,)))
+            at_once = checked_array(arrays, "noise_differences", (None,))
+            homes = "home_differences"
+            self.noise.restore(at_once, checked_array(arrays, homes, (None,)) if homes in arrays else at_once[:0])
             self.gating.counts = checked_array(arrays, "mistaken", (2,))
             self.home = checked_array(arrays, "last_home", (2, 2), allow_nan=True)
         if "returns" in arrays:
@@ -118,7 +125,7 @@ class ObservationFilter:
             seen = observation.visible[:2]
             both = seen & np.isfinite(self.home).all(1)
             if both.any():
-                self.noise.add((observation.points[:2] - self.home)[both])
+                self.noise.add_homes((observation.points[:2] - self.home)[both])
             self.home = np.where(seen[:, None], observation.points[:2], self.home)
 
     def _agreed(self, observation: Observation) -> Observing:
