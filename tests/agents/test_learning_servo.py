@@ -31,6 +31,16 @@ def test_any_knowledge_makes_any_servo_faster(lengths_of, knowledge, servo):
     assert np.mean(lengths[-30:]) < 0.75 * np.mean(lengths[:3])
 
 
+@pytest.mark.parametrize("name", ["unified_servo", "memory"])
+def test_cameras_that_are_new_in_every_trial_never_make_it_worse(live, make_env, name):
+    """What lasts, such as how noisy points are, must not be learned from the change."""
+    replaced = [{"type": "camera_replace", "camera": camera} for camera in ("left", "right")]
+    env = make_env(perturbations=[{"every": {"trial": 1}, "do": each} for each in replaced])
+    lengths = live(name, env, 0, motions=300)[1][:-1]
+    assert len(lengths) > 30
+    assert np.median(lengths[20:]) <= 1.25 * np.median(lengths[:20])
+
+
 def test_late_observations_teach_nothing_false(lengths_of):
     """One that comes one motion late shows the gripper where it was: as a pair it would be wrong.
 

@@ -40,6 +40,22 @@ def test_noise_is_that_of_a_good_marker_until_enough_is_known():
     assert noise.px == 0.7
 
 
+def test_homes_tell_the_noise_until_some_is_seen_in_a_row():
+    """Cameras that were moved between two trials move home by more than any noise."""
+    rng, noise = np.random.default_rng(0), NoiseEstimate()
+    for _ in range(30):
+        noise.add_homes(np.diff(rng.normal(scale=2 * IMAGE_UNIT, size=(2, 4, 2)), axis=0)[0])
+    assert noise.px == pytest.approx(2, rel=0.2)
+    for _ in range(30):
+        noise.add_homes(rng.normal(scale=60 * IMAGE_UNIT, size=(4, 2)))
+    assert noise.px > NoiseEstimate.NOISY_PX
+    assert noise.needs_samples
+    for _ in range(10):
+        noise.add(np.diff(rng.normal(scale=2 * IMAGE_UNIT, size=(2, 4, 2)), axis=0)[0])
+    assert noise.px == pytest.approx(2, rel=0.2)
+    assert not noise.needs_samples
+
+
 def test_gates_end_where_a_point_is_as_likely_to_be_mistaken_as_right():
     """By the densities themselves: Student's t in two coordinates, and anywhere in the image."""
     deviations_px, noise_px, share = np.array([1.0, 5.0, 20.0, 80.0]), 3.0, Gating.MISTAKEN / Gating.OF
