@@ -58,7 +58,7 @@ class NoiseEstimate:
         self.restore(self._with(self._at_once, difference), self._of_homes)
 
     def add_homes(self, difference: Array) -> None:
-        """Learns from the difference (k, 2), in image units, of points seen at home in two trials in a row."""
+        """Learns from the difference (k, 2), in image units, of points at home in two trials."""
         self.restore(self._at_once, self._with(self._of_homes, difference))
 
     def _with(self, differences: Array, new: Array) -> Array:
