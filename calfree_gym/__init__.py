@@ -26,7 +26,7 @@ from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
 _SINGLE, _BATCHED, _GRASP = ("calfree_gym.envs." + module for module in ("single", "vector", "grasping"))
 _ENTRY_POINTS = {
     "Reach": (_SINGLE + ":make", _BATCHED + ":make"),
-    "Grasp": (_GRASP + ":GraspEnv", _GRASP + ":GraspVectorEnv"),
+    "Grasp": (_GRASP + ":make", _GRASP + ":make_vec"),
 }
 _REWARDS = {"": "sparse", "Dense": "dense"}
 ENV_IDS = tuple(f"CalFree/{task}{kind}-v0" for task in _ENTRY_POINTS for kind in _REWARDS)

@@ -28,6 +28,7 @@ BENCHMARKS = (
     "coverage",
     "arms",
     "pictures",
+    "grasping",
 )
 """As in `benchmarks.parts`, which is not loaded for other commands."""
 

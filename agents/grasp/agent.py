@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
-from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -11,27 +10,34 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from ..adaptation.adaptive_memory import AdaptiveMemory
+from ..adaptation.memory import Memory
 from ..base.checks import check_number, check_one_of, checked_array
 from ..base.observation import Array, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import ProcedureAgent
 from ..base.storage import prefixed, under
+from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.servo_agent import ServoAgent
 from .intermediate import INTERMEDIATE
-from .observation import ARM, GraspObservation
+from .observation import ARM, OBJECT, GraspObservation
 from .orientation import ORIENTATION
-from .trial import GraspFindings, GraspTrial, TurnRate
+from .trial import OPEN, GraspFindings, GraspTrial
+from .turning import TurnRates
 
 SHARES = (0.5, 0.15, 0.0)
-"""Of the way from the intermediate position that are left after each motion of the descent. Choice."""
-ACCURATE_PX = 3.0
-"""The jaws close where the gripper is seen so near to its place. Derived: half of where every tenth grasp of
-a bar misses."""
-CORRECTIONS = 3
+"""Of the way from the intermediate position that are left after each motion of the descent. Choice. Where the
+arm meets something it goes to the last but one: of a short way it comes back by little."""
+ACCURATE_PX, BLOCKED_PX = 3.0, 6.0
+"""The jaws close where the gripper is seen so near to its place; or where it has met something, and comes no
+nearer, so near. Derived: at the second every tenth grasp of a bar misses, and the first is half of it."""
+FORESEEN_PX = 1.5
+"""Where it is known so well where the tip meets the object (a deviation), it goes there in one motion.
+Derived: 95 % end within `ACCURATE_PX`."""
+CORRECTIONS = 4
 """So often it is brought nearer, where it is not (a guard)."""
-CLOSED, OPEN = 0.06, 0.95
-"""Jaws that were told to close and are less open than the first hold nothing; more open than the second, they
-have not closed."""
+CLOSED = 0.06
+"""Jaws that were told to close and are less open than this share hold nothing."""
 LIFTS = 10
 """So often the object is brought nearer to its place (a guard)."""
 
@@ -41,7 +47,8 @@ class Grasp(ProcedureAgent):
 
     Attributes:
         reacher: Goes to the intermediate position, and remembers how.
-        rate: By how much the wrist's motor turns the jaws.
+        descent: Remembers where the tip and objects are seen, if the reacher is one that remembers all looks.
+        rates: By how much motors turn the jaws.
 
     Args:
         env: See `Agent`.
@@ -68,7 +75,11 @@ class Grasp(ProcedureAgent):
         self.reacher: ServoAgent = reacher(Reaching())
         self.intermediate, self.orientation, self.tries = intermediate, orientation, tries
         self.prior_knowledge = self.reacher.prior_knowledge | {PriorKnowledge.MOTOR_ORDER}
-        self.rate = TurnRate()
+        self.rates = TurnRates()
+        self.descent: AdaptiveMemory | None = None
+        if isinstance(self.reacher, Memory):
+            of_reacher = self.reacher.adaptation
+            self.descent = AdaptiveMemory(of_reacher.known.nothing(), of_reacher.on_change)
 
     def observed(self, raw: RawObservation) -> GraspObservation:
         """See `ProcedureAgent`."""
@@ -76,22 +87,30 @@ class Grasp(ProcedureAgent):
 
     def new_findings(self) -> GraspFindings:
         """See `ProcedureAgent`."""
-        return GraspFindings(self.reacher.new_findings(), replace(self.rate))
+        return GraspFindings(self.reacher.new_findings(), self.rates.aged())
 
     def procedure(self, first: Any, findings: GraspFindings) -> Generator[Array, Any, None]:
         """See `ProcedureAgent`."""
+        findings.descent = self._remembered(first, findings.noise_px)
         trial = GraspTrial(self.reacher, self.intermediate, self.orientation, first, findings)
         yield from trial.approach()
         for _ in range(self.tries):
-            for share in SHARES:
-                yield from trial.toward(share)
-            for _ in range(CORRECTIONS):
-                if trial.left_px(SHARES[-1]) < ACCURATE_PX and trial.turned:
-                    break
+            if trial.foreseen_px < FORESEEN_PX:
+                if not trial.turned:
+                    yield from trial.turn()
                 yield from trial.toward(SHARES[-1])
+            else:
+                for share in SHARES:
+                    yield from trial.toward(share)
+            for _ in range(CORRECTIONS):
+                near_px = BLOCKED_PX if trial.touched else ACCURATE_PX
+                if trial.left_px(SHARES[-1]) < near_px and trial.turned:
+                    break
+                yield from trial.toward(SHARES[-2] if trial.touched else SHARES[-1])
             yield from trial.close()
             if CLOSED < trial.now.opening < OPEN:
-                yield from trial.back()
+                if not trial.lift_foreseen:
+                    yield from trial.back()
                 for _ in range(LIFTS):
                     if trial.now.opening < CLOSED:
                         break
@@ -102,9 +121,20 @@ class Grasp(ProcedureAgent):
 
     def learn_trial(self, findings: GraspFindings, last: Any, ended: bool) -> None:
         """See `ProcedureAgent`: of the approach."""
-        self.rate = findings.rate
+        self.rates = findings.rates
         if findings.looks:
             self.reacher.learn_trial(findings.reach, findings.looks[-1], findings.approached)
+        if self.descent is not None and findings.untouched:
+            home = findings.untouched[0].object
+            self.descent.learn(findings.untouched, home, findings.noise_px)
+
+    def _remembered(self, first: GraspObservation, noise_px: float) -> SmoothPoints | None:
+        """What is known of where tip and object are seen, of an object and in a world as seen at home."""
+        home = first.toward(first.at("object"), first.visible[OBJECT])
+        if self.descent is None or not home.visible.all():
+            return None
+        known = self.descent.known_for(home.gripper)
+        return known.points(home.object, noise_px) if known and len(known.gripper) else None
 
     @property
     def kind(self) -> str:
@@ -114,13 +144,21 @@ class Grasp(ProcedureAgent):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        own = {"rate": np.array([self.rate.words, self.rate.turned])}
+        own = {"turn_rates": self.rates.rates, "turn_covariance": self.rates.covariance}
+        if self.descent is not None:
+            own |= prefixed("descent", self.descent.arrays())
         return own | prefixed("reacher", self.reacher.arrays())
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
-        self.rate = TurnRate(*checked_array(arrays, "rate", (2,)).tolist())
+        motors = ARM + 1
+        self.rates = TurnRates(
+            checked_array(arrays, "turn_rates", (motors,)),
+            checked_array(arrays, "turn_covariance", (motors, motors)),
+        )
         self.reacher.restore(under("reacher", arrays))
+        if self.descent is not None:
+            self.descent.restore(under("descent", arrays))
 
 
 class Reaching(gym.Env[Any, Any]):

@@ -20,53 +20,18 @@ from ..servo.trial import met_something
 from .intermediate import target
 from .observation import ARM, NAMES, GraspObservation
 from .orientation import turn_needed
+from .turning import TURNING, TurnRates
 
 Motions = Generator[Array, GraspObservation, Any]
 """Yields control words (5,), is sent what is observed after them."""
 _OBJECT = NAMES.index("object")
 
 
+OPEN = 0.95
+"""Jaws that are more open than this share have not closed."""
 SURE_PX, SURE_ABOVE_PX = 6.0, 20.0
 """No motion leads where the tip is less surely expected (standard deviation): as long as the table or the
 object may be met, and with the object lifted. Choice: a tenth and a third of the gripper's length."""
-
-
-@dataclass
-class TurnRate:
-    """By how much a word of the wrist's motor turns the jaws, by least squares over all turns.
-
-    Attributes:
-        words: Sum of squared words.
-        turned: Sum of words times the angles (rad) by which they turned the jaws.
-    """
-
-    KEPT = 0.8
-    """Share of what was known that counts at the next turn: the motor may change. Choice."""
-    FARTHER = 4.0
-    """No word is longer than those before together by this factor: so half turns are told apart. Choice."""
-    words: float = 0.0
-    turned: float = 0.0
-
-    @property
-    def known(self) -> bool:
-        """Whether the jaws have ever turned."""
-        return self.words > 0
-
-    @property
-    def value(self) -> float:
-        """In rad, 0 as long as it is not known."""
-        return self.turned / self.words if self.known else 0.0
-
-    @property
-    def longest(self) -> float:
-        """The longest word whose turn is foreseen."""
-        return min(1.0, self.FARTHER * self.words**0.5)
-
-    def learn(self, word: float, by: float) -> None:
-        """A word has turned the jaws by an angle (rad), or half turns more: which, tells the rate so far."""
-        by += np.pi * np.round((self.value * word - by) / np.pi)
-        self.words = self.KEPT * self.words + word**2
-        self.turned = self.KEPT * self.turned + word * by
 
 
 @dataclass
@@ -75,15 +40,25 @@ class GraspFindings:
 
     Attributes:
         reach: What the servo of the approach finds out.
-        rate: By how much the wrist's motor turns the jaws.
-        looks: All that was seen on the way to the object.
+        rates: By how much motors turn the jaws.
+        descent: Tip and object over registers, with all that is remembered of other trials; None where that
+            is nothing.
+        looks: All that was seen on the way to the intermediate position, as its target.
+        untouched: All that was seen before the object may have moved, as who goes to it sees it.
         approached: Whether the gripper came to the intermediate position.
     """
 
     reach: Any
-    rate: TurnRate
+    rates: TurnRates
+    descent: SmoothPoints | None = None
     looks: list[Observation] = field(default_factory=list)
+    untouched: list[Observation] = field(default_factory=list)
     approached: bool = False
+
+    @property
+    def noise_px(self) -> float:
+        """Standard deviation of an image coordinate."""
+        return float(self.reach.filter.noise.px)
 
 
 class GraspTrial:
@@ -111,8 +86,6 @@ class GraspTrial:
     TURNED, TOLERATED = np.radians(2.0), np.radians(10.0)
     """The jaws need not turn by less (rad), and need no further motion to turn by less than the second.
     Choice: they grasp at four times that."""
-    LEAST_TURN = 0.02
-    """Turns by shorter words tell too little of the rate (a guard)."""
     FARTHEST_TURN = 0.95
     """Registers of the wrist's motor stay within this; the jaws can as well be the other way round."""
     OBJECT_MOVED_PX = 8.0
@@ -133,6 +106,8 @@ class GraspTrial:
         self._seen = [first]
         self._from = first.registers[:ARM]
         self._tip = SmoothFunction.unknown(ARM, ARM)
+        self._untouched = True
+        self._note()
 
     def move(self, words: Array | None = None, turn: float = 0.0, jaws: float = 0.0) -> Motions:
         """Executes words (3,) of the arm, one of the wrist's turn, and one of the jaws."""
@@ -144,11 +119,25 @@ class GraspTrial:
         self._seen.append(now)
         executed = (now.registers - before.registers)[:ARM]
         self.touched = met_something(arm, arm - executed)
-        turned = now.registers[ARM] - before.registers[ARM]
-        if abs(turned) > self.LEAST_TURN and angle is not None and not self.touched:
+        self._untouched &= not (self.touched or jaws)
+        self._note()
+        if angle is not None and not (self.touched or jaws) and now.opening > OPEN:
             after = turn_needed(self._orientation, now)
             if after is not None:
-                self._findings.rate.learn(float(turned), angle - after)
+                turned = (now.registers - before.registers)[: ARM + 1]
+                self._findings.rates = self._findings.rates.with_turn(turned, angle - after)
+
+    def _note(self) -> None:
+        """Takes in what is seen of an object that lies still, or has been pushed."""
+        findings, points, view = self._findings, self._findings.descent, self._view(0.0)
+        if self._untouched:
+            findings.untouched.append(view)
+        if points is None or self.now.opening < OPEN:
+            return
+        moved = self.now.at("object") - points.at(view.registers).object.points
+        if view.visible[2:].all() and lengths_px(moved).max() > self.OBJECT_MOVED_PX:
+            points.object_moved(moved)
+        points.look(view, findings.noise_px)
 
     def approach(self) -> Motions:
         """To the intermediate position, by the servo and what it remembers (paper, 3.4)."""
@@ -156,8 +145,8 @@ class GraspTrial:
         procedure = self._reacher.procedure(self._view(1.0), findings)
         words = next(procedure)
         while not self.now.last:
-            tested = self._findings.rate.known or len(self._seen) > ARM
-            yield from self.move(words, turn=self._turn() if tested else 0.0)
+            tested = self._findings.rates.known or len(self._seen) > ARM
+            yield from self.move(words, turn=self._turn(words) if tested else 0.0)
             try:
                 words = procedure.send(self._view(1.0))
             except StopIteration:
@@ -178,33 +167,60 @@ class GraspTrial:
         now = self.now if now is None else now
         return now.toward(*target(self._intermediate, now, share))
 
-    def _turn(self) -> float:
-        """The word that turns the jaws along the object, a test word as long as that is not known (3.5)."""
-        angle, rate = turn_needed(self._orientation, self.now), self._findings.rate
-        if angle is None or abs(angle) < self.TURNED:
+    def _turn(self, words: Array) -> float:
+        """The word that turns the jaws along the object, while words (3,) move the arm, and thereby the jaws.
+
+        A test word, as long as it is not known what words do (3.5).
+        """
+        angle, rates = turn_needed(self._orientation, self.now), self._findings.rates
+        if angle is None:
             return 0.0
-        if not rate.known:
+        left = angle - rates.foreseen(np.append(words, 0.0))[0]
+        if abs(left) < self.TURNED:
+            return 0.0
+        if not rates.known:
             return self.TEST_TURN
-        there = self.now.registers[ARM]
-        turns = there + (angle + np.pi * np.arange(-1, 2)) / rate.value
+        there = self.now.registers[TURNING]
+        turns = there + (left + np.pi * np.arange(-1, 2)) / rates.rates[TURNING]
         possible = turns[np.abs(turns) <= self.FARTHEST_TURN]
         if not len(possible):
-            possible = there + np.array([angle]) / rate.value
+            possible = turns[1:2]
         word = possible[np.abs(possible - there).argmin()] - there
-        return float(np.clip(word, -rate.longest, rate.longest))
+        return float(np.clip(word, -rates.longest, rates.longest))
 
     def toward(self, share: float) -> Motions:
         """To where this share of the way is left to the object, the jaws turning as needed meanwhile."""
-        words = self._words(lambda each: target(self._intermediate, each, share))
-        yield from self.move(words, turn=self._turn())
+        points = self._findings.descent
+        if points is None:
+            words = self._words(self._toward(share))
+        else:
+            words = self._words(points)
+            words += share * (self._from - self.now.registers[:ARM] - words)
+        yield from self.move(words, turn=self._turn(words))
+
+    def turn(self) -> Motions:
+        """Turns the jaws along the object, with the arm where it is."""
+        yield from self.move(turn=self._turn(np.zeros(ARM)))
+
+    @property
+    def foreseen_px(self) -> float:
+        """How surely it is known where the tip meets the object, before it comes near it: a deviation."""
+        points = self._findings.descent
+        if points is None:
+            return np.inf
+        there = self.now.registers[:ARM] + self._words(points)
+        return float(np.sqrt(points.at(there).variances.max())) / IMAGE_UNIT
+
+    def _toward(self, share: float) -> SmoothPoints:
+        """Tip and where it is to be, over registers, by what was seen in this trial."""
+        return self._points(lambda each: target(self._intermediate, each, share), self._seen)
 
     def left_px(self, share: float) -> float:
         """How far the tip is from there, as seen, or as expected, in the image where it is farther."""
         view = self._view(share)
         if view.visible.all():
             return view.distance_px
-        points = self._points(lambda each: target(self._intermediate, each, share), self._seen)
-        expected = points.at(self.now.registers[:ARM])
+        expected = self._toward(share).at(self.now.registers[:ARM])
         return float(lengths_px(expected.gripper.points - expected.object.points).max())
 
     @property
@@ -227,10 +243,20 @@ class GraspTrial:
 
     def lift(self) -> Motions:
         """To where the object is to be lifted, as it is seen to hang between the jaws."""
+        yield from self.move(self._words(self._lifting(), SURE_ABOVE_PX))
+
+    @property
+    def lift_foreseen(self) -> bool:
+        """Whether it is known surely enough how the arm gets there in one motion."""
+        points, here = self._lifting(), self.now.registers[:ARM]
+        words = self._words(points, np.inf)
+        return bool(points.gripper.unsure(here + words).max() <= (SURE_PX * IMAGE_UNIT) ** 2)
+
+    def _lifting(self) -> SmoothPoints:
+        """Tip and where it is to be, over registers, for the object to be where it is to be lifted."""
         hangs = np.where(self.now.visible[_OBJECT][:, None], self.now.at("object") - self.now.at("tip"), 0.0)
         way = self.now.goal - hangs
-        words = self._words(lambda each: (way, np.ones(2, bool)), SURE_ABOVE_PX)
-        yield from self.move(words)
+        return self._points(lambda each: (way, np.ones(2, bool)), self._seen)
 
     def forget_where_the_object_was(self) -> None:
         """Where the object has been pushed, earlier looks are corrected by how far, in each image."""
@@ -240,11 +266,8 @@ class GraspTrial:
             for each in self._seen[:-1]:
                 each.points[_OBJECT:] += pushed
 
-    def _words(
-        self, target_of: Callable[[GraspObservation], tuple[Array, Flags]], sure_px: float = SURE_PX
-    ) -> Array:
+    def _words(self, points: SmoothPoints, sure_px: float = SURE_PX) -> Array:
         """Words (3,) to where the tip is expected to be seen at its target, or as far as that is sure."""
-        points = self._points(target_of, self._seen)
         here = self.now.registers[:ARM]
         ends = np.ones(ARM)
         found = Seeker(points, here, -ends, ends, caution=0.0).seek()
@@ -262,7 +285,7 @@ class GraspTrial:
         seen: list[GraspObservation],
     ) -> SmoothPoints:
         """Tip and target over registers, by what was seen in this trial."""
-        variance = (self._noise_px * IMAGE_UNIT) ** 2
+        variance = (self._findings.noise_px * IMAGE_UNIT) ** 2
         points = SmoothPoints(ARM)
         points.gripper = self._tip
         for each in seen[len(self._findings.looks) :]:
@@ -276,10 +299,6 @@ class GraspTrial:
             points.object = points.object.with_look(place, there - points.home, variance, visible)
         return points
 
-    @property
-    def _noise_px(self) -> float:
-        return float(self._findings.reach.filter.noise.px)
-
     def _tip_as_known(self) -> SmoothFunction:
         """The tip over registers, by the servo's looks; of a servo that keeps none, by the trial's."""
         estimator = self._findings.reach.estimator
@@ -288,5 +307,5 @@ class GraspTrial:
         slopes = Slopes.of(estimator.jacobian, self.now.registers[:ARM])
         points = SmoothPoints(ARM, slopes)
         for each in self._findings.looks:
-            points.look(each, self._noise_px)
+            points.look(each, self._findings.noise_px)
         return points.gripper

@@ -11,9 +11,9 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.grasping_arms import HELD, GraspingArms
-from calfree_gym.envs.shared import ArmShared
+from calfree_gym.envs.shared import ArmShared, GoalRewards
 from calfree_gym.envs.single import ArmEnv
-from calfree_gym.envs.spaces import GOALS, Observation, action_space, unit_box
+from calfree_gym.envs.spaces import GOALS, Observation, action_space, pixel_box, pixels_of, unit_box
 from calfree_gym.envs.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.robot.grasping.shapes import ShapeChoice, check_shape
@@ -21,7 +21,7 @@ from calfree_gym.robot.grasping.simulation import POINTS
 from calfree_gym.tasks import grasp
 from calfree_gym.world import WorldChoice
 
-OBSERVATIONS = GOALS
+OBSERVATIONS = (*GOALS, "pixels")
 _OTHERS = [place for place in range(2 * len(POINTS)) if place not in HELD]
 """Image points other than the object's, which is a goal of its own."""
 MM = 1000.0
@@ -44,9 +44,14 @@ class Grasping(ArmShared):
 
     def _spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
         registers = len(self.arms.robot.motors) + 1
-        state = 2 * len(POINTS) + registers + 1 + 2 * len(_OTHERS)
-        goals = {key: unit_box(5) for key in ("achieved_goal", "desired_goal")}
-        return spaces.Dict(goals | {"observation": unit_box(state)}), action_space(registers)
+        felt, seen = registers + 1, 2 * len(POINTS) + 2 * len(_OTHERS)
+        boxes: dict[str, spaces.Space[Any]]
+        if self._kind in GOALS:
+            boxes = {key: unit_box(5) for key in ("achieved_goal", "desired_goal")}
+            boxes["observation"] = unit_box(felt + seen)
+        else:
+            boxes = {"pixels": pixel_box(self._arguments["image_size"]), "observation": unit_box(felt)}
+        return spaces.Dict(boxes), action_space(registers)
 
     def is_solved(self, truth: Mapping[str, Any]) -> bool:
         """Whether the truth of an arm's info says that the task is done."""
@@ -57,23 +62,22 @@ class Grasping(ArmShared):
 
     def _outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
         arms, rows = self.arms, self.arms.rows
-        points, visible, held = arms.delivered
-        ones = np.ones((rows, 1))
+        points, visible, held, *images = arms.delivered
         achieved = np.concatenate([points[:, HELD].reshape(rows, 4), held[:, None]], 1).astype(np.float32)
-        desired = np.concatenate([arms.goals, ones], 1).astype(np.float32)
-        state = np.concatenate(
-            [
-                visible,
-                arms.registers,
-                arms.jaws[:, None],
-                np.clip(arms.openings, 0, 1)[:, None],
-                points[:, _OTHERS].reshape(rows, -1),
-            ],
-            1,
-        ).astype(np.float32)
-        observed = {"achieved_goal": achieved, "desired_goal": desired, "observation": state}
+        desired = np.concatenate([arms.goals, np.ones((rows, 1))], 1).astype(np.float32)
+        observed: Observation = {}
+        felt = [arms.registers, arms.jaws[:, None], np.clip(arms.openings, 0, 1)[:, None]]
+        if self._kind in GOALS:
+            state = [visible, *felt, points[:, _OTHERS].reshape(rows, -1)]
+            observed |= {"achieved_goal": achieved, "desired_goal": desired}
+        else:
+            state, observed["pixels"] = felt, pixels_of(images[0])
+        observed["observation"] = np.concatenate(state, 1).astype(np.float32)
+        return observed, *self._judged(achieved, desired)
+
+    def _judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:
         distances = grasp.place_distances(achieved, desired)
-        return observed, distances, grasp.lifted(achieved, desired, arms.tolerance)
+        return distances, grasp.lifted(achieved, desired, self.arms.tolerance)
 
     def _truth(self) -> dict[str, Any]:
         arms = self.arms
@@ -99,20 +103,6 @@ class Grasping(ArmShared):
 
     def _cut_short(self) -> NDArray[np.bool_]:
         return self.arms.off_table | self.arms.simulation.diverged
-
-    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """The reward (...) for goals (..., 5); pure, and what `step` returns."""
-        distances = grasp.place_distances(achieved_goal, desired_goal)
-        return self._reward(distances, grasp.lifted(achieved_goal, desired_goal, self.arms.tolerance))
-
-    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """Whether a trial ends (...) at goals (..., 5); pure, and what `step` returns."""
-        ended = grasp.lifted(achieved_goal, desired_goal, self.arms.tolerance)
-        return ended if self._ends else np.zeros_like(ended)
-
-    def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """False: what cuts a trial short cannot be told from goals (`info["off_table"]`, `["diverged"]`)."""
-        return np.zeros(np.shape(achieved_goal)[:-1], bool)
 
 
 class GraspEnv(Grasping, ArmEnv):
@@ -151,6 +141,8 @@ class GraspEnv(Grasping, ArmEnv):
     With "points" they are where projection puts them, nothing hides them, and an upright cylinder's and a
     sphere's main axis is upright. With "vision" a `GraspTracker` finds them in images of 512 pixels: it sees
     the gripper's coloured marks and the object's colour, of which the main axis is the longest way across.
+    With "pixels" there are `pixels` (s, s, 6), uint8, both images, left before right, and `observation` (6,):
+    registers and opening. Success then is by the true points, and there is no `compute_reward`.
 
     *Held* is what jaws and images tell: the jaws stay open though they should have closed, the object's
     image has moved with the gripper's, and so it has stayed for a second.
@@ -182,7 +174,8 @@ class GraspEnv(Grasping, ArmEnv):
         world, camera_mount, perturbations, redraw: As for `StereoArmEnv`.
         terminate_on_success, keep_in_view, truth, reward: As for `StereoArmEnv`.
         render_mode, width, height: As for `StereoArmEnv`.
-        observation: "points" or "vision".
+        observation: "points", "vision" or "pixels".
+        image_size: Width and height of "pixels", 16 to 1024; shadows from 256.
         tolerance_px: Image distance within which the object is at its place, in pixels of 512.
 
     Raises:
@@ -200,6 +193,7 @@ class GraspEnv(Grasping, ArmEnv):
         world: WorldChoice = "wild",
         camera_mount: str | Sequence[str] = "waist",
         observation: str = "points",
+        image_size: int = 128,
         tolerance_px: float = 24.0,
         perturbations: Any = None,
         redraw: str = "never",
@@ -235,6 +229,7 @@ class GraspVectorEnv(Grasping, ArmVectorEnv):
         world: WorldChoice | Sequence[WorldChoice] = "wild",
         camera_mount: str | Sequence[str] = "waist",
         observation: str = "points",
+        image_size: int = 128,
         tolerance_px: float = 24.0,
         perturbations: Any = None,
         redraw: str = "never",
@@ -247,6 +242,26 @@ class GraspVectorEnv(Grasping, ArmVectorEnv):
         height: int = 720,
     ) -> None:
         self._build_rows(locals())
+
+
+class GraspGoalEnv(GoalRewards, GraspEnv):
+    """A `GraspEnv` that observes image points: hindsight relabelling can compute its reward."""
+
+
+class GraspGoalVectorEnv(GoalRewards, GraspVectorEnv):
+    """A `GraspVectorEnv` that observes image points: hindsight relabelling can compute its reward."""
+
+
+def make(**arguments: Any) -> GraspEnv:
+    """The environment of these arguments; for `gymnasium.make`."""
+    goals = arguments.get("observation", "points") in GOALS
+    return GraspGoalEnv(**arguments) if goals else GraspEnv(**arguments)
+
+
+def make_vec(**arguments: Any) -> GraspVectorEnv:
+    """The environment of these arguments; for `gymnasium.make_vec`."""
+    goals = arguments.get("observation", "points") in GOALS
+    return GraspGoalVectorEnv(**arguments) if goals else GraspVectorEnv(**arguments)
 
 
 def placed_things(options: dict[str, Any] | None, rows: int) -> NDArray[np.float64] | None:

@@ -19,16 +19,13 @@ from calfree_gym.envs.spaces import (
     observation_space,
     observations,
 )
-from calfree_gym.errors import check_choice, check_flag, check_whole
+from calfree_gym.errors import check_choice, check_flag
 from calfree_gym.image import lengths
 from calfree_gym.robot.arms.arm import Arm, robot_of
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.reach_simulation import DYNAMICS
 from calfree_gym.robot.workspace import check_near
 from calfree_gym.tasks import goals, reach
-
-SMALLEST_IMAGE, LARGEST_IMAGE = 16, 1024
-"""Width and height in pixels of images that are delivered."""
 
 
 class Reaching(ArmShared):
@@ -40,7 +37,6 @@ class Reaching(ArmShared):
         check_choice("observation", observation, (*GOALS, *IMAGES))
         check_choice("dynamics", arguments["dynamics"], DYNAMICS)
         check_flag("occlusion", arguments["occlusion"])
-        check_whole("image_size", arguments["image_size"], SMALLEST_IMAGE, LARGEST_IMAGE)
         if isinstance(arm := arguments["arm"], Mapping):
             arguments["arm"] = Arm.from_dict(arm)
         super()._build(rows, threads, observation=observation, **arguments)
@@ -64,11 +60,14 @@ class Reaching(ArmShared):
         """The last observation: batched observations, image distances (N, 2), and rendezvous (N,)."""
         observed = observations(self._kind, self._tell, self.arms)
         if self._kind in GOALS:
-            distances = goals.image_distances(observed["achieved_goal"], observed["desired_goal"])
-            return observed, distances, reach.rendezvous(distances, self.arms.tolerance)
+            return observed, *self._judged(observed["achieved_goal"], observed["desired_goal"])
         points, visible = self.arms.delivered[:2]
         distances = lengths(points[:, :2] - points[:, 2:])
         return observed, distances, reach.rendezvous(distances, self.arms.tolerance) & visible.all(1)
+
+    def _judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:
+        distances = goals.image_distances(achieved, desired)
+        return distances, reach.rendezvous(distances, self.arms.tolerance)
 
     def _truth(self) -> dict[str, Any]:
         gripper, object_ = self.arms.simulation.positions()
@@ -81,25 +80,6 @@ class Reaching(ArmShared):
             "object": object_,
             "joints": self.arms.simulation.joints(),
         }
-
-
-class GoalRewards(Reaching):
-    """What a goal environment has besides: reward and end as pure functions of sensor vectors."""
-
-    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """The reward (...) for sensor vectors (..., 4); pure, and what `step` returns."""
-        distances = goals.image_distances(achieved_goal, desired_goal)
-        return self._reward(distances, reach.rendezvous(distances, self.arms.tolerance))
-
-    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """Whether a trial ends (...) at sensor vectors (..., 4); pure, and what `step` returns."""
-        distances = goals.image_distances(achieved_goal, desired_goal)
-        ended = reach.rendezvous(distances, self.arms.tolerance)
-        return ended if self._ends else np.zeros_like(ended)
-
-    def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """False: only the number of motions truncates a trial (see `max_episode_steps`)."""
-        return np.zeros(np.shape(achieved_goal)[:-1], bool)
 
 
 def placed_objects(options: dict[str, Any] | None, rows: int, robot: Robot) -> NDArray[np.float64] | None:

@@ -20,13 +20,15 @@ from calfree_gym.envs.rendering.scene_frame import SceneFrame, check_size
 from calfree_gym.envs.rendering.viewer import Viewer
 from calfree_gym.envs.spaces import Observation
 from calfree_gym.envs.spec import plain
-from calfree_gym.errors import check_choice, check_flag
+from calfree_gym.errors import check_choice, check_flag, check_whole
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.tasks import goals
 
 REWARDS = {"sparse": goals.sparse_reward, "dense": goals.dense_reward}
 RENDER_MODES = ("rgb_array", "human")
 REDRAWS = ("never", "trial")
+SMALLEST_IMAGE, LARGEST_IMAGE = 16, 1024
+"""Width and height in pixels of images that are delivered."""
 
 
 class ArmShared(Copyable, ABC):
@@ -51,6 +53,7 @@ class ArmShared(Copyable, ABC):
         check_choice("reward", reward, tuple(REWARDS))
         check_choice("redraw", arms["redraw"], REDRAWS)
         check_flag("truth", truth)
+        check_whole("image_size", arms["image_size"], SMALLEST_IMAGE, LARGEST_IMAGE)
         tolerance_px = arms["tolerance_px"]
         if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < IMAGE_SIZE):
             raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
@@ -106,6 +109,10 @@ class ArmShared(Copyable, ABC):
         """The last observation: batched observations, image distances (N, 2), and success (N,)."""
 
     @abstractmethod
+    def _judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:
+        """Image distances (..., 2) of goals (..., g), and whether the task is done (...); pure."""
+
+    @abstractmethod
     def _truth(self) -> dict[str, Any]:
         """What is true of all rows: arrays (N, ...)."""
 
@@ -136,3 +143,20 @@ class ArmShared(Copyable, ABC):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+
+class GoalRewards(ArmShared):
+    """What a goal environment has besides: reward and end as pure functions of goals."""
+
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """The reward (...) for goals (..., g); pure, and what `step` returns."""
+        return self._reward(*self._judged(achieved_goal, desired_goal))
+
+    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """Whether a trial ends (...) at goals (..., g); pure, and what `step` returns."""
+        done = self._judged(achieved_goal, desired_goal)[1]
+        return done if self._ends else np.zeros_like(done)
+
+    def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
+        """False: what else ends a trial cannot be told from goals."""
+        return np.zeros(np.shape(achieved_goal)[:-1], bool)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.state import RowState
-from calfree_gym.envs.reaching import GoalRewards, Reaching
-from calfree_gym.envs.shared import RENDER_MODES, ArmShared
+from calfree_gym.envs.reaching import Reaching
+from calfree_gym.envs.shared import RENDER_MODES, ArmShared, GoalRewards
 from calfree_gym.envs.spaces import GOALS, Observation, control_words
 from calfree_gym.errors import known_arguments
 from calfree_gym.perturbations.application import Applied

@@ -37,7 +37,7 @@ def observation_space(kind: str, image_size: int, tell: Sequence[str], robot: Ro
     if kind in GOALS:
         boxes |= {key: unit_box(4) for key in ("achieved_goal", "desired_goal")}
     elif kind == "pixels":
-        boxes["pixels"] = spaces.Box(0, 255, (size, size, 6), np.uint8)
+        boxes["pixels"] = pixel_box(size)
     elif kind == "rgb":
         boxes |= {f"{name}_image": spaces.Box(0, 255, (size, size, 3), np.uint8) for name in CAMERAS}
     else:
@@ -55,6 +55,16 @@ def unit_box(size: int) -> spaces.Box[Any]:
     return spaces.Box(-1.0, 1.0, (size,), np.float32)
 
 
+def pixel_box(size: int) -> spaces.Box[Any]:
+    """Both images, left before right, of this width and height."""
+    return spaces.Box(0, 255, (size, size, 6), np.uint8)
+
+
+def pixels_of(stereo: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Both images of each row (N, 2, s, s, 3) as one (N, s, s, 6)."""
+    return np.concatenate([stereo[:, 0], stereo[:, 1]], -1)
+
+
 def observations(kind: str, tell: Sequence[str], arms: StereoArms) -> Observation:
     """What all rows deliver now, batched."""
     registers = arms.registers.astype(np.float32)
@@ -67,7 +77,7 @@ def observations(kind: str, tell: Sequence[str], arms: StereoArms) -> Observatio
     else:
         (stereo,) = images
         if kind == "pixels":
-            observed = {"pixels": np.concatenate([stereo[:, 0], stereo[:, 1]], -1)}
+            observed = {"pixels": pixels_of(stereo)}
         else:
             what = "image" if kind == "rgb" else "depth"
             observed = {f"{name}_{what}": stereo[:, i].copy() for i, name in enumerate(CAMERAS)}

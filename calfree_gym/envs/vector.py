@@ -12,9 +12,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.state import RowState
-from calfree_gym.envs.reaching import GoalRewards, Reaching
+from calfree_gym.envs.reaching import Reaching
 from calfree_gym.envs.row import HasRows
-from calfree_gym.envs.shared import RENDER_MODES, ArmShared
+from calfree_gym.envs.shared import RENDER_MODES, ArmShared, GoalRewards
 from calfree_gym.envs.spaces import GOALS, Observation, control_words
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.perturbations.application import Applied

@@ -29,6 +29,8 @@ class Simulation(ABC):
         rows: N.
         prefix: Of the names of all that is added to the arm's model.
         covers: Names of the textures that cover table and room.
+        way: Where a list is put here, it gets the configurations (q,) that the first row passes; arms that
+            are placed at once pass none.
 
     Args:
         rows: N.
@@ -39,6 +41,7 @@ class Simulation(ABC):
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("_physics",)
+    way: list[Array] | None = None
 
     def __init__(self, rows: int, robot: Robot, scene: Scene, mounts: Mounts, threads: int) -> None:
         self.rows = rows
@@ -106,6 +109,16 @@ class Simulation(ABC):
         """True joint positions (N, j) in rad or m; of the RV-M2 J1-J5."""
         return self._all_qpos[:, self._qpos].copy()
 
+    def configuration(self, row: int) -> Array:
+        """All that moves in a row (q,), as MuJoCo has it: the arm's joints, and what else there is."""
+        return self._all_qpos[row].copy()
+
+    def between(self, before: Array, after: Array, share: float) -> Array:
+        """A configuration (q,) as `after`, but for the arm, which has come so far along its way."""
+        there = after.copy()
+        there[self._qpos] = before[self._qpos] + share * (after - before)[self._qpos]
+        return there
+
     def picture(self) -> Picture:
         """A model and its state of their own, for pictures and rays, on which `show` puts a row."""
         model = copy.copy(self._model)
@@ -118,7 +131,12 @@ class Simulation(ABC):
         """Puts the object of a row on a picture, where it is or would be."""
 
     def show(
-        self, row: int, picture: Picture, joints: Array | None = None, object_: Array | None = None
+        self,
+        row: int,
+        picture: Picture,
+        joints: Array | None = None,
+        object_: Array | None = None,
+        configuration: Array | None = None,
     ) -> Picture:
         """Puts a row on a picture: where everything is at the last refresh, or would be.
 
@@ -127,6 +145,7 @@ class Simulation(ABC):
             picture: See `picture`; it is changed, and returned.
             joints: Joint positions (j,), where they are to be others than now.
             object_: Where the object would be (3,).
+            configuration: All that moves (q,), where it is to be other than now.
         """
         model, data = picture
         model.cam_pos[:], model.cam_quat[:] = self._camera_position[row], self._camera_orientation[row]
@@ -136,7 +155,7 @@ class Simulation(ABC):
         model.geom_pos[place], model.geom_size[place, :2] = middle, (radius, half_height)
         model.geom_rbound[place] = np.hypot(radius, half_height)
         model.geom_rgba[place, 3] = radius > 0
-        data.qpos[:] = self._all_qpos[row]
+        data.qpos[:] = self._all_qpos[row] if configuration is None else configuration
         if joints is not None:
             data.qpos[self._qpos] = joints
         self.show_object(row, picture, object_)

@@ -18,7 +18,7 @@ from experiments.benchmarks import (
     priors,
 )
 from experiments.benchmarks.sensitivity import study as sensitivity
-from experiments.benchmarks.speed import pictures
+from experiments.benchmarks.speed import grasping, pictures
 from experiments.benchmarks.speed import rates as speed
 from experiments.reporting.tables import Table
 from experiments.running.versions import commit, versions
@@ -37,6 +37,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "coverage": coverage.coverage,
     "arms": arms.arms,
     "pictures": pictures.pictures,
+    "grasping": grasping.grasping,
 }
 """All but `speed`, which alone has peers."""
 

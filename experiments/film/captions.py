@@ -36,28 +36,33 @@ class Status(NamedTuple):
         agent: Who makes it.
         trial: From 1.
         motions: Made in it.
-        error_px: True image error, in the image where it is larger.
-        rendezvous: Whether it has ended so.
+        truth: What is true now, see `calfree_gym`'s infos.
+        success: Whether the task is done.
         over: Whether it has ended.
     """
 
     agent: str
     trial: int
     motions: int
-    error_px: float
-    rendezvous: bool = False
+    truth: Mapping[str, Any]
+    success: bool = False
     over: bool = False
 
 
 def caption(status: Status) -> str:
     """The line below the pictures."""
     motions = f"{status.motions} motion{'s' * (status.motions != 1)}"
+    lifts = "lifted_mm" in status.truth
+    task = "lift" if lifts else "rendezvous"
     where = f"motion {status.motions}"
-    if status.rendezvous:
-        where = f"rendezvous after {motions}"
+    if status.success:
+        where = f"{task} after {motions}"
     elif status.over:
-        where = f"no rendezvous in {motions}"
-    return f"{status.agent} · trial {status.trial} · {where} · image error {status.error_px:.0f} px"
+        where = f"no {task} in {motions}"
+    measured = f"image error {status.truth['error_px']:.0f} px"
+    if lifts:
+        measured = f"object {max(status.truth['lifted_mm'], 0):.0f} mm up"
+    return f"{status.agent} · trial {status.trial} · {where} · {measured}"
 
 
 def announcement(perturbation: Mapping[str, Any]) -> str:

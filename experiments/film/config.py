@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -18,13 +18,6 @@ CAPTION = 12
 """The caption takes one part in so many of a film's height."""
 LEAST_HEIGHT = 144
 """Of a film, so that its pictures are not smaller than pictures can be."""
-
-
-class FilmEnvironmentConfig(EnvironmentConfig):
-    """The arguments of `gymnasium.make`; of observations those that have image points."""
-
-    observation: Literal["points", "vision"] = "points"
-    occlusion: bool = False
 
 
 class GifConfig(Model):
@@ -57,7 +50,7 @@ class FilmConfig(Model):
     """
 
     agent: AgentConfig
-    env: FilmEnvironmentConfig
+    env: EnvironmentConfig
     seed: int = Field(0, ge=0)
     trials: int = Field(gt=0)
     first_trial: int = Field(1, gt=0)

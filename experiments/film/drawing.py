@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
-from calfree_gym.envs.arms.stereo_arms import StereoArms
+from calfree_gym.envs.arms.base import Arms
 from calfree_gym.envs.rendering.scene_frame import (
     GRIPPER_COLOUR,
     OBJECT_COLOUR,
@@ -40,16 +40,18 @@ class Marks(NamedTuple):
     Attributes:
         points: Where points were seen last (4, 2), in image units: gripper left, right, object left, right.
         seen: Which of them are seen now (4,).
+        target: Around which the task is done (2, 2), left and right.
         predicted: Where they are expected (4, 2), NaN where they are not; or None.
     """
 
     points: Array
     seen: Flags
+    target: Array
     predicted: Array | None = None
 
     def lingering(self, predicted: Array | None) -> Marks:
         """While the arm moves: nothing is seen, and all stays where it was seen last."""
-        return Marks(self.points, np.zeros_like(self.seen), predicted)
+        return Marks(self.points, np.zeros_like(self.seen), self.target, predicted)
 
 
 class Words(NamedTuple):
@@ -82,22 +84,22 @@ class Screen:
         gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
     """
 
-    def __init__(self, arms: StereoArms, width: int, height: int, caption: int, sensors: bool) -> None:
+    def __init__(self, arms: Arms, width: int, height: int, caption: int, sensors: bool) -> None:
         self._arms, self._caption = arms, caption
         self._frame = SceneFrame(arms, width, height - caption)
         self._sensors = ImageFormation((height - caption) // 2) if sensors else None
         self._edge, self._stroke = round(0.35 * caption), max(1, caption // 30)
         self._font, self._small = _font(0.4 * caption), _font(0.32 * caption)
 
-    def draw(self, joints: Array | None, marks: Marks | None, words: Words) -> Image:
+    def draw(self, configuration: Array | None, marks: Marks | None, words: Words) -> Image:
         """A picture (height, width, 3).
 
         Args:
-            joints: Joint positions (j,), where they are to be others than now.
+            configuration: All that moves (q,), where it is to be other than now.
             marks: What is marked in the images, if anything.
             words: What it says.
         """
-        scene, *images = self._frame.views(0, joints)
+        scene, *images = self._frame.views(0, configuration)
         scene = self._explained(scene, words.announced)
         world = self._arms.world(0)
         for camera, name in enumerate(CAMERAS):
@@ -114,8 +116,8 @@ class Screen:
 
     def _mark(self, image: Image, marks: Marks, camera: int) -> None:
         tolerance = float(self._arms.tolerance) * PIXELS_PER_UNIT
-        points = marks.points[camera::2]
-        draw_points(image, points, marks.seen[camera::2], points[1], tolerance)
+        target = marks.target[camera]
+        draw_points(image, marks.points[camera::2], marks.seen[camera::2], target, tolerance)
         if marks.predicted is not None:
             draw_crosses(image, marks.predicted[camera::2])
 

@@ -38,7 +38,7 @@ PACE = Pace()
 class Draws(Protocol):
     """Draws pictures, see `drawing.Screen`."""
 
-    def draw(self, joints: Array | None, marks: Marks | None, words: Words) -> Image:
+    def draw(self, configuration: Array | None, marks: Marks | None, words: Words) -> Image:
         """A picture."""
 
 
@@ -77,8 +77,10 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.predicted: Callable[[Array], Array | None] = lambda registers: None
         self._screen, self._add, self._rate = screen, add, frames_per_second
         self._agent, self._first_trial, self._pace = agent, first_trial, pace
-        self._status = Status(agent, 0, 0, 0.0)
+        self._status = Status(agent, 0, 0, {})
         self._marks: Marks | None = None
+        self._way: list[Array] = []
+        self._arms.simulation.way = self._way
 
     @property
     def _arms(self) -> Any:
@@ -92,9 +94,10 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         unwrapped: Any = self.env.unwrapped
         before, seconds = None, 0.0
         if self._filming:
-            before, seconds = self._joints(), unwrapped.home_seconds - LOOK_SECONDS
+            before, seconds = self._configuration(), unwrapped.home_seconds - LOOK_SECONDS
+        self._way.clear()
         observation, info = self.env.reset(seed=seed, options=options)
-        self._status = Status(self._agent, self._status.trial + 1, 0, float(info["truth"]["error_px"]))
+        self._status = Status(self._agent, self._status.trial + 1, 0, info["truth"])
         self._marks = None
         if self._filming:
             self._announce(before)
@@ -105,7 +108,8 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Makes a motion: what has happened to the world, the way, and a look at its end."""
-        before, marks = self._joints(), self._marks
+        before, marks = self._configuration(), self._marks
+        self._way.clear()
         observation, reward, terminated, truncated, info = self.env.step(action)
         status = self._status._replace(motions=self._status.motions + 1)
         if self._filming:
@@ -115,8 +119,8 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             self._status, self._marks = status, marks.lingering(predicted)
             self._travel(before, float(info["robot_seconds"]) - LOOK_SECONDS)
         self._status = status._replace(
-            error_px=float(info["truth"]["error_px"]),
-            rendezvous=bool(info["is_success"]),
+            truth=info["truth"],
+            success=bool(info["is_success"]),
             over=terminated or truncated,
         )
         if self._filming:
@@ -127,11 +131,11 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def _filming(self) -> bool:
         return self._status.trial >= self._first_trial
 
-    def _joints(self) -> Array:
-        joints: Array = self._arms.simulation.joints()[0]
-        return joints
+    def _configuration(self) -> Array:
+        configuration: Array = self._arms.simulation.configuration(0)
+        return configuration
 
-    def _announce(self, joints: Array | None) -> None:
+    def _announce(self, configuration: Array | None) -> None:
         """Shows what has happened to the world, with the arm still where it was."""
         unwrapped: Any = self.env.unwrapped
         for perturbation in unwrapped.applied:
@@ -140,25 +144,32 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
                 caption(self._status), announced=announcement(given), camera=given.get("camera", "")
             )
             marks = self._marks and self._marks.lingering(None)
-            self._show(self._pace.news, joints, marks, words)
+            self._show(self._pace.news, configuration, marks, words)
 
     def _travel(self, before: Array, seconds: float) -> None:
-        """Shows the way from joints `before` to where they are now."""
-        after, words = self._joints(), Words(caption(self._status))
+        """Shows the way from `before` to now: as the simulation went, or else with joints moving evenly."""
+        simulation, after, way = self._arms.simulation, self._configuration(), self._way
+        words = Words(caption(self._status))
         if np.abs(after - before).max() < STILL:
             return
-        for share in eased(max(1, round(self._rate * max(seconds, self._pace.shortest)))):
-            self._add(self._screen.draw(before + share * (after - before), self._marks, words), 1)
+        frames = max(1, round(self._rate * max(seconds, self._pace.shortest)))
+        for frame, share in enumerate(eased(frames), 1):
+            there = simulation.between(before, after, share)
+            if way:
+                there = way[math.ceil(frame / frames * len(way)) - 1]
+            self._add(self._screen.draw(there, self._marks, words), 1)
 
     def _look(self, predicted: Array | None = None) -> None:
         """Shows what is seen now."""
         points, visible, *_ = self._arms.delivered
-        self._marks = Marks(points[0].copy(), visible[0].copy(), predicted)
-        words = Words(caption(self._status), good=self._status.rendezvous)
+        shown = list(self._arms.shown_points)
+        target = self._arms.shown(0)[2][0]
+        self._marks = Marks(points[0, shown], visible[0, shown], target.copy(), predicted)
+        words = Words(caption(self._status), good=self._status.success)
         self._show(self._pace.end if self._status.over else self._pace.look, None, self._marks, words)
 
-    def _show(self, seconds: float, joints: Array | None, marks: Marks | None, words: Words) -> None:
-        self._add(self._screen.draw(joints, marks, words), max(1, round(self._rate * seconds)))
+    def _show(self, seconds: float, configuration: Array | None, marks: Marks | None, words: Words) -> None:
+        self._add(self._screen.draw(configuration, marks, words), max(1, round(self._rate * seconds)))
 
 
 def eased(frames: int) -> Iterator[float]:

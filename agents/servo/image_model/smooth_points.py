@@ -85,6 +85,9 @@ class SmoothPoints:
         start: The Jacobian from before.
     """
 
+    home: Array
+    _before: tuple[SmoothFunction, SmoothFunction]
+
     ALIKE = 0.9
     """Points at two places are alike where they correlate more (a guard: it saves time)."""
 
@@ -116,6 +119,12 @@ class SmoothPoints:
         points._began = np.zeros(gripper.motors)
         points._before = points.gripper, points.object
         return points
+
+    def object_moved(self, by: Array) -> None:
+        """Corrects where the object is by how far it was moved (2, 2); forgets its looks of this trial."""
+        self.home = self.home + by
+        self.object = self._before[1]
+        self._expected.clear()
 
     @property
     def jacobian(self) -> Array:

@@ -60,6 +60,8 @@ class Arms(ABC):
     )
     parts: ClassVar[tuple[str, ...]] = ("simulation", "_motor_errors", "_latency", "_scheduler")
     """Names of what has a state of its own."""
+    shown_points: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
+    """Which of the image points are the gripper's and the object's, left and right of each."""
     delivered: tuple[NDArray[Any], ...]
     tolerance: np.float32
 
@@ -111,9 +113,14 @@ class Arms(ABC):
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """Where the objects of the next trial of some rows (n,) are: drawn, unless they are given."""
 
-    @abstractmethod
     def shown(self, row: int) -> tuple[Array, Flags, Array]:
-        """What frames show of a row, by camera: gripper and object points (2, 2, 2), seen (2, 2), target."""
+        """What frames show of a row, by camera: gripper and object points (2, 2, 2), seen (2, 2), target.
+
+        The target (1, 2, 2), around which the task is done, is the object, unless the task has another.
+        """
+        pairs = list(self.shown_points)
+        points = self.points[row, pairs].reshape(2, 2, 2)
+        return points, self.visible[row, pairs].reshape(2, 2), points[1:]
 
     @abstractmethod
     def begun(self, rows: Rows) -> None:

@@ -48,13 +48,15 @@ class GraspingArms(Arms):
         shape: Of things, see `robot.grasping.shapes`.
         tolerance_px: Image distance within which an object is lifted to its place.
         threads: Threads of the simulation; they change no number.
-        observation: "points" or "vision".
+        observation: "points", or what is rendered: "vision" or "pixels".
+        image_size: Width and height in pixels of images that are delivered.
         camera_mount, keep_in_view, **shared: See `Arms`.
 
     Raises:
         ValueError: See `Arms`.
     """
 
+    shown_points: ClassVar[tuple[int, int, int, int]] = (*GRIPPER, *HELD)
     simulation: GraspSimulation
     robot: GrippingArm
     state_names: ClassVar[tuple[str, ...]] = (
@@ -73,6 +75,7 @@ class GraspingArms(Arms):
         shape: ShapeChoice,
         threads: int,
         observation: str = "points",
+        image_size: int = IMAGE_SIZE,
         **shared: Any,
     ) -> None:
         robot = GrippingArm()
@@ -82,7 +85,7 @@ class GraspingArms(Arms):
             simulation, robot, points, camera_mount=camera_mount, keep_in_view=keep_in_view, **shared
         )
         self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
-        self._sight = sight_of(self, observation, IMAGE_SIZE, GraspTracker)
+        self._sight = sight_of(self, observation, image_size, GraspTracker)
         in_sight = InSight(simulation) if self._sight.renders else None
         self._placing = Placing(robot, self._workspaces, self.motors, shape, keep_in_view, in_sight)
         self._moved = np.zeros(rows, bool)
@@ -90,7 +93,7 @@ class GraspingArms(Arms):
         self.held, self._waited = np.zeros(rows, bool), np.zeros(rows, bool)
         self.goals, self.forces, self.lifted = np.zeros((rows, 4)), np.zeros((rows, 2)), np.zeros(rows)
         self._placed: list[Placed | None] = [None] * rows
-        self.delivered: Seen = (self.points, self.visible, self.held)
+        self.delivered: Seen = (self.points, self.visible, self.held, *self._sight.images)
 
     def seed_streams(self, row: int, seed: int) -> None:
         """See `Arms`."""
@@ -179,7 +182,7 @@ class GraspingArms(Arms):
         true, shown = self._workspaces.cameras.through_lens(pixels)
         visible = shown & (depth > 0) & inside(true)
         self.true_points = true
-        seen, now_visible = self._sight.look(true, visible, self._moved)
+        seen, now_visible, *images = self._sight.look(true, visible, self._moved)
         self._moved[:] = False
         before, both = self.points, self.visible & now_visible
         self.visible = now_visible
@@ -190,9 +193,10 @@ class GraspingArms(Arms):
             self.held,
             way[:, GRIPPER],
             way[:, HELD],
-            np.asarray(both[:, (*GRIPPER, *HELD)].all(1)),
+            np.asarray(both[:, self.shown_points].all(1)),
         )
-        self.delivered = self._latency.deliver(self.motions_of_trial, self.points, self.visible, self.held)
+        seen_now = self.points, self.visible, self.held, *images
+        self.delivered = self._latency.deliver(self.motions_of_trial, *seen_now)
 
     def set_state(self, row: int, state: RowState) -> None:
         """See `Arms`."""
@@ -202,9 +206,7 @@ class GraspingArms(Arms):
 
     def shown(self, row: int) -> tuple[Array, Flags, Array]:
         """See `Arms`: the target is where the object is to be lifted to."""
-        pairs = [*GRIPPER, *HELD]
-        points, seen = self.points[row, pairs].reshape(2, 2, 2), self.visible[row, pairs].reshape(2, 2)
-        return points, seen, self.goals[row].reshape(1, 2, 2)
+        return *super().shown(row)[:2], self.goals[row].reshape(1, 2, 2)
 
     @property
     def off_table(self) -> Flags:

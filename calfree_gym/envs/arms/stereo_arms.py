@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calfree_gym.envs.arms.base import Arms
 from calfree_gym.envs.arms.sight import Seen, sight_of
 from calfree_gym.envs.arms.state import RowState
-from calfree_gym.geometry import Array, Flags, Rows
+from calfree_gym.geometry import Array, Rows
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, PIXELS_PER_UNIT, inside, lengths
 from calfree_gym.robot.arms.marks import RADIUS as MARK_RADIUS
 from calfree_gym.robot.arms.robot import Robot
@@ -102,11 +102,6 @@ class StereoArms(Arms):
             return given
         objects, self._drawn_at[rows] = self._objects.draw(rows, self.trials)
         return objects
-
-    def shown(self, row: int) -> tuple[Array, Flags, Array]:
-        """See `Arms`: the target is the object."""
-        points = self.points[row].reshape(2, 2, 2)
-        return points, self.visible[row].reshape(2, 2), points[1:]
 
     def begun(self, rows: Rows) -> None:
         """See `Arms`."""

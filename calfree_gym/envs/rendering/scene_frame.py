@@ -59,19 +59,19 @@ class SceneFrame:
             _write(inset, name)
         return beside(scene, insets)
 
-    def views(self, row: int, joints: Array | None = None) -> tuple[Image, Image, Image]:
+    def views(self, row: int, configuration: Array | None = None) -> tuple[Image, Image, Image]:
         """What a frame of one row is made of, without points.
 
         Args:
             row: The row.
-            joints: Joint positions (j,), where they are to be others than now.
+            configuration: All that moves (q,), where it is to be other than now.
 
         Returns:
             The scene (height, width - height / 2, 3), and the images (height / 2, height / 2, 3) of the left
             and the right camera.
         """
         arms, images = self._arms, self._images
-        left, right = images.colours(row, arms.world(row), joints=joints)
+        left, right = images.colours(row, arms.world(row), configuration=configuration)
         model, data = images.picture
         dress_cameras(model, arms)
         mujoco.mj_kinematics(model, data)

@@ -61,7 +61,7 @@ class StereoImages:
         self._lenses: list[tuple[LensMap, ...]] = [()] * simulation.rows
 
     def colours(
-        self, row: int, world: World, groups: Sequence[int] = SEEN, joints: Array | None = None
+        self, row: int, world: World, groups: Sequence[int] = SEEN, configuration: Array | None = None
     ) -> tuple[Image, Image]:
         """Images (size, size, 3), left and right, as the simulation is now.
 
@@ -69,11 +69,11 @@ class StereoImages:
             row: The row.
             world: In which it is.
             groups: Of the geoms that are shown.
-            joints: Joint positions (j,), where they are to be others than now.
+            configuration: All that moves (q,), where it is to be other than now.
         """
         left, right = (
             lens.colours(self._pinhole(camera, lens, groups)[0])
-            for camera, lens in enumerate(self.prepare(row, world, joints))
+            for camera, lens in enumerate(self.prepare(row, world, configuration))
         )
         return left, right
 
@@ -85,8 +85,8 @@ class StereoImages:
         )
         return left, right
 
-    def prepare(self, row: int, world: World, joints: Array | None = None) -> tuple[LensMap, ...]:
-        """Lights and covers the row's scene, with joints as they are now or at (j,); its lenses."""
+    def prepare(self, row: int, world: World, configuration: Array | None = None) -> tuple[LensMap, ...]:
+        """Lights and covers the row's scene, as it is now or in a configuration (q,); its lenses."""
         if self._worlds[row] is not world:
             self._worlds[row] = world
             cameras = zip(world.focal_length, world.principal_point, world.lens_k1, strict=True)
@@ -97,7 +97,7 @@ class StereoImages:
         model.light_diffuse[lamp] = world.light_strength
         model.vis.headlight.ambient[:] = world.light_ambient
         self._cover(int(world.texture))
-        self._simulation.show(row, self.picture, joints)
+        self._simulation.show(row, self.picture, configuration=configuration)
         return self._lenses[row]
 
     def _pinhole(

@@ -168,6 +168,8 @@ class GraspSimulation(Simulation):
         """Steps `rows` under control (n, k, nu): largest forces (n, 2), and what the arms press with (n,)."""
         recorded = self._batch.rollout(control.shape[1], control, record=("sensordata",), ids=rows)
         forces = recorded["sensordata"].reshape(len(rows), -1, len(SENSORS), 3)
+        if self.way is not None:
+            self.way.append(self.configuration(0))
         self.diverged[rows] |= ~np.isfinite(self._all_qpos[rows]).all(1)
         largest = np.sqrt(np.square(forces[:, :, :2]).sum(-1)).max(1)
         pressing = forces[:, -1, 2] + forces[:, -1, 3]

@@ -112,8 +112,8 @@ def _single(rounds: int, truth: bool, wanted: float | None, sensors: bool = True
 
     ours, other = "" if truth else ", truth=False", "" if sensors else " without sensors"
     name = f"one environment{ours} / bare mj_step{other}"
-    with _pinned(1):
-        return _ratio(name, wanted, _stepping(1, steps, truth=truth), bare, steps, rounds)
+    with pinned(1):
+        return _ratio(name, wanted, stepping(1, steps, truth=truth), bare, steps, rounds)
 
 
 def batched(rounds: int = ROUNDS, arm: Arm | None = None, wanted: float = 0.93) -> Ratio:
@@ -133,7 +133,7 @@ def batched(rounds: int = ROUNDS, arm: Arm | None = None, wanted: float = 0.93) 
 
     name = f"{rows} rows / bare Batch"
     arguments = {} if arm is None else {"arm": arm}
-    return _ratio(name, wanted, _stepping(rows, steps, **arguments), bare, steps * rows, rounds)
+    return _ratio(name, wanted, stepping(rows, steps, **arguments), bare, steps * rows, rounds)
 
 
 def _kinematic(rounds: int) -> Ratio:
@@ -147,7 +147,7 @@ def _kinematic(rounds: int) -> Ratio:
             batch.forward(stage=stage)
 
     name = f"{rows:,} kinematic rows / bare Batch.forward(POS)"
-    ours = _stepping(rows, steps, dynamics="kinematic")
+    ours = stepping(rows, steps, dynamics="kinematic")
     return _ratio(name, 0.50, ours, bare, steps * rows, rounds)
 
 
@@ -177,11 +177,11 @@ def _ppo(dynamics: str, wanted: float | None, rounds: int) -> Ratio:
 def _beside(peer: Peer, rows: int, wanted: float | None, rounds: int) -> list[Ratio]:
     """Our environment, on one core or in rows on all, against a peer's, which has one row."""
     steps = 50 if rows == 1 else 4
-    stepping = _stepping(rows, steps)
+    ours_steps = stepping(rows, steps)
     seconds = np.empty((rounds, 2))
-    with _pinned(1 if rows == 1 else os.cpu_count() or 1):
+    with pinned(1 if rows == 1 else os.cpu_count() or 1):
         for row in seconds:
-            row[:] = _seconds(stepping), peer.seconds(50)
+            row[:] = _seconds(ours_steps), peer.seconds(50)
     ours, other = (steps * rows, 50) / np.median(seconds, axis=0)
     ratio = float(np.median(seconds[:, 1] / seconds[:, 0])) * steps * rows / 50
     name = f"{'one environment' if rows == 1 else f'{rows} rows'} / {peer.env_id}"
@@ -197,7 +197,7 @@ def _beside(peer: Peer, rows: int, wanted: float | None, rounds: int) -> list[Ra
     return found
 
 
-def _stepping(rows: int, steps: int, **arguments: Any) -> Callable[[], None]:
+def stepping(rows: int, steps: int, **arguments: Any) -> Callable[[], None]:
     """Makes motions there and back again, so that registers stay where they can be."""
     env: Any
     if rows == 1:
@@ -239,7 +239,7 @@ def _seconds(function: Callable[[], object]) -> float:
 
 
 @contextmanager
-def _pinned(cores: int) -> Iterator[None]:
+def pinned(cores: int) -> Iterator[None]:
     """Holds the process to this many cores, where the system can."""
     if not hasattr(os, "sched_setaffinity"):
         yield

@@ -36,9 +36,16 @@ def test_one_without_words_of_its_own_is_told_by_its_settings():
 
 
 def test_the_caption_says_where_a_trial_is():
-    status = Status("memory", 3, 1, 35.4)
+    status = Status("memory", 3, 1, {"error_px": 35.4})
     assert caption(status) == "memory · trial 3 · motion 1 · image error 35 px"
-    reached = status._replace(rendezvous=True, over=True)
+    reached = status._replace(success=True, over=True)
     assert caption(reached) == "memory · trial 3 · rendezvous after 1 motion · image error 35 px"
     missed = status._replace(motions=60, over=True)
     assert caption(missed) == "memory · trial 3 · no rendezvous in 60 motions · image error 35 px"
+
+
+def test_a_grasp_tells_how_high_the_object_is():
+    status = Status("grasp", 1, 9, {"error_px": 35.4, "lifted_mm": -0.2})
+    assert caption(status) == "grasp · trial 1 · motion 9 · object 0 mm up"
+    lifted = status._replace(motions=14, truth={"error_px": 3.0, "lifted_mm": 81.7}, success=True, over=True)
+    assert caption(lifted) == "grasp · trial 1 · lift after 14 motions · object 82 mm up"

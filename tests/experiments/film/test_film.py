@@ -75,7 +75,7 @@ def test_marks_and_words_are_drawn_where_they_belong():
     assert nothing.shape == (234, 324, 3)
     points = np.array([[0.5, 0.5], [-0.5, -0.5], [0.9, -0.9], [0.9, -0.9]])
     expected = np.array([[0.0, 0.5], [np.nan, np.nan], [0.9, 0.9], [0.9, 0.9]])
-    marked = screen.draw(None, Marks(points, np.ones(4, bool), expected), Words(""))
+    marked = screen.draw(None, Marks(points, np.ones(4, bool), points[2:], expected), Words(""))
     new = near(marked, GRIPPER_COLOUR) & ~near(nothing, GRIPPER_COLOUR)
     left, right = new[:108, 216:], new[108:216, 216:]
     assert left[78:84, 51:57].any(), "the gripper's cross, left"
@@ -90,7 +90,7 @@ def test_marks_and_words_are_drawn_where_they_belong():
     assert near(told[2, 2:214], ALARM).all()
     assert near(told[:108, -1], ALARM).all()
     assert not near(told[108:216, -1], ALARM).any()
-    moved = screen.draw(env.unwrapped.arms.simulation.joints()[0] + 0.3, None, Words(""))
+    moved = screen.draw(env.unwrapped.arms.simulation.configuration(0) + 0.3, None, Words(""))
     assert (np.abs(moved.astype(int) - nothing)[:, :216].max(-1) > 60).sum() > 300
     screen.close()
     env.close()
@@ -105,7 +105,7 @@ def test_a_cross_outside_the_image_is_not_drawn():
 class Nowhere:
     """Draws nothing."""
 
-    def draw(self, joints, marks, words):
+    def draw(self, configuration, marks, words):
         return np.zeros((2, 2, 3), np.uint8)
 
 

@@ -11,13 +11,13 @@ KNOCK = {"type": "camera_aim", "camera": "left", "degrees": 15.0}
 
 
 class Shots:
-    """Keeps what was to be drawn: joints, marks, words and for how many frames."""
+    """Keeps what was to be drawn: configuration, marks, words and for how many frames."""
 
     def __init__(self):
         self.all = []
 
-    def draw(self, joints, marks, words):
-        self.all.append([joints, marks, words])
+    def draw(self, configuration, marks, words):
+        self.all.append([configuration, marks, words])
         return np.zeros((2, 2, 3), np.uint8)
 
     def add(self, picture, times):
@@ -38,7 +38,7 @@ def recorded(first_trial=1, perturbations=None, **settings):
 
 
 def joints(recorder):
-    return recorder.unwrapped.arms.simulation.joints()[0]
+    return recorder.unwrapped.arms.simulation.configuration(0)
 
 
 def test_the_arm_moves_smoothly_from_look_to_look():
@@ -141,3 +141,23 @@ def test_a_way_ends_where_it_is_to_end():
     assert len(shares) == 7
     assert shares[-1] == 1
     assert list(eased(1)) == [1]
+
+
+def test_what_the_physics_passed_is_shown_jaws_and_object_too():
+    env = gym.make("CalFree/Grasp-v0", world="wild", camera_mount="stand")
+    shots = Shots()
+    recorder = FilmRecorder(env, shots, shots.add, RATE, "someone")
+    recorder.reset(seed=0)
+    before = recorder.unwrapped.arms.simulation.configuration(0)
+    recorder.step(np.array([0.2, 0.1, -0.1, 0.1, 1.0], np.float32))
+    way = np.array([each[0] for each in shots.all[1:-1]])
+    np.testing.assert_array_equal(way[-1], recorder.unwrapped.arms.simulation.configuration(0))
+    assert (np.abs(np.diff(way, axis=0)).max(0) > 1e-3).sum() >= 7, "arm, turn and both jaws move"
+    assert np.abs(way[0] - before).max() < np.abs(way[-1] - before).max()
+    np.testing.assert_array_equal(shots.all[-1][1].target, env.unwrapped.arms.goals[0].reshape(2, 2))
+    seen = len(shots.all)
+    recorder.reset()
+    home = shots.all[seen][0]
+    np.testing.assert_array_equal(
+        home[-7:], recorder.unwrapped.arms.simulation.configuration(0)[-7:], "the next object lies there"
+    )
