@@ -18,9 +18,9 @@ by two to five."""
 ANGLE, CURVED = 0.1, 0.15
 """Standard deviation of an angle's change as it is seen (rad), and as a share of the expected one: motors are
 curved. Choice: angles are seen to 0.1 near the object."""
-AMBIGUOUS = np.pi / 4
-"""A turn that is less surely foreseen (a deviation) is not told from half a turn more. Derived: half of the
-farthest by which angles between lines differ."""
+AMBIGUOUS, SURE = np.pi / 4, np.pi / 6
+"""A turn that is less surely foreseen (a deviation) is not told from half a turn more; turns are made as long
+as they are foreseen more surely. Derived: angles between lines differ by two or three times that at most."""
 SURPRISING, LESS_SURE = 3.0, 4.0
 """A turn so many deviations away from the foreseen one tells that the object was pushed, or that motors have
 changed: rates are then less sure, by this factor of their variances. Derived: 0.3 %; a choice."""
@@ -57,7 +57,8 @@ class TurnRates:
     @property
     def longest(self) -> float:
         """The longest word of the turning motor whose turn is foreseen surely enough."""
-        return float(min(1.0, AMBIGUOUS / np.sqrt(self.covariance[TURNING, TURNING])))
+        variance = self.covariance[TURNING, TURNING] + np.square(CURVED * self.rates[TURNING])
+        return float(min(1.0, SURE / np.sqrt(variance)))
 
     def with_turn(self, words: Array, by: float) -> Self:
         """The same after words (4,) have turned the jaws by an angle (rad), or half turns more.

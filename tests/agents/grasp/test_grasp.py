@@ -66,7 +66,7 @@ def test_a_motor_that_has_reversed_is_noticed():
     known = TurnRates()
     for rate in (3.0, -3.0):
         for place in range(12):
-            words = np.array([0.0, 0.0, 0.0, min(known.longest, 0.3) * (-1) ** place])
+            words = np.array([0.0, 0.0, 0.0, min(known.longest, 0.3) * (-1.0) ** place])
             known = known.with_turn(words, rate * words[-1])
         assert known.rates[-1] == pytest.approx(rate, rel=0.1)
 
