@@ -22,12 +22,12 @@ from ..servo.servo_agent import ServoAgent
 from .intermediate import INTERMEDIATE
 from .observation import ARM, OBJECT, GraspObservation
 from .orientation import ORIENTATION
-from .trial import OPEN, GraspFindings, GraspTrial
+from .trial import OPEN, GraspFindings, GraspTrial, Motions
 from .turning import TurnRates
 
 SHARES = (0.5, 0.15, 0.0)
 """Of the way from the intermediate position that are left after each motion of the descent. Choice. Where the
-arm meets something it goes to the last but one: of a short way it comes back by little."""
+arm meets something on a long way, it goes to the last but one: of a short way it comes back by little."""
 ACCURATE_PX, BLOCKED_PX = 3.0, 6.0
 """The jaws close where the gripper is seen so near to its place; or where it has met something, and comes no
 nearer, so near. Derived: at the second every tenth grasp of a bar misses, and the first is half of it."""
@@ -95,32 +95,16 @@ class Grasp(ProcedureAgent):
         trial = GraspTrial(self.reacher, self.intermediate, self.orientation, first, findings)
         yield from trial.approach()
         for _ in range(self.tries):
-            if trial.foreseen_px < FORESEEN_PX:
-                if not trial.turned:
-                    yield from trial.turn()
-                yield from trial.toward(SHARES[-1])
-            else:
-                for share in SHARES:
-                    yield from trial.toward(share)
-            for _ in range(CORRECTIONS):
-                near_px = BLOCKED_PX if trial.touched else ACCURATE_PX
-                if trial.left_px(SHARES[-1]) < near_px and trial.turned:
-                    break
-                yield from trial.toward(SHARES[-2] if trial.touched else SHARES[-1])
+            yield from descend(trial)
             yield from trial.close()
             if CLOSED < trial.now.opening < OPEN:
-                if not trial.lift_foreseen:
-                    yield from trial.back()
-                for _ in range(LIFTS):
-                    if trial.now.opening < CLOSED:
-                        break
-                    yield from trial.lift()
+                yield from lift(trial)
             yield from trial.open()
             trial.forget_where_the_object_was()
             yield from trial.toward(1.0)
 
     def learn_trial(self, findings: GraspFindings, last: Any, ended: bool) -> None:
-        """See `ProcedureAgent`: of the approach."""
+        """See `ProcedureAgent`: the approach, turns, and where tip and object were seen all the way."""
         self.rates = findings.rates
         if findings.looks:
             self.reacher.learn_trial(findings.reach, findings.looks[-1], findings.approached)
@@ -159,6 +143,32 @@ class Grasp(ProcedureAgent):
         self.reacher.restore(under("reacher", arrays))
         if self.descent is not None:
             self.descent.restore(under("descent", arrays))
+
+
+def descend(trial: GraspTrial) -> Motions:
+    """Down to the object, the jaws along it: in one motion where that is foreseen, else look by look."""
+    if trial.foreseen_px < FORESEEN_PX:
+        if not trial.turned:
+            yield from trial.turn()
+        yield from trial.toward(SHARES[-1])
+    else:
+        for share in SHARES:
+            yield from trial.toward(share)
+    for correction in range(CORRECTIONS):
+        near_px = BLOCKED_PX if trial.touched else ACCURATE_PX
+        if trial.left_px(SHARES[-1]) < near_px and trial.turned:
+            break
+        yield from trial.toward(SHARES[-2] if trial.touched and not correction else SHARES[-1])
+
+
+def lift(trial: GraspTrial) -> Motions:
+    """Up to where the object is to be; first back where the gripper came from, if the way is not foreseen."""
+    if not trial.lift_foreseen:
+        yield from trial.back()
+    for _ in range(LIFTS):
+        if trial.now.opening < CLOSED:
+            break
+        yield from trial.lift()
 
 
 class Reaching(gym.Env[Any, Any]):
