@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from experiments.__main__ import main
+from experiments.benchmarks.speed import grasping
 from experiments.benchmarks.speed import rates as speed
 from experiments.benchmarks.speed.peer import Peer
 from experiments.errors import ConfigError
@@ -73,3 +74,13 @@ def test_table_and_json_hold_the_same_ratios(simulated, monkeypatch, capsys):
     seconds = next(ratio for ratio in found["ratios"] if ratio["unit"] == "simulated seconds")
     assert seconds["ours"] / substeps["ours"] == pytest.approx(0.005)
     assert seconds["other"] / substeps["other"] == pytest.approx(0.002)
+
+
+def test_grasping_is_timed_with_free_jaws_and_holding(monkeypatch):
+    monkeypatch.setattr(grasping, "ROUNDS", 1)
+    monkeypatch.setattr(grasping, "ROWS", 2)
+    (table,) = grasping.grasping()
+    assert [row.split(", ")[-1] for row in table.frame["row"]] == ["jaws free"] * 2 + ["object held"] * 2 + [
+        "jaws free"
+    ]
+    assert (table.frame[["ratio", "ours a second", "other a second"]] > 0).all(axis=None)
