@@ -79,6 +79,8 @@ class GraspTrial:
     NEAR_PX = 8.0
     """The intermediate position is reached within so many pixels. Choice: what is left is made good while the
     gripper descends."""
+    BORDER = 0.95
+    """Motions are expected to keep the tip within this part of the images. Choice: as in servos."""
     HALVINGS = 5
     """How often a word is halved (a guard)."""
     TEST_TURN = 0.1
@@ -107,6 +109,7 @@ class GraspTrial:
         self._from = first.registers[:ARM]
         self._tip = SmoothFunction.unknown(ARM, ARM)
         self._untouched = True
+        self._in_view, self._shorter = self._from, 1.0
         self._note()
 
     def move(self, words: Array | None = None, turn: float = 0.0, jaws: float = 0.0) -> Motions:
@@ -120,12 +123,21 @@ class GraspTrial:
         executed = (now.registers - before.registers)[:ARM]
         self.touched = met_something(arm, arm - executed)
         self._untouched &= not (self.touched or jaws)
+        self._keep_in_view(bool(before.visible[0].all()))
         self._note()
         if angle is not None and not (self.touched or jaws) and now.opening > OPEN:
             after = turn_needed(self._orientation, now)
             if after is not None:
                 turned = (now.registers - before.registers)[: ARM + 1]
                 self._findings.rates = self._findings.rates.with_turn(turned, angle - after)
+
+    def _keep_in_view(self, was_seen: bool) -> None:
+        """Remembers from where the tip was seen; where it gets lost, the next words are half as long."""
+        if self.now.visible[0].all():
+            self._in_view = self.now.registers[:ARM]
+        if was_seen:
+            longer = self.now.visible[0].all()
+            self._shorter = min(1.0, 2 * self._shorter) if longer else self._shorter / 2
 
     def _note(self) -> None:
         """Takes in what is seen of an object that lies still, or has been pushed."""
@@ -267,14 +279,22 @@ class GraspTrial:
                 each.points[_OBJECT:] += pushed
 
     def _words(self, points: SmoothPoints, sure_px: float = SURE_PX) -> Array:
-        """Words (3,) to where the tip is expected to be seen at its target, or as far as that is sure."""
+        """Words (3,) to where the tip is expected to be seen at its target, or as far as that is sure.
+
+        They keep the tip in both images; where it got lost all the same, they lead back.
+        """
         here = self.now.registers[:ARM]
+        if not self.now.visible[0].all():
+            return self._in_view - here
         ends = np.ones(ARM)
         found = Seeker(points, here, -ends, ends, caution=0.0).seek()
-        words = found.registers - here
+        words = self._shorter * (found.registers - here)
         words /= max(1.0, float(np.abs(words).max()))
+        limits = np.maximum(self.BORDER, np.abs(self.now.at("tip")))
         for _ in range(self.HALVINGS):
-            if points.gripper.unsure(here + words).max() <= (sure_px * IMAGE_UNIT) ** 2:
+            there = here + words
+            sure = points.gripper.unsure(there).max() <= (sure_px * IMAGE_UNIT) ** 2
+            if sure and (np.abs(points.at(there).gripper.points) <= limits).all():
                 break
             words /= 2
         return words
