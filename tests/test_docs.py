@@ -247,7 +247,7 @@ def test_readme_shows_what_it_promises():
     text = README.read_text()
     first = re.search(r"!\[.*?\]\((.*?)\)", text)
     assert first[1] == "docs/film.gif"
-    assert text.count("![") == 2, "the picture on top, and one figure"
+    assert text.count("![") == 3, "two films on top, and one figure"
     assert re.findall(r"<!-- table: (\w+)", text) == ["paper"]
     assert len(re.findall(r"^- \*\*`\w+`\*\*.*(?:\n  .*)*\d", text, re.MULTILINE)) == 3, (
         "bullets with a number"

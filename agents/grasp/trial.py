@@ -18,14 +18,12 @@ from ..servo.least_distance import Seeker
 from ..servo.servo_agent import ServoAgent
 from ..servo.trial import met_something
 from .intermediate import target
-from .observation import ARM, NAMES, GraspObservation
+from .observation import ARM, OBJECT, GraspObservation
 from .orientation import turn_needed
 from .turning import TURNING, TurnRates
 
 Motions = Generator[Array, GraspObservation, Any]
 """Yields control words (5,), is sent what is observed after them."""
-_OBJECT = NAMES.index("object")
-
 
 OPEN = 0.95
 """Jaws that are more open than this share have not closed."""
@@ -133,11 +131,11 @@ class GraspTrial:
 
     def _keep_in_view(self, was_seen: bool) -> None:
         """Remembers from where the tip was seen; where it gets lost, the next words are half as long."""
-        if self.now.visible[0].all():
+        seen = bool(self.now.visible[0].all())
+        if seen:
             self._in_view = self.now.registers[:ARM]
         if was_seen:
-            longer = self.now.visible[0].all()
-            self._shorter = min(1.0, 2 * self._shorter) if longer else self._shorter / 2
+            self._shorter = min(1.0, 2 * self._shorter) if seen else self._shorter / 2
 
     def _note(self) -> None:
         """Takes in what is seen of an object that lies still, or has been pushed."""
@@ -266,17 +264,17 @@ class GraspTrial:
 
     def _lifting(self) -> SmoothPoints:
         """Tip and where it is to be, over registers, for the object to be where it is to be lifted."""
-        hangs = np.where(self.now.visible[_OBJECT][:, None], self.now.at("object") - self.now.at("tip"), 0.0)
+        hangs = np.where(self.now.visible[OBJECT][:, None], self.now.at("object") - self.now.at("tip"), 0.0)
         way = self.now.goal - hangs
         return self._points(lambda each: (way, np.ones(2, bool)), self._seen)
 
     def forget_where_the_object_was(self) -> None:
         """Where the object has been pushed, earlier looks are corrected by how far, in each image."""
-        points = self._points(lambda each: (each.points[_OBJECT], each.visible[_OBJECT]), self._seen[:-1])
+        points = self._points(lambda each: (each.points[OBJECT], each.visible[OBJECT]), self._seen[:-1])
         pushed = self.now.at("object") - points.at(self.now.registers[:ARM]).object.points
         if lengths_px(pushed).max() > self.OBJECT_MOVED_PX:
             for each in self._seen[:-1]:
-                each.points[_OBJECT:] += pushed
+                each.points[OBJECT:] += pushed
 
     def _words(self, points: SmoothPoints, sure_px: float = SURE_PX) -> Array:
         """Words (3,) to where the tip is expected to be seen at its target, or as far as that is sure.
