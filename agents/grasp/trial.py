@@ -79,6 +79,8 @@ class GraspTrial:
     gripper descends."""
     BORDER = 0.95
     """Motions are expected to keep the tip within this part of the images. Choice: as in servos."""
+    LOST = 2
+    """A tip that was not seen in so many looks is out of view. Choice: in one it may be hidden."""
     HALVINGS = 5
     """How often a word is halved (a guard)."""
     TEST_TURN = 0.1
@@ -107,7 +109,7 @@ class GraspTrial:
         self._from = first.registers[:ARM]
         self._tip = SmoothFunction.unknown(ARM, ARM)
         self._untouched = True
-        self._in_view, self._shorter = self._from, 1.0
+        self._in_view, self._unseen, self._shorter = self._from, 0, 1.0
         self._note()
 
     def move(self, words: Array | None = None, turn: float = 0.0, jaws: float = 0.0) -> Motions:
@@ -131,11 +133,12 @@ class GraspTrial:
 
     def _keep_in_view(self, was_seen: bool) -> None:
         """Remembers from where the tip was seen; where it gets lost, the next words are half as long."""
-        seen = bool(self.now.visible[0].all())
-        if seen:
-            self._in_view = self.now.registers[:ARM]
-        if was_seen:
-            self._shorter = min(1.0, 2 * self._shorter) if seen else self._shorter / 2
+        self._unseen += 1
+        if self.now.visible[0].all():
+            self._in_view, self._unseen = self.now.registers[:ARM], 0
+            self._shorter = min(1.0, 2 * self._shorter) if was_seen else self._shorter
+        elif self._unseen == self.LOST:
+            self._shorter /= 2
 
     def _note(self) -> None:
         """Takes in what is seen of an object that lies still, or has been pushed."""
@@ -252,8 +255,15 @@ class GraspTrial:
         yield from self.move(self._from - self.now.registers[:ARM])
 
     def lift(self) -> Motions:
-        """To where the object is to be lifted, as it is seen to hang between the jaws."""
-        yield from self.move(self._words(self._lifting(), SURE_ABOVE_PX))
+        """To where the object is to be lifted, as it is seen to hang between the jaws.
+
+        Where the tip is not seen it goes on by what is expected; not seen again, back to where it was seen,
+        and on by half as long words.
+        """
+        if self._unseen < self.LOST:
+            yield from self.move(self._words(self._lifting(), SURE_ABOVE_PX))
+        else:
+            yield from self.move(self._in_view - self.now.registers[:ARM])
 
     @property
     def lift_foreseen(self) -> bool:
@@ -279,11 +289,9 @@ class GraspTrial:
     def _words(self, points: SmoothPoints, sure_px: float = SURE_PX) -> Array:
         """Words (3,) to where the tip is expected to be seen at its target, or as far as that is sure.
 
-        They keep the tip in both images; where it got lost all the same, they lead back.
+        They keep the tip in both images.
         """
         here = self.now.registers[:ARM]
-        if not self.now.visible[0].all():
-            return self._in_view - here
         ends = np.ones(ARM)
         found = Seeker(points, here, -ends, ends, caution=0.0).seek()
         words = self._shorter * (found.registers - here)
