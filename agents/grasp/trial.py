@@ -16,7 +16,7 @@ from ..servo.image_model.smooth_function import SmoothFunction
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.least_distance import Seeker
 from ..servo.servo_agent import ServoAgent
-from ..servo.trial import met_something
+from ..servo.trial import Stops, met_something
 from .intermediate import target
 from .observation import ARM, OBJECT, GraspObservation
 from .orientation import turn_needed
@@ -88,8 +88,6 @@ class GraspTrial:
     TURNED, TOLERATED = np.radians(2.0), np.radians(10.0)
     """The jaws need not turn by less (rad), and need no further motion to turn by less than the second.
     Choice: they grasp at four times that."""
-    FARTHEST_TURN = 0.95
-    """Registers of the wrist's motor stay within this; the jaws can as well be the other way round."""
     OBJECT_MOVED_PX = 8.0
     """An object that is seen so far from where it should be was pushed. Choice: ten times the noise."""
 
@@ -108,7 +106,7 @@ class GraspTrial:
         self._seen = [first]
         self._from = first.registers[:ARM]
         self._tip = SmoothFunction.unknown(ARM, ARM)
-        self._untouched = True
+        self._untouched, self._turn_stops = True, Stops(1)
         self._in_view, self._unseen, self._shorter = self._from, 0, 1.0
         self._note()
 
@@ -122,6 +120,9 @@ class GraspTrial:
         self._seen.append(now)
         executed = (now.registers - before.registers)[:ARM]
         self.touched = met_something(arm, arm - executed)
+        if not self.touched:
+            there = now.registers[TURNING, None]
+            self._turn_stops.learn(np.array([turn]), turn - there + before.registers[TURNING], there)
         self._untouched &= not (self.touched or jaws)
         self._keep_in_view(bool(before.visible[0].all()))
         self._note()
@@ -191,11 +192,11 @@ class GraspTrial:
         left = angle - rates.foreseen(np.append(words, 0.0))[0]
         if abs(left) < self.TURNED:
             return 0.0
+        there, stops = self.now.registers[TURNING], self._turn_stops
         if not rates.known:
-            return self.TEST_TURN
-        there = self.now.registers[TURNING]
+            return self.TEST_TURN if there + self.TEST_TURN < stops.highest[0] else -self.TEST_TURN
         turns = there + (left + np.pi * np.arange(-1, 2)) / rates.rates[TURNING]
-        possible = turns[np.abs(turns) <= self.FARTHEST_TURN]
+        possible = turns[(turns > stops.lowest[0]) & (turns < stops.highest[0])]
         if not len(possible):
             possible = turns[1:2]
         word = possible[np.abs(possible - there).argmin()] - there
