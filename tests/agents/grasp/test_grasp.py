@@ -66,9 +66,9 @@ def test_rates_of_turning_are_told_though_the_arm_turns_the_jaws_too(rates, size
 def test_a_motor_that_has_reversed_is_noticed():
     known = TurnRates()
     for rate in (3.0, -3.0):
-        for place in range(12):
-            words = np.array([0.0, 0.0, 0.0, min(known.longest, 0.3) * (-1.0) ** place])
-            known = known.with_turn(words, rate * words[-1])
+        for word in [0.3, -0.1, 0.2, -0.3, 0.15, -0.25, 0.1, -0.2] * 3:
+            words = np.array([0.0, 0.0, 0.0, np.clip(word, -known.longest, known.longest)])
+            known = known.with_turn(words, (rate * words[-1] + np.pi / 2) % np.pi - np.pi / 2)
         assert known.rates[-1] == pytest.approx(rate, rel=0.1)
 
 
