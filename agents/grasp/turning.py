@@ -21,9 +21,9 @@ curved. Choice: angles are seen to 0.1 near the object, and less well in images.
 AMBIGUOUS, SURE = np.pi / 4, np.pi / 6
 """A turn that is less surely foreseen (a deviation) is not told from half a turn more; turns are made as long
 as they are foreseen more surely. Derived: angles between lines differ by two or three times that at most."""
-SURPRISING, LESS_SURE = 3.0, 4.0
-"""A turn so many deviations away from the foreseen one tells that the object was pushed, or that motors have
-changed: rates are then less sure, by this factor of their variances. Derived: 0.3 %; a choice."""
+SURPRISING = 3.0
+"""A turn so many deviations away from the foreseen one tells that the object was pushed; two in a row, that
+motors have changed. Derived: 0.3 %."""
 AGED = 0.1
 """Of what is unknown at first, this share is unknown again in the next trial (a deviation). Choice."""
 
@@ -38,10 +38,12 @@ class TurnRates:
     Attributes:
         rates: Of each motor (4,).
         covariance: Of what is not known of them (4, 4).
+        surprised: Whether the last turn was a surprise.
     """
 
     rates: Array = field(default_factory=lambda: np.zeros(ARM + 1))
     covariance: Array = field(default_factory=lambda: UNKNOWN**2 * np.eye(ARM + 1))
+    surprised: bool = False
 
     @property
     def known(self) -> bool:
@@ -70,10 +72,10 @@ class TurnRates:
             return self
         error = (by - expected + np.pi / 2) % np.pi - np.pi / 2
         if abs(error) > SURPRISING * deviation:
-            return replace(self, covariance=LESS_SURE * self.covariance)
+            return type(self)() if self.surprised else replace(self, surprised=True)
         gain = self.covariance @ words / deviation**2
         covariance = self.covariance - np.outer(gain, words @ self.covariance)
-        return replace(self, rates=self.rates + gain * error, covariance=covariance)
+        return type(self)(self.rates + gain * error, covariance)
 
     def aged(self) -> Self:
         """The same in the next trial: motors may have changed."""
