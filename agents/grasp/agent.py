@@ -36,6 +36,8 @@ FORESEEN_PX = 1.5
 Derived: 95 % end within `ACCURATE_PX`."""
 CORRECTIONS = 4
 """So often it is brought nearer, where it is not (a guard)."""
+TEST_TURNS = 2
+"""So often the jaws are turned only to learn how they turn, before the gripper descends (a guard)."""
 CLOSED = 0.06
 """Jaws that were told to close and are less open than this share hold nothing."""
 LIFTS = 10
@@ -147,6 +149,9 @@ class Grasp(ProcedureAgent):
 
 def descend(trial: GraspTrial) -> Motions:
     """Down to the object, the jaws along it: in one motion where that is foreseen, else look by look."""
+    for _ in range(TEST_TURNS):
+        if not (trial.turned or trial.knows_turns):
+            yield from trial.turn()
     if trial.foreseen_px < FORESEEN_PX:
         if not trial.turned:
             yield from trial.turn()

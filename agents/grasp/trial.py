@@ -20,7 +20,7 @@ from ..servo.trial import Stops, met_something
 from .intermediate import target
 from .observation import ARM, OBJECT, GraspObservation
 from .orientation import turn_needed
-from .turning import TURNING, TurnRates
+from .turning import AMBIGUOUS, TURNING, TurnRates
 
 Motions = Generator[Array, GraspObservation, Any]
 """Yields control words (5,), is sent what is observed after them."""
@@ -83,8 +83,8 @@ class GraspTrial:
     """A tip that was not seen in so many looks is out of view. Choice: in one it may be hidden."""
     HALVINGS = 5
     """How often a word is halved (a guard)."""
-    TEST_TURN = 0.1
-    """Of the first turn, whose sign and size are unknown. Choice: it turns by 10 to 40 degrees."""
+    TEST_TURN = 0.15
+    """Of the first turn, whose sign and size are unknown. Choice: it turns by 15 to 60 degrees."""
     TURNED, TOLERATED = np.radians(2.0), np.radians(10.0)
     """The jaws need not turn by less (rad), and need no further motion to turn by less than the second.
     Choice: they grasp at four times that."""
@@ -194,7 +194,8 @@ class GraspTrial:
             return 0.0
         there, stops = self.now.registers[TURNING], self._turn_stops
         if not rates.known:
-            return self.TEST_TURN if there + self.TEST_TURN < stops.highest[0] else -self.TEST_TURN
+            test = self.TEST_TURN if there + self.TEST_TURN < stops.highest[0] else -self.TEST_TURN
+            return test if rates.foreseen(np.append(words, test))[1] < AMBIGUOUS else 0.0
         turns = there + (left + np.pi * np.arange(-1, 2)) / rates.rates[TURNING]
         possible = turns[(turns > stops.lowest[0]) & (turns < stops.highest[0])]
         if not len(possible):
@@ -242,6 +243,11 @@ class GraspTrial:
         """Whether the jaws lie along the object, nearly."""
         angle = turn_needed(self._orientation, self.now)
         return angle is None or abs(angle) < self.TOLERATED
+
+    @property
+    def knows_turns(self) -> bool:
+        """Whether it is known which way the jaws turn, and how far."""
+        return self._findings.rates.known
 
     def close(self) -> Motions:
         """Closes the jaws; then reads how far they are open."""
