@@ -23,7 +23,7 @@ from .intermediate import INTERMEDIATE
 from .observation import ARM, OBJECT, GraspObservation
 from .orientation import ORIENTATION
 from .trial import OPEN, GraspFindings, GraspTrial, Motions
-from .turning import TurnRates
+from .turning import Turning
 
 SHARES = (0.5, 0.15, 0.0)
 """Of the way from the intermediate position that are left after each motion of the descent. Choice. Where the
@@ -50,7 +50,7 @@ class Grasp(ProcedureAgent):
     Attributes:
         reacher: Goes to the intermediate position, and remembers how.
         descent: Remembers where the tip and objects are seen, if the reacher is one that remembers all looks.
-        rates: By how much motors turn the jaws.
+        turning: What turns the jaws, and how far.
 
     Args:
         env: See `Agent`.
@@ -77,7 +77,7 @@ class Grasp(ProcedureAgent):
         self.reacher: ServoAgent = reacher(Reaching())
         self.intermediate, self.orientation, self.tries = intermediate, orientation, tries
         self.prior_knowledge = self.reacher.prior_knowledge | {PriorKnowledge.MOTOR_ORDER}
-        self.rates = TurnRates()
+        self.turning = Turning()
         self.descent: AdaptiveMemory | None = None
         if isinstance(self.reacher, Memory):
             of_reacher = self.reacher.adaptation
@@ -89,7 +89,7 @@ class Grasp(ProcedureAgent):
 
     def new_findings(self) -> GraspFindings:
         """See `ProcedureAgent`."""
-        return GraspFindings(self.reacher.new_findings(), self.rates.aged())
+        return GraspFindings(self.reacher.new_findings(), self.turning.in_new_trial())
 
     def procedure(self, first: Any, findings: GraspFindings) -> Generator[Array, Any, None]:
         """See `ProcedureAgent`."""
@@ -107,7 +107,7 @@ class Grasp(ProcedureAgent):
 
     def learn_trial(self, findings: GraspFindings, last: Any, ended: bool) -> None:
         """See `ProcedureAgent`: the approach, turns, and where tip and object were seen all the way."""
-        self.rates = findings.rates
+        self.turning = findings.turning
         if findings.looks:
             self.reacher.learn_trial(findings.reach, findings.looks[-1], findings.approached)
         if self.descent is not None and findings.untouched:
@@ -130,17 +130,17 @@ class Grasp(ProcedureAgent):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        own = {"turn_rates": self.rates.rates, "turn_covariance": self.rates.covariance}
+        own = {"turning": self.turning.state, "turning_covariance": self.turning.covariance}
         if self.descent is not None:
             own |= prefixed("descent", self.descent.arrays())
         return own | prefixed("reacher", self.reacher.arrays())
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
-        motors = ARM + 1
-        self.rates = TurnRates(
-            checked_array(arrays, "turn_rates", (motors,)),
-            checked_array(arrays, "turn_covariance", (motors, motors)),
+        size = ARM + 2
+        self.turning = Turning(
+            checked_array(arrays, "turning", (size,)),
+            checked_array(arrays, "turning_covariance", (size, size)),
         )
         self.reacher.restore(under("reacher", arrays))
         if self.descent is not None:

@@ -20,7 +20,7 @@ from ..servo.trial import Stops, met_something
 from .intermediate import target
 from .observation import ARM, OBJECT, GraspObservation
 from .orientation import turn_needed
-from .turning import AMBIGUOUS, TURNING, TurnRates
+from .turning import TURNING, Turning
 
 Motions = Generator[Array, GraspObservation, Any]
 """Yields control words (5,), is sent what is observed after them."""
@@ -38,7 +38,7 @@ class GraspFindings:
 
     Attributes:
         reach: What the servo of the approach finds out.
-        rates: By how much motors turn the jaws.
+        turning: By what angle the jaws must turn, and what turns them.
         descent: Tip and object over registers, with all that is remembered of other trials; None where that
             is nothing.
         looks: All that was seen on the way to the intermediate position, as its target.
@@ -47,7 +47,7 @@ class GraspFindings:
     """
 
     reach: Any
-    rates: TurnRates
+    turning: Turning
     descent: SmoothPoints | None = None
     looks: list[Observation] = field(default_factory=list)
     untouched: list[Observation] = field(default_factory=list)
@@ -107,6 +107,7 @@ class GraspTrial:
         self._from = first.registers[:ARM]
         self._tip = SmoothFunction.unknown(ARM, ARM)
         self._untouched, self._turn_stops = True, Stops(1)
+        self._look_at_angle(np.zeros(ARM + 1))
         self._in_view, self._unseen, self._shorter = self._from, 0, 1.0
         self._note()
 
@@ -115,7 +116,6 @@ class GraspTrial:
         before = self.now
         self.touched = False
         arm = np.zeros(ARM) if words is None else words
-        angle = turn_needed(self._orientation, before)
         self.now = now = yield np.concatenate([arm, [turn, jaws]])
         self._seen.append(now)
         executed = (now.registers - before.registers)[:ARM]
@@ -126,11 +126,14 @@ class GraspTrial:
         self._untouched &= not (self.touched or jaws)
         self._keep_in_view(bool(before.visible[0].all()))
         self._note()
-        if angle is not None and not (self.touched or jaws) and now.opening > OPEN:
-            after = turn_needed(self._orientation, now)
-            if after is not None:
-                turned = (now.registers - before.registers)[: ARM + 1]
-                self._findings.rates = self._findings.rates.with_turn(turned, angle - after)
+        self._look_at_angle((now.registers - before.registers)[: ARM + 1])
+
+    def _look_at_angle(self, words: Array) -> None:
+        """Takes in by what angle the jaws must turn, after words (4,)."""
+        self._findings.turning = self._findings.turning.moved(words)
+        angle = turn_needed(self._orientation, self.now)
+        if angle is not None and self.now.opening > OPEN:
+            self._findings.turning = self._findings.turning.seen(angle)
 
     def _keep_in_view(self, was_seen: bool) -> None:
         """Remembers from where the tip was seen; where it gets lost, the next words are half as long."""
@@ -159,7 +162,7 @@ class GraspTrial:
         procedure = self._reacher.procedure(self._view(1.0), findings)
         words = next(procedure)
         while not self.now.last:
-            tested = self._findings.rates.known or len(self._seen) > ARM
+            tested = self.knows_turns or len(self._seen) > ARM
             yield from self.move(words, turn=self._turn(words) if tested else 0.0)
             try:
                 words = procedure.send(self._view(1.0))
@@ -186,22 +189,19 @@ class GraspTrial:
 
         A test word, as long as it is not known what words do (3.5).
         """
-        angle, rates = turn_needed(self._orientation, self.now), self._findings.rates
-        if angle is None:
-            return 0.0
-        left = angle - rates.foreseen(np.append(words, 0.0))[0]
-        if abs(left) < self.TURNED:
+        turning, left = self._findings.turning, self._findings.turning.moved(np.append(words, 0.0)).angle
+        if left is None or abs(left) < self.TURNED:
             return 0.0
         there, stops = self.now.registers[TURNING], self._turn_stops
-        if not rates.known:
+        if not turning.known:
             test = self.TEST_TURN if there + self.TEST_TURN < stops.highest[0] else -self.TEST_TURN
-            return test if rates.foreseen(np.append(words, test))[1] < AMBIGUOUS else 0.0
-        turns = there + (left + np.pi * np.arange(-1, 2)) / rates.rates[TURNING]
+            return 0.0 if turning.moved(np.append(words, test)).angle is None else test
+        turns = there + (left + np.pi * np.arange(-1, 2)) / turning.rates[TURNING]
         possible = turns[(turns > stops.lowest[0]) & (turns < stops.highest[0])]
         if not len(possible):
             possible = turns[1:2]
         word = possible[np.abs(possible - there).argmin()] - there
-        return float(np.clip(word, -rates.longest, rates.longest))
+        return float(np.clip(word, -turning.longest, turning.longest))
 
     def toward(self, share: float) -> Motions:
         """To where this share of the way is left to the object, the jaws turning as needed meanwhile."""
@@ -241,13 +241,13 @@ class GraspTrial:
     @property
     def turned(self) -> bool:
         """Whether the jaws lie along the object, nearly."""
-        angle = turn_needed(self._orientation, self.now)
+        angle = self._findings.turning.angle
         return angle is None or abs(angle) < self.TOLERATED
 
     @property
     def knows_turns(self) -> bool:
         """Whether it is known which way the jaws turn, and how far."""
-        return self._findings.rates.known
+        return self._findings.turning.known
 
     def close(self) -> Motions:
         """Closes the jaws; then reads how far they are open."""

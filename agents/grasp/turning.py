@@ -11,7 +11,7 @@ from ..base.observation import Array
 from .observation import ARM
 
 TURNING = ARM
-"""Place of the motor that turns the gripper among those that can: it follows the arm's."""
+"""Place of the motor that turns the gripper: after the arm's."""
 UNKNOWN = 3.0
 """Standard deviation of a rate (rad a word) of which nothing is known. Choice: a motor's word turns its joint
 by two to five."""
@@ -22,62 +22,95 @@ AMBIGUOUS, SURE = np.pi / 4, np.pi / 6
 """A turn that is less surely foreseen (a deviation) is not told from half a turn more; turns are made as long
 as they are foreseen more surely. Derived: angles between lines differ by two or three times that at most."""
 SURPRISING = 3.0
-"""A turn so many deviations away from the foreseen one tells that the object was pushed; two in a row, that
-motors have changed. Derived: 0.3 %."""
+"""An angle so many deviations away from the foreseen one was seen wrongly, or the object was pushed; two in a
+row tell that motors may have changed. Derived: 0.3 %."""
 AGED = 0.1
-"""Of what is unknown at first, this share is unknown again in the next trial (a deviation). Choice."""
+"""Of what is unknown at first, so much (a deviation) is unknown again in the next trial. Choice."""
 
 
 @dataclass(frozen=True)
-class TurnRates:
-    """Rates (rad a word) of the arm's motors and of the one that turns the gripper, by least squares.
+class Turning:
+    """The angle by which the jaws must turn, and what turns them: a Kalman filter.
 
     The arm turns the gripper, too: whatever motor turns the whole arm turns the jaws against an object that
-    lies still.
+    lies still. Angles between lines are known up to half turns; some are seen quite wrongly.
 
     Attributes:
-        rates: Of each motor (4,).
-        covariance: Of what is not known of them (4, 4).
-        surprised: Whether the last turn was a surprise.
+        state: The angle (rad), and the rates (rad a word) of the arm's motors and of the one that turns the
+            gripper (5,).
+        covariance: Of what is not known of them (5, 5).
+        surprised: Whether the last angle was a surprise.
     """
 
-    rates: Array = field(default_factory=lambda: np.zeros(ARM + 1))
-    covariance: Array = field(default_factory=lambda: UNKNOWN**2 * np.eye(ARM + 1))
+    state: Array = field(default_factory=lambda: np.zeros(ARM + 2))
+    covariance: Array = field(default_factory=lambda: UNKNOWN**2 * np.eye(ARM + 2))
     surprised: bool = False
+
+    @property
+    def angle(self) -> float | None:
+        """By what angle (rad) the jaws must turn, within a quarter turn; None where that is not known."""
+        return _quarter(float(self.state[0])) if self._told else None
+
+    @property
+    def _told(self) -> bool:
+        """Whether the angle is told from one of half a turn more."""
+        return bool(np.sqrt(self.covariance[0, 0] + ANGLE**2) < AMBIGUOUS)
+
+    @property
+    def rates(self) -> Array:
+        """Of the arm's motors, and of the one that turns the gripper (4,)."""
+        return self.state[1:]
 
     @property
     def known(self) -> bool:
         """Whether it is known which way the jaws turn, and about how far."""
-        return bool(abs(self.rates[TURNING]) > 2 * np.sqrt(self.covariance[TURNING, TURNING]))
-
-    def foreseen(self, words: Array) -> tuple[float, float]:
-        """By what angle (rad) words (4,) turn the jaws, and its standard deviation."""
-        turn = float(self.rates @ words)
-        variance = words @ self.covariance @ words + ANGLE**2
-        return turn, float(np.sqrt(variance + np.square(CURVED * self.rates * words).sum()))
+        return bool(abs(self.state[-1]) > 2 * np.sqrt(self.covariance[-1, -1]))
 
     @property
     def longest(self) -> float:
         """The longest word of the turning motor whose turn is foreseen surely enough."""
-        variance = self.covariance[TURNING, TURNING] + np.square(CURVED * self.rates[TURNING])
+        variance = self.covariance[-1, -1] + np.square(CURVED * self.state[-1])
         return float(min(1.0, SURE / np.sqrt(variance)))
 
-    def with_turn(self, words: Array, by: float) -> Self:
-        """The same after words (4,) have turned the jaws by an angle (rad), or half turns more.
+    def moved(self, words: Array) -> Self:
+        """The same after words (4,) were executed, and before anything was seen."""
+        step = np.eye(ARM + 2)
+        step[0, 1:] = -words
+        covariance = step @ self.covariance @ step.T
+        covariance[0, 0] += np.square(CURVED * self.rates * words).sum()
+        return replace(self, state=step @ self.state, covariance=covariance)
 
-        Which, is told by the rates so far; where they do not tell, the turn teaches nothing.
-        """
-        expected, deviation = self.foreseen(words)
-        if deviation > AMBIGUOUS:
-            return self
-        error = (by - expected + np.pi / 2) % np.pi - np.pi / 2
-        if abs(error) > SURPRISING * deviation:
-            return type(self)() if self.surprised else replace(self, surprised=True)
-        gain = self.covariance @ words / deviation**2
-        covariance = self.covariance - np.outer(gain, words @ self.covariance)
-        return type(self)(self.rates + gain * error, covariance)
+    def seen(self, angle: float) -> Self:
+        """The same after an angle (rad) was seen."""
+        if not self._told:
+            return self._begun(angle)
+        column = self.covariance[0]
+        variance = column[0] + ANGLE**2
+        error = _quarter(angle - float(self.state[0]))
+        if abs(error) > SURPRISING * np.sqrt(variance):
+            return self._begun(angle)._less_sure(1.0) if self.surprised else replace(self, surprised=True)
+        covariance = self.covariance - np.outer(column, column) / variance
+        return type(self)(self.state + column * error / variance, covariance)
 
-    def aged(self) -> Self:
-        """The same in the next trial: motors may have changed."""
-        covariance = self.covariance + (AGED * UNKNOWN) ** 2 * np.eye(ARM + 1)
+    def _begun(self, angle: float) -> Self:
+        """The same with another angle, which tells nothing of the rates."""
+        state, covariance = self.state.copy(), self.covariance.copy()
+        state[0], covariance[0], covariance[:, 0] = angle, 0.0, 0.0
+        covariance[0, 0] = ANGLE**2
+        return type(self)(state, covariance)
+
+    def _less_sure(self, share: float) -> Self:
+        covariance = self.covariance.copy()
+        covariance[1:, 1:] += (share * UNKNOWN) ** 2 * np.eye(ARM + 1)
         return replace(self, covariance=covariance)
+
+    def in_new_trial(self) -> Self:
+        """The same before the next trial: another object, and motors may have changed."""
+        later = self._begun(0.0)._less_sure(AGED)
+        later.covariance[0, 0] = UNKNOWN**2
+        return later
+
+
+def _quarter(angle: float) -> float:
+    """An angle between lines, within a quarter turn."""
+    return (angle + np.pi / 2) % np.pi - np.pi / 2
