@@ -53,7 +53,7 @@ def by_least_squares(now: GraspObservation) -> float:
     perspective matter near the gripper.
     """
     edge, line, _ = _in_directions_of_the_gripper(now)
-    return _quarter(float(np.arctan2(line, edge)))
+    return quarter(float(np.arctan2(line, edge)))
 
 
 ORIENTATION: dict[str, Callable[[GraspObservation], float]] = {
@@ -72,9 +72,9 @@ def _in_directions_of_the_gripper(now: GraspObservation) -> Array:
 def _between_lines(first: Array, second: Array) -> float:
     """From the first of two directions (2,) to the second, as lines (rad)."""
     cross = first[0] * second[1] - first[1] * second[0]
-    return _quarter(float(np.arctan2(cross, first @ second)))
+    return quarter(float(np.arctan2(cross, first @ second)))
 
 
-def _quarter(angle: float) -> float:
+def quarter(angle: float) -> float:
     """An angle between lines, within a quarter turn."""
     return (angle + np.pi / 2) % np.pi - np.pi / 2

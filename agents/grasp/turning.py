@@ -9,6 +9,7 @@ import numpy as np
 
 from ..base.observation import Array
 from .observation import ARM
+from .orientation import quarter
 
 TURNING = ARM
 """Place of the motor that turns the gripper: after the arm's."""
@@ -49,7 +50,7 @@ class Turning:
     @property
     def angle(self) -> float | None:
         """By what angle (rad) the jaws must turn, within a quarter turn; None where that is not known."""
-        return _quarter(float(self.state[0])) if self._told else None
+        return quarter(float(self.state[0])) if self._told else None
 
     @property
     def _told(self) -> bool:
@@ -86,7 +87,7 @@ class Turning:
             return self._begun(angle)
         column = self.covariance[0]
         variance = column[0] + ANGLE**2
-        error = _quarter(angle - float(self.state[0]))
+        error = quarter(angle - float(self.state[0]))
         if abs(error) > SURPRISING * np.sqrt(variance):
             return self._begun(angle)._less_sure(1.0) if self.surprised else replace(self, surprised=True)
         covariance = self.covariance - np.outer(column, column) / variance
@@ -109,8 +110,3 @@ class Turning:
         later = self._begun(0.0)._less_sure(AGED)
         later.covariance[0, 0] = UNKNOWN**2
         return later
-
-
-def _quarter(angle: float) -> float:
-    """An angle between lines, within a quarter turn."""
-    return (angle + np.pi / 2) % np.pi - np.pi / 2
