@@ -1,4 +1,4 @@
-"""By how much motors turn the jaws, learned from motions that are made anyway (3.5)."""
+"""What turns the jaws, and how far they still must, learned from motions that are made anyway (3.5)."""
 
 from __future__ import annotations
 
