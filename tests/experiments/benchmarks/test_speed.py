@@ -56,6 +56,7 @@ def test_peers_that_cannot_be_had(spec, said, capsys):
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_table_and_json_hold_the_same_ratios(simulated, monkeypatch, capsys):
     measured = speed.speed([simulated], rounds=1)
     monkeypatch.setattr(speed, "speed", lambda peers: measured)

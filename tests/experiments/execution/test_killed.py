@@ -100,6 +100,7 @@ def kill_and_start_again(suite_data, write_config, tmp_path, kills):
     assert not workers(tmp_path)
 
 
+@pytest.mark.slow
 def test_three_kills(suite_data, write_config, tmp_path):
     kill_and_start_again(suite_data, write_config, tmp_path, kills=3)
 
