@@ -18,6 +18,8 @@ from ..base.checks import checked_array
 from ..base.observation import Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.storage import prefixed, under
+from ..jacobian import Slopes
+from ..servo.image_model.smooth_points import SmoothPoints
 from .archive import Archive
 from .detector import NO_CAMERA, ChangeDetector, Finding, Verdict
 from .explanation import as_seen_now, explain_drift, explain_jump
@@ -137,6 +139,16 @@ class AdaptiveMemory:
         if self.on_change == "keep" or not (self._announced | self.detector.home.jumped(gripper)).any():
             return self.known
         return self._recalled(gripper)
+
+    def points_for(
+        self, home: Observation, noise_px: float, start: Slopes | None = None
+    ) -> SmoothPoints | None:
+        """What is known of the points, of an object and in a world as they are seen at home.
+
+        None where nothing is known of it; see `Remembered.points`.
+        """
+        known = self.known_for(home.gripper)
+        return known.points(home.object, noise_px, start) if known and len(known.gripper) else None
 
     def announce_change(self, cameras: Cameras) -> None:
         """The user says that these cameras (2,) have changed before the next trial; both mean the arm."""

@@ -62,7 +62,7 @@ class Memory(ServoAgent):
         """See `ProcedureAgent`."""
         now = yield from findings.filter.first(first)
         findings.trusted.append(now)
-        points = self._points(now, findings.filter.noise.px)
+        points = self.adaptation.points_for(now, findings.filter.noise.px, self.slopes)
         if points is not None and isinstance(self.servo, UnifiedServo):
             findings.estimator = points
         elif points is not None:
@@ -73,11 +73,6 @@ class Memory(ServoAgent):
             slopes = Slopes.of(expected.jacobian, now.registers, expected.slope_variances)
             findings.estimator = self.servo.new_estimator(self.motors, slopes)
         yield from self.servo(now, findings)
-
-    def _points(self, home: Observation, noise_px: float) -> SmoothPoints | None:
-        """What is known of the points, of an object and in a world as they are seen at home."""
-        known = self.adaptation.known_for(home.gripper)
-        return known.points(home.object, noise_px, self.slopes) if known and len(known.gripper) else None
 
     def _recall(self, points: SmoothPoints) -> tuple[Array, float]:
         """Registers (m,) where the least distance is expected, and how long it is there, in pixels."""
@@ -96,7 +91,9 @@ class Memory(ServoAgent):
             world, or does not see the object.
         """
         home = Observation.of(first)
-        points = self._points(home, self.filter.noise.px) if home.visible.all() else None
+        if not home.visible.all():
+            return None
+        points = self.adaptation.points_for(home, self.filter.noise.px, self.slopes)
         return None if points is None else self._recall(points)[1]
 
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:

@@ -119,8 +119,7 @@ class Grasp(ProcedureAgent):
         home = first.toward(first.at("object"), first.visible[OBJECT])
         if self.descent is None or not home.visible.all():
             return None
-        known = self.descent.known_for(home.gripper)
-        return known.points(home.object, noise_px) if known and len(known.gripper) else None
+        return self.descent.points_for(home, noise_px)
 
     @property
     def kind(self) -> str:

@@ -17,8 +17,8 @@ UNKNOWN = 3.0
 """Standard deviation of a rate (rad a word) of which nothing is known. Choice: a motor's word turns its joint
 by two to five."""
 ANGLE, CURVED = 0.15, 0.15
-"""Standard deviation of an angle's change as it is seen (rad), and as a share of the expected one: motors are
-curved. Choice: angles are seen to 0.1 near the object, and less well in images."""
+"""Standard deviation of an angle as it is seen (rad), and of a turn as a share of the expected one: motors
+are curved. Choice: angles are seen to 0.1 near the object, and less well in images."""
 AMBIGUOUS, SURE = np.pi / 4, np.pi / 6
 """A turn that is less surely foreseen (a deviation) is not told from half a turn more; turns are made as long
 as they are foreseen more surely. Derived: angles between lines differ by two or three times that at most."""

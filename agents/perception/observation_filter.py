@@ -90,8 +90,7 @@ class ObservationFilter:
         """Takes over what `arrays` returned; nothing, where it is of a version that kept nothing."""
         if "mistaken" in arrays:
             at_once = checked_array(arrays, "noise_differences", (None,))
-            earlier = {"home_differences": np.empty(0)}
-            of_homes = checked_array(earlier | dict(arrays), "home_differences", (None,))
+            of_homes = checked_array({"home_differences": np.empty(0), **arrays}, "home_differences", (None,))
             self.noise.restore(at_once, of_homes)
             self.gating.counts = checked_array(arrays, "mistaken", (2,))
             self.home = checked_array(arrays, "last_home", (2, 2), allow_nan=True)

@@ -154,9 +154,8 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             return
         frames = max(1, round(self._rate * max(seconds, self._pace.shortest)))
         for frame, share in enumerate(eased(frames), 1):
-            there = simulation.between(before, after, share)
-            if way:
-                there = way[math.ceil(frame / frames * len(way)) - 1]
+            passed = math.ceil(frame / frames * len(way)) - 1
+            there = way[passed] if way else simulation.between(before, after, share)
             self._add(self._screen.draw(there, self._marks, words), 1)
 
     def _look(self, predicted: Array | None = None) -> None:

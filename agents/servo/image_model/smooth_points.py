@@ -85,9 +85,6 @@ class SmoothPoints:
         start: The Jacobian from before.
     """
 
-    home: Array
-    _before: tuple[SmoothFunction, SmoothFunction]
-
     ALIKE = 0.9
     """Points at two places are alike where they correlate more (a guard: it saves time)."""
 
@@ -119,12 +116,6 @@ class SmoothPoints:
         points._began = np.zeros(gripper.motors)
         points._before = points.gripper, points.object
         return points
-
-    def object_moved(self, by: Array) -> None:
-        """Corrects where the object is by how far it was moved (2, 2); forgets its looks of this trial."""
-        self.home = self.home + by
-        self.object = self._before[1]
-        self._expected.clear()
 
     @property
     def jacobian(self) -> Array:
@@ -186,6 +177,12 @@ class SmoothPoints:
             self.gripper = without_mistaken(self.gripper, gripper)
             self.object = without_mistaken(self.object, object_)
             self._expected.clear()
+
+    def object_moved(self, by: Array) -> None:
+        """Corrects where the object is by how far it was moved (2, 2); forgets its looks of this trial."""
+        self.home = self.home + by
+        self.object = self._before[1]
+        self._expected.clear()
 
     def look_anew(self, observation: Observation, noise_px: float) -> None:
         """As `look`, where the world has changed: forgets earlier looks; known slopes may still hold."""
