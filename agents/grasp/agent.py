@@ -28,12 +28,13 @@ from .turning import Turning
 SHARES = (0.5, 0.15, 0.0)
 """Of the way from the intermediate position that are left after each motion of the descent. Choice. Where the
 arm meets something on a long way, it goes to the last but one: of a short way it comes back by little."""
-ACCURATE_PX, BLOCKED_PX = 3.0, 6.0
-"""The jaws close where the gripper is seen so near to its place; or where it has met something, and comes no
-nearer, so near. Derived: at the second every tenth grasp of a bar misses, and the first is half of it."""
+ACCURATE, BLOCKED = 0.1, 0.15
+"""The jaws close where the gripper is seen so near to its place, in gripper lengths; or where it has met
+something, came from above once more, and comes no nearer, so near. Choice: a sphere is often missed at the
+second."""
 FORESEEN_PX = 1.5
 """Where it is known so well where the tip meets the object (a deviation), it goes there in one motion.
-Derived: 95 % end within `ACCURATE_PX`."""
+Derived: 95 % end within 3 px."""
 CORRECTIONS = 4
 """So often it is brought nearer, where it is not (a guard)."""
 TEST_TURNS = 2
@@ -102,7 +103,6 @@ class Grasp(ProcedureAgent):
             if CLOSED < trial.now.opening < OPEN:
                 yield from lift(trial)
             yield from trial.open()
-            trial.forget_where_the_object_was()
             yield from trial.toward(1.0)
 
     def learn_trial(self, findings: GraspFindings, last: Any, ended: bool) -> None:
@@ -151,18 +151,22 @@ def descend(trial: GraspTrial) -> Motions:
     for _ in range(TEST_TURNS):
         if not (trial.turned or trial.knows_turns):
             yield from trial.turn()
+    way = SHARES
     if trial.foreseen_px < FORESEEN_PX:
+        way = SHARES[-1:]
         if not trial.turned:
             yield from trial.turn()
-        yield from trial.toward(SHARES[-1])
-    else:
-        for share in SHARES:
+    for correction in range(1 + CORRECTIONS):
+        for share in way:
             yield from trial.toward(share)
-    for correction in range(CORRECTIONS):
-        near_px = BLOCKED_PX if trial.touched else ACCURATE_PX
-        if trial.left_px(SHARES[-1]) < near_px and trial.turned:
+            if trial.touched:
+                break
+        left = trial.left(SHARES[-1])
+        if left < (BLOCKED if trial.touched and correction else ACCURATE) and trial.turned:
             break
-        yield from trial.toward(SHARES[-2] if trial.touched and not correction else SHARES[-1])
+        way = SHARES[-1:]
+        if trial.touched:
+            way = SHARES[-2:] if left < 2 * BLOCKED else SHARES
 
 
 def lift(trial: GraspTrial) -> Motions:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,10 +11,17 @@ from ..base.observation import Array, Flags, Observation, RawObservation
 
 NAMES = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
 """What is seen, in the order of the flags."""
-OBJECT = NAMES.index("object")
+TIP, OBJECT = NAMES.index("tip"), NAMES.index("object")
+OF_GRIPPER = slice(OBJECT)
 FLAGS = 2 * len(NAMES)
 GOAL = 5
 """Numbers of a goal: the object's sensor vector, and whether it is held."""
+GRIPPER = np.array([1.0, 1.1, 1.0])
+"""How long the line of the open jaws and the gripper's axis are, relative to its edge: roughly, for near zero
+they do not matter."""
+SLANTED = 3.0
+"""A gripper is seen from one side where its edge and the line of its jaws span an area so slim (the ratio of
+its axes): one image then tells no angle. Choice."""
 ARM = 3
 """So many motors bring the gripper to a place; the next one turns it, and the last one closes its jaws."""
 
@@ -70,6 +77,35 @@ class GraspObservation:
         """The way in both images (4,) from one of `NAMES` to another."""
         return (self.at(end) - self.at(start)).reshape(4)
 
+    def in_gripper_lengths(self, way: Array) -> Array | None:
+        """A way that is seen in both images (4,), in the world (3,), as far as both images tell.
+
+        It is made up of three directions that are seen on the gripper: its edge, the line of its jaws, and
+        its axis. So neither the cameras nor perspective matter near the gripper. Where one image shows all of
+        these, the way is taken to lie across the axis; where none does, nothing is told: None.
+        """
+        told = self.visible[OF_GRIPPER].all(0)
+        directions = [("edge_2", "edge_1"), ("jaw_2", "jaw_1"), ("tip", "base")]
+        seen = np.stack([self.between(*ends) for ends in directions], 1)[told.repeat(2)]
+        seen[:, 2] *= told.all()
+        if not told.all() and (not told.any() or np.linalg.cond(seen[:, :2]) > SLANTED):
+            return None
+        return GRIPPER * np.linalg.lstsq(seen, way[told.repeat(2)], rcond=None)[0]
+
+    def length(self, way: Array) -> float:
+        """How long such a way is, in gripper lengths: of the gripper's axis in images, if it sees no more."""
+        lengths = self.in_gripper_lengths(way) if self.visible[OF_GRIPPER].all() else None
+        if lengths is not None:
+            return float(np.linalg.norm(lengths))
+        return float(np.linalg.norm(way) / np.linalg.norm(self.between("tip", "base")))
+
+    def with_hidden_tip(self, hangs: Array) -> GraspObservation:
+        """The same, where a tip that is hidden is told by the object, which hangs so far from it (2, 2)."""
+        hidden = ~self.visible[TIP] & self.visible[OBJECT]
+        points, visible = self.points.copy(), self.visible.copy()
+        points[TIP, hidden], visible[TIP, hidden] = (points[OBJECT] - hangs)[hidden], True
+        return replace(self, points=points, visible=visible)
+
     def toward(self, target: Array, seen: Flags) -> Observation:
         """The same as who reaches sees it: the gripper's tip, and a target (2, 2) in place of the object.
 
@@ -77,6 +113,6 @@ class GraspObservation:
             target: Where the tip should be, left and right.
             seen: Whether (2,) that is known from what is seen now.
         """
-        visible = np.concatenate([self.visible[0], seen])
+        visible = np.concatenate([self.visible[TIP], seen])
         points = np.concatenate([self.at("tip"), target])
         return Observation(points, visible, self.registers[:ARM], last=self.last)

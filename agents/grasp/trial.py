@@ -11,15 +11,15 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.observation import Array, Flags, Observation
-from ..jacobian import Slopes
 from ..servo.image_model.smooth_function import SmoothFunction
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.least_distance import Seeker
 from ..servo.servo_agent import ServoAgent
 from ..servo.trial import Stops, met_something
 from .intermediate import target
-from .observation import ARM, OBJECT, GraspObservation
+from .observation import ARM, OBJECT, TIP, GraspObservation
 from .orientation import turn_needed
+from .tip import Tip, known_before
 from .turning import TURNING, Turning
 
 Motions = Generator[Array, GraspObservation, Any]
@@ -74,13 +74,15 @@ class GraspTrial:
         findings: What to begin with.
     """
 
-    NEAR_PX = 8.0
-    """The intermediate position is reached within so many pixels. Choice: what is left is made good while the
-    gripper descends."""
+    NEAR = 0.25
+    """The intermediate position is reached within so many gripper lengths. Choice: what is left is made good
+    while the gripper descends."""
     BORDER = 0.95
     """Motions are expected to keep the tip within this part of the images. Choice: as in servos."""
     LOST = 2
     """A tip that was not seen in so many looks is out of view. Choice: in one it may be hidden."""
+    ARRIVED = 0.01
+    """Of a register: nearer it need not come (a guard)."""
     HALVINGS = 5
     """How often a word is halved (a guard)."""
     TEST_TURN = 0.15
@@ -89,7 +91,7 @@ class GraspTrial:
     """The jaws need not turn by less (rad), and need no further motion to turn by less than the second.
     Choice: they grasp at four times that."""
     OBJECT_MOVED_PX = 8.0
-    """An object that is seen so far from where it should be was pushed. Choice: ten times the noise."""
+    """An object that is seen so far from where it should be has been moved. Choice: ten times the noise."""
 
     def __init__(
         self,
@@ -103,10 +105,11 @@ class GraspTrial:
         self._reacher, self._intermediate, self._orientation = reacher, intermediate, orientation
         self._findings = findings
         self.touched = False
-        self._seen = [first]
+        self._seen, self._lying = [first], [(first, np.zeros((2, 2)))]
         self._from = first.registers[:ARM]
-        self._tip = SmoothFunction.unknown(ARM, ARM)
+        self._tip = Tip(SmoothFunction.unknown(ARM, ARM), self._seen, findings.noise_px)
         self._untouched, self._turn_stops = True, Stops(1)
+        self._hangs: Array | None = None
         self._look_at_angle(np.zeros(ARM + 1))
         self._in_view, self._unseen, self._shorter = self._from, 0, 1.0
         self._note()
@@ -116,15 +119,19 @@ class GraspTrial:
         before = self.now
         self.touched = False
         arm = np.zeros(ARM) if words is None else words
-        self.now = now = yield np.concatenate([arm, [turn, jaws]])
+        now = yield np.concatenate([arm, [turn, jaws]])
+        self.now = now = now if self._hangs is None else now.with_hidden_tip(self._hangs)
         self._seen.append(now)
+        self._tip.look(now)
         executed = (now.registers - before.registers)[:ARM]
         self.touched = met_something(arm, arm - executed)
         if not self.touched:
             there = now.registers[TURNING, None]
             self._turn_stops.learn(np.array([turn]), turn - there + before.registers[TURNING], there)
         self._untouched &= not (self.touched or jaws)
-        self._keep_in_view(bool(before.visible[0].all()))
+        if now.opening > OPEN:
+            self._lying.append((now, self._moved()))
+        self._keep_in_view(bool(before.visible[TIP].all()))
         self._note()
         self._look_at_angle((now.registers - before.registers)[: ARM + 1])
 
@@ -138,7 +145,7 @@ class GraspTrial:
     def _keep_in_view(self, was_seen: bool) -> None:
         """Remembers from where the tip was seen; where it gets lost, the next words are half as long."""
         self._unseen += 1
-        if self.now.visible[0].all():
+        if self.now.visible[TIP].all():
             self._in_view, self._unseen = self.now.registers[:ARM], 0
             self._shorter = min(1.0, 2 * self._shorter) if was_seen else self._shorter
         elif self._unseen == self.LOST:
@@ -172,12 +179,13 @@ class GraspTrial:
                 yield from self.move((home - self.now.registers[:ARM]) / 2)
                 procedure = self._reacher.servo(self._view(1.0), findings)
                 words = next(procedure)
-            if self.left_px(1.0) <= self.NEAR_PX:
+            if tested and self.left(1.0) <= self.NEAR:
                 self._findings.approached = True
                 break
         self._from = self.now.registers[:ARM]
         self._findings.looks = [self._view(1.0, each) for each in self._seen]
-        self._tip = self._tip_as_known()
+        known = known_before(self._findings.reach.estimator, self._from)
+        self._tip = Tip(known, self._seen, self._findings.noise_px)
 
     def _view(self, share: float, now: GraspObservation | None = None) -> Observation:
         """What a servo sees that goes to where a share of the way is left to the object."""
@@ -228,15 +236,13 @@ class GraspTrial:
 
     def _toward(self, share: float) -> SmoothPoints:
         """Tip and where it is to be, over registers, by what was seen in this trial."""
-        return self._points(lambda each: target(self._intermediate, each, share), self._seen)
+        return self._points(lambda each: target(self._intermediate, each, share))
 
-    def left_px(self, share: float) -> float:
-        """How far the tip is from there, as seen, or as expected, in the image where it is farther."""
+    def left(self, share: float) -> float:
+        """How far the tip is from there, as seen, or as expected, in gripper lengths."""
         view = self._view(share)
-        if view.visible.all():
-            return view.distance_px
-        expected = self._toward(share).at(self.now.registers[:ARM])
-        return float(lengths_px(expected.gripper.points - expected.object.points).max())
+        seen = view if view.visible.all() else self._toward(share).at(self.now.registers[:ARM])
+        return self.now.length(seen.distance)
 
     @property
     def turned(self) -> bool:
@@ -250,11 +256,15 @@ class GraspTrial:
         return self._findings.turning.known
 
     def close(self) -> Motions:
-        """Closes the jaws; then reads how far they are open."""
+        """Closes the jaws; then reads how far they are open, and sees how what they hold hangs."""
         yield from self.move(jaws=1.0)
+        expected = self._lifting().gripper.at(self.now.registers[:ARM]).points
+        tip = np.where(self.now.visible[TIP][:, None], self.now.at("tip"), expected)
+        self._hangs = self.now.at("object") - tip
 
     def open(self) -> Motions:
         """Opens the jaws."""
+        self._hangs = None
         yield from self.move(jaws=-1.0)
 
     def back(self) -> Motions:
@@ -267,10 +277,9 @@ class GraspTrial:
         Where the tip is not seen it goes on by what is expected; not seen again, back to where it was seen,
         and on by half as long words.
         """
-        if self._unseen < self.LOST:
-            yield from self.move(self._words(self._lifting(), SURE_ABOVE_PX))
-        else:
-            yield from self.move(self._in_view - self.now.registers[:ARM])
+        back = self._in_view - self.now.registers[:ARM]
+        lost = self._unseen >= self.LOST and np.abs(back).max() > self.ARRIVED
+        yield from self.move(back if lost else self._words(self._lifting(), SURE_ABOVE_PX))
 
     @property
     def lift_foreseen(self) -> bool:
@@ -281,17 +290,21 @@ class GraspTrial:
 
     def _lifting(self) -> SmoothPoints:
         """Tip and where it is to be, over registers, for the object to be where it is to be lifted."""
-        hangs = np.where(self.now.visible[OBJECT][:, None], self.now.at("object") - self.now.at("tip"), 0.0)
+        seen = (self.now.visible[OBJECT] & self.now.visible[TIP])[:, None]
+        hangs = np.where(
+            seen, self.now.at("object") - self.now.at("tip"), 0.0 if self._hangs is None else self._hangs
+        )
         way = self.now.goal - hangs
-        return self._points(lambda each: (way, np.ones(2, bool)), self._seen)
+        return self._points(lambda each: (way, np.ones(2, bool)))
 
-    def forget_where_the_object_was(self) -> None:
-        """Where the object has been pushed, earlier looks are corrected by how far, in each image."""
-        points = self._points(lambda each: (each.points[OBJECT], each.visible[OBJECT]), self._seen[:-1])
-        pushed = self.now.at("object") - points.at(self.now.registers[:ARM]).object.points
-        if lengths_px(pushed).max() > self.OBJECT_MOVED_PX:
-            for each in self._seen[:-1]:
-                each.points[OBJECT:] += pushed
+    def _moved(self) -> Array:
+        """How far the object seems to have been moved in both images (2, 2) since the trial began."""
+        before = self._lying[-1][1]
+        if self._untouched or not self.now.visible[OBJECT].all():
+            return before
+        points = self._points(lambda each: (each.points[OBJECT], each.visible[OBJECT]))
+        moved = self.now.at("object") - points.at(self.now.registers[:ARM]).object.points
+        return before + moved if lengths_px(moved).max() > self.OBJECT_MOVED_PX else before
 
     def _words(self, points: SmoothPoints, sure_px: float = SURE_PX) -> Array:
         """Words (3,) to where the tip is expected to be seen at its target, or as far as that is sure.
@@ -312,33 +325,13 @@ class GraspTrial:
             words /= 2
         return words
 
-    def _points(
-        self,
-        target_of: Callable[[GraspObservation], tuple[Array, Flags]],
-        seen: list[GraspObservation],
-    ) -> SmoothPoints:
-        """Tip and target over registers, by what was seen in this trial."""
-        variance = (self._findings.noise_px * IMAGE_UNIT) ** 2
+    def _points(self, target_of: Callable[[GraspObservation], tuple[Array, Flags]]) -> SmoothPoints:
+        """Tip and target over registers, by what was seen in this trial; of the object as it lay."""
         points = SmoothPoints(ARM)
-        points.gripper = self._tip
-        for each in seen[len(self._findings.looks) :]:
-            points.gripper = points.gripper.with_look(
-                each.registers[:ARM], each.at("tip"), variance, each.visible[0]
-            )
-        points.home = target_of(seen[0])[0]
-        for each in seen:
-            there, visible = target_of(each)
+        points.gripper, variance = self._tip.function, self._tip.variance
+        home = target_of(self._seen[0])[0]
+        for each, moved in self._lying:
+            (there, visible), points.home = target_of(each), home + moved
             place = np.concatenate([each.registers[:ARM], points.home.ravel()])
             points.object = points.object.with_look(place, there - points.home, variance, visible)
         return points
-
-    def _tip_as_known(self) -> SmoothFunction:
-        """The tip over registers, by the servo's looks; of a servo that keeps none, by the trial's."""
-        estimator = self._findings.reach.estimator
-        if isinstance(estimator, SmoothPoints):
-            return estimator.gripper
-        slopes = Slopes.of(estimator.jacobian, self.now.registers[:ARM])
-        points = SmoothPoints(ARM, slopes)
-        for each in self._findings.looks:
-            points.look(each, self._findings.noise_px)
-        return points.gripper

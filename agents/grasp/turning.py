@@ -89,7 +89,7 @@ class Turning:
         variance = column[0] + ANGLE**2
         error = quarter(angle - float(self.state[0]))
         if abs(error) > SURPRISING * np.sqrt(variance):
-            return self._begun(angle)._less_sure(1.0) if self.surprised else replace(self, surprised=True)
+            return type(self)().seen(angle) if self.surprised else replace(self, surprised=True)
         covariance = self.covariance - np.outer(column, column) / variance
         return type(self)(self.state + column * error / variance, covariance)
 
@@ -100,13 +100,9 @@ class Turning:
         covariance[0, 0] = ANGLE**2
         return type(self)(state, covariance)
 
-    def _less_sure(self, share: float) -> Self:
-        covariance = self.covariance.copy()
-        covariance[1:, 1:] += (share * UNKNOWN) ** 2 * np.eye(ARM + 1)
-        return replace(self, covariance=covariance)
-
     def in_new_trial(self) -> Self:
         """The same before the next trial: another object, and motors may have changed."""
-        later = self._begun(0.0)._less_sure(AGED)
+        later = self._begun(0.0)
+        later.covariance[1:, 1:] += (AGED * UNKNOWN) ** 2 * np.eye(ARM + 1)
         later.covariance[0, 0] = UNKNOWN**2
         return later

@@ -79,6 +79,7 @@ class SmoothPoints:
         home: Where the object is seen from home (2, 2), in image units; zero until it was looked at.
         noise_px: Standard deviation of an image coordinate.
         remembers: Whether it knows what was seen in earlier trials.
+        before: What was known of gripper and object before the first look of this trial.
 
     Args:
         motors: m.
@@ -114,7 +115,7 @@ class SmoothPoints:
         points.gripper, points.home, points.remembers = gripper, home, True
         points.object = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
         points._began = np.zeros(gripper.motors)
-        points._before = points.gripper, points.object
+        points.before = points.gripper, points.object
         return points
 
     @property
@@ -136,7 +137,7 @@ class SmoothPoints:
             variances = variances + changes[:, None] * np.eye(self.motors)
             self.gripper = self.gripper.with_slopes(slopes[GRIPPER], variances[GRIPPER], registers)
             self.object = self.object.with_slopes(slopes[OBJECT], variances[OBJECT], self._place(registers))
-        self._before = self.gripper, self.object
+        self.before = self.gripper, self.object
         self._seen: list[Observation] = []
 
     def _place(self, registers: Array) -> Array:
@@ -155,7 +156,7 @@ class SmoothPoints:
         noisier = noise_px**2 > NOISIER * self.noise_px**2
         self.noise_px = noise_px
         if noisier:
-            self.gripper, self.object = self._before
+            self.gripper, self.object = self.before
             for each in self._seen:
                 self._take_in(each)
         else:
@@ -172,7 +173,7 @@ class SmoothPoints:
 
     def leave_out_mistaken(self) -> None:
         """Leaves out looks of this trial that are not where the others say."""
-        gripper, object_ = self._before
+        gripper, object_ = self.before
         if len(gripper.looks.places) == gripper.known_slopes:
             self.gripper = without_mistaken(self.gripper, gripper)
             self.object = without_mistaken(self.object, object_)
@@ -181,7 +182,7 @@ class SmoothPoints:
     def object_moved(self, by: Array) -> None:
         """Corrects where the object is by how far it was moved (2, 2); forgets its looks of this trial."""
         self.home = self.home + by
-        self.object = self._before[1]
+        self.object = self.before[1]
         self._expected.clear()
 
     def look_anew(self, observation: Observation, noise_px: float) -> None:

@@ -11,9 +11,9 @@ from calfree_gym.image import CAMERAS
 from calfree_gym.vision.marks import GraspMarks
 from calfree_gym.vision.tracking.blobs import find_blobs
 from calfree_gym.vision.tracking.colours import ColourTable, Image
-from calfree_gym.vision.tracking.gripper_fit import GripperLayout, fit_gripper
+from calfree_gym.vision.tracking.gripper_fit import GripperFit, GripperLayout, fit_gripper
 from calfree_gym.vision.tracking.outline import Array
-from calfree_gym.vision.tracking.parts import Part, find_parts, whole
+from calfree_gym.vision.tracking.parts import Part, completed, find_parts, whole
 from calfree_gym.vision.tracking.tracker import check_images
 
 POINTS = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
@@ -25,6 +25,11 @@ LOOKS = 3
 """So many looks count: what goes on to show less is farther away now. Choice."""
 LARGEST = 0.5
 """Width or height of an object as a share of the image's. Choice: it must be seen whole at first."""
+REMEMBERED = 0.8
+"""Of the evidence that both images show the same ends, so much counts in the next look. Choice."""
+ERROR, SIZE = 0.008, 0.4
+"""Standard deviations of the image of an axis, in image units, and of its length, in gripper lengths. Choice: 2
+px, and things that a gripper grasps."""
 _TIP, _BASE, _JAW_1, _JAW_2, _EDGE_1, _EDGE_2, _OBJECT, _END_1, _END_2 = range(len(POINTS))
 _GRIPPER = slice(_OBJECT)
 
@@ -46,15 +51,16 @@ class GraspTracker:
 
     def reset(self) -> None:
         """Forgets all images: what was never seen stands at the centre."""
-        self._points = np.zeros((len(POINTS), 2, 2))
+        self._points, self._opposed = np.zeros((len(POINTS), 2, 2)), 0.0
         self._areas: list[dict[str, tuple[float, ...]]] = [{} for _ in CAMERAS]
-        self._directions: list[Array | None] = [None for _ in CAMERAS]
+        self._fits: list[GripperFit | None] = [None for _ in CAMERAS]
+        self._objects: list[Part | None] = [None for _ in CAMERAS]
 
     def copy(self) -> GraspTracker:
         """One that remembers the same, and goes on by itself."""
         other = copy.copy(self)
         other._points, other._areas = self._points.copy(), [dict(areas) for areas in self._areas]
-        other._directions = list(self._directions)
+        other._fits, other._objects = list(self._fits), list(self._objects)
         return other
 
     def __call__(self, left: Image, right: Image) -> tuple[Array, NDArray[np.bool_]]:
@@ -84,13 +90,14 @@ class GraspTracker:
         """Updates what is seen in one camera's image: flags (9,), and the object's main axis (2,)."""
         points, seen = self._points[:, camera], np.zeros(len(POINTS), bool)
         parts = self._parts(image, camera)
-        fit = fit_gripper(parts, scale, self._layout, self._directions[camera])
+        fit = fit_gripper(parts, scale, self._layout, self._fits[camera])
         if fit is not None:
-            self._directions[camera] = fit.directions
+            self._fits[camera] = fit
             points[_GRIPPER][fit.seen], seen[_GRIPPER] = fit.points[fit.seen], fit.seen
-        object_ = whole(parts["object"])
-        if object_ is None:
+        shown = whole(parts["object"])
+        if shown is None:
             return seen, np.zeros(2)
+        object_ = self._objects[camera] = completed(shown, self._objects[camera])
         points[_OBJECT], seen[_OBJECT] = object_.middle / scale - 1, True
         return seen, object_.axis / scale
 
@@ -112,23 +119,25 @@ class GraspTracker:
             axes: In each image (2, 2); of either sign.
             visible: Which points (9, 2) are seen; those of the ends are added.
         """
-        both = visible[_OBJECT].all()
         gripper = [(_EDGE_1, _EDGE_2), (_JAW_1, _JAW_2), (_BASE, _TIP)]
         before = self._points[_END_1] - self._points[_END_2]
-        if both and all(visible[list(pair)].all() for pair in gripper):
+        axes *= np.where((axes * before).sum(1, keepdims=True) < 0, -1, 1)
+        if visible[_OBJECT].all() and all(visible[list(pair)].all() for pair in gripper):
             directions = np.stack([(self._points[a] - self._points[b]).ravel() for a, b in gripper], 1)
-            errors = [_left_over(directions, np.concatenate([axes[0], sign * axes[1]])) for sign in (1, -1)]
-            axes[1] *= (1, -1)[int(np.argmin(errors))]
-            axes *= np.sign((axes * before).sum()) or 1.0
-        else:
-            axes *= np.where((axes * before).sum(1, keepdims=True) < 0, -1, 1)
+            errors = [_unlikely(directions, np.concatenate([axes[0], sign * axes[1]])) for sign in (1, -1)]
+            self._opposed = REMEMBERED * self._opposed + errors[0] - errors[1]
+            if self._opposed > 0:
+                axes[1], self._opposed = -axes[1], -self._opposed
         for camera in np.flatnonzero(visible[_OBJECT]):
             for end, sign in ((_END_1, 1), (_END_2, -1)):
                 self._points[end, camera] = self._points[_OBJECT, camera] + sign * axes[camera]
                 visible[end, camera] = True
 
 
-def _left_over(directions: Array, axis: Array) -> float:
-    """How much of an axis (4,) in both images no combination of directions (4, 3) explains."""
-    explained = directions @ np.linalg.lstsq(directions, axis, rcond=None)[0]
-    return float(np.square(axis - explained).sum())
+def _unlikely(directions: Array, axis: Array) -> float:
+    """How unlikely an axis (4,) in both images is, for a gripper whose directions are seen so (4, 3).
+
+    No combination of them explains a wrong one, or only one of a thing that is far longer than a gripper.
+    """
+    covariance = ERROR**2 * np.eye(4) + SIZE**2 * directions @ directions.T
+    return float(axis @ np.linalg.solve(covariance, axis))

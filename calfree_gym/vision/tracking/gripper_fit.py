@@ -17,12 +17,20 @@ BEFORE = 0.1
 what nothing else does."""
 ERROR = 0.012
 """A part so far from where the others say is half hidden, or something else; in image units. Choice: 3 px."""
-ROUNDS = 4
+AFFINE = 0.016
+"""Standard deviation, in image units, by which images of a gripper's directions differ from those under
+parallel rays. Choice: 4 px, a tenth of a gripper that is ten times its length away."""
+OPENED = 0.5
+"""Standard deviation of the logarithm of the jaws' opening, from one look to the next. Choice: it lets jaws
+close within a few looks."""
+OPENINGS = (0.05, 1.2)
+"""Between which the opening is (a guard)."""
+AMBIGUOUS = 0.5
+"""A fit that is not worse by more than this may be the true one. Choice."""
+ROUNDS = 6
 """Of least squares, each with weights by the errors of the one before. Choice."""
 SURE = 6.0
-"""A point is seen where an error of the parts grows by no more than this on the way to it. Choice: of 380
-looks at a grasping gripper 98 % tell all points then, the gripper point to 5 px in the 95th percentile."""
-_DIRECTIONS = np.diag([0.0, 1.0, 1.0, 1.0])
+"""A point is seen where an error of the parts grows by no more than this on the way to it. Choice."""
 
 
 class GripperLayout(NamedTuple):
@@ -34,10 +42,14 @@ class GripperLayout(NamedTuple):
     Attributes:
         lower: The jaws' lower ends.
         upper: Their upper ends.
+        line: From the axis to a jaw, where they are open, relative to the axis.
+        edge: From the base to an edge, relative to the axis.
     """
 
     lower: float = 0.912
     upper: float = 0.486
+    line: float = 0.538
+    edge: float = 0.489
 
 
 class GripperFit(NamedTuple):
@@ -47,28 +59,32 @@ class GripperFit(NamedTuple):
         points: Tip, base, jaws 1 and 2, edges 1 and 2 (6, 2).
         seen: Which of them (6,) follow from what is seen now.
         directions: Three (3, 2): from base to tip, and half of those from jaw 2 to 1 and from edge 2 to 1.
+        opening: Of the jaws, relative to the open ones, where both were seen last.
         error: How badly it fits the parts.
     """
 
     points: Array
     seen: NDArray[np.bool_]
     directions: Array
+    opening: float
     error: float
 
 
 def fit_gripper(
-    parts: Mapping[str, list[Part]], scale: Array, layout: GripperLayout, before: Array | None
+    parts: Mapping[str, list[Part]], scale: Array, layout: GripperLayout, before: GripperFit | None
 ) -> GripperFit | None:
     """The gripper by its parts: each is base + share * axis ± line of the jaws, or base ± edge.
 
-    Depth changes little along a gripper: so its image is nearly an affine one. The jaws' upper ends have one
-    colour: of all ways to tell them apart the one counts that fits best.
+    Depth changes little along a gripper: so its image is nearly an affine one, under parallel rays; and as its
+    directions are at right angles in the world, two equations hold between their images, whatever the camera
+    (factorization, Tomasi & Kanade 1992). They tell what is hidden. The jaws' upper ends have one colour: of
+    all ways to tell them apart the one counts that fits best.
 
     Args:
         parts: Seen in one image, by mark; the largest first.
         scale: Half of the image's width and height in px (2,).
         layout: Where the marks are on the gripper.
-        before: Its directions before (3, 2), if it was ever seen.
+        before: The fit before, if it was ever seen.
 
     Returns:
         It, or None where nothing is seen of it.
@@ -86,11 +102,15 @@ def fit_gripper(
     seen += [(part, uppers[0].area) for part in uppers]
     places = np.array([part.middle / scale - 1 for part, _ in seen])
     whole = np.array([(part.area / largest) ** 2 for part, largest in seen])
-    fits = (
+    fits = [
         _fit(np.array(rows + [_row(layout.upper, 2, side) for side in sides]), places, whole, layout, before)
         for sides in permutations((1, -1), len(uppers))
-    )
-    return min(fits, key=lambda fit: fit.error)
+    ]
+    best = min(fits, key=lambda fit: fit.error)
+    for other in fits:
+        if other.error < best.error + AMBIGUOUS:
+            best.seen[np.abs(other.points - best.points).max(1) > SURE * ERROR] = False
+    return best
 
 
 def _row(along: float, across: int, side: int) -> list[float]:
@@ -100,22 +120,58 @@ def _row(along: float, across: int, side: int) -> list[float]:
     return row
 
 
-def _fit(rows: Array, places: Array, whole: Array, layout: GripperLayout, before: Array | None) -> GripperFit:
-    """The fit of parts (k, 4) to their places (k, 2), by how much of them is seen (k,)."""
-    known = np.zeros((4, 2)) if before is None else np.vstack([np.zeros(2), before])
-    remembered = _DIRECTIONS * (1e-6 if before is None else BEFORE)
-    weights = whole
+def _fit(
+    rows: Array, places: Array, whole: Array, layout: GripperLayout, before: GripperFit | None
+) -> GripperFit:
+    """The fit of parts (k, 4) to their places (k, 2), by how much of them is seen (k,).
+
+    Gauss-Newton steps of base, axis, line, edge, and the logarithm of the opening (9,).
+    """
+    opening = 1.0 if before is None else before.opening
+    known = np.append(
+        np.zeros((4, 2)) if before is None else [np.zeros(2), *before.directions], np.log(opening)
+    )
+    remembers = np.diag([0.0] * 2 + [np.sqrt(0.0 if before is None else BEFORE) / ERROR] * 6 + [1 / OPENED])
+    parts = np.pad(np.kron(rows, np.eye(2)), ((0, 0), (0, 1)))
+    state, weights = known, whole
     for _ in range(ROUNDS):
-        weighted = rows.T * weights
-        normal, wanted = weighted @ rows + remembered, weighted @ places + remembered @ known
-        found = np.asarray(np.linalg.lstsq(normal, wanted, rcond=None)[0])
-        errors = np.square(rows @ found - places).sum(1) / ERROR**2
+        trust = np.sqrt(weights).repeat(2)[:, None] / ERROR
+        angles, slopes = _right_angles(state, layout)
+        matrix = np.concatenate([trust * parts, slopes / AFFINE, remembers])
+        left = np.concatenate(
+            [trust[:, 0] * (places.ravel() - parts @ state), -angles / AFFINE, remembers @ (known - state)]
+        )
+        state = state + np.linalg.lstsq(matrix, left, rcond=None)[0]
+        state[8] = np.clip(state[8], *np.log(OPENINGS))
+        errors = np.square((parts @ state).reshape(-1, 2) - places).sum(1) / ERROR**2
         weights = whole / (1 + errors)
-    turned = 0.0 if before is None else float(np.square(found[1:] - before).sum() / ERROR**2)
-    pairs = ((layout.lower, 2), (0.0, 3))
+    found, pairs = state[:8].reshape(4, 2), ((layout.lower, 2), (0.0, 3))
     jaws, edges = ([_row(along, across, side) for side in (1, -1)] for along, across in pairs)
     points = np.array([_row(1.0, 0, 0), _row(0.0, 0, 0), *jaws, *edges])
-    information = (rows.T * weights) @ rows + 1e-6 * np.eye(4)
-    growth = np.einsum("ij,jk,ik->i", points, np.linalg.inv(information), points)
+    seen = matrix[: -len(remembers)] * ERROR
+    covariance = np.linalg.inv(seen.T @ seen + 1e-6 * np.eye(9))[:8, :8].reshape(4, 2, 4, 2)
+    growth = np.einsum("ij,jakb,ik->i", points, covariance, points) / 2
+    turned = 0.0 if before is None else float(np.square(found[1:] - before.directions).sum() / ERROR**2)
+    angles, _ = _right_angles(state, layout)
     error = float((whole * np.log1p(errors)).sum() + BEFORE * np.log1p(turned))
-    return GripperFit(points @ found, np.asarray(growth <= SURE**2), found[1:], error)
+    error += float(np.square(angles / AFFINE).sum()) / 2
+    both = {1, -1} <= set(rows[rows[:, 1] == layout.lower, 2])
+    opening = float(np.exp(state[8])) if both else opening
+    return GripperFit(points @ found, np.asarray(growth <= SURE**2), found[1:], opening, error)
+
+
+def _right_angles(state: Array, layout: GripperLayout) -> tuple[Array, Array]:
+    """By how much two equations of right angles fail (2,) in image units, and its slopes (2, 9).
+
+    Under parallel rays unit vectors at right angles are seen as three vectors whose first components, taken
+    together, are as long as the second ones, and at right angles to them.
+    """
+    lengths = np.array([1.0, layout.line * np.exp(state[8]), layout.edge])
+    x, y = (state[2:8].reshape(3, 2) / lengths[:, None]).T
+    size = max(float(np.sqrt((x @ x + y @ y) / 2)), 1e-9)
+    angles = np.array([(x @ x - y @ y) / 2, x @ y]) / size
+    slopes = np.zeros((2, 9))
+    slopes[:, 2:8] = np.stack([np.stack([x, -y], 1), np.stack([y, x], 1)]).reshape(2, 6)
+    slopes[:, 2:8] /= lengths.repeat(2) * size
+    slopes[:, 8] = -np.array([x[1] ** 2 - y[1] ** 2, 2 * x[1] * y[1]]) / size
+    return angles, slopes

@@ -9,7 +9,7 @@ import numpy as np
 from calfree_gym.vision.marks import Mark
 from calfree_gym.vision.tracking.balls import BALL_SATURATION, LEAST_CONTRAST, covered, has_colour
 from calfree_gym.vision.tracking.blobs import Blob
-from calfree_gym.vision.tracking.opacity import opacity
+from calfree_gym.vision.tracking.opacity import Opacity, opacity
 from calfree_gym.vision.tracking.outline import Array
 
 LEAST_RADIUS = 0.004
@@ -17,6 +17,9 @@ LEAST_RADIUS = 0.004
 BELONGS = 3.0
 """Blobs belong to one part that is hidden between them where their middles are no farther apart than this
 many of their standard deviations together. Choice: halves of a bar, with half a bar between them."""
+
+BEYOND = 0.05
+"""What is seen lies still if no larger share of it lies where it was not before. Choice: noise of edges."""
 
 
 class Part(NamedTuple):
@@ -26,11 +29,25 @@ class Part(NamedTuple):
         area: In px².
         middle: In px from the image's upper left corner (2,).
         spread: Covariance of its pixels (2, 2), in px².
+        corner: Left and upper border of its window (2,), in px from the image's.
+        shares: Which share of each pixel of its window it covers (h, w).
     """
 
     area: float
     middle: Array
     spread: Array
+    corner: Array
+    shares: Opacity
+
+    @classmethod
+    def of(cls, corner: Array, shares: Opacity) -> Part:
+        """The part that covers these shares of pixels."""
+        area = float(shares.sum())
+        rows, columns = np.indices(shares.shape)
+        middle = np.array([(shares * columns).sum(), (shares * rows).sum()]) / area
+        x, y = columns - middle[0], rows - middle[1]
+        xx, xy, yy = ((shares * each).sum() / area for each in (x * x, x * y, y * y))
+        return cls(area, middle + corner + 0.5, np.array([[xx, xy], [xy, yy]]), corner, shares)
 
     @property
     def axis(self) -> Array:
@@ -40,12 +57,16 @@ class Part(NamedTuple):
 
     def with_part(self, other: Part) -> Part:
         """Both together."""
-        area = self.area + other.area
-        share = other.area / area
-        apart = other.middle - self.middle
-        spread = (1 - share) * self.spread + share * other.spread
-        spread = spread + share * (1 - share) * np.outer(apart, apart)
-        return Part(area, self.middle + share * apart, spread)
+        corners = np.stack([self.corner, other.corner])
+        ends = corners + [each.shares.shape[::-1] for each in (self, other)]
+        corner = corners.min(0)
+        width, height = (ends.max(0) - corner).astype(int)
+        shares = np.zeros((height, width), np.float32)
+        for part in (self, other):
+            x, y = (part.corner - corner).astype(int)
+            window = shares[y : y + part.shares.shape[0], x : x + part.shares.shape[1]]
+            np.maximum(window, part.shares, out=window)
+        return Part.of(corner, shares)
 
 
 def find_parts(blobs: list[Blob], mark: Mark, size: tuple[int, int]) -> list[Part]:
@@ -72,6 +93,18 @@ def whole(parts: list[Part]) -> Part | None:
     return together
 
 
+def completed(seen: Part, before: Part | None) -> Part:
+    """A thing of which this is seen now, and perhaps more was seen before.
+
+    Where all that is seen was there before, it lies still, and what is missing is hidden. Otherwise it has
+    moved, or shows another side: what is seen is all that is known.
+    """
+    if before is None:
+        return seen
+    beyond = before.with_part(seen).area - before.area
+    return before if beyond <= BEYOND * seen.area else seen
+
+
 def _measured(blob: Blob, mark: Mark, size: tuple[int, int]) -> Part | None:
     shares, contrast = opacity(blob.window, blob.mask)
     area = float(shares.sum())
@@ -79,8 +112,4 @@ def _measured(blob: Blob, mark: Mark, size: tuple[int, int]) -> Part | None:
         return None
     if not has_colour(covered(blob, shares), mark, BALL_SATURATION[0]):
         return None
-    rows, columns = np.indices(shares.shape)
-    middle = np.array([(shares * columns).sum(), (shares * rows).sum()]) / area
-    x, y = columns - middle[0], rows - middle[1]
-    xx, xy, yy = ((shares * each).sum() / area for each in (x * x, x * y, y * y))
-    return Part(area, middle + np.array(blob.corner) + 0.5, np.array([[xx, xy], [xy, yy]]))
+    return Part.of(np.array(blob.corner, float), shares)
