@@ -14,10 +14,10 @@ BLOCKED = 0.06
 """Jaws that stay open by this share more than they were told have something between them. Choice: on nothing
 they close to a hundredth."""
 MOVED = 8 * IMAGE_UNIT
-"""The gripper has moved where its image point has moved so far, in one image. Choice."""
-ALIKE, ALIKE_AT_LEAST = 0.25, 4 * IMAGE_UNIT
-"""The object has moved with it where their image points differ by no more than this share of the way, or by
-so much (image units). Choice: a thing that stays differs by all of the way."""
+"""The gripper has moved where its image point has moved so far, in one image. Choice: ten times the noise."""
+ALIKE = 0.5
+"""The object has moved with it where their image points differ by less than this share of the way. Derived: a
+thing that stays differs by all of it, one that goes with it by none."""
 
 
 def blocked(opening: Floats, register: Floats) -> Floats:
@@ -28,6 +28,8 @@ def blocked(opening: Floats, register: Floats) -> Floats:
 def held(blocked: Floats, before: Floats, gripper_way: Floats, object_way: Floats, seen: Floats) -> Floats:
     """Whether (N,) the gripper holds the object, as jaws and images tell.
 
+    Where the gripper has hardly moved, or not all is seen, as before.
+
     Args:
         blocked: Whether (N,) something is between its jaws.
         before: Whether (N,) it held it before.
@@ -37,8 +39,7 @@ def held(blocked: Floats, before: Floats, gripper_way: Floats, object_way: Float
     """
     far = lengths(gripper_way).max(-1)
     apart = lengths(object_way - gripper_way).max(-1)
-    alike = apart <= np.maximum(ALIKE * far, ALIKE_AT_LEAST)
-    return blocked & np.where(seen, alike & (before | (far > MOVED)), before)
+    return blocked & np.where(seen & (far > MOVED), apart < ALIKE * far, before)
 
 
 def place_distances(achieved: Floats, desired: Floats) -> Floats:
