@@ -27,7 +27,7 @@ from .turning import Turning
 
 SHARES = (0.5, 0.15, 0.0)
 """Of the way from the intermediate position that are left after each motion of the descent. Choice. Where the
-arm meets something on a long way, it goes to the last but one: of a short way it comes back by little."""
+arm meets something, it comes down once more: near by the last two, for of a short way it comes back by little."""
 ACCURATE, BLOCKED = 0.1, 0.15
 """The jaws close where the gripper is seen so near to its place, in gripper lengths; or where it has met
 something, came from above once more, and comes no nearer, so near. Choice: a sphere is often missed at the
@@ -35,8 +35,8 @@ second."""
 FORESEEN_PX = 1.5
 """Where it is known so well where the tip meets the object (a deviation), it goes there in one motion.
 Derived: 95 % end within 3 px."""
-CORRECTIONS = 4
-"""So often it is brought nearer, where it is not (a guard)."""
+CORRECTIONS = 8
+"""So often it is brought nearer, or comes down once more, where it is not there (a guard)."""
 TEST_TURNS = 2
 """So often the jaws are turned only to learn how they turn, before the gripper descends (a guard)."""
 CLOSED = 0.06
@@ -151,7 +151,7 @@ def descend(trial: GraspTrial) -> Motions:
     for _ in range(TEST_TURNS):
         if not (trial.turned or trial.knows_turns):
             yield from trial.turn()
-    way = SHARES
+    way: tuple[float, ...] = SHARES
     if trial.foreseen_px < FORESEEN_PX:
         way = SHARES[-1:]
         if not trial.turned:

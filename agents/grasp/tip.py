@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array
 from ..jacobian import Slopes
+from ..servo.image_model.mistaken import price, without_mistaken
 from ..servo.image_model.smooth_function import SmoothFunction
 from ..servo.image_model.smooth_points import SmoothPoints
 from .observation import ARM, TIP, GraspObservation
@@ -28,7 +31,8 @@ class Tip:
     """
 
     def __init__(self, start: SmoothFunction, looks: Iterable[GraspObservation], noise_px: float) -> None:
-        self._noise_px, self._functions = noise_px, [start] * len(NOISIER)
+        self._start, self._functions = start, [start] * len(NOISIER)
+        self._variances = [(noisier * noise_px * IMAGE_UNIT) ** 2 for noisier in NOISIER]
         for each in looks:
             self.look(each)
 
@@ -36,31 +40,29 @@ class Tip:
         """Takes in what is seen of it."""
         place, tip, seen = now.registers[:ARM], now.at("tip"), now.visible[TIP]
         self._functions = [
-            function.with_look(place, tip, self._variance(noisier), seen)
-            for function, noisier in zip(self._functions, NOISIER, strict=True)
+            function.with_look(place, tip, variance, seen)
+            for function, variance in zip(self._functions, self._variances, strict=True)
         ]
 
-    @property
-    def function(self) -> SmoothFunction:
-        """The one that explains best what was seen (the evidence)."""
-        return self._functions[self._best]
+    def explained(self) -> tuple[SmoothFunction, float]:
+        """What explains best what was seen: without looks that are mistaken, and as noisy as it is.
 
-    @property
-    def variance(self) -> float:
-        """Of an image coordinate, in square image units, as far as that one tells."""
-        return self._variance(NOISIER[self._best])
-
-    def _variance(self, noisier: float) -> float:
-        return (noisier * self._noise_px * IMAGE_UNIT) ** 2
-
-    @property
-    def _best(self) -> int:
-        evidences = [float(function.evidence.max()) for function in self._functions]
-        return evidences.index(max(evidences))
+        Returns:
+            The function, and the variance of an image coordinate, in square image units.
+        """
+        start, functions = self._start, self._functions
+        if len(start.looks.places) == start.known_slopes:
+            functions = [without_mistaken(function, start) for function in functions]
+        odds = [
+            float(function.evidence.max()) + price() * np.isinf(function.looks.variances).sum()
+            for function in functions
+        ]
+        best = int(np.argmax(odds))
+        return functions[best], self._variances[best]
 
 
 def known_before(estimator: Any, registers: Array) -> SmoothFunction:
-    """What a servo knew of the tip before a trial; of one that keeps no looks, the Jacobian at registers (m,)."""
+    """What a servo knew of the tip before a trial; or its Jacobian at registers (m,), if it keeps no looks."""
     if isinstance(estimator, SmoothPoints):
         return estimator.before[0]
     return SmoothPoints(ARM, Slopes.of(estimator.jacobian, registers)).before[0]

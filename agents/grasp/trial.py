@@ -328,7 +328,7 @@ class GraspTrial:
     def _points(self, target_of: Callable[[GraspObservation], tuple[Array, Flags]]) -> SmoothPoints:
         """Tip and target over registers, by what was seen in this trial; of the object as it lay."""
         points = SmoothPoints(ARM)
-        points.gripper, variance = self._tip.function, self._tip.variance
+        points.gripper, variance = self._tip.explained()
         home = target_of(self._seen[0])[0]
         for each, moved in self._lying:
             (there, visible), points.home = target_of(each), home + moved

@@ -28,8 +28,8 @@ LARGEST = 0.5
 REMEMBERED = 0.8
 """Of the evidence that both images show the same ends, so much counts in the next look. Choice."""
 ERROR, SIZE = 0.008, 0.4
-"""Standard deviations of the image of an axis, in image units, and of its length, in gripper lengths. Choice: 2
-px, and things that a gripper grasps."""
+"""Standard deviations of the image of an axis, in image units, and of its length, in gripper lengths. Choice:
+2 px, and things that a gripper grasps."""
 _TIP, _BASE, _JAW_1, _JAW_2, _EDGE_1, _EDGE_2, _OBJECT, _END_1, _END_2 = range(len(POINTS))
 _GRIPPER = slice(_OBJECT)
 

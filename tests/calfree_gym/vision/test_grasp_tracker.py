@@ -4,11 +4,14 @@ import cv2
 import gymnasium as gym
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from calfree_gym.image import PIXELS_PER_UNIT
 from calfree_gym.vision import GraspMarks, GraspTracker, Mark
 from calfree_gym.vision.tracking.grasp_tracker import POINTS
-from calfree_gym.vision.tracking.gripper_fit import GripperLayout
+from calfree_gym.vision.tracking.gripper_fit import GripperLayout, fit_gripper
+from calfree_gym.vision.tracking.parts import Part
 
 TIP, BASE, OBJECT, END_1, END_2 = (POINTS.index(name) for name in ("tip", "base", "object", "end_1", "end_2"))
 LAYOUT = GripperLayout(lower=0.9, upper=0.4)
@@ -126,6 +129,54 @@ def test_a_mark_that_is_hidden_is_told_by_the_others(hidden):
     points, visible = found(tracker, drawn(**moved, without=(hidden,)), drawn(**RIGHT))
     assert visible[[TIP, BASE], 0].all()
     np.testing.assert_allclose(points[:6, 0], wanted(moved)[:6], atol=1.5)
+
+
+def test_an_object_that_lies_still_is_where_it_was_though_some_of_it_is_hidden():
+    tracker = GraspTracker(layout=LAYOUT)
+    before, _ = found(tracker, drawn(**LEFT), drawn(**RIGHT))
+    covered = drawn(**LEFT)
+    covered[170:210, 85:120] = 128
+    points, visible = found(tracker, covered, drawn(**RIGHT))
+    assert visible[OBJECT:].all()
+    np.testing.assert_allclose(points[OBJECT:], before[OBJECT:], atol=0.1)
+
+
+@pytest.mark.parametrize("by", [4, 30])
+def test_an_object_that_has_moved_is_where_it_is_seen_now(by):
+    tracker = GraspTracker(layout=LAYOUT)
+    tracker(drawn(**LEFT), drawn(**RIGHT))
+    moved = {**LEFT, "object_": LEFT["object_"] + [0, by]}
+    points, _ = found(tracker, drawn(**moved), drawn(**RIGHT))
+    np.testing.assert_allclose(points[OBJECT, 0], moved["object_"].mean(0), atol=1.2)
+
+
+def seen_along(turn, tilt, size=60.0):
+    """Base, axis, half line and half edge (4, 2) in px of a gripper under parallel rays, and its layout."""
+    c, s, d, e = np.cos(turn), np.sin(turn), np.cos(tilt), np.sin(tilt)
+    towards = np.array([[d, 0, e], [0, 1, 0], [-e, 0, d]]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    line, edge, axis = size * towards[:2].T
+    return np.array([[120.0, 80], axis, LAYOUT.line * line, LAYOUT.edge * edge])
+
+
+@given(st.floats(-1.2, 1.2), st.floats(-2.6, -1.2), st.sampled_from(["edge_1", "edge_2"]))
+def test_right_angles_tell_an_edge_that_is_hidden(turn, tilt, hidden):
+    """At the first look, by one camera, whatever it is; of two ways round the one that was seen before."""
+    base, axis, line, edge = seen_along(turn, tilt)
+    places = {
+        "jaw_1": [base + LAYOUT.lower * axis + line],
+        "jaw_2": [base + LAYOUT.lower * axis - line],
+        "fingers": [base + LAYOUT.upper * axis + side * line for side in (1, -1)],
+        "edge_1": [base + edge],
+        "edge_2": [base - edge],
+        "object": [],
+    }
+    dot = np.ones((5, 5), np.float32)
+    parts = {name: [Part.of(middle - 3, dot) for middle in middles] for name, middles in places.items()}
+    scale = np.array([128.0, 128.0])
+    whole = fit_gripper(parts, scale, LAYOUT, None)
+    fit = fit_gripper(parts | {hidden: []}, scale, LAYOUT, whole)
+    wanted = np.array([base + axis, base, *places["jaw_1"], *places["jaw_2"], base + edge, base - edge])
+    np.testing.assert_allclose(128 * (fit.points + 1), wanted, atol=2.5)
 
 
 def test_a_gripper_that_is_hidden_is_not_seen_and_stands_where_it_was():
