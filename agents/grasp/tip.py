@@ -62,7 +62,7 @@ class Tip:
 
 
 def known_before(estimator: Any, registers: Array) -> SmoothFunction:
-    """What a servo knew of the tip before a trial; or its Jacobian at registers (m,), if it keeps no looks."""
+    """What a servo knew of the tip before a trial; or its Jacobian at registers (m,), if that is all."""
     if isinstance(estimator, SmoothPoints):
         return estimator.before[0]
     return SmoothPoints(ARM, Slopes.of(estimator.jacobian, registers)).before[0]

@@ -103,8 +103,16 @@ def fit_gripper(
     seen += [(part, uppers[0].area) for part in uppers]
     places = np.array([part.middle / scale - 1 for part, _ in seen])
     whole = np.array([(part.area / largest) ** 2 for part, largest in seen])
+    square = scale / scale.mean()
     fits = [
-        _fit(np.array(rows + [_row(layout.upper, 2, side) for side in sides]), places, whole, layout, before)
+        _fit(
+            np.array(rows + [_row(layout.upper, 2, side) for side in sides]),
+            places,
+            whole,
+            square,
+            layout,
+            before,
+        )
         for sides in permutations((1, -1), len(uppers))
     ]
     best = min(fits, key=lambda fit: fit.error)
@@ -122,11 +130,12 @@ def _row(along: float, across: int, side: int) -> list[float]:
 
 
 def _fit(
-    rows: Array, places: Array, whole: Array, layout: GripperLayout, before: GripperFit | None
+    rows: Array, places: Array, whole: Array, square: Array, layout: GripperLayout, before: GripperFit | None
 ) -> GripperFit:
     """The fit of parts (k, 4) to their places (k, 2), by how much of them is seen (k,).
 
-    Gauss-Newton steps of base, axis, line, edge, and the logarithm of the opening (9,).
+    Gauss-Newton steps of base, axis, line, edge, and the logarithm of the opening (9,). `square` (2,) makes
+    image units of both axes alike.
     """
     opening = 1.0 if before is None else before.opening
     known = np.append(
@@ -137,7 +146,7 @@ def _fit(
     state, weights = known, whole
     for _ in range(ROUNDS):
         trust = np.sqrt(weights).repeat(2)[:, None] / ERROR
-        angles, slopes = _right_angles(state, layout)
+        angles, slopes = _right_angles(state, square, layout)
         matrix = np.concatenate([trust * parts, slopes / AFFINE, remembers])
         left = np.concatenate(
             [trust[:, 0] * (places.ravel() - parts @ state), -angles / AFFINE, remembers @ (known - state)]
@@ -153,7 +162,7 @@ def _fit(
     covariance = np.linalg.inv(seen.T @ seen + 1e-6 * np.eye(9))[:8, :8].reshape(4, 2, 4, 2)
     growth = np.einsum("ij,jakb,ik->i", points, covariance, points) / 2
     turned = 0.0 if before is None else float(np.square(found[1:] - before.directions).sum() / ERROR**2)
-    angles, _ = _right_angles(state, layout)
+    angles, _ = _right_angles(state, square, layout)
     error = float((whole * np.log1p(errors)).sum() + BEFORE * np.log1p(turned))
     error += float(np.square(angles / AFFINE).sum()) / 2
     both = {1, -1} <= set(rows[rows[:, 1] == layout.lower, 2])
@@ -161,18 +170,18 @@ def _fit(
     return GripperFit(points @ found, np.asarray(growth <= SURE**2), found[1:], opening, error)
 
 
-def _right_angles(state: Array, layout: GripperLayout) -> tuple[Array, Array]:
+def _right_angles(state: Array, square: Array, layout: GripperLayout) -> tuple[Array, Array]:
     """By how much two equations of right angles fail (2,) in image units, and its slopes (2, 9).
 
     Under parallel rays unit vectors at right angles are seen as three vectors whose first components, taken
     together, are as long as the second ones, and at right angles to them.
     """
     lengths = np.array([1.0, layout.line * np.exp(state[8]), layout.edge])
-    x, y = (state[2:8].reshape(3, 2) / lengths[:, None]).T
+    x, y = (state[2:8].reshape(3, 2) * square / lengths[:, None]).T
     size = max(float(np.sqrt((x @ x + y @ y) / 2)), 1e-9)
     angles = np.array([(x @ x - y @ y) / 2, x @ y]) / size
     slopes = np.zeros((2, 9))
     slopes[:, 2:8] = np.stack([np.stack([x, -y], 1), np.stack([y, x], 1)]).reshape(2, 6)
-    slopes[:, 2:8] /= lengths.repeat(2) * size
+    slopes[:, 2:8] *= np.tile(square, 3) / (lengths.repeat(2) * size)
     slopes[:, 8] = -np.array([x[1] ** 2 - y[1] ** 2, 2 * x[1] * y[1]]) / size
     return angles, slopes

@@ -1,0 +1,88 @@
+"""What a grasping agent makes of points that are hidden, or seen wrongly."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from agents.grasp.observation import ARM, GRIPPER, NAMES, OBJECT, TIP, GraspObservation
+from agents.grasp.orientation import turn_needed
+from agents.grasp.tip import Tip
+from agents.servo.image_model.smooth_function import SmoothFunction
+from calfree_gym.image import IMAGE_UNIT
+
+NUMBER = st.floats(-1.0, 1.0)
+
+
+def gripper(directions, axis=(0.0, 0.0, 0.0)):
+    """An observation of a gripper whose edge, line and axis are seen so (4, 3), and of an object's axis."""
+    points = np.zeros((len(NAMES), 4))
+    edge, line, along = directions.T
+    for name, place in {
+        "tip": -along / 2,
+        "base": along / 2,
+        "edge_1": edge / 2,
+        "edge_2": -edge / 2,
+        "jaw_1": line / 2,
+        "jaw_2": -line / 2,
+        "object": -along / 2,
+        "end_1": -along / 2 + directions @ axis / 2,
+        "end_2": -along / 2 - directions @ axis / 2,
+    }.items():
+        points[NAMES.index(name)] = place
+    seen = np.ones((len(NAMES), 2), bool)
+    return GraspObservation(points.reshape(-1, 2, 2), seen, np.zeros(ARM + 2), 1.0, False, np.zeros((2, 2)))
+
+
+@given(st.lists(NUMBER, min_size=12, max_size=12), st.lists(NUMBER, min_size=3, max_size=3))
+def test_ways_are_told_in_gripper_lengths(directions, way):
+    """By both images, whatever the cameras; by one, where the way lies across the gripper's axis."""
+    directions, way = np.reshape(directions, (4, 3)), np.array(way)
+    assume(np.linalg.cond(directions) < 30)
+    now = gripper(directions)
+    np.testing.assert_allclose(now.in_gripper_lengths(directions @ way), GRIPPER * way, atol=1e-6)
+    now.visible[NAMES.index("edge_1"), 1] = False
+    told = now.in_gripper_lengths(directions @ (way * [1, 1, 0]))
+    if np.linalg.cond(directions[:2, :2]) > 3:
+        assert told is None, "seen from one side"
+    else:
+        np.testing.assert_allclose(told, GRIPPER * way * [1, 1, 0], atol=1e-6)
+
+
+def test_an_angle_needs_the_object_and_the_gripper_in_one_image():
+    directions = np.array([[1.0, 0, 0.2], [0, 1, 0.3], [0.9, 0.1, -1], [0, 1.1, 0.4]])
+    now = gripper(directions, axis=(0.5, 0.3, 0))
+    true = turn_needed("least_squares", now)
+    now.visible[TIP, 0] = False
+    assert turn_needed("least_squares", now) == pytest.approx(true)
+    assert turn_needed("both_images", now) is None
+    now.visible[TIP, 1] = False
+    assert turn_needed("least_squares", now) is None
+
+
+def test_a_hidden_tip_is_told_by_what_hangs_from_it():
+    now = gripper(np.random.default_rng(0).normal(size=(4, 3)))
+    now.visible[TIP, 0] = False
+    told = now.with_hidden_tip(np.full((2, 2), 0.1))
+    assert told.visible[TIP].all()
+    np.testing.assert_allclose(told.points[TIP, 0], now.points[OBJECT, 0] - 0.1)
+    np.testing.assert_array_equal(told.points[TIP, 1], now.points[TIP, 1])
+    assert not now.visible[TIP, 0]
+
+
+@pytest.mark.parametrize(("noise_px", "mistaken", "told"), [(0.5, 0, 0.5), (4.0, 0, 2.0), (0.5, 3, 0.5)])
+def test_a_tip_is_as_noisy_as_its_looks_and_some_of_them_are_mistaken(noise_px, mistaken, told):
+    rng = np.random.default_rng(1)
+    slopes = rng.normal(size=(2, 2, ARM))
+    looks = []
+    for each in range(25):
+        now = gripper(rng.normal(size=(4, 3)))
+        now.registers[:ARM] = rng.uniform(-0.3, 0.3, ARM)
+        now.points[TIP] = slopes @ now.registers[:ARM] + noise_px * IMAGE_UNIT * rng.normal(size=(2, 2))
+        now.points[TIP] += 40 * IMAGE_UNIT * (each < mistaken)
+        looks.append(now)
+    function, variance = Tip(SmoothFunction.unknown(ARM, ARM), looks, 0.5).explained()
+    assert np.sqrt(variance) == pytest.approx(told * IMAGE_UNIT)
+    there = np.array([0.1, -0.1, 0.05])
+    off_px = np.abs(function.at(there).points - slopes @ there).max() / IMAGE_UNIT
+    assert off_px < 2 * noise_px
