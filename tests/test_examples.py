@@ -49,7 +49,13 @@ def test_a_knocked_camera_stops_no_servo():
     assert "'degrees': 30.0" in lines[knocked]
 
 
-@pytest.mark.parametrize(("script", "motions"), LEARNERS.items())
+@pytest.mark.parametrize(
+    ("script", "motions"),
+    [
+        pytest.param(*each, marks=() if each[0] == "ppo_cleanrl.py" else pytest.mark.slow)
+        for each in LEARNERS.items()
+    ],
+)
 def test_learners_begin_with_nothing(script, motions):
     first, last = output(script, "--motions", str(motions)).splitlines()
     assert rate(first) < 0.2

@@ -31,7 +31,7 @@ def test_any_knowledge_makes_any_servo_faster(lengths_of, knowledge, servo):
     assert np.mean(lengths[-30:]) < 0.75 * np.mean(lengths[:3])
 
 
-@pytest.mark.parametrize("name", ["unified_servo", "memory"])
+@pytest.mark.parametrize("name", ["unified_servo", pytest.param("memory", marks=pytest.mark.slow)])
 def test_cameras_that_are_new_in_every_trial_never_make_it_worse(live, make_env, name):
     """What lasts, such as how noisy points are, must not be learned from the change."""
     replaced = [{"type": "camera_replace", "camera": camera} for camera in ("left", "right")]

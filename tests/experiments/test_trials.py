@@ -168,6 +168,7 @@ def test_a_lifetime_in_trials_from_configuration_to_report(in_trials, write_conf
     assert "4 runs, 4 of them finished already" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_lifetimes_in_trials_may_have_held_out_trials_too(in_trials, write_config, tmp_path):
     in_trials |= {"worlds": 1, "agents": ["unified_servo"], "evaluation": {"every": 10, "trials": 2}}
     out = tmp_path / "out"

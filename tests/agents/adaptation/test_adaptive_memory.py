@@ -34,6 +34,7 @@ def test_a_turned_camera_is_recognised_and_all_that_was_known_stays_of_use(lived
     assert np.mean(lengths[53:73]) < 1.3
 
 
+@pytest.mark.slow
 def test_who_never_acts_goes_on_missing_and_who_discards_starts_anew(lived):
     never, lengths = lived(AIM, on_change="keep")
     assert not never.adaptation.events
@@ -59,6 +60,7 @@ def test_a_reversed_motor_is_told_from_a_changed_camera(lived):
     assert np.mean(lengths[54:74]) < 1.4
 
 
+@pytest.mark.slow
 def test_quiet_worlds_give_hardly_an_alarm(lived):
     """At most three in 3,000 trials are asked: here at most one in some 300."""
     assert sum(len(lived(None, motions=200, seed=seed)[0].adaptation.events) for seed in (1, 2, 3)) <= 1

@@ -223,6 +223,7 @@ def copied_from(data):
     return pickle.loads(data)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [SyncVectorEnv, AsyncVectorEnv])
 def test_gymnasiums_vector_environments_of_copies_go_on(kind):
     env = made(perturbations=None)

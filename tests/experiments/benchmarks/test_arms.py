@@ -1,9 +1,12 @@
 """The table of arms has each on four mounts, and counts what the oracle reaches."""
 
+import pytest
+
 from experiments.benchmarks import arms
 from tests.arms.own import ARMS, MOTORS
 
 
+@pytest.mark.slow
 def test_each_arm_stands_there_on_four_mounts(monkeypatch):
     monkeypatch.setattr(arms, "SPEED_ROUNDS", 1)
     chosen = {name: ARMS[name] for name in ("gantry", "mobile")}

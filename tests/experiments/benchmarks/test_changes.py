@@ -47,6 +47,7 @@ def test_changes_come_where_they_are_looked_for_and_the_old_camera_comes_back_th
     assert [event.perturbation.event for event in back[1::2]] == [0, 2, 4, 6, 8]
 
 
+@pytest.mark.slow
 def test_copies_of_a_state_go_their_own_ways(monkeypatch):
     monkeypatch.setattr(changes, "BRANCHES", (40,))
     monkeypatch.setattr(changes, "AFTER", 8)

@@ -66,6 +66,7 @@ def files(out):
     }
 
 
+@pytest.mark.slow
 def test_merged_parts_are_the_whole(parts, finished_once, tmp_path, capsys):
     out = tmp_path / "out"
     assert merge(parts, out) == 0

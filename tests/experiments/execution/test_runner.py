@@ -107,6 +107,7 @@ def test_results_of_another_configuration_are_named_and_refused(finished, suite_
     assert run(write_config(suite_data), out) == 0
 
 
+@pytest.mark.slow
 def test_more_worlds_go_on_in_the_same_folder_also_where_it_was_moved(finished, tmp_path, capsys):
     config, out = finished
     out = shutil.move(out, tmp_path / "elsewhere")
@@ -116,6 +117,7 @@ def test_more_worlds_go_on_in_the_same_folder_also_where_it_was_moved(finished, 
     assert main(["report", str(out)]) == 0
 
 
+@pytest.mark.slow
 def test_one_crash_fails_one_run_loudly(suite_data, write_config, tmp_path, capsys):
     aimed = suite_data["scenarios"][0]
     away = {"type": "camera_aim", "camera": "left", "degrees": 180}
@@ -219,6 +221,7 @@ def test_a_folder_that_cannot_be_written_is_one_message(suite_data, write_config
     assert capsys.readouterr().err.startswith("error: Not a directory")
 
 
+@pytest.mark.slow
 def test_a_full_disk_loses_nothing(suite_data, write_config, tmp_path, capsys, monkeypatch):
     config, out = write_config(suite_data), tmp_path / "out"
     real = os.fsync

@@ -47,6 +47,7 @@ def without_times(path):
     return found
 
 
+@pytest.mark.slow
 def test_killed_it_goes_on_where_it_was(tuning_data, write_config, tmp_path):
     config, out = write_config(tuning_data), tmp_path / "out"
     process = start(config, out)

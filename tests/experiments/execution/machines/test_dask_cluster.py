@@ -54,6 +54,7 @@ def cluster(tmp_path):
     cluster.close()
 
 
+@pytest.mark.slow
 def test_workers_killed_at_some_moments_change_nothing(run, finished_once, cluster, tmp_path):
     kill_workers(run, finished_once, cluster, tmp_path, kills=3)
 
@@ -76,6 +77,7 @@ def kill_workers(run, finished_once, cluster, tmp_path, kills):
         assert_nothing_changed(out, finished_once)
 
 
+@pytest.mark.slow
 def test_a_cluster_that_goes_away_is_one_error_and_the_rest_is_made_here(
     run, finished_once, cluster, tmp_path, capsys
 ):

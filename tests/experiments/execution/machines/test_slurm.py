@@ -40,6 +40,7 @@ def kill_jobs(run, finished_once, tmp_path, kills):
         assert_nothing_changed(out, finished_once)
 
 
+@pytest.mark.slow
 def test_a_job_killed_at_some_moment_changes_nothing(run, finished_once, tmp_path):
     kill_jobs(run, finished_once, tmp_path, kills=1)
 

@@ -30,6 +30,7 @@ def kept(tmp_path, finished_once):
     return folder
 
 
+@pytest.mark.slow
 def test_the_pages_are_what_kept_results_make_them():
     changed = markers.outdated(markers.pages(), tables_named)
     assert not changed, f"run make results-tables: {[path.name for path in changed]}"
