@@ -7,12 +7,11 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array, Flags
-from .observation import NAMES, GraspObservation
+from .observation import BASE, OBJECT, TIP, GraspObservation
 
 INTERMEDIATE = ("along_axis", "pixel_offset")
 OFFSET_PX = 64.0
 """Of the paper's offset: about the gripper's length above the object, in the built robot."""
-_TIP, _BASE, _OBJECT = (NAMES.index(name) for name in ("tip", "base", "object"))
 
 
 def target(kind: str, now: GraspObservation, share: float) -> tuple[Array, Flags]:
@@ -32,6 +31,6 @@ def target(kind: str, now: GraspObservation, share: float) -> tuple[Array, Flags
     """
     points, visible = now.points, now.visible
     if kind == "along_axis":
-        seen = np.asarray(visible[[_TIP, _BASE, _OBJECT]].all(0))
-        return points[_OBJECT] + share * (points[_BASE] - points[_TIP]), seen
-    return points[_OBJECT] - share * OFFSET_PX * IMAGE_UNIT * np.array([0.0, 1.0]), visible[_OBJECT]
+        seen = np.asarray(visible[[TIP, BASE, OBJECT]].all(0))
+        return points[OBJECT] + share * (points[BASE] - points[TIP]), seen
+    return points[OBJECT] - share * OFFSET_PX * IMAGE_UNIT * np.array([0.0, 1.0]), visible[OBJECT]

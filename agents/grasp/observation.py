@@ -11,7 +11,7 @@ from ..base.observation import Array, Flags, Observation, RawObservation
 
 NAMES = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
 """What is seen, in the order of the flags."""
-TIP, OBJECT = NAMES.index("tip"), NAMES.index("object")
+TIP, BASE, OBJECT = (NAMES.index(name) for name in ("tip", "base", "object"))
 OF_GRIPPER = slice(OBJECT)
 FLAGS = 2 * len(NAMES)
 GOAL = 5

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 
@@ -21,38 +23,50 @@ NOISIER = (1.0, 2.0, 4.0)
 other parts of itself in each look, and is told by the rest."""
 
 
+@dataclass(frozen=True)
 class Tip:
     """The tip as smooth functions of registers, one for each of `NOISIER`.
 
-    Args:
+    Attributes:
         start: What is known before.
-        looks: What was seen already.
         noise_px: Standard deviation of an image coordinate, while the gripper stands still.
+        functions: With what was seen.
     """
 
-    def __init__(self, start: SmoothFunction, looks: Iterable[GraspObservation], noise_px: float) -> None:
-        self._start, self._functions = start, [start] * len(NOISIER)
-        self._variances = [(noisier * noise_px * IMAGE_UNIT) ** 2 for noisier in NOISIER]
+    start: SmoothFunction
+    noise_px: float
+    functions: tuple[SmoothFunction, ...]
+
+    @classmethod
+    def of(cls, start: SmoothFunction, looks: Iterable[GraspObservation], noise_px: float) -> Self:
+        """What is known of it before, with looks."""
+        tip = cls(start, noise_px, (start,) * len(NOISIER))
         for each in looks:
-            self.look(each)
+            tip = tip.with_look(each)
+        return tip
 
-    def look(self, now: GraspObservation) -> None:
-        """Takes in what is seen of it."""
+    def with_look(self, now: GraspObservation) -> Self:
+        """The same after one more look."""
         place, tip, seen = now.registers[:ARM], now.at("tip"), now.visible[TIP]
-        self._functions = [
+        functions = (
             function.with_look(place, tip, variance, seen)
-            for function, variance in zip(self._functions, self._variances, strict=True)
-        ]
+            for function, variance in zip(self.functions, self._variances, strict=True)
+        )
+        return replace(self, functions=tuple(functions))
 
+    @property
+    def _variances(self) -> list[float]:
+        return [(noisier * self.noise_px * IMAGE_UNIT) ** 2 for noisier in NOISIER]
+
+    @cached_property
     def explained(self) -> tuple[SmoothFunction, float]:
         """What explains best what was seen: without looks that are mistaken, and as noisy as it is.
 
-        Returns:
-            The function, and the variance of an image coordinate, in square image units.
+        The function, and the variance of an image coordinate, in square image units.
         """
-        start, functions = self._start, self._functions
+        start, functions = self.start, self.functions
         if len(start.looks.places) == start.known_slopes:
-            functions = [without_mistaken(function, start) for function in functions]
+            functions = tuple(without_mistaken(function, start) for function in functions)
         odds = [
             float(function.evidence.max()) + price() * np.isinf(function.looks.variances).sum()
             for function in functions

@@ -107,7 +107,7 @@ class GraspTrial:
         self.touched = False
         self._seen, self._lying = [first], [(first, np.zeros((2, 2)))]
         self._from = first.registers[:ARM]
-        self._tip = Tip(SmoothFunction.unknown(ARM, ARM), self._seen, findings.noise_px)
+        self._tip = Tip.of(SmoothFunction.unknown(ARM, ARM), self._seen, findings.noise_px)
         self._untouched, self._turn_stops = True, Stops(1)
         self._hangs: Array | None = None
         self._look_at_angle(np.zeros(ARM + 1))
@@ -122,7 +122,7 @@ class GraspTrial:
         now = yield np.concatenate([arm, [turn, jaws]])
         self.now = now = now if self._hangs is None else now.with_hidden_tip(self._hangs)
         self._seen.append(now)
-        self._tip.look(now)
+        self._tip = self._tip.with_look(now)
         executed = (now.registers - before.registers)[:ARM]
         self.touched = met_something(arm, arm - executed)
         if not self.touched:
@@ -185,7 +185,7 @@ class GraspTrial:
         self._from = self.now.registers[:ARM]
         self._findings.looks = [self._view(1.0, each) for each in self._seen]
         known = known_before(self._findings.reach.estimator, self._from)
-        self._tip = Tip(known, self._seen, self._findings.noise_px)
+        self._tip = Tip.of(known, self._seen, self._findings.noise_px)
 
     def _view(self, share: float, now: GraspObservation | None = None) -> Observation:
         """What a servo sees that goes to where a share of the way is left to the object."""
@@ -258,7 +258,8 @@ class GraspTrial:
     def close(self) -> Motions:
         """Closes the jaws; then reads how far they are open, and sees how what they hold hangs."""
         yield from self.move(jaws=1.0)
-        expected = self._lifting().gripper.at(self.now.registers[:ARM]).points
+        function, _ = self._tip.explained
+        expected = function.at(self.now.registers[:ARM]).points
         tip = np.where(self.now.visible[TIP][:, None], self.now.at("tip"), expected)
         self._hangs = self.now.at("object") - tip
 
@@ -328,7 +329,7 @@ class GraspTrial:
     def _points(self, target_of: Callable[[GraspObservation], tuple[Array, Flags]]) -> SmoothPoints:
         """Tip and target over registers, by what was seen in this trial; of the object as it lay."""
         points = SmoothPoints(ARM)
-        points.gripper, variance = self._tip.explained()
+        points.gripper, variance = self._tip.explained
         home = target_of(self._seen[0])[0]
         for each, moved in self._lying:
             (there, visible), points.home = target_of(each), home + moved

@@ -137,11 +137,11 @@ def _fit(
     Gauss-Newton steps of base, axis, line, edge, and the logarithm of the opening (9,). `square` (2,) makes
     image units of both axes alike.
     """
-    opening = 1.0 if before is None else before.opening
-    known = np.append(
-        np.zeros((4, 2)) if before is None else [np.zeros(2), *before.directions], np.log(opening)
-    )
-    remembers = np.diag([0.0] * 2 + [np.sqrt(0.0 if before is None else BEFORE) / ERROR] * 6 + [1 / OPENED])
+    directions, opening, weight = np.zeros((3, 2)), 1.0, 0.0
+    if before is not None:
+        directions, opening, weight = before.directions, before.opening, BEFORE
+    known = np.concatenate([np.zeros(2), directions.ravel(), [np.log(opening)]])
+    remembers = np.diag([0.0] * 2 + [np.sqrt(weight) / ERROR] * 6 + [1 / OPENED])
     parts = np.pad(np.kron(rows, np.eye(2)), ((0, 0), (0, 1)))
     state, weights = known, whole
     for _ in range(ROUNDS):
@@ -161,13 +161,14 @@ def _fit(
     seen = matrix[: -len(remembers)] * ERROR
     covariance = np.linalg.inv(seen.T @ seen + 1e-6 * np.eye(9))[:8, :8].reshape(4, 2, 4, 2)
     growth = np.einsum("ij,jakb,ik->i", points, covariance, points) / 2
-    turned = 0.0 if before is None else float(np.square(found[1:] - before.directions).sum() / ERROR**2)
+    turned = np.square(found[1:] - directions).sum() / ERROR**2
     angles, _ = _right_angles(state, square, layout)
-    error = float((whole * np.log1p(errors)).sum() + BEFORE * np.log1p(turned))
-    error += float(np.square(angles / AFFINE).sum()) / 2
+    error = (
+        (whole * np.log1p(errors)).sum() + weight * np.log1p(turned) + np.square(angles / AFFINE).sum() / 2
+    )
     both = {1, -1} <= set(rows[rows[:, 1] == layout.lower, 2])
     opening = float(np.exp(state[8])) if both else opening
-    return GripperFit(points @ found, np.asarray(growth <= SURE**2), found[1:], opening, error)
+    return GripperFit(points @ found, np.asarray(growth <= SURE**2), found[1:], opening, float(error))
 
 
 def _right_angles(state: Array, square: Array, layout: GripperLayout) -> tuple[Array, Array]:

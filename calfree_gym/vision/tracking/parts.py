@@ -57,6 +57,10 @@ class Part(NamedTuple):
 
     def with_part(self, other: Part) -> Part:
         """Both together."""
+        return Part.of(*self.union(other))
+
+    def union(self, other: Part) -> tuple[Array, Opacity]:
+        """The window of both: its left and upper border (2,), and which share of each pixel they cover."""
         corners = np.stack([self.corner, other.corner])
         ends = corners + [each.shares.shape[::-1] for each in (self, other)]
         corner = corners.min(0)
@@ -66,7 +70,7 @@ class Part(NamedTuple):
             x, y = (part.corner - corner).astype(int)
             window = shares[y : y + part.shares.shape[0], x : x + part.shares.shape[1]]
             np.maximum(window, part.shares, out=window)
-        return Part.of(corner, shares)
+        return corner, shares
 
 
 def find_parts(blobs: list[Blob], mark: Mark, size: tuple[int, int]) -> list[Part]:
@@ -101,8 +105,8 @@ def completed(seen: Part, before: Part | None) -> Part:
     """
     if before is None:
         return seen
-    beyond = before.with_part(seen).area - before.area
-    return before if beyond <= BEYOND * seen.area else seen
+    _, together = before.union(seen)
+    return before if together.sum() - before.area <= BEYOND * seen.area else seen
 
 
 def _measured(blob: Blob, mark: Mark, size: tuple[int, int]) -> Part | None:

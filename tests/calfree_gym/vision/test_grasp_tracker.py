@@ -63,18 +63,22 @@ def test_ends_of_the_object_are_the_same_in_both_images(opengl):
     assert np.mean(alike) > 0.85
 
 
-def drawn(base, axis, line, edge, object_, without=()):
-    """An image (256, 256, 3) of the marks, as squares of 9 px, and a bar, by its ends; all in px."""
-    marks = GraspMarks()
-    image = np.full((256, 256, 3), 128, np.uint8)
-    places = {
+def places_of_marks(base, axis, line, edge):
+    """The middles (2,) of each mark of a gripper."""
+    return {
         "jaw_1": [base + LAYOUT.lower * axis + line],
         "jaw_2": [base + LAYOUT.lower * axis - line],
         "fingers": [base + LAYOUT.upper * axis + side * line for side in (1, -1)],
         "edge_1": [base + edge],
         "edge_2": [base - edge],
     }
-    for name, middles in places.items():
+
+
+def drawn(base, axis, line, edge, object_, without=()):
+    """An image (256, 256, 3) of the marks, as squares of 9 px, and a bar, by its ends; all in px."""
+    marks = GraspMarks()
+    image = np.full((256, 256, 3), 128, np.uint8)
+    for name, middles in places_of_marks(base, axis, line, edge).items():
         if name not in without:
             for middle in middles:
                 x, y = np.round(middle - 4.5).astype(int)
@@ -112,9 +116,16 @@ def found(tracker, left, right):
 
 def wanted(image):
     """Tip, base, jaws, edges and object (7, 2) in px of what is drawn."""
-    base, axis, line, edge = (image[name] for name in ("base", "axis", "line", "edge"))
-    jaws = [base + LAYOUT.lower * axis + side * line for side in (1, -1)]
-    return np.array([base + axis, base, *jaws, base + edge, base - edge, image["object_"].mean(0)])
+    gripper = {name: place for name, place in image.items() if name != "object_"}
+    return np.array([*wanted_of_gripper(**gripper), image["object_"].mean(0)])
+
+
+def wanted_of_gripper(base, axis, line, edge):
+    """Tip, base, jaws and edges (6, 2) in px."""
+    places = places_of_marks(base, axis, line, edge)
+    return np.array(
+        [base + axis, base, *(places[name][0] for name in ("jaw_1", "jaw_2", "edge_1", "edge_2"))]
+    )
 
 
 def test_a_drawn_gripper_is_found():
@@ -159,22 +170,13 @@ def test_an_object_that_has_moved_is_where_it_is_seen_now(by):
 @given(st.floats(-1.2, 1.2), st.floats(0.5, 1.9), st.floats(0, 6), st.sampled_from(["edge_1", "edge_2"]))
 def test_right_angles_tell_an_edge_that_is_hidden(turn, tilt, roll, hidden):
     """Whatever the camera; of two ways round the one that was seen before."""
-    base, axis, line, edge = seen_from(turn, tilt, roll).values()
-    places = {
-        "jaw_1": [base + LAYOUT.lower * axis + line],
-        "jaw_2": [base + LAYOUT.lower * axis - line],
-        "fingers": [base + LAYOUT.upper * axis + side * line for side in (1, -1)],
-        "edge_1": [base + edge],
-        "edge_2": [base - edge],
-        "object": [],
-    }
-    dot = np.ones((5, 5), np.float32)
+    gripper = seen_from(turn, tilt, roll)
+    dot, places = np.ones((5, 5), np.float32), places_of_marks(**gripper)
     parts = {name: [Part.of(middle - 3, dot) for middle in middles] for name, middles in places.items()}
     scale = np.array([160.0, 120.0])
     whole = fit_gripper(parts, scale, LAYOUT, None)
     fit = fit_gripper(parts | {hidden: []}, scale, LAYOUT, whole)
-    wanted = np.array([base + axis, base, *places["jaw_1"], *places["jaw_2"], base + edge, base - edge])
-    np.testing.assert_allclose(scale * (fit.points + 1), wanted, atol=2.5)
+    np.testing.assert_allclose(scale * (fit.points + 1), wanted_of_gripper(**gripper), atol=2.5)
 
 
 def test_a_gripper_that_is_hidden_is_not_seen_and_stands_where_it_was():
