@@ -39,7 +39,7 @@ class KeptLooks:
     SPARE = 30
     """This many more looks are kept before some are dropped (a guard: that takes time)."""
     TOLD = 0.5
-    """A look is dropped where the others tell to this share of its noise what it should be. Choice."""
+    """A look is not kept where the others tell to this share of its noise what it should be. Choice."""
 
     def __init__(self, dimensions: int, motors: int, most: int) -> None:
         self.function = SmoothFunction.unknown(dimensions, motors)
@@ -53,7 +53,10 @@ class KeptLooks:
 
     def add(self, places: Array, points: Array, variances: Array) -> None:
         """Takes in looks at places (n, d): points (n, 2, 2), and variances (n,), in image units."""
-        self._take_in(places, points, variances)
+        for look in zip(places, points, variances, strict=True):
+            if not self._is_told(look[0], look[2]):
+                self.function = self.function.with_look(*look, np.ones(2, bool))
+        self._seen += len(places)
         noisier = len(places) and (self.function.looks.variances < variances[-1] / NOISIER).any()
         refit = noisier or self._seen >= self._next_refit
         if refit:
@@ -64,13 +67,14 @@ class KeptLooks:
     def add_and_refit(self, places: Array, points: Array, variances: Array) -> float:
         """As `add`, and chooses distances anew; how probable these looks were then, as a logarithm."""
         before, count = self.function.evidence.max(), len(self) + len(places)
-        self._take_in(places, points, variances)
+        self.function = self._with(places, points, variances)
+        self._seen += len(places)
         self._refit()
         return float(self.function.evidence.max() - before + (count - len(self)) * price())
 
-    def _take_in(self, places: Array, points: Array, variances: Array) -> None:
-        self.function = self._with(places, points, variances)
-        self._seen += len(places)
+    def _is_told(self, place: Array, variance: float) -> bool:
+        """Whether the others tell to the share `TOLD` of its noise what a look would be."""
+        return bool(self._settled and self.function.variance(place) <= self.TOLD**2 * variance)
 
     def _refit(self) -> None:
         """Chooses distances anew, where no look is less noisy than the latest; leaves out mistaken ones."""

@@ -10,14 +10,16 @@ import numpy as np
 
 from ..base.observation import POINTS, Array
 from ..perception.gating import Gating
-from .image_model.smooth_points import ExpectedPoints, SmoothPoints
+from .image_model.smooth_function import Expected
+from .image_model.smooth_points import SmoothPoints
 
 NEAREST = 1e-4
 """Weight of a word's square, in square image units (a guard: it decides among equals)."""
 ITERATIONS, HALVINGS = 20, 5
 """Gauss-Newton steps on the way, and how often one is halved (guards)."""
 ENOUGH = 0.99
-"""It is found where a Gauss-Newton step leaves this share of the square (a guard)."""
+"""It is found where a Gauss-Newton step leaves, or is expected to leave, this share of the square (a
+guard)."""
 
 
 STARTS = 10
@@ -70,11 +72,11 @@ class Seeker:
         self._lowest, self._highest = lowest, highest
         self._caution = caution
         now = points.at(here)
-        self._points_count = np.tile((now.variances < NEVER_SEEN**2).reshape(2, 2).all(0), 2)
-        self._counts = self._points_count.reshape(2, 2)[0].repeat(2)
-        distance = now.distance * self._counts
-        certain = 2 * Gating.AGREE**2 * float(now.variances @ self._points_count) / POINTS
-        self._too_much = max(LEFT**2 * float(distance @ distance), certain)
+        seen = np.maximum(now.gripper.variances, now.object.variances) < NEVER_SEEN**2
+        self._counts = seen.astype(float)
+        apart = now.apart
+        certain = 2 * Gating.AGREE**2 * float(apart.variances @ self._counts) / POINTS
+        self._too_much = max(LEFT**2 * self._left(apart), certain)
 
     def seek(self) -> LeastDistance:
         """From here; where that ends far off, also from where the gripper was seen nearest to the object.
@@ -100,9 +102,12 @@ class Seeker:
     def _from(self, registers: Array) -> LeastDistance:
         there, square = self._expected(registers)
         for _ in range(ITERATIONS):
-            towards = self._step(registers, there)
+            towards, less = self._step(registers, there)
+            if less < (1 - ENOUGH) * square:
+                break
             for halving in range(HALVINGS):
-                nearer = np.clip(registers + towards / 2**halving, self._lowest, self._highest)
+                nearer = registers + towards / 2**halving
+                nearer = np.minimum(np.maximum(nearer, self._lowest), self._highest)
                 expected, less = self._expected(nearer)
                 if less < square:
                     break
@@ -113,27 +118,37 @@ class Seeker:
             if enough:
                 break
         far = square > self._too_much
-        distance = there.distance * self._counts
-        sure = distance @ distance > Gating.AGREE**2 * 2 * there.variances @ self._points_count
+        sure = self._left(there) > Gating.AGREE**2 * 2 * float(there.variances @ self._counts)
         unseen = not self._counts.all()
-        return LeastDistance(registers, square, bool(far or unseen), bool(far and sure))
+        return LeastDistance(registers, square, far or unseen, far and sure)
 
-    def _expected(self, registers: Array) -> tuple[ExpectedPoints, float]:
-        """What should be seen at registers (m,), and the square that counts."""
-        expected, words = self._points.at(registers), registers - self._here
-        distance = expected.distance * self._counts
-        unsure = self._caution * 2 * expected.variances @ self._points_count
-        return expected, float(distance @ distance + unsure + NEAREST * words @ words)
+    def _left(self, apart: Expected) -> float:
+        """The square of the distance, in the images that count."""
+        return float(self._counts @ np.einsum("pc,pc->p", apart.points, apart.points))
 
-    def _step(self, registers: Array, there: ExpectedPoints) -> Array:
-        """A Gauss-Newton step (m,) of the motors that do not press against their stops."""
-        jacobian = there.distance_jacobian * self._counts[:, None]
-        slope = jacobian.T @ there.distance + self._caution * self._points_count @ there.variance_slopes
+    def _expected(self, registers: Array) -> tuple[Expected, float]:
+        """How far gripper and object should be apart at registers (m,), and the square that counts."""
+        apart, words = self._points.at(registers).apart, registers - self._here
+        unsure = 2 * self._caution * float(self._counts @ apart.variances)
+        return apart, self._left(apart) + unsure + NEAREST * float(words @ words)
+
+    def _step(self, registers: Array, there: Expected) -> tuple[Array, float]:
+        """A Gauss-Newton step (m,) of the motors that do not press against their stops.
+
+        Returns:
+            It, and by how much it is expected to make the square less.
+        """
+        motors = len(registers)
+        jacobian = (there.slopes * self._counts[:, None, None]).reshape(4, motors)
+        slope = there.points.reshape(4) @ jacobian + self._caution * (self._counts @ there.variance_slopes)
         slope += NEAREST * (registers - self._here)
-        unsure = np.tensordot(self._points_count, there.slope_variances, 1)
+        unsure = (self._counts @ there.slope_variances.reshape(2, -1)).reshape(motors, motors)
         curved = jacobian.T @ jacobian + 2 * self._caution * unsure
-        curved.flat[:: len(registers) + 1] += NEAREST
+        curved.flat[:: motors + 1] += NEAREST
         free = np.where(slope > 0, registers > self._lowest, registers < self._highest)
-        step = np.zeros_like(registers)
-        step[free] = -np.linalg.solve(curved[np.ix_(free, free)], slope[free])
-        return step
+        if free.all():
+            step = -np.linalg.solve(curved, slope)
+        else:
+            step = np.zeros(motors)
+            step[free] = -np.linalg.solve(curved[np.ix_(free, free)], slope[free])
+        return step, float(-slope @ step)

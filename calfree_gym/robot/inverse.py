@@ -1,6 +1,6 @@
 """Inverse kinematics: the registers at which a gripper point is somewhere, for any arm."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -47,16 +47,20 @@ class InverseKinematics:
             point: Where it should be.
             near: Registers (motors,) from which the search starts, before it tries others.
         """
-        nearest = np.square(self._on_grid - point).sum(-1).argsort(kind="stable")[:_STARTS]
-        starts = self._grid[nearest] if near is None else np.vstack([near, self._grid[nearest]])
-        found, error = self._from(starts[0], point)
-        for start in starts[1:]:
-            if error <= _REACHED**2:
+        found, least = np.empty(0), np.inf
+        for start in self._starts(point, near):
+            registers, error = self._from(start, point)
+            if error < least:
+                found, least = registers, error
+            if least <= _REACHED**2:
                 break
-            other, its_error = self._from(start, point)
-            if its_error < error:
-                found, error = other, its_error
         return found
+
+    def _starts(self, point: Array, near: Array | None) -> Iterator[Array]:
+        """Registers (motors,) from which the search may start, `near` first."""
+        if near is not None:
+            yield near
+        yield from self._grid[np.square(self._on_grid - point).sum(-1).argsort(kind="stable")[:_STARTS]]
 
     def _from(self, registers: Array, point: Array) -> tuple[Array, float]:
         """The nearest registers (motors,) behind a start, and the squared distance there."""

@@ -19,14 +19,22 @@ if TYPE_CHECKING:
     from calfree_gym.world import World
 
 
+_BISECTIONS, _NEWTON_STEPS = 6, 4
+
+
 def curve_inverse(values: Array, curvature: Array) -> Array:
     """Registers in [-1, 1] at which r + curvature * r * (r**2 - 1) is `values`; beyond the ends, the end."""
+    values = np.clip(values, -1.0, 1.0)
     low, high = np.full_like(values, -1.0), np.full_like(values, 1.0)
-    for _ in range(60):
+    for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         above = middle + curvature * middle * (middle**2 - 1) > values
         low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return (low + high) / 2
+    register = (low + high) / 2
+    for _ in range(_NEWTON_STEPS):
+        error = register + curvature * register * (register**2 - 1) - values
+        register = np.clip(register - error / (1 + curvature * (3 * register**2 - 1)), -1.0, 1.0)
+    return register
 
 
 class MotorMap:

@@ -12,6 +12,9 @@ from numpy.typing import ArrayLike
 from ...base.observation import Array, Flags
 from .looks import Looks
 
+_IMAGES = {1: np.array([0, 0]), 2: np.array([0, 1])}
+"""Which whitening is of which image, where there are so many."""
+
 
 class Expected(NamedTuple):
     """What should be seen of some points at one place.
@@ -142,6 +145,13 @@ class SmoothFunction:
                         break
         return best
 
+    @cached_property
+    def _best(self) -> tuple[Array, Array, Array, Array]:
+        """Of the best hypothesis: lengths, `whitening`, `white` (2, 2, n), and prior variances of slopes."""
+        lengths = self.lengths[self.best]
+        flat = np.diag(self.SPREAD**2 / lengths[: self.motors] ** 2)
+        return lengths, self.whitening[self.best], self.white[self.best].swapaxes(1, 2), flat
+
     @property
     def slopes_hold(self) -> bool:
         """Whether slopes from before explain best what was seen; also where none are among it."""
@@ -232,29 +242,37 @@ class SmoothFunction:
 
     def at(self, place: Array) -> Expected:
         """What should be seen at a place (d,)."""
-        whitening, white, lengths = self.whitening[self.best], self.white[self.best], self.lengths[self.best]
-        motors = self.motors
-        near = self.SPREAD**2 * self.alike(place, self.looks.places)
-        squares = lengths[:motors] ** 2
-        towards = (place - self.looks.places)[:, :motors] / squares
-        before = self.known_slopes
-        cross = near + self._everywhere
-        steep = -near[:, None] * towards
+        motors, before = self.motors, self.known_slopes
+        lengths, whitening, white_seen, flat = self._best
+        towards = (place - self.looks.places) / lengths
+        near = np.exp(np.einsum("nd,nd->n", towards, towards) / -2) * self.SPREAD**2
+        slants = towards[:, :motors] / lengths[:motors]
+        cross = np.empty((len(near), 1 + motors))
+        cross[:, 0] = near + self._everywhere
+        np.multiply(slants, -near[:, None], out=cross[:, 1:])
         if before:
-            first, moved = near[:before], towards[0]
-            cross[:before] = first * moved
-            steep[:before] = first[:, None] * (np.diag(1 / squares) - np.outer(moved, moved))
-        both = whitening @ np.concatenate([cross[:, None], steep], 1)
-        known, leaning = both[:, :, :1].swapaxes(1, 2), both[:, :, 1:]
-        unknown = np.diag(self.SPREAD**2 / squares) - leaning.swapaxes(1, 2) @ leaning
-        images = 2 // len(both)
+            first, moved = near[:before], slants[0]
+            cross[:before, 0] = first * moved
+            cross[:before, 1:] = first[:, None] * (flat / self.SPREAD**2 - moved[:, None] * moved)
+        white = whitening @ cross
+        told = white.swapaxes(1, 2) @ white  # of the value and its slopes
+        seen = white_seen @ white
+        of_images = _IMAGES[len(told)]
         return Expected(
-            points=(known @ white)[:, 0],
-            variances=np.maximum(self._most - np.square(known[:, 0]).sum(1), 0.0).repeat(images),
-            slopes=white.swapaxes(1, 2) @ leaning,
-            slope_variances=unknown.repeat(images, 0),
-            variance_slopes=(-2 * known @ leaning)[:, 0].repeat(images, 0),
+            points=seen[:, :, 0],
+            variances=np.maximum(self._most - told[of_images, 0, 0], 0.0),
+            slopes=seen[:, :, 1:],
+            slope_variances=(flat - told[:, 1:, 1:])[of_images],
+            variance_slopes=-2 * told[of_images, 0, 1:],
         )
+
+    def variance(self, place: Array) -> float:
+        """Of a coordinate at a place (d,), without slopes from before: the mean of both images."""
+        lengths, whitening, _, _ = self._best
+        towards = (place - self.looks.places) / lengths
+        near = np.exp(np.einsum("nd,nd->n", towards, towards) / -2) * self.SPREAD**2
+        white = whitening @ (near + self._everywhere)
+        return max(self._most - float(np.square(white).sum()) / len(white), 0.0)
 
     def unsure(self, place: Array) -> Array:
         """Variances (2,) of a coordinate at a place (d,) in each image, over all lengths that may be.
@@ -278,15 +296,15 @@ class SmoothFunction:
         Returns:
             Points (k, 2, 2), variances (k, 2), and slopes by registers (k, 2, 2, m).
         """
-        whitening, white, lengths = self.whitening[self.best], self.white[self.best], self.lengths[self.best]
+        lengths, whitening, white, _ = self._best
         towards = (places[:, None] - self.looks.places) / lengths
         near = self.SPREAD**2 * np.exp(-np.square(towards).sum(2) / 2)
         known = whitening @ (near + self.OFFSET**2).T
-        sums = whitening.swapaxes(1, 2) @ white
+        sums = (white @ whitening).swapaxes(1, 2)
         steep = -near[:, :, None] * (towards / lengths)[:, :, : self.motors]
         variances = np.maximum(self.SPREAD**2 + self.OFFSET**2 - np.square(known).sum(1), 0.0).T
         return (
-            (known.swapaxes(1, 2) @ white).swapaxes(0, 1),
+            (white @ known).transpose(2, 0, 1),
             np.broadcast_to(variances, (len(places), 2)),
             np.einsum("pnc,knm->kpcm", sums, steep),
         )

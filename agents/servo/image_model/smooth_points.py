@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT
 
 from ...base.observation import POINTS, Array, Observation
-from ...jacobian import Slopes, distance_jacobian
+from ...jacobian import Slopes
 from ...perception.noise import MARKER_NOISE_PX
 from .looks import NOISIER
 from .mistaken import without_mistaken
@@ -52,9 +53,16 @@ class ExpectedPoints(NamedTuple):
         return np.concatenate([self.gripper.slope_variances, self.object.slope_variances])
 
     @property
-    def variance_slopes(self) -> Array:
-        """Derivatives of `variances` by registers (4, m)."""
-        return np.concatenate([self.gripper.variance_slopes, self.object.variance_slopes])
+    def apart(self) -> Expected:
+        """Of the gripper point less the object point, in both images (p = 2)."""
+        gripper, object_ = self
+        return Expected(
+            gripper.points - object_.points,
+            gripper.variances + object_.variances,
+            gripper.slopes - object_.slopes,
+            gripper.slope_variances + object_.slope_variances,
+            gripper.variance_slopes + object_.variance_slopes,
+        )
 
     @property
     def distance(self) -> Array:
@@ -64,7 +72,7 @@ class ExpectedPoints(NamedTuple):
     @property
     def distance_jacobian(self) -> Array:
         """Of the image distance (4, m)."""
-        return distance_jacobian(self.jacobian)
+        return (self.gripper.slopes - self.object.slopes).reshape(4, -1)
 
 
 class SmoothPoints:
@@ -74,12 +82,9 @@ class SmoothPoints:
     seen from home.
 
     Attributes:
-        gripper: Over registers.
-        object: How far the object is seen from where it is at home, over registers and that home view.
         home: Where the object is seen from home (2, 2), in image units; zero until it was looked at.
         noise_px: Standard deviation of an image coordinate.
         remembers: Whether it knows what was seen in earlier trials.
-        before: What was known of gripper and object before the first look of this trial.
 
     Args:
         motors: m.
@@ -97,6 +102,29 @@ class SmoothPoints:
         self._began: Array | None = None
         self._forget()
 
+    @cached_property
+    def before(self) -> tuple[SmoothFunction, SmoothFunction]:
+        """What was known of gripper and object before the first look of this trial."""
+        gripper = SmoothFunction.unknown(self.motors, self.motors)
+        object_ = SmoothFunction.unknown(self.motors + 4, self.motors)
+        if self._slopes is not None:
+            registers, jacobian, variances, changes, _ = self._slopes
+            slopes = jacobian.reshape(POINTS, 2, -1)
+            variances = variances + changes[:, None] * np.eye(self.motors)
+            gripper = gripper.with_slopes(slopes[GRIPPER], variances[GRIPPER], registers)
+            object_ = object_.with_slopes(slopes[OBJECT], variances[OBJECT], self._place(registers))
+        return gripper, object_
+
+    @cached_property
+    def gripper(self) -> SmoothFunction:
+        """Over registers."""
+        return self.before[0]
+
+    @cached_property
+    def object(self) -> SmoothFunction:
+        """How far the object is seen from where it is at home, over registers and that home view."""
+        return self.before[1]
+
     @classmethod
     def remembered(
         cls,
@@ -112,10 +140,10 @@ class SmoothPoints:
         """
         points = cls(gripper.motors)
         points._slopes = start
-        points.gripper, points.home, points.remembers = gripper, home, True
-        points.object = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
+        points.home, points.remembers = home, True
         points._began = np.zeros(gripper.motors)
-        points.before = points.gripper, points.object
+        points.before = gripper, object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
+        points.gripper, points.object = points.before
         return points
 
     @property
@@ -129,15 +157,8 @@ class SmoothPoints:
         """Knows nothing but slopes from before."""
         self.home = np.zeros((2, 2))
         self._expected: dict[bytes, ExpectedPoints] = {}
-        self.gripper = SmoothFunction.unknown(self.motors, self.motors)
-        self.object = SmoothFunction.unknown(self.motors + 4, self.motors)
-        if self._slopes is not None:
-            registers, jacobian, variances, changes, _ = self._slopes
-            slopes = jacobian.reshape(POINTS, 2, -1)
-            variances = variances + changes[:, None] * np.eye(self.motors)
-            self.gripper = self.gripper.with_slopes(slopes[GRIPPER], variances[GRIPPER], registers)
-            self.object = self.object.with_slopes(slopes[OBJECT], variances[OBJECT], self._place(registers))
-        self.before = self.gripper, self.object
+        for known in ("before", "gripper", "object"):  # made when first asked for
+            vars(self).pop(known, None)
         self._seen: list[Observation] = []
 
     def _place(self, registers: Array) -> Array:
@@ -181,8 +202,8 @@ class SmoothPoints:
 
     def object_moved(self, by: Array) -> None:
         """Corrects where the object is by how far it was moved (2, 2); forgets its looks of this trial."""
-        self.home = self.home + by
         self.object = self.before[1]
+        self.home = self.home + by
         self._expected.clear()
 
     def look_anew(self, observation: Observation, noise_px: float) -> None:

@@ -150,10 +150,9 @@ class StereoArms(Arms):
             wanted = self.world(row), objects[row].tobytes()
             if self._solved[row] != wanted:
                 self._solved[row] = wanted
-                drawn_at: Array | None = self._drawn_at[row]
-                if not self.robot.ambiguous or np.isnan(self._drawn_at[row]).any():
-                    drawn_at = None
-                self._object_registers[row] = self._workspaces.registers_at(row, objects[row], drawn_at)
+                drawn_at: Array = self._drawn_at[row]
+                near = None if np.isnan(drawn_at).any() else drawn_at
+                self._object_registers[row] = self._workspaces.registers_at(row, objects[row], near)
         return self._object_registers.copy()
 
     def error_px(self) -> Array:

@@ -60,7 +60,6 @@ class ArmModel(Robot):
         ValueError: As in `Arm`.
     """
 
-    ambiguous = True
     candidates = 400
 
     def __init__(

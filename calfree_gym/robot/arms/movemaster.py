@@ -65,7 +65,6 @@ class Movemaster(Robot):
     lowest = np.concatenate([[-WAIST], JOINT_LIMITS[1:3, 0] + LIMIT_MARGIN])
     highest = np.concatenate([[WAIST], JOINT_LIMITS[1:3, 1] - LIMIT_MARGIN])
     rig = Rig(CAMERA_POSITION, AIM, 1.0)
-    ambiguous = False
     candidates = 10_000
     speeds = np.full(5, HINGE_SPEED)
     _bodies = ["waist", "upper_arm", "forearm", "hand", "gripper"]  # noqa: RUF012

@@ -53,7 +53,6 @@ class Robot(ABC):
         stop_margin: A motor stops this far (m,) before its joint does.
         lowest, highest: Between these positions (m,) the gripper reaches every candidate object.
         rig: Where the cameras are.
-        ambiguous: Whether more than one posture may bring the gripper to a place.
         candidates: How many drawn postures decide whether a world is in view.
         speeds: Assumed, of all joints (j,), in rad/s or m/s: for robot time.
     """
@@ -70,7 +69,6 @@ class Robot(ABC):
     lowest: Array
     highest: Array
     rig: Rig
-    ambiguous: bool
     candidates: int
     speeds: Array
 
