@@ -22,15 +22,15 @@ def turn_needed(kind: str, now: GraspObservation) -> float | None:
         now: What is seen.
 
     Returns:
-        It, within a quarter turn, or None where the object's axis is the gripper's, and any turn will do, and
-        where too little is seen.
+        It, within a quarter turn, or None where the object is round or its axis is the gripper's, and any
+        turn will do, and where too little is seen.
     """
     lengths = now.in_gripper_lengths(now.between("end_2", "end_1"))
     needed = now.visible[OBJECT:] if kind == "least_squares" else now.visible
     if lengths is None or not needed.all():
         return None
     edge, line, along = lengths
-    if abs(along) > UPRIGHT * np.hypot(edge, line):
+    if abs(along) >= UPRIGHT * np.hypot(edge, line):
         return None
     return ORIENTATION[kind](now, lengths)
 

@@ -90,6 +90,8 @@ class GraspTrial:
     TURNED, TOLERATED = np.radians(2.0), np.radians(10.0)
     """The jaws need not turn by less (rad), and need no further motion to turn by less than the second.
     Choice: they grasp at four times that."""
+    SHOWN = np.pi / 4
+    """By so much (rad) jaws turn that hide what they hold. Choice: they hide it from a quarter of all sides."""
     OBJECT_MOVED_PX = 8.0
     """An object that is seen so far from where it should be has been moved. Choice: ten times the noise."""
 
@@ -110,6 +112,7 @@ class GraspTrial:
         self._tip = Tip.of(SmoothFunction.unknown(ARM, ARM), self._seen, findings.noise_px)
         self._untouched, self._turn_stops = True, Stops(1)
         self._hangs: Array | None = None
+        self._shows = self.TEST_TURN
         self._look_at_angle(np.zeros(ARM + 1))
         self._in_view, self._unseen, self._shorter = self._from, 0, 1.0
         self._note()
@@ -280,7 +283,17 @@ class GraspTrial:
         """
         back = self._in_view - self.now.registers[:ARM]
         lost = self._unseen >= self.LOST and np.abs(back).max() > self.ARRIVED
-        yield from self.move(back if lost else self._words(self._lifting(), SURE_ABOVE_PX))
+        words = back if lost else self._words(self._lifting(), SURE_ABOVE_PX)
+        yield from self.move(words, turn=0.0 if self.now.visible[OBJECT].all() else self._showing())
+
+    def _showing(self) -> float:
+        """The word that turns the jaws, which hide what they hold: on and on, at a stop the other way."""
+        if self.knows_turns:
+            self._shows = np.copysign(self.SHOWN / self._findings.turning.rates[TURNING], self._shows)
+        there = self.now.registers[TURNING] + self._shows
+        if not self._turn_stops.lowest[0] < there < self._turn_stops.highest[0]:
+            self._shows = -self._shows
+        return float(self._shows)
 
     @property
     def lift_foreseen(self) -> bool:

@@ -97,9 +97,9 @@ class GraspTracker:
         shown = whole(parts["object"])
         if shown is None:
             return seen, np.zeros(2)
-        object_ = self._objects[camera] = completed(shown, self._objects[camera])
+        object_ = self._objects[camera] = completed(shown, self._objects[camera], scale)
         points[_OBJECT], seen[_OBJECT] = object_.middle / scale - 1, True
-        return seen, object_.axis / scale
+        return seen, np.zeros(2) if object_.radius else object_.axis / scale
 
     def _parts(self, image: Image, camera: int) -> dict[str, list[Part]]:
         """What is seen of the marks in one camera's image."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +10,9 @@ import numpy as np
 from calfree_gym.vision.marks import Mark
 from calfree_gym.vision.tracking.balls import BALL_SATURATION, LEAST_CONTRAST, covered, has_colour
 from calfree_gym.vision.tracking.blobs import Blob
+from calfree_gym.vision.tracking.circles import Circle, fit_circle
 from calfree_gym.vision.tracking.opacity import Opacity, opacity
-from calfree_gym.vision.tracking.outline import Array
+from calfree_gym.vision.tracking.outline import Array, outline
 
 LEAST_RADIUS = 0.004
 """Of a disc as large as a part, as a share of the image's smaller side. Choice: 2 px in 512."""
@@ -20,6 +22,12 @@ many of their standard deviations together. Choice: halves of a bar, with half a
 
 BEYOND = 0.05
 """What is seen lies still if no larger share of it lies where it was not before. Choice: noise of edges."""
+ROUND = 0.65
+"""Share of the outline of a thing seen whole that is a circle's, if it is round. Measured in images: spheres
+have 0.77 or more, bars, boxes and cylinders 0.57 or less."""
+GROWN = 1.5
+"""A round thing is seen no larger than so many times as large as before. Choice: a circle through a short arc
+may be of any size."""
 
 
 class Part(NamedTuple):
@@ -31,6 +39,7 @@ class Part(NamedTuple):
         spread: Covariance of its pixels (2, 2), in px².
         corner: Left and upper border of its window (2,), in px from the image's.
         shares: Which share of each pixel of its window it covers (h, w).
+        radius: Of a round thing, in px; zero of any other.
     """
 
     area: float
@@ -38,6 +47,7 @@ class Part(NamedTuple):
     spread: Array
     corner: Array
     shares: Opacity
+    radius: float = 0.0
 
     @classmethod
     def of(cls, corner: Array, shares: Opacity) -> Part:
@@ -54,6 +64,17 @@ class Part(NamedTuple):
         """Its main axis (2,): as long as the standard deviation along it, in px."""
         variances, axes = np.linalg.eigh(self.spread)
         return np.asarray(axes[:, 1] * np.sqrt(max(variances[1], 0.0)))
+
+    def circle(self, centre: Array, largest: float) -> Circle:
+        """That of its outline: nothing else hides more than it shows.
+
+        Args:
+            centre: Of the image (2,), in px.
+            largest: Largest radius, in px.
+        """
+        corner = self.corner + 0.5
+        found = fit_circle(outline(self.shares, self.middle - corner), self.middle - centre, largest)
+        return replace(found, centre=found.centre + corner)
 
     def with_part(self, other: Part) -> Part:
         """Both together."""
@@ -97,16 +118,28 @@ def whole(parts: list[Part]) -> Part | None:
     return together
 
 
-def completed(seen: Part, before: Part | None) -> Part:
+def completed(seen: Part, before: Part | None, centre: Array) -> Part:
     """A thing of which this is seen now, and perhaps more was seen before.
 
     Where all that is seen was there before, it lies still, and what is missing is hidden. Otherwise it has
-    moved, or shows another side: what is seen is all that is known.
+    moved, or shows another side: its middle is that of the circle if it is round, else what is seen is all
+    that is known.
+
+    Args:
+        seen: Now.
+        before: The same thing as it was known in the last image; None at first, where it is seen whole.
+        centre: Of the image (2,), in px.
     """
     if before is None:
-        return seen
+        circle = seen.circle(centre, float(np.hypot(*seen.shares.shape)))
+        return seen._replace(radius=circle.radius if circle.roundness > ROUND else 0.0)
     _, together = before.union(seen)
-    return before if together.sum() - before.area <= BEYOND * seen.area else seen
+    if together.sum() - before.area <= BEYOND * seen.area:
+        return before
+    if not before.radius:
+        return seen
+    circle = seen.circle(centre, GROWN * before.radius)
+    return seen._replace(middle=circle.centre, radius=circle.radius)
 
 
 def _measured(blob: Blob, mark: Mark, size: tuple[int, int]) -> Part | None:
