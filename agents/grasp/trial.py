@@ -91,7 +91,7 @@ class GraspTrial:
     """The jaws need not turn by less (rad), and need no further motion to turn by less than the second.
     Choice: they grasp at four times that."""
     SHOWN = np.pi / 4
-    """By so much (rad) jaws turn that hide what they hold. Choice: they hide it from a quarter of all sides."""
+    """By so much (rad) jaws turn that hide what they hold. Choice: they hide it from a quarter of sides."""
     OBJECT_MOVED_PX = 8.0
     """An object that is seen so far from where it should be has been moved. Choice: ten times the noise."""
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+from itertools import chain
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,9 +13,10 @@ from calfree_gym.image import CAMERAS
 from calfree_gym.vision.marks import GraspMarks
 from calfree_gym.vision.tracking.blobs import find_blobs
 from calfree_gym.vision.tracking.colours import ColourTable, Image
+from calfree_gym.vision.tracking.completion import completed
 from calfree_gym.vision.tracking.gripper_fit import GripperFit, GripperLayout, fit_gripper
 from calfree_gym.vision.tracking.outline import Array
-from calfree_gym.vision.tracking.parts import Part, completed, find_parts, whole
+from calfree_gym.vision.tracking.parts import Part, find_parts, whole
 from calfree_gym.vision.tracking.tracker import check_images
 
 POINTS = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
@@ -27,6 +30,8 @@ LARGEST = 0.5
 """Width or height of an object as a share of the image's. Choice: it must be seen whole at first."""
 REMEMBERED = 0.8
 """Of the evidence that both images show the same ends, so much counts in the next look. Choice."""
+NEAR = 5
+"""Width (px) of what is near a pixel. Choice: edges that are blurred, or of a mixed colour."""
 ERROR, SIZE = 0.008, 0.4
 """Standard deviations of the image of an axis, in image units, and of its length, in gripper lengths. Choice:
 2 px, and things that a gripper grasps."""
@@ -94,10 +99,11 @@ class GraspTracker:
         if fit is not None:
             self._fits[camera] = fit
             points[_GRIPPER][fit.seen], seen[_GRIPPER] = fit.points[fit.seen], fit.seen
-        shown = whole(parts["object"])
+        shown = whole(parts.pop("object"))
         if shown is None:
             return seen, np.zeros(2)
-        object_ = self._objects[camera] = completed(shown, self._objects[camera], scale)
+        hiders = _covered(image.shape[:2], parts)
+        object_ = self._objects[camera] = completed(shown, self._objects[camera], scale, hiders)
         points[_OBJECT], seen[_OBJECT] = object_.middle / scale - 1, True
         return seen, np.zeros(2) if object_.radius else object_.axis / scale
 
@@ -132,6 +138,15 @@ class GraspTracker:
             for end, sign in ((_END_1, 1), (_END_2, -1)):
                 self._points[end, camera] = self._points[_OBJECT, camera] + sign * axes[camera]
                 visible[end, camera] = True
+
+
+def _covered(size: tuple[int, ...], parts: dict[str, list[Part]]) -> Image:
+    """1 where parts cover an image (h, w), and near them, and 0 elsewhere."""
+    covered = np.zeros(size, np.uint8)
+    for part in chain(*parts.values()):
+        (x, y), (height, width) = part.corner.astype(int), part.shares.shape
+        covered[y : y + height, x : x + width] |= part.shares > 0
+    return np.asarray(cv2.dilate(covered, np.ones((NEAR, NEAR), np.uint8)))
 
 
 def _unlikely(directions: Array, axis: Array) -> float:

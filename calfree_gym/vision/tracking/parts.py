@@ -20,15 +20,6 @@ BELONGS = 3.0
 """Blobs belong to one part that is hidden between them where their middles are no farther apart than this
 many of their standard deviations together. Choice: halves of a bar, with half a bar between them."""
 
-BEYOND = 0.05
-"""What is seen lies still if no larger share of it lies where it was not before. Choice: noise of edges."""
-ROUND = 0.65
-"""Share of the outline of a thing seen whole that is a circle's, if it is round. Measured in images: spheres
-have 0.77 or more, bars, boxes and cylinders 0.57 or less."""
-GROWN = 1.5
-"""A round thing is seen no larger than so many times as large as before. Choice: a circle through a short arc
-may be of any size."""
-
 
 class Part(NamedTuple):
     """What is seen of a mark in an image.
@@ -116,30 +107,6 @@ def whole(parts: list[Part]) -> Part | None:
         if np.hypot(*(part.middle - together.middle)) <= BELONGS * reach:
             together = together.with_part(part)
     return together
-
-
-def completed(seen: Part, before: Part | None, centre: Array) -> Part:
-    """A thing of which this is seen now, and perhaps more was seen before.
-
-    Where all that is seen was there before, it lies still, and what is missing is hidden. Otherwise it has
-    moved, or shows another side: its middle is that of the circle if it is round, else what is seen is all
-    that is known.
-
-    Args:
-        seen: Now.
-        before: The same thing as it was known in the last image; None at first, where it is seen whole.
-        centre: Of the image (2,), in px.
-    """
-    if before is None:
-        circle = seen.circle(centre, float(np.hypot(*seen.shares.shape)))
-        return seen._replace(radius=circle.radius if circle.roundness > ROUND else 0.0)
-    _, together = before.union(seen)
-    if together.sum() - before.area <= BEYOND * seen.area:
-        return before
-    if not before.radius:
-        return seen
-    circle = seen.circle(centre, GROWN * before.radius)
-    return seen._replace(middle=circle.centre, radius=circle.radius)
 
 
 def _measured(blob: Blob, mark: Mark, size: tuple[int, int]) -> Part | None:

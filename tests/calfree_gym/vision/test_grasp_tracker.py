@@ -75,16 +75,16 @@ def places_of_marks(base, axis, line, edge):
 
 
 def drawn(base, axis, line, edge, object_, without=()):
-    """An image (256, 256, 3) of the marks, as squares of 9 px, and a bar, by its ends; all in px."""
+    """An image (256, 256, 3) of a bar, by its ends, and before it the marks, squares of 9 px; all in px."""
     marks = GraspMarks()
     image = np.full((256, 256, 3), 128, np.uint8)
+    one, other = (tuple(np.round(end).astype(int).tolist()) for end in object_)
+    cv2.line(image, one, other, marks.object.rgb, 9)
     for name, middles in places_of_marks(base, axis, line, edge).items():
         if name not in without:
             for middle in middles:
                 x, y = np.round(middle - 4.5).astype(int)
                 cv2.rectangle(image, (x, y), (x + 8, y + 8), getattr(marks, name).rgb, cv2.FILLED)
-    one, other = (tuple(np.round(end).astype(int).tolist()) for end in object_)
-    cv2.line(image, one, other, marks.object.rgb, 9)
     return image
 
 
@@ -164,6 +164,40 @@ def test_an_object_that_has_moved_is_where_it_is_seen_now(by):
     moved = {**LEFT, "object_": LEFT["object_"] + [0, by]}
     points, _ = found(tracker, drawn(**moved), drawn(**RIGHT))
     np.testing.assert_allclose(points[OBJECT, 0], moved["object_"].mean(0), atol=1.2)
+
+
+def with_round(image, middle, colour):
+    """`image` with a disc of 20 px in radius in place of its object."""
+    return cv2.circle(drawn(**(image | {"object_": np.full((2, 2), -50.0)})), middle, 20, colour, cv2.FILLED)
+
+
+def test_a_round_thing_that_moves_is_seen_by_what_shows_of_its_outline():
+    tracker, colour = GraspTracker(layout=LAYOUT), GraspMarks().object.rgb
+    right = with_round(RIGHT, (170, 180), colour)
+    points, visible = found(tracker, with_round(LEFT, (80, 190), colour), right)
+    np.testing.assert_allclose(points[OBJECT, 0], (80.5, 190.5), atol=0.5)
+    np.testing.assert_array_equal(points[END_1], points[END_2])  # it has no axis
+    half_hidden = with_round(LEFT, (90, 180), colour)
+    half_hidden[:, 95:120] = 128
+    points, visible = found(tracker, half_hidden, right)
+    assert visible[OBJECT].all()
+    np.testing.assert_allclose(points[OBJECT, 0], (90.5, 180.5), atol=1.0)
+
+
+@pytest.mark.parametrize("turn", [-0.1, 0.0, 0.12])
+@pytest.mark.parametrize("by", [(0, 0), (7, -5)])
+def test_a_thing_that_moves_is_laid_over_what_shows_of_it_beside_the_gripper(turn, by):
+    """A jaw lies over an end of it: what is left has another middle."""
+    tracker = GraspTracker(layout=LAYOUT)
+    tracker(drawn(**LEFT), drawn(**RIGHT))
+    middle, half = LEFT["object_"].mean(0) + by, np.diff(LEFT["object_"], axis=0)[0] / 2
+    turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ half
+    moved = {**LEFT, "object_": np.array([middle - turned, middle + turned])}
+    jaw = LEFT["base"] + LAYOUT.lower * LEFT["axis"] + LEFT["line"]
+    moved["base"] = LEFT["base"] + middle + 0.7 * turned - jaw
+    points, visible = found(tracker, drawn(**moved), drawn(**RIGHT))
+    assert visible[OBJECT, 0]
+    np.testing.assert_allclose(points[OBJECT, 0], middle + 0.5, atol=1.5)
 
 
 @settings(deadline=None)
