@@ -51,10 +51,7 @@ def test_a_knocked_camera_stops_no_servo():
 
 @pytest.mark.parametrize(
     ("script", "motions"),
-    [
-        pytest.param(*each, marks=() if each[0] == "ppo_cleanrl.py" else pytest.mark.slow)
-        for each in LEARNERS.items()
-    ],
+    [pytest.param(*each, marks=pytest.mark.slow) for each in LEARNERS.items()],
 )
 def test_learners_begin_with_nothing(script, motions):
     first, last = output(script, "--motions", str(motions)).splitlines()

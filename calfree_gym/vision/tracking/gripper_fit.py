@@ -27,6 +27,8 @@ OPENINGS = (0.05, 1.2)
 """Between which the opening is (a guard)."""
 AMBIGUOUS = 0.5
 """A fit that is not worse by more than this may be the true one. Choice."""
+STEEPEST = 2.0
+"""No gripper is taken to be seen more steeply from behind (a guard)."""
 ROUNDS = 6
 """Of least squares, each with weights by the errors of the one before. Choice."""
 SURE = 9.0
@@ -37,18 +39,19 @@ pairs of looks at a grasping gripper 98 % tell the gripper point then, to 6 px i
 class GripperLayout(NamedTuple):
     """Where on the gripper's axis its marks are, from 0 at the base, between the edges, to 1 at its point.
 
-    The defaults were measured in rendered images of the simulator's gripper: what is seen of the ends lies
-    nearer to the tip than their middles do.
+    The defaults were measured in rendered images of the simulator's gripper.
 
     Attributes:
         lower: The jaws' lower ends.
         upper: Their upper ends.
+        surface: So much nearer to the camera than the middle of an end is what is seen of it.
         line: From the axis to a jaw, where they are open, relative to the axis.
         edge: From the base to an edge, relative to the axis.
     """
 
-    lower: float = 0.912
-    upper: float = 0.486
+    lower: float = 0.854
+    upper: float = 0.438
+    surface: float = 0.075
     line: float = 0.538
     edge: float = 0.489
 
@@ -142,9 +145,11 @@ def _fit(
         directions, opening, weight = before.directions, before.opening, BEFORE
     known = np.concatenate([np.zeros(2), directions.ravel(), [np.log(opening)]])
     remembers = np.diag([0.0] * 2 + [np.sqrt(weight) / ERROR] * 6 + [1 / OPENED])
-    parts = np.pad(np.kron(rows, np.eye(2)), ((0, 0), (0, 1)))
-    state, weights = known, whole
+    ends, state, weights = rows[:, 1] > 0, known, whole
     for _ in range(ROUNDS):
+        shares = rows[:, 1] + ends * layout.surface * _slant(state, square, layout)
+        shown = np.column_stack([rows[:, 0], shares, rows[:, 2:]])
+        parts = np.pad(np.kron(shown, np.eye(2)), ((0, 0), (0, 1)))
         trust = np.sqrt(weights).repeat(2)[:, None] / ERROR
         angles, slopes = _right_angles(state, square, layout)
         matrix = np.concatenate([trust * parts, slopes / AFFINE, remembers])
@@ -169,6 +174,19 @@ def _fit(
     both = {1, -1} <= set(rows[rows[:, 1] == layout.lower, 2])
     opening = float(np.exp(state[8])) if both else opening
     return GripperFit(points @ found, np.asarray(growth <= SURE**2), found[1:], opening, float(error))
+
+
+def _slant(state: Array, square: Array, layout: GripperLayout) -> float:
+    """How much farther its tip is from the camera than its base, relative to its axis in the image.
+
+    Cameras that see where it grasps see it from behind. What is seen of its ends, on their surface, thereby
+    seems to lie farther ahead.
+    """
+    lengths = np.array([1.0, layout.line * np.exp(state[8]), layout.edge])
+    directions = state[2:8].reshape(3, 2) * square / lengths[:, None]
+    across = float(np.square(directions[0]).sum())
+    whole = float(np.square(directions).sum()) / 2
+    return float(min(np.sqrt(max(whole / max(across, 1e-9) - 1, 0.0)), STEEPEST))
 
 
 def _right_angles(state: Array, square: Array, layout: GripperLayout) -> tuple[Array, Array]:

@@ -53,7 +53,7 @@ def test_the_servo_arrives_and_stays_whatever_observations_are_like(trouble, mou
     assert share_reached(mount, do, motions, error_px, worlds=200) >= least
 
 
-@pytest.mark.parametrize("trouble", ["outliers", "dropout"])
+@pytest.mark.parametrize("trouble", [pytest.param("outliers", marks=pytest.mark.slow), "dropout"])
 def test_the_servo_arrives_among_mistaken_and_missing_points(trouble):
     do, motions, error_px, _ = HARD[trouble]
     assert share_reached("stand", do, motions, error_px, worlds=30) >= 0.9

@@ -165,6 +165,22 @@ def test_random_motions_neither_press_hard_nor_diverge(env):
     assert 0 < largest < 200
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("mount", ["waist", "stand"])
+def test_ten_thousand_random_motions_neither_press_hard_nor_diverge(mount):
+    rows, largest = 64, 0.0
+    envs = gym.make_vec(GRASP, rows, camera_mount=mount, truth=False)
+    envs.reset(seed=9)
+    rng = np.random.default_rng(1)
+    for _ in range(10_000 // rows):
+        observation, _, _, _, info = envs.step(rng.uniform(-1, 1, (rows, 5)).astype(np.float32))
+        assert all(np.isfinite(each).all() for each in observation.values())
+        assert not info["diverged"].any()
+        largest = max(largest, info["force_table"].max(), info["force_object"].max())
+    envs.close()
+    assert 50 < largest < 200
+
+
 def test_an_arm_that_presses_goes_back_and_its_registers_say_so(env):
     env.reset(seed=10)
     arms = env.unwrapped.arms

@@ -138,6 +138,7 @@ def test_a_drift_is_slow_and_keeps_its_direction(name):
         assert getattr(slow, kept, None) == getattr(drawn, kept, None)
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_replaced_slowly_gets_there():
     sudden = parse_perturbation({"type": "camera_replace", "camera": "left", "seed": 5})
     world, other = nominal(), sudden.change(nominal())

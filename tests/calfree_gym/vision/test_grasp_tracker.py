@@ -14,7 +14,7 @@ from calfree_gym.vision.tracking.gripper_fit import GripperLayout, fit_gripper
 from calfree_gym.vision.tracking.parts import Part
 
 TIP, BASE, OBJECT, END_1, END_2 = (POINTS.index(name) for name in ("tip", "base", "object", "end_1", "end_2"))
-LAYOUT = GripperLayout(lower=0.9, upper=0.4)
+LAYOUT = GripperLayout(lower=0.9, upper=0.4, surface=0.0)
 
 
 def looks(mount, shape, seeds):

@@ -205,6 +205,7 @@ def test_each_constant_is_measured_under_each_condition(measured):
     assert (measured[measured["constant"] == "probe_px"]["differing"] > 0).any()
 
 
+@pytest.mark.slow
 def test_processes_find_the_same_and_the_table_shows_the_clearest(measured):
     found = sensitivity.sensitivity(2, TINY, ONLY, jobs=2)
     assert list(found["constant"]) == list(measured["constant"].unique().repeat(2))

@@ -117,6 +117,7 @@ def test_a_changed_mesh_makes_other_runs_also_where_two_are_exchanged(suite_data
     assert len({run for each in found for run in each}) == 3 * len(found[0])
 
 
+@pytest.mark.slow
 def test_the_documentations_suite_runs_to_the_end_and_its_report_names_the_arm(folder, capsys):
     """The example's arm has the names of our hobby arm."""
     text = (ROOT / "docs/your-arm.md").read_text()

@@ -96,6 +96,7 @@ def test_results_of_other_code_are_named_and_refused(finished, capsys):
     assert (folder / "DONE.json").exists()
 
 
+@pytest.mark.slow
 def test_results_of_another_configuration_are_named_and_refused(finished, suite_data, write_config, capsys):
     _, out = finished
     changed = write_config(suite_data | {"evaluation": {"every": 60, "trials": 2}})
@@ -138,6 +139,7 @@ def test_one_crash_fails_one_run_loudly(suite_data, write_config, tmp_path, caps
     assert main(["report", str(out)]) == 0
 
 
+@pytest.mark.slow
 def test_a_report_is_of_the_finished_runs_alone(finished):
     _, out = finished
     done = sorted(out.glob("runs/*/DONE.json"))
