@@ -19,17 +19,18 @@ from ..base.procedure import ProcedureAgent
 from ..base.storage import prefixed, under
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.servo_agent import ServoAgent
+from .findings import GraspFindings
 from .intermediate import INTERMEDIATE
 from .observation import ARM, OBJECT, GraspObservation
 from .orientation import ORIENTATION
-from .trial import OPEN, GraspFindings, GraspTrial, Motions
+from .trial import OPEN, GraspTrial, Motions
 from .turning import Turning
 
 SHARES = (0.5, 0.15, 0.0)
 """Of the way from the intermediate position that are left after each motion of the descent. Choice. Where the
 arm meets something, it comes down once more: near the object by the last two, for of a short way it goes back
 by little."""
-ACCURATE, BLOCKED = 0.1, 0.15
+ACCURATE, BLOCKED = 0.06, 0.15
 """The jaws close where the gripper is seen so near to its place, in gripper lengths; or where it has met
 something, came from above once more, and comes no nearer, so near. Choice: a sphere is often missed at the
 second."""

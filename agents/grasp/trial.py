@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,11 +15,12 @@ from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.least_distance import Seeker
 from ..servo.servo_agent import ServoAgent
 from ..servo.trial import Stops, met_something
+from .findings import GraspFindings
 from .intermediate import target
 from .observation import ARM, OBJECT, TIP, GraspObservation
 from .orientation import turn_needed
 from .tip import Tip, known_before
-from .turning import TURNING, Turning
+from .turning import TURNING
 
 Motions = Generator[Array, GraspObservation, Any]
 """Yields control words (5,), is sent what is observed after them."""
@@ -30,33 +30,6 @@ OPEN = 0.95
 SURE_PX, SURE_ABOVE_PX = 6.0, 20.0
 """No motion leads where the tip is less surely expected (standard deviation): as long as the table or the
 object may be met, and with the object lifted. Choice: a tenth and a third of the gripper's length."""
-
-
-@dataclass
-class GraspFindings:
-    """What is found out in a trial.
-
-    Attributes:
-        reach: What the servo of the approach finds out.
-        turning: By what angle the jaws must turn, and what turns them.
-        descent: Tip and object over registers, with all that is remembered of other trials; None where that
-            is nothing.
-        looks: All that was seen on the way to the intermediate position, as its target.
-        untouched: All that was seen before the object may have moved, as who goes to it sees it.
-        approached: Whether the gripper came to the intermediate position.
-    """
-
-    reach: Any
-    turning: Turning
-    descent: SmoothPoints | None = None
-    looks: list[Observation] = field(default_factory=list)
-    untouched: list[Observation] = field(default_factory=list)
-    approached: bool = False
-
-    @property
-    def noise_px(self) -> float:
-        """Standard deviation of an image coordinate."""
-        return float(self.reach.filter.noise.px)
 
 
 class GraspTrial:
@@ -92,6 +65,8 @@ class GraspTrial:
     Choice: they grasp at four times that."""
     SHOWN = np.pi / 4
     """By so much (rad) jaws turn that hide what they hold. Choice: they hide it from a quarter of sides."""
+    SHOWN_BY = 0.25
+    """So much of the way back shows that an object comes along that was hidden. Choice: it is seen to move."""
     OBJECT_MOVED_PX = 8.0
     """An object that is seen so far from where it should be has been moved. Choice: ten times the noise."""
 
@@ -284,7 +259,15 @@ class GraspTrial:
         back = self._in_view - self.now.registers[:ARM]
         lost = self._unseen >= self.LOST and np.abs(back).max() > self.ARRIVED
         words = back if lost else self._words(self._lifting(), SURE_ABOVE_PX)
+        if self._seems_left:
+            words = self.SHOWN_BY * (self._from - self.now.registers[:ARM])
         yield from self.move(words, turn=0.0 if self.now.visible[OBJECT].all() else self._showing())
+
+    @property
+    def _seems_left(self) -> bool:
+        """Whether the object is where it is to be, and was not seen to come along: jaws hid it on the way."""
+        there = lengths_px(self.now.at("object") - self.now.goal).max() < self.OBJECT_MOVED_PX
+        return bool(there and self.now.visible[OBJECT].all() and not self.now.held)
 
     def _showing(self) -> float:
         """The word that turns the jaws, which hide what they hold: on and on, at a stop the other way."""

@@ -1,0 +1,37 @@
+"""What is found out in a trial of grasping."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..base.observation import Observation
+from ..servo.image_model.smooth_points import SmoothPoints
+from .turning import Turning
+
+
+@dataclass
+class GraspFindings:
+    """What is found out in a trial.
+
+    Attributes:
+        reach: What the servo of the approach finds out.
+        turning: By what angle the jaws must turn, and what turns them.
+        descent: Tip and object over registers, with all that is remembered of other trials; None where that
+            is nothing.
+        looks: All that was seen on the way to the intermediate position, as its target.
+        untouched: All that was seen before the object may have moved, as who goes to it sees it.
+        approached: Whether the gripper came to the intermediate position.
+    """
+
+    reach: Any
+    turning: Turning
+    descent: SmoothPoints | None = None
+    looks: list[Observation] = field(default_factory=list)
+    untouched: list[Observation] = field(default_factory=list)
+    approached: bool = False
+
+    @property
+    def noise_px(self) -> float:
+        """Standard deviation of an image coordinate."""
+        return float(self.reach.filter.noise.px)
