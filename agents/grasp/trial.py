@@ -66,7 +66,7 @@ class GraspTrial:
     SHOWN = np.pi / 4
     """By so much (rad) jaws turn that hide what they hold. Choice: they hide it from a quarter of sides."""
     SHOWN_BY = 0.25
-    """So much of the way back shows that an object comes along that was hidden. Choice: it is seen to move."""
+    """So much of the way back shows whether the object comes along. Choice: it is seen to move."""
     OBJECT_MOVED_PX = 8.0
     """An object that is seen so far from where it should be has been moved. Choice: ten times the noise."""
 

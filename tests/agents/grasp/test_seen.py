@@ -1,13 +1,19 @@
 """What a grasping agent makes of points that are hidden, or seen wrongly."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from agents.grasp.findings import GraspFindings
 from agents.grasp.observation import ARM, GRIPPER, NAMES, OBJECT, TIP, GraspObservation
 from agents.grasp.orientation import turn_needed
 from agents.grasp.tip import Tip
+from agents.grasp.trial import GraspTrial
+from agents.grasp.turning import Turning
 from agents.servo.image_model.smooth_function import SmoothFunction
 from calfree_gym.image import IMAGE_UNIT
 
@@ -86,3 +92,26 @@ def test_a_tip_is_as_noisy_as_its_looks_and_some_of_them_are_mistaken(noise_px, 
     there = np.array([0.1, -0.1, 0.05])
     off_px = np.abs(function.at(there).points - slopes @ there).max() / IMAGE_UNIT
     assert off_px < 2 * noise_px
+
+
+def lifted(turn=0.0, **seen):
+    """The words (5,) of a gripper that lifts: it began at home, and its wrist has turned by that word."""
+    first = gripper(np.random.default_rng(0).normal(size=(4, 3)))
+    reach = SimpleNamespace(filter=SimpleNamespace(noise=SimpleNamespace(px=0.7)))
+    trial = GraspTrial(None, "along_axis", "least_squares", first, GraspFindings(reach, Turning()))
+    trial.now = replace(first, registers=np.array([0.4, 0.2, -0.1, turn, 1.0]), opening=0.3, **seen)
+    return next(trial.lift())
+
+
+@pytest.mark.parametrize(("turn", "sign"), [(0.0, 1), (0.95, -1)])
+def test_jaws_that_hide_what_they_hold_turn_and_at_a_stop_the_other_way(turn, sign):
+    hidden = np.ones((len(NAMES), 2), bool)
+    assert lifted(turn, visible=hidden)[ARM] == 0
+    hidden[OBJECT, 1] = False
+    assert sign * lifted(turn, visible=hidden)[ARM] > 0.1
+
+
+def test_what_is_where_it_is_to_be_and_was_hidden_on_the_way_is_shown_to_come_along():
+    goal = gripper(np.random.default_rng(0).normal(size=(4, 3))).at("object") + IMAGE_UNIT
+    np.testing.assert_allclose(lifted(goal=goal, held=False)[:ARM], [-0.1, -0.05, 0.025])
+    assert np.abs(lifted(goal=goal, held=True)[:ARM] - [-0.1, -0.05, 0.025]).max() > 0.01
