@@ -268,10 +268,8 @@ class SmoothFunction:
 
     def variance(self, place: Array) -> float:
         """Of a coordinate at a place (d,), without slopes from before: the mean of both images."""
-        lengths, whitening, _, _ = self._best
-        towards = (place - self.looks.places) / lengths
-        near = np.exp(np.einsum("nd,nd->n", towards, towards) / -2) * self.SPREAD**2
-        white = whitening @ (near + self._everywhere)
+        _, whitening, _, _ = self._best
+        white = whitening @ (self.SPREAD**2 * self.alike(place, self.looks.places) + self._everywhere)
         return max(self._most - float(np.square(white).sum()) / len(white), 0.0)
 
     def unsure(self, place: Array) -> Array:

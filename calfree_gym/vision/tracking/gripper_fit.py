@@ -44,7 +44,7 @@ class GripperLayout(NamedTuple):
     Attributes:
         lower: The jaws' lower ends.
         upper: Their upper ends.
-        surface: So much nearer to the camera than the middle of an end is what is seen of it.
+        surface: From the middle of an end, across the axis, to what is seen of it.
         line: From the axis to a jaw, where they are open, relative to the axis.
         edge: From the base to an edge, relative to the axis.
     """
@@ -177,10 +177,10 @@ def _fit(
 
 
 def _slant(state: Array, square: Array, layout: GripperLayout) -> float:
-    """How much farther its tip is from the camera than its base, relative to its axis in the image.
+    """The cotangent of the angle at which a camera sees the axis from behind.
 
-    Cameras that see where it grasps see it from behind. What is seen of its ends, on their surface, thereby
-    seems to lie farther ahead.
+    Cameras that see where it grasps see it from behind. What is seen of its ends is their surface, on the
+    camera's side of the axis, which in the image thereby lies farther ahead.
     """
     lengths = np.array([1.0, layout.line * np.exp(state[8]), layout.edge])
     directions = state[2:8].reshape(3, 2) * square / lengths[:, None]

@@ -213,6 +213,24 @@ def test_right_angles_tell_an_edge_that_is_hidden(turn, tilt, roll, hidden):
     np.testing.assert_allclose(scale * (fit.points + 1), wanted_of_gripper(**gripper), atol=2.5)
 
 
+@settings(deadline=None)
+@given(st.floats(-1.2, 1.2), st.floats(0.6, 1.2), st.floats(0, 6))
+def test_jaws_are_seen_by_their_surface(turn, tilt, roll):
+    """It lies on the camera's side of the axis, and so ahead in the image of a gripper seen from behind."""
+    layout, gripper = LAYOUT._replace(surface=0.08), seen_from(turn, tilt, roll, size=60.0)
+    sine = np.hypot(*gripper["axis"]) / 60.0
+    ahead = layout.surface * np.sqrt(1 - sine**2) / sine * gripper["axis"]
+    places = places_of_marks(**gripper)
+    dot, ends = np.ones((5, 5), np.float32), ("jaw_1", "jaw_2", "fingers")
+    parts = {
+        name: [Part.of(middle - 3 + ahead * (name in ends), dot) for middle in middles]
+        for name, middles in places.items()
+    }
+    scale = np.array([128.0, 128.0])
+    fit = fit_gripper(parts, scale, layout, None)
+    np.testing.assert_allclose(scale * (fit.points + 1), wanted_of_gripper(**gripper), atol=1.0)
+
+
 def test_a_gripper_that_is_hidden_is_not_seen_and_stands_where_it_was():
     tracker = GraspTracker(layout=LAYOUT)
     before, _ = found(tracker, drawn(**LEFT), drawn(**RIGHT))
