@@ -142,6 +142,7 @@ def test_the_figure_draws_each_block_in_its_middle_and_events_between_trials():
     assert "lens\n(k1 0.1)" in [text.get_text() for text in above.texts]
 
 
+@pytest.mark.slow
 def test_a_lifetime_in_trials_from_configuration_to_report(in_trials, write_config, tmp_path, capsys):
     config, out = write_config(in_trials), tmp_path / "out"
     assert main(["validate", str(config)]) == 0

@@ -34,6 +34,7 @@ def files(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
+@pytest.mark.slow
 def test_numbers_report_and_small_figures_are_kept(committed, tmp_path):
     kept = keep(committed, tmp_path / "kept")
     assert kept == tmp_path / "kept" / "tiny"
