@@ -49,10 +49,8 @@ def test_a_knocked_camera_stops_no_servo():
     assert "'degrees': 30.0" in lines[knocked]
 
 
-@pytest.mark.parametrize(
-    ("script", "motions"),
-    [pytest.param(*each, marks=pytest.mark.slow) for each in LEARNERS.items()],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("script", "motions"), LEARNERS.items())
 def test_learners_begin_with_nothing(script, motions):
     first, last = output(script, "--motions", str(motions)).splitlines()
     assert rate(first) < 0.2

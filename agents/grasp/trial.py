@@ -256,11 +256,14 @@ class GraspTrial:
         Where the tip is not seen it goes on by what is expected; not seen again, back to where it was seen,
         and on by half as long words.
         """
-        back = self._in_view - self.now.registers[:ARM]
-        lost = self._unseen >= self.LOST and np.abs(back).max() > self.ARRIVED
-        words = back if lost else self._words(self._lifting(), SURE_ABOVE_PX)
+        here = self.now.registers[:ARM]
+        back = self._in_view - here
         if self._seems_left:
-            words = self.SHOWN_BY * (self._from - self.now.registers[:ARM])
+            words = self.SHOWN_BY * (self._from - here)
+        elif self._unseen >= self.LOST and np.abs(back).max() > self.ARRIVED:
+            words = back
+        else:
+            words = self._words(self._lifting(), SURE_ABOVE_PX)
         yield from self.move(words, turn=0.0 if self.now.visible[OBJECT].all() else self._showing())
 
     @property

@@ -176,14 +176,19 @@ def _fit(
     return GripperFit(points @ found, np.asarray(growth <= SURE**2), found[1:], opening, float(error))
 
 
+def _of_one_length(state: Array, square: Array, layout: GripperLayout) -> tuple[Array, Array]:
+    """Axis, line and edge (3, 2), as if all three were as long as the axis; and how long they are (3,)."""
+    lengths = np.array([1.0, layout.line * np.exp(state[8]), layout.edge])
+    return state[2:8].reshape(3, 2) * square / lengths[:, None], lengths
+
+
 def _slant(state: Array, square: Array, layout: GripperLayout) -> float:
     """The cotangent of the angle at which a camera sees the axis from behind.
 
     Cameras that see where it grasps see it from behind. What is seen of its ends is their surface, on the
     camera's side of the axis, which in the image thereby lies farther ahead.
     """
-    lengths = np.array([1.0, layout.line * np.exp(state[8]), layout.edge])
-    directions = state[2:8].reshape(3, 2) * square / lengths[:, None]
+    directions, _ = _of_one_length(state, square, layout)
     across = float(np.square(directions[0]).sum())
     whole = float(np.square(directions).sum()) / 2
     return float(min(np.sqrt(max(whole / max(across, 1e-9) - 1, 0.0)), STEEPEST))
@@ -195,8 +200,8 @@ def _right_angles(state: Array, square: Array, layout: GripperLayout) -> tuple[A
     Under parallel rays unit vectors at right angles are seen as three vectors whose first components, taken
     together, are as long as the second ones, and at right angles to them.
     """
-    lengths = np.array([1.0, layout.line * np.exp(state[8]), layout.edge])
-    x, y = (state[2:8].reshape(3, 2) * square / lengths[:, None]).T
+    directions, lengths = _of_one_length(state, square, layout)
+    x, y = directions.T
     size = max(float(np.sqrt((x @ x + y @ y) / 2)), 1e-9)
     angles = np.array([(x @ x - y @ y) / 2, x @ y]) / size
     slopes = np.zeros((2, 9))
