@@ -13,6 +13,7 @@ from calfree_gym.image import PIXELS_PER_UNIT
 from calfree_gym.robot.arms.robot import Mounts
 from calfree_gym.robot.grasping.gripping_arm import SENSORS, GrippingArm
 from calfree_gym.robot.grasping.jaws import JAWS
+from calfree_gym.robot.grasping.ramp import CHUNK, LEAST_CHUNKS, Ramp, onward, turning_back
 from calfree_gym.robot.grasping.shapes import Thing
 from calfree_gym.robot.simulation import Picture, Simulation
 from calfree_gym.vision.cameras import pinhole
@@ -26,18 +27,12 @@ POINTS = (
 )
 """What cameras see: the gripper's point and base, tips and edges, the object and the ends of its axis."""
 OBJECT = POINTS.index("object_point")
-CHUNK = 10
-"""Substeps after which the guard looks at the forces."""
 SPEED, TURNING = 0.4, 2.0
 """The gripper's speed (m/s) and that of joints (rad/s) at most. Choice: about the RV-M2's."""
 PEAK = 1.875
 """Of a motion of least jerk: its speed at most, relative to the mean."""
-LEAST_CHUNKS, SETTLING = 7, 3
-"""Chunks of the ramp at least, and after it."""
 GUARD, RISES = 12.0, 1.0
 """An arm stops that presses by this force (N) more than when its motion began, and ever more: by this (N)."""
-RETREAT = 0.5
-"""It then goes back by this share of the way that it has come."""
 PINNED = 24.0
 """Of what it pressed with then, so much counts (N). Choice: it gets away with what jaws have closed on."""
 SECOND = 200
@@ -138,20 +133,21 @@ class GraspSimulation(Simulation):
         """
         before = self._all_ctrl[rows].copy()
         way = np.column_stack([joints, openings]) - before
-        ramp = _Ramp(self._chunks(rows, before[:, :-1], way[:, :-1]))
-        most = GUARD + np.minimum(self._pressing[rows], PINNED)
-        forces = np.zeros((len(rows), 2))
-        chunk = 0
-        while (on := np.flatnonzero((chunk < ramp.end) & ~self.diverged[rows])).size:
-            shares = np.repeat(ramp.arms(chunk, on)[..., None], way.shape[1], 2)
-            shares[..., -1] = ramp.jaws(chunk, on)
-            largest, pressing = self._step(rows[on], before[on, None] + way[on, None] * shares)
-            forces[on] = np.maximum(forces[on], largest)
-            stops = (pressing > most[on]) & (pressing > self._pressing[rows[on]] + RISES)
-            ramp.turn_back(on[stops], chunk)
-            self._pressing[rows[on]] = pressing
-            chunk += 1
-        return Motion(ramp.executed, forces)
+        chunks = self._chunks(rows, before[:, :-1], way[:, :-1])
+        start, pressed = self._physics[rows], self._pressing[rows]
+        passed = len(self.way or ())
+        ramp = onward(chunks)
+        executed, (largest, pressing) = ramp.executed, self._follow(rows, before, way, ramp)
+        turns = _turns(pressing, pressed)
+        if (back := np.flatnonzero(turns >= 0)).size:
+            self._physics[rows[back]] = start[back]
+            if self.way is not None and turns[0] >= 0:
+                del self.way[passed:]
+            ramp = turning_back(chunks[back], turns[back])
+            executed[back] = ramp.executed
+            largest[back], _ = self._follow(rows[back], before[back], way[back], ramp)
+        self.diverged[rows] |= ~np.isfinite(self._all_qpos[rows]).all(1)
+        return Motion(executed, largest)
 
     def wait(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Lets a second pass in `rows`.
@@ -161,24 +157,49 @@ class GraspSimulation(Simulation):
         """
         control = np.repeat(self._all_ctrl[rows][:, None], SECOND, 1)
         before = self.heights()[rows]
-        forces, self._pressing[rows] = self._step(rows, control)
-        return forces, np.minimum(before, self.heights()[rows])
-
-    def _step(self, rows: NDArray[np.intp], control: Array) -> tuple[Array, Array]:
-        """Steps `rows` under control (n, k, nu): largest forces (n, 2), and what the arms press with (n,)."""
-        recorded = self._batch.rollout(control.shape[1], control, record=("sensordata",), ids=rows)
-        forces = recorded["sensordata"].reshape(len(rows), -1, len(SENSORS), 3)
-        if self.way is not None:
-            self.way.append(self.configuration(0))
+        largest, _ = self._step(rows, control, np.full(len(rows), SECOND))
         self.diverged[rows] |= ~np.isfinite(self._all_qpos[rows]).all(1)
-        largest = np.sqrt(np.square(forces[:, :, :2]).sum(-1)).max(1)
-        pressing = forces[:, -1, 2] + forces[:, -1, 3]
-        return largest, np.sqrt(np.square(pressing).sum(-1))
+        return largest, np.minimum(before, self.heights()[rows])
+
+    def _follow(self, rows: NDArray[np.intp], before: Array, way: Array, ramp: Ramp) -> tuple[Array, Array]:
+        """Moves `rows` along their ways (n, nu) from where controls were before: see `_step`."""
+        control = np.repeat(ramp.arms[..., None], way.shape[1], 2)
+        control[..., -1] = ramp.jaws
+        control *= way[:, None]
+        control += before[:, None]
+        return self._step(rows, control, ramp.substeps)
+
+    def _step(
+        self, rows: NDArray[np.intp], control: Array, substeps: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Steps `rows` under control (n, k, nu), each by its number (n,) of substeps.
+
+        Returns:
+            Largest forces (n, 2) as in `Motion`, and what the arms press with (n, chunks) after each chunk.
+        """
+        fields = ("sensordata",) if self.way is None else ("sensordata", "qpos")
+        largest, pressing = np.zeros((len(rows), 2)), np.zeros((len(rows), control.shape[1] // CHUNK))
+        since = 0
+        for until in sorted(set(substeps.tolist())):
+            on = np.flatnonzero(substeps >= until)
+            recorded = self._batch.rollout(
+                until - since, control[on, since:until], record=fields, ids=rows[on]
+            )
+            forces = recorded["sensordata"].reshape(len(on), until - since, len(SENSORS), 3)
+            single = np.einsum("nkfc,nkfc->nkf", forces[:, :, :2], forces[:, :, :2]).max(1)
+            largest[on] = np.maximum(largest[on], np.sqrt(single))
+            net = forces[:, CHUNK - 1 :: CHUNK, 2:].sum(2)
+            pressing[on, since // CHUNK : until // CHUNK] = np.sqrt(np.square(net).sum(-1))
+            if self.way is not None and on[0] == 0:
+                self.way.extend(recorded["qpos"][0, CHUNK - 1 :: CHUNK])
+            since = until
+        self._pressing[rows] = pressing[np.arange(len(rows)), substeps // CHUNK - 1]
+        return largest, pressing
 
     def _chunks(self, rows: NDArray[np.intp], joints: Array, way: Array) -> NDArray[np.int64]:
         """How many chunks a ramp takes (n,)."""
-        lengths, robot = self._lengths[rows], self._robot
-        apart = robot.gripper_position(joints + way, lengths) - robot.gripper_position(joints, lengths)
+        there, here = self._robot.gripper_position(np.stack([joints + way, joints]), self._lengths[rows])
+        apart = there - here
         seconds = np.maximum(np.sqrt(np.square(apart).sum(-1)) / SPEED, np.abs(way).max(-1) / TURNING) * (
             PEAK / (CHUNK * self._model.opt.timestep)
         )
@@ -186,6 +207,8 @@ class GraspSimulation(Simulation):
 
     def recover(self) -> None:
         """Puts rows whose physics has diverged at rest at home, the object out of the way: all is finite."""
+        if not self.diverged.any():
+            return
         rows = np.flatnonzero(self.diverged & ~np.isfinite(self._physics).all(1))
         self._physics[rows] = self._at_rest
 
@@ -220,55 +243,17 @@ class GraspSimulation(Simulation):
             data.qpos[self._free : self._free + 3] = object_
 
 
-class _Ramp:
-    """How far along their ways arms and jaws are meant to be, chunk by chunk.
-
-    Attributes:
-        end: Chunks after which all is over (n,).
-        executed: Of the arms' ways (n,), in the end.
+def _turns(pressing: Array, pressed: Array) -> NDArray[np.int64]:
+    """In which chunk (n,) the guard stops an arm, -1 where in none.
 
     Args:
-        chunks: That the ways take (n,).
+        pressing: With what force (n, chunks) the arms press at the end of each chunk, in N.
+        pressed: With what they did before (n,).
     """
-
-    def __init__(self, chunks: NDArray[np.int64]) -> None:
-        self._chunks = chunks
-        self.end = chunks + SETTLING
-        self.executed = np.ones(len(chunks))
-        self._turn = np.full(len(chunks), np.iinfo(np.int64).max // 2)
-        self._back = np.ones(len(chunks), np.int64)
-
-    def arms(self, chunk: int, rows: NDArray[np.intp]) -> Array:
-        """Shares of the ways (k, c) in the substeps of a chunk."""
-        back = (_substeps(chunk) - CHUNK * self._turn[rows, None]) / (CHUNK * self._back[rows, None])
-        top = smooth(self._times(chunk, rows, self._turn))
-        return np.asarray(top * (1 - RETREAT * smooth(np.clip(back, 0, 1))))
-
-    def jaws(self, chunk: int, rows: NDArray[np.intp]) -> Array:
-        """The same of the jaws, which go on."""
-        return smooth(self._times(chunk, rows, self._chunks))
-
-    def _times(self, chunk: int, rows: NDArray[np.intp], until: NDArray[np.int64]) -> Array:
-        there = np.minimum(_substeps(chunk), CHUNK * until[rows, None])
-        return np.asarray(np.minimum(there / (CHUNK * self._chunks[rows, None]), 1.0))
-
-    def turn_back(self, rows: NDArray[np.intp], chunk: int) -> None:
-        """Lets arms of these rows turn back where they began this chunk, unless they have before."""
-        rows = rows[self.executed[rows] == 1]
-        self._turn[rows] = chunk
-        self._back[rows] = max(LEAST_CHUNKS, chunk)
-        self.executed[rows] = smooth(np.minimum(chunk / self._chunks[rows], 1.0)) * (1 - RETREAT)
-        self.end[rows] = np.maximum(self.end[rows], chunk + self._back[rows] + SETTLING)
-
-
-def _substeps(chunk: int) -> Array:
-    """Numbers of the substeps of a chunk (c,), from 1."""
-    return chunk * CHUNK + np.arange(1.0, CHUNK + 1)
-
-
-def smooth(times: Array) -> Array:
-    """The way of least jerk: shares of it (...) at shares (...) of the time."""
-    return times**3 * (10 + times * (6 * times - 15))
+    most = GUARD + np.minimum(pressed, PINNED)
+    before = np.column_stack([pressed, pressing[:, :-1]])
+    stops = (pressing > most[:, None]) & (pressing > before + RISES)
+    return np.where(stops.any(1), stops.argmax(1), -1)
 
 
 def _alone(thing: Thing, mass: float) -> mujoco.MjModel:
