@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
 
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 
-from ..base.observation import Array, Flags, Observation
+from ..base.observation import Array, Observation
 from ..servo.image_model.smooth_function import SmoothFunction
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.least_distance import Seeker
 from ..servo.servo_agent import ServoAgent
 from ..servo.trial import Stops, met_something
 from .findings import GraspFindings
+from .in_view import InView
 from .intermediate import target
+from .lying import MOVED_PX, Lying, Target
 from .observation import ARM, OBJECT, TIP, GraspObservation
 from .orientation import turn_needed
 from .tip import Tip, known_before
@@ -52,8 +54,6 @@ class GraspTrial:
     while the gripper descends."""
     BORDER = 0.95
     """Motions are expected to keep the tip within this part of the images. Choice: as in servos."""
-    LOST = 2
-    """A tip that was not seen in so many looks is out of view. Choice: in one it may be hidden."""
     ARRIVED = 0.01
     """Of a register: nearer it need not come (a guard)."""
     HALVINGS = 5
@@ -67,8 +67,10 @@ class GraspTrial:
     """By so much (rad) jaws turn that hide what they hold. Choice: they hide it from a quarter of sides."""
     SHOWN_BY = 0.25
     """So much of the way back shows whether the object comes along. Choice: it is seen to move."""
-    OBJECT_MOVED_PX = 8.0
-    """An object that is seen so far from where it should be has been moved. Choice: ten times the noise."""
+    MET = 3
+    """A servo that met something so often, or pushed the object, is misled by that. Choice."""
+    GOES_ON = 8
+    """So often the gripper is then brought nearer to the intermediate position without it (a guard)."""
 
     def __init__(
         self,
@@ -82,14 +84,14 @@ class GraspTrial:
         self._reacher, self._intermediate, self._orientation = reacher, intermediate, orientation
         self._findings = findings
         self.touched = False
-        self._seen, self._lying = [first], [(first, np.zeros((2, 2)))]
+        self._seen, self._lying = [first], Lying(first)
         self._from = first.registers[:ARM]
         self._tip = Tip.of(SmoothFunction.unknown(ARM, ARM), self._seen, findings.noise_px)
         self._untouched, self._turn_stops = True, Stops(1)
         self._hangs: Array | None = None
         self._shows = self.TEST_TURN
         self._look_at_angle(np.zeros(ARM + 1))
-        self._in_view, self._unseen, self._shorter = self._from, 0, 1.0
+        self._in_view = InView(first)
         self._note()
 
     def move(self, words: Array | None = None, turn: float = 0.0, jaws: float = 0.0) -> Motions:
@@ -108,8 +110,8 @@ class GraspTrial:
             self._turn_stops.learn(np.array([turn]), turn - there + before.registers[TURNING], there)
         self._untouched &= not (self.touched or jaws)
         if now.opening > OPEN:
-            self._lying.append((now, self._moved()))
-        self._keep_in_view(bool(before.visible[TIP].all()))
+            self._lying.look(now, self._tip.explained[1], self._untouched)
+        self._in_view.look(now, bool(before.visible[TIP].all()))
         self._note()
         self._look_at_angle((now.registers - before.registers)[: ARM + 1])
 
@@ -120,15 +122,6 @@ class GraspTrial:
         if angle is not None and self.now.opening > OPEN:
             self._findings.turning = self._findings.turning.seen(angle)
 
-    def _keep_in_view(self, was_seen: bool) -> None:
-        """Remembers from where the tip was seen; where it gets lost, the next words are half as long."""
-        self._unseen += 1
-        if self.now.visible[TIP].all():
-            self._in_view, self._unseen = self.now.registers[:ARM], 0
-            self._shorter = min(1.0, 2 * self._shorter) if was_seen else self._shorter
-        elif self._unseen == self.LOST:
-            self._shorter /= 2
-
     def _note(self) -> None:
         """Takes in what is seen of an object that lies still, or has been pushed."""
         findings, points, view = self._findings, self._findings.descent, self._view(0.0)
@@ -137,13 +130,13 @@ class GraspTrial:
         if points is None or self.now.opening < OPEN:
             return
         moved = self.now.at("object") - points.at(view.registers).object.points
-        if view.visible[2:].all() and lengths_px(moved).max() > self.OBJECT_MOVED_PX:
+        if view.visible[2:].all() and lengths_px(moved).max() > MOVED_PX:
             points.object_moved(moved)
         points.look(view, findings.noise_px)
 
     def approach(self) -> Motions:
-        """To the intermediate position, by the servo and what it remembers (paper, 3.4)."""
-        findings, home = self._findings.reach, self.now.registers[:ARM]
+        """To the intermediate position by the servo (3.4); on by all looks where it meets things again."""
+        findings, home, met, disturbed = self._findings.reach, self.now.registers[:ARM], 0, False
         procedure = self._reacher.procedure(self._view(1.0), findings)
         words = next(procedure)
         while not self.now.last:
@@ -153,17 +146,30 @@ class GraspTrial:
                 words = procedure.send(self._view(1.0))
             except StopIteration:
                 break
+            met += self.touched
+            disturbed = met >= self.MET or (self._untouched and bool(self._lying.moved.any()))
             if self.touched:
-                yield from self.move((home - self.now.registers[:ARM]) / 2)
+                yield from self._aside(home)
                 procedure = self._reacher.servo(self._view(1.0), findings)
                 words = next(procedure)
-            if tested and self.left(1.0) <= self.NEAR:
-                self._findings.approached = True
+            if tested and (disturbed or self.left(1.0) <= self.NEAR):
+                self._findings.approached = not disturbed
                 break
-        self._from = self.now.registers[:ARM]
         self._findings.looks = [self._view(1.0, each) for each in self._seen]
-        known = known_before(self._findings.reach.estimator, self._from)
+        known = known_before(self._findings.reach.estimator, self.now.registers[:ARM])
         self._tip = Tip.of(known, self._seen, self._findings.noise_px)
+        for _ in range(self.GOES_ON if disturbed else 0):
+            if self.left(1.0) <= self.NEAR:
+                break
+            words = self._words(self._toward(1.0))
+            yield from self.move(words, turn=self._turn(words))
+            if self.touched:
+                yield from self._aside(home)
+        self._from = self.now.registers[:ARM]
+
+    def _aside(self, home: Array) -> Motions:
+        """Half of the way to registers (3,) where nothing is in the way."""
+        yield from self.move((home - self.now.registers[:ARM]) / 2)
 
     def _view(self, share: float, now: GraspObservation | None = None) -> Observation:
         """What a servo sees that goes to where a share of the way is left to the object."""
@@ -173,8 +179,10 @@ class GraspTrial:
     def _turn(self, words: Array) -> float:
         """The word that turns the jaws along the object, while words (3,) move the arm, and thereby the jaws.
 
-        A test word, as long as it is not known what words do (3.5).
+        A test word, as long as it is not known what words do (3.5). Back, where the tip got lost.
         """
+        if self._in_view.lost:
+            return float(self._in_view.registers[TURNING] - self.now.registers[TURNING])
         turning, left = self._findings.turning, self._findings.turning.moved(np.append(words, 0.0)).angle
         if left is None or abs(left) < self.TURNED:
             return 0.0
@@ -257,10 +265,10 @@ class GraspTrial:
         and on by half as long words.
         """
         here = self.now.registers[:ARM]
-        back = self._in_view - here
+        back = self._in_view.registers[:ARM] - here
         if self._seems_left:
             words = self.SHOWN_BY * (self._from - here)
-        elif self._unseen >= self.LOST and np.abs(back).max() > self.ARRIVED:
+        elif self._in_view.lost and np.abs(back).max() > self.ARRIVED:
             words = back
         else:
             words = self._words(self._lifting(), SURE_ABOVE_PX)
@@ -269,7 +277,7 @@ class GraspTrial:
     @property
     def _seems_left(self) -> bool:
         """Whether the object is where it is to be, and was not seen to come along: jaws hid it on the way."""
-        there = lengths_px(self.now.at("object") - self.now.goal).max() < self.OBJECT_MOVED_PX
+        there = lengths_px(self.now.at("object") - self.now.goal).max() < MOVED_PX
         return bool(there and self.now.visible[OBJECT].all() and not self.now.held)
 
     def _showing(self) -> float:
@@ -297,15 +305,6 @@ class GraspTrial:
         way = self.now.goal - hangs
         return self._points(lambda each: (way, np.ones(2, bool)))
 
-    def _moved(self) -> Array:
-        """How far the object seems to have been moved in both images (2, 2) since the trial began."""
-        before = self._lying[-1][1]
-        if self._untouched or not self.now.visible[OBJECT].all():
-            return before
-        points = self._points(lambda each: (each.points[OBJECT], each.visible[OBJECT]))
-        moved = self.now.at("object") - points.at(self.now.registers[:ARM]).object.points
-        return before + moved if lengths_px(moved).max() > self.OBJECT_MOVED_PX else before
-
     def _words(self, points: SmoothPoints, sure_px: float = SURE_PX) -> Array:
         """Words (3,) to where the tip is expected to be seen at its target, or as far as that is sure.
 
@@ -314,7 +313,7 @@ class GraspTrial:
         here = self.now.registers[:ARM]
         ends = np.ones(ARM)
         found = Seeker(points, here, -ends, ends, caution=0.0).seek()
-        words = self._shorter * (found.registers - here)
+        words = self._in_view.shorter * (found.registers - here)
         words /= max(1.0, float(np.abs(words).max()))
         limits = np.maximum(self.BORDER, np.abs(self.now.at("tip")))
         for _ in range(self.HALVINGS):
@@ -325,13 +324,9 @@ class GraspTrial:
             words /= 2
         return words
 
-    def _points(self, target_of: Callable[[GraspObservation], tuple[Array, Flags]]) -> SmoothPoints:
+    def _points(self, target_of: Target) -> SmoothPoints:
         """Tip and target over registers, by what was seen in this trial; of the object as it lay."""
-        points = SmoothPoints(ARM)
-        points.gripper, variance = self._tip.explained
-        home = target_of(self._seen[0])[0]
-        for each, moved in self._lying:
-            (there, visible), points.home = target_of(each), home + moved
-            place = np.concatenate([each.registers[:ARM], points.home.ravel()])
-            points.object = points.object.with_look(place, there - points.home, variance, visible)
+        gripper, variance = self._tip.explained
+        points = self._lying.points(target_of, variance)
+        points.gripper = gripper
         return points
