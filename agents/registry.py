@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from inspect import Parameter, signature
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -18,12 +17,15 @@ from calfree_gym.errors import near_misses
 from .adaptation.memory import Memory
 from .adaptation.remembered import Remembered
 from .base.agent import Agent
+from .base.checks import check_flag, check_one_of
+from .base.tuned import tuned_settings
 from .calibrated.affine_stereo import AffineStereo
 from .calibrated.model_based import ModelBased
 from .calibrated.self_calibrating import SelfCalibrating
 from .grasp.agent import Grasp
 from .grasp.task import task_of
 from .grasp.trial import SURE_PX
+from .grasp.turning import TURNING
 from .knowledge.factored_table import FactoredTable
 from .knowledge.grid_table import GridTable
 from .knowledge.support_points import SupportPoints
@@ -67,7 +69,7 @@ def _table(
     every_look: bool = True,
     **settings: Any,
 ) -> Agent:
-    table = _knowledge(env, knowledge, settings)
+    table = _knowledge(env.action_space.shape[0], knowledge, settings)  # type: ignore[index]
     return LearningServo(env, table, make_servo(servo, settings), seed, jump_px, every_look)
 
 
@@ -80,19 +82,19 @@ def _memory(
     on_change: str = "recognise",
     **settings: Any,
 ) -> Agent:
-    remembered = _knowledge(env, knowledge, settings)
+    remembered = _knowledge(env.action_space.shape[0], knowledge, settings)  # type: ignore[index]
     return Memory(env, remembered, make_servo(servo, settings), seed, jump_px, on_change)
 
 
-def _knowledge(env: Environment, name: str, settings: dict[str, Any]) -> Any:
-    """A knowledge base by its name; takes its own from the settings."""
+def _knowledge(motors: int, name: str, settings: dict[str, Any], **keys: int) -> Any:
+    """A knowledge base by its name, over registers of so many motors; takes its own from the settings."""
     own = {each: settings.pop(each) for each in _own_settings(name) if each in settings}
-    return KNOWLEDGE[name](env.action_space.shape[0], **own)  # type: ignore[index]
+    return KNOWLEDGE[name](motors, **own, **keys)
 
 
 def _own_settings(knowledge: str) -> dict[str, Any]:
     settings = _named_settings(KNOWLEDGE[knowledge])
-    return {name: default for name, default in settings.items() if name != "motors"}
+    return {name: default for name, default in settings.items() if name not in ("motors", "dimensions")}
 
 
 def _grasp(
@@ -103,15 +105,21 @@ def _grasp(
     intermediate: str = "along_axis",
     orientation: str = "least_squares",
     tries: int = 2,
+    direction: bool = False,
     **settings: Any,
 ) -> Agent:
     if servo == "unified_servo":
         settings = {"sure_px": SURE_PX} | settings
+    check_flag("direction", direction)
+    table = None
+    if direction:
+        check_one_of("knowledge", knowledge, SIX_DIMENSIONS)
+        table, knowledge = _knowledge(TURNING + 1, str(knowledge), settings, dimensions=6), None
     own = {"servo": servo} | settings
     reacher = partial(_servo_agent, seed=seed, **own)
     if knowledge is not None:
         reacher = partial(_learning_servo, seed=seed, knowledge=knowledge, **own)
-    return Grasp(env, reacher, intermediate, orientation, tries, seed)
+    return Grasp(env, reacher, intermediate, orientation, tries, seed, table)
 
 
 def _sb3(env: Environment, seed: int = 0, **settings: Any) -> Agent:
@@ -127,20 +135,6 @@ def _sb3_settings(given: Mapping[str, Any]) -> dict[str, Any]:
 
     own = _named_settings(Sb3Agent)
     return settings_of(algorithm_of(given.get("algorithm", own["algorithm"]))) | own
-
-
-def tuned_settings(name: str) -> dict[str, Any]:
-    """The settings in configs/agents/NAME.yaml: the one place of an agent's tuned defaults.
-
-    A wheel holds these files within the package.
-    """
-    import yaml
-
-    package = Path(__file__).parent
-    folders = (package / "configs", package.parent / "configs" / "agents")
-    folder = next(folder for folder in folders if folder.is_dir())
-    settings: dict[str, Any] = yaml.safe_load((folder / f"{name}.yaml").read_text(encoding="utf-8"))
-    return settings
 
 
 def _self_taught(env: Environment, seed: int = 0, *, learner: str, **settings: Any) -> Agent:
@@ -162,6 +156,8 @@ KNOWLEDGE: dict[str, Callable[..., Any]] = {
     "memory": Remembered,
 }
 """Knowledge bases by name; `memory` is the best of them."""
+SIX_DIMENSIONS = ("grid_table", "factored_table")
+"""Those whose keys the object's direction can join."""
 SERVOS: dict[str, type[PaperServo | JacobianServo | UnifiedServo | WorkPlaneServo]] = {
     "paper_servo": PaperServo,
     "jacobian_servo": JacobianServo,

@@ -17,12 +17,13 @@ from ..base.observation import Array, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import ProcedureAgent
 from ..base.storage import prefixed, under
+from ..knowledge.interface import Knowledge
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.servo_agent import ServoAgent
 from .findings import GraspFindings
 from .intermediate import INTERMEDIATE
 from .observation import ARM, OBJECT, GraspObservation
-from .orientation import ORIENTATION
+from .orientation import ORIENTATION, directions
 from .trial import OPEN, GraspTrial, Motions
 from .turning import Turning
 
@@ -62,6 +63,7 @@ class Grasp(ProcedureAgent):
         orientation: How the jaws' angle is seen, of `ORIENTATION`.
         tries: How often it tries to grasp.
         seed: See `Agent`.
+        table: Knowledge of the registers of arm and turn, by keys of six dimensions (section 4.3).
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class Grasp(ProcedureAgent):
         orientation: str = "least_squares",
         tries: int = 2,
         seed: int = 0,
+        table: Knowledge | None = None,
     ) -> None:
         super().__init__(env, seed)
         check_one_of("intermediate", intermediate, INTERMEDIATE)
@@ -81,6 +84,7 @@ class Grasp(ProcedureAgent):
         self.intermediate, self.orientation, self.tries = intermediate, orientation, tries
         self.prior_knowledge = self.reacher.prior_knowledge | {PriorKnowledge.MOTOR_ORDER}
         self.turning = Turning()
+        self.table = table
         self.descent: AdaptiveMemory | None = None
         if isinstance(self.reacher, Memory):
             of_reacher = self.reacher.adaptation
@@ -98,6 +102,10 @@ class Grasp(ProcedureAgent):
         """See `ProcedureAgent`."""
         findings.descent = self._remembered(first, findings.noise_px)
         trial = GraspTrial(self.reacher, self.intermediate, self.orientation, first, findings)
+        if self.table is not None and first.visible.all():
+            findings.key = np.concatenate([first.object, directions(first)])
+            if (recall := self.table.recall(findings.key)) is not None:
+                yield from trial.jump(recall.registers)
         yield from trial.approach()
         for _ in range(self.tries):
             yield from descend(trial)
@@ -112,6 +120,8 @@ class Grasp(ProcedureAgent):
         self.turning = findings.turning
         if findings.looks:
             self.reacher.learn_trial(findings.reach, findings.looks[-1], findings.approached)
+        if self.table is not None and ended and findings.key is not None and findings.above is not None:
+            self.table.learn(findings.key, findings.above)
         if self.descent is not None and findings.untouched:
             home = findings.untouched[0].object
             self.descent.learn(findings.untouched, home, findings.noise_px)
@@ -127,13 +137,14 @@ class Grasp(ProcedureAgent):
     def kind(self) -> str:
         """See `ProcedureAgent`."""
         settings = f"intermediate={self.intermediate}, orientation={self.orientation}, tries={self.tries}"
-        return f"grasp over {self.reacher.kind}, {settings}"
+        table = "" if self.table is None else f"{self.table!r} of six dimensions, "
+        return f"grasp over {self.reacher.kind}, {table}{settings}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
         own = {"turning": self.turning.state, "turning_covariance": self.turning.covariance}
-        if self.descent is not None:
-            own |= prefixed("descent", self.descent.arrays())
+        for name, knowledge in self._own_knowledge.items():
+            own |= prefixed(name, knowledge.arrays())
         return own | prefixed("reacher", self.reacher.arrays())
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -144,8 +155,13 @@ class Grasp(ProcedureAgent):
             checked_array(arrays, "turning_covariance", (size, size)),
         )
         self.reacher.restore(under("reacher", arrays))
-        if self.descent is not None:
-            self.descent.restore(under("descent", arrays))
+        for name, knowledge in self._own_knowledge.items():
+            knowledge.restore(under(name, arrays))
+
+    @property
+    def _own_knowledge(self) -> dict[str, AdaptiveMemory | Knowledge]:
+        both = {"descent": self.descent, "table": self.table}
+        return {name: each for name, each in both.items() if each is not None}
 
 
 def descend(trial: GraspTrial) -> Motions:

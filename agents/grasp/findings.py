@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..base.observation import Observation
+from ..base.observation import Array, Observation
 from ..servo.image_model.smooth_points import SmoothPoints
 from .turning import Turning
 
@@ -22,6 +22,8 @@ class GraspFindings:
         looks: All that was seen on the way to the intermediate position, as its target.
         untouched: All that was seen before the object may have moved, as who goes to it sees it.
         approached: Whether the gripper came to the intermediate position.
+        key: The object's sensor vector and its directions as seen from home (6,).
+        above: Registers (4,) of arm and turn from which the gripper descended, its jaws as they closed.
     """
 
     reach: Any
@@ -30,6 +32,8 @@ class GraspFindings:
     looks: list[Observation] = field(default_factory=list)
     untouched: list[Observation] = field(default_factory=list)
     approached: bool = False
+    key: Array | None = None
+    above: Array | None = None
 
     @property
     def noise_px(self) -> float:

@@ -35,15 +35,25 @@ def turn_needed(kind: str, now: GraspObservation) -> float | None:
     return ORIENTATION[kind](now, lengths)
 
 
+def directions(now: GraspObservation) -> Array:
+    """The angle in each image (2,) between the jaws' edges and the object's axis, in quarter turns.
+
+    0 where the object is round: any turn will do.
+    """
+    edge, axis = now.between("edge_2", "edge_1"), now.between("end_2", "end_1")
+    if not axis.any():
+        return np.zeros(2)
+    return np.array([_between_lines(edge[i : i + 2], axis[i : i + 2]) for i in (0, 2)]) / (np.pi / 2)
+
+
 def by_one_image(now: GraspObservation, _: Array) -> float:
     """The angle in the left image between the jaws' edges and the object's axis."""
-    return _between_lines(now.between("edge_2", "edge_1")[:2], now.between("end_2", "end_1")[:2])
+    return float(directions(now)[0]) * np.pi / 2
 
 
 def by_both_images(now: GraspObservation, _: Array) -> float:
     """The mean of that in both images (Nguyen 1997): right at zero; elsewhere perspective bends it."""
-    edge, axis = now.between("edge_2", "edge_1"), now.between("end_2", "end_1")
-    return float(np.mean([_between_lines(edge[i : i + 2], axis[i : i + 2]) for i in (0, 2)]))
+    return float(np.mean(directions(now))) * np.pi / 2
 
 
 def by_least_squares(_: GraspObservation, lengths: Array) -> float:

@@ -167,6 +167,11 @@ class GraspTrial:
                 yield from self._aside(home)
         self._from = self.now.registers[:ARM]
 
+    def jump(self, registers: Array) -> Motions:
+        """Moves at once to registers (4,) of arm and turn that are recalled."""
+        words = registers - self.now.registers[: ARM + 1]
+        yield from self.move(words[:ARM], turn=float(words[TURNING]))
+
     def _aside(self, home: Array) -> Motions:
         """Half of the way to registers (3,) where nothing is in the way."""
         yield from self.move((home - self.now.registers[:ARM]) / 2)
@@ -243,6 +248,7 @@ class GraspTrial:
 
     def close(self) -> Motions:
         """Closes the jaws; then reads how far they are open, and sees how what they hold hangs."""
+        self._findings.above = np.append(self._from, self.now.registers[TURNING])
         yield from self.move(jaws=1.0)
         function, _ = self._tip.explained
         expected = function.at(self.now.registers[:ARM]).points

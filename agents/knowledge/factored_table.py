@@ -16,9 +16,8 @@ from ..base.prior_knowledge import PriorKnowledge
 from .gain import Gain
 from .interface import Recall
 
-DIMENSIONS = 4
-PAIRS = ((0, 1), (2, 3), (0, 2), (1, 3))
-"""Coordinates that share a 2-D table: those of an image, and those alike in both."""
+PAIRS = ((0, 1), (2, 3), (0, 2), (1, 3), (4, 5))
+"""Coordinates that share a 2-D table: those of an image, and those alike in both; of directions both."""
 
 
 class FactoredTable:
@@ -38,6 +37,7 @@ class FactoredTable:
         cells: Cells along each sensor dimension.
         rate: Share of a recall's error that one success corrects, where the gain is constant.
         kalman: Whether the Kalman filter decides instead.
+        dimensions: Of the keys: 6 where the object's direction in both images joins them.
     """
 
     prior_knowledge = frozenset({PriorKnowledge.IMAGE_SCALE})
@@ -56,7 +56,11 @@ class FactoredTable:
     UNKNOWN_PX = 128.0
     """Where more uncertain than that, nothing is known. Choice: a quarter of the image."""
 
-    def __init__(self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = True) -> None:
+    def __init__(
+        self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = True, dimensions: int = 4
+    ) -> None:
+        self._dimensions = dimensions
+        self._pairs = np.array([pair for pair in PAIRS if max(pair) < dimensions])
         self.cells = check_number("cells", cells, least=1, whole=True)
         self.gain = Gain(rate, kalman, self.SUCCESS_VARIANCE, self.DRIFT_VARIANCE)
         self._prior = self._smooth()
@@ -109,10 +113,10 @@ class FactoredTable:
         part = place - cell
         near = cell[:, None] + [0, 1]
         shares = np.stack([1 - part, part], 1)
-        lines = near + count * np.arange(DIMENSIONS)[:, None]
-        first, second = np.array(PAIRS).T
+        lines = near + count * np.arange(self._dimensions)[:, None]
+        first, second = self._pairs.T
         planes = near[first][:, :, None] * count + near[second][:, None, :]
-        planes += DIMENSIONS * count + count**2 * np.arange(len(PAIRS))[:, None, None]
+        planes += self._dimensions * count + count**2 * np.arange(len(self._pairs))[:, None, None]
         both = shares[first][:, :, None] * shares[second][:, None, :]
         return np.concatenate([lines.ravel(), planes.ravel()]), np.concatenate([shares.ravel(), both.ravel()])
 
@@ -123,8 +127,8 @@ class FactoredTable:
         lines, planes = np.outer(x, x), np.outer(flat.prod(1), flat.prod(1))
         apart = np.square(x[:, None] - x)
         apart_flat = np.square(flat[:, None] - flat).sum(-1)
-        blocks = [1 / DIMENSIONS + lines + lines**2 / 2 + self._departing(apart)] * DIMENSIONS
-        blocks += [planes + self._departing(apart_flat)] * len(PAIRS)
+        blocks = [1 / self._dimensions + lines + lines**2 / 2 + self._departing(apart)] * self._dimensions
+        blocks += [planes + self._departing(apart_flat)] * len(self._pairs)
         prior = np.zeros((sum(map(len, blocks)),) * 2)
         start = 0
         for block in blocks:

@@ -16,15 +16,13 @@ from .distance import squared_px
 from .gain import Gain
 from .interface import Recall
 
-DIMENSIONS = 4
-_CORNERS = np.array(list(product((0, 1), repeat=DIMENSIONS)))
-
 
 class GridTable:
     """4-D sensor space in `cells`**4 hypercubes, with a record of registers at each of their corners.
 
-    A cell met for the first time gets the registers that led to success at all of its corners without a
-    record. A cell whose 16 corners all have records recalls by multilinear interpolation; each success
+    Or 6-D, where the object's direction in both images joins it (section 4.3). A cell met for the first time
+    gets the registers that led to success at all of its corners without a record. A cell whose corners all
+    have records recalls by multilinear interpolation; each success
     then corrects the corners by their interpolation weights, so that nearer corners change more. How
     Xie et al. weighted distance is not public; this is the smallest change of the corners that removes the
     share `rate` of the recall's error.
@@ -40,6 +38,7 @@ class GridTable:
         cells: Cells along each sensor dimension.
         rate: Share of a recall's error that one success corrects, where the gain is constant.
         kalman: Whether a Kalman filter for each record decides instead.
+        dimensions: Of the keys.
     """
 
     prior_knowledge = frozenset({PriorKnowledge.IMAGE_SCALE})
@@ -55,20 +54,24 @@ class GridTable:
     """This many times all records are corrected at once to fit those that were mapped. Choice: more change
     little."""
 
-    def __init__(self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = False) -> None:
+    def __init__(
+        self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = False, dimensions: int = 4
+    ) -> None:
         self.cells = check_number("cells", cells, least=1, whole=True)
         self.gain = Gain(rate, kalman, self.SUCCESS_VARIANCE, self.DRIFT_VARIANCE)
-        self.records = np.full(((cells + 1) ** DIMENSIONS, motors), np.nan)
+        self.records = np.full(((cells + 1) ** dimensions, motors), np.nan)
         self.variances = np.zeros(len(self.records))
         self.successes = np.zeros(len(self.records))
-        self._strides = (cells + 1) ** np.arange(DIMENSIONS)[::-1]
-        self._places = np.array(list(product(np.linspace(-1, 1, cells + 1), repeat=DIMENSIONS)))
+        self._strides = (cells + 1) ** np.arange(dimensions)[::-1]
+        self._corners = np.array(list(product((0, 1), repeat=dimensions)))
+        axes = np.meshgrid(*[np.linspace(-1, 1, cells + 1)] * dimensions, indexing="ij")
+        self._places = np.stack(axes, -1).reshape(-1, dimensions)
 
     def __repr__(self) -> str:
         return f"GridTable(cells={self.cells}, rate={self.gain.rate}, kalman={self.gain.kalman})"
 
     def recall(self, sensors: Array) -> Recall | None:
-        """Registers interpolated from the 16 corners of the cell; None where one of them has no record."""
+        """Registers interpolated from the corners of the cell; None where one of them has no record."""
         corners, weights = self._cell(sensors)
         records = self.records[corners]
         if np.isnan(records).any():
@@ -79,7 +82,7 @@ class GridTable:
         """See `Knowledge`. None: as in the paper, test motions measure J."""
 
     def learn(self, sensors: Array, registers: Array) -> None:
-        """A success: fills the empty corners of its cell, then corrects all 16, nearer ones more."""
+        """A success: fills the empty corners of its cell, then corrects all, nearer ones more."""
         corners, weights = self._cell(sensors)
         self.variances = self.gain.aged(self.variances)
         records, variances = self.records[corners], self.variances[corners]
@@ -103,22 +106,22 @@ class GridTable:
         self.records, self.variances, self.successes = records, variances, successes
 
     def known_cells(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which cells are filled, and which of them are trusted, each (cells, cells, cells, cells)."""
-        cells = np.array(list(np.ndindex(*[self.cells] * DIMENSIONS)))
-        corners = (cells[:, None] + _CORNERS) @ self._strides
+        """Which cells are filled, and which of them are trusted, each (cells, cells, ...)."""
+        shape = [self.cells] * len(self._strides)
+        cells = np.array(list(np.ndindex(*shape)))
+        corners = (cells[:, None] + self._corners) @ self._strides
         filled = ~np.isnan(self.records[corners][..., 0]).any(1)
         trusted = filled & (self.successes[corners].min(1) >= self.TRUSTED)
-        shape = [self.cells] * DIMENSIONS
         return filled.reshape(shape), trusted.reshape(shape)
 
     def _cell(self, sensors: Array) -> tuple[NDArray[np.intp], Array]:
-        """The corners (..., 16) around sensor vectors (..., 4), and their interpolation weights (..., 16)."""
+        """The corners (..., k) around keys (..., dimensions), and their interpolation weights (..., k)."""
         place = np.round((np.clip(sensors, -1, 1) + 1) / 2 * self.cells, 9)
         cell = np.minimum(place.astype(np.intp), self.cells - 1)
         part = (place - cell)[..., None, :]
-        weights = np.where(_CORNERS, part, 1 - part).prod(-1)
-        return (cell[..., None, :] + _CORNERS) @ self._strides, weights
+        weights = np.where(self._corners, part, 1 - part).prod(-1)
+        return (cell[..., None, :] + self._corners) @ self._strides, weights
 
     def _spread(self, corners: NDArray[np.intp], values: Array) -> Array:
-        """Sums (all corners,) of values (n, 16) for the corners (n, 16)."""
+        """Sums (all corners,) of values (n, k) for the corners (n, k)."""
         return np.asarray(np.bincount(corners.ravel(), values.ravel(), len(self.records)), float)

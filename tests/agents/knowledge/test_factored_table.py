@@ -4,9 +4,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.knowledge.factored_table import PAIRS, FactoredTable
+from agents.knowledge.factored_table import PAIRS as ALL_PAIRS
+from agents.knowledge.factored_table import FactoredTable
 
 POINT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(np.array)
+
+PAIRS = ALL_PAIRS[:4]
+"""Those of keys of four dimensions."""
 
 
 def parts(sensors):

@@ -1,0 +1,74 @@
+"""Tables whose keys the object's direction has joined (section 4.3), against the function that they learn."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+from agents.grasp.observation import NAMES, GraspObservation
+from agents.grasp.orientation import directions
+from agents.knowledge.factored_table import FactoredTable
+from agents.knowledge.grid_table import GridTable
+from experiments.running.lifetime import LifetimeRecorder, learn_trials
+
+
+def registers_of(key):
+    """What leads to an object: smooth, and for the last motor mostly a matter of its direction."""
+    x, y = key[:4] @ [0.3, 0.1, 0.2, 0.1], key[:4] @ [0.1, 0.4, -0.1, 0.2]
+    return np.array([x, y + 0.1 * x * x, 0.3 * x - y, 0.6 * key[4] + 0.1 * key[5] + 0.1 * x])
+
+
+@pytest.mark.parametrize("kind", [GridTable, FactoredTable])
+def test_in_six_dimensions_it_learns_where_it_was(kind):
+    rng, table = np.random.default_rng(0), kind(4, dimensions=6)
+    assert table.recall(np.zeros(6)) is None
+    keys = rng.uniform(-0.05, 0.05, (60, 6)) + 0.3
+    for key in keys:
+        table.learn(key, registers_of(key))
+    recalled = np.array([table.recall(key).registers for key in keys])
+    assert np.abs(recalled - np.array([registers_of(key) for key in keys])).max() < 0.02
+
+
+def test_a_grid_of_six_dimensions_knows_nothing_beyond_a_cell_and_factored_tables_do():
+    grid, factored = GridTable(4, dimensions=6), FactoredTable(4, dimensions=6)
+    assert len(grid.records) == 9**6
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        key = rng.uniform(-0.7, 0.7, 6)
+        for table in (grid, factored):
+            table.learn(key, registers_of(key))
+    elsewhere = rng.uniform(-0.7, 0.7, (50, 6))
+    assert sum(grid.recall(key) is not None for key in elsewhere) <= 2
+    missed = [np.abs(factored.recall(key).registers - registers_of(key)).max() for key in elsewhere]
+    assert np.median(missed) < 0.05
+
+
+def test_directions_are_those_between_edge_and_axis_in_each_image():
+    points = np.zeros((len(NAMES), 2, 2))
+    for name, (left, right) in {"edge_1": (0.2, 1.0), "end_1": (0.9, 0.5)}.items():
+        points[NAMES.index(name)] = [[np.cos(left), np.sin(left)], [np.cos(right), np.sin(right)]]
+    visible = np.ones((len(NAMES), 2), bool)
+    seen = GraspObservation(points, visible, np.zeros(5), 1.0, False, np.zeros((2, 2)))
+    assert directions(seen) * np.pi / 2 == pytest.approx([0.7, -0.5])
+
+
+def test_a_grasp_jumps_to_where_it_grasped_before_and_a_saved_one_does_too(tmp_path):
+    env = gym.make("CalFree/Grasp-v0", shape="bar", world="nominal")
+    recorder = LifetimeRecorder(env, seed=3)
+    agent = agents.make("grasp", recorder, knowledge="grid_table", direction=True, cells=2)
+    records = learn_trials(agent, recorder, 3)
+    assert all(record.success for record in records)
+    agent.save(tmp_path / "grasp")
+    again = agents.make("grasp", env, knowledge="grid_table", direction=True, cells=2).load(
+        tmp_path / "grasp"
+    )
+    assert np.array_equal(again.table.records, agent.table.records, equal_nan=True)
+    filled = np.flatnonzero(~np.isnan(agent.table.records[:, 0]))
+    assert len(filled) >= 2**6
+
+
+@pytest.mark.parametrize("settings", [{"knowledge": "memory"}, {"knowledge": None}, {"direction": 1}])
+def test_wrong_settings_say_what_is_allowed(settings):
+    env = gym.make("CalFree/Grasp-v0")
+    with pytest.raises(ValueError, match=r"allowed: (grid_table, factored_table|True, False)"):
+        agents.make("grasp", env, **({"direction": True} | settings))
