@@ -67,27 +67,32 @@ class GraspSimulation(Simulation):
     """
 
     state_names: ClassVar[tuple[str, ...]] = (*Simulation.state_names, "_pressing", "diverged")
+    seen: ClassVar[tuple[str, ...]] = POINTS
+    """What cameras see; `OBJECT` is the place of what the task is about."""
 
     def __init__(self, rows: int, robot: GrippingArm, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, robot.scene(mounts), mounts, threads)
         model = self._model
         self._camera_places, self._camera_axes = self._batch.bind("cam_xpos"), self._batch.bind("cam_xmat")
         self._focal = np.ones((rows, 2, 1))
-        self._site = [model.site(name).id for name in POINTS]
+        self._site = [model.site(name).id for name in self.seen]
         self._jaw = int(model.joint(JAWS[0]).qposadr[0])
         self._gripper = [int(model.joint(name).qposadr[0]) for name in (*JAWS, "wrist_spring")]
-        self._free = int(model.joint("object").qposadr[0])
         self._body = int(model.body("object").id)
-        self._dof = int(model.joint("object").dofadr[0])
-        self._geoms = [model.geom(f"object_{part}").id for part in (1, 2)]
-        self._pads = [model.geom(f"{name}_pad").id for name in JAWS]
-        own = ("site_pos", "geom_friction", "geom_condim", "geom_contype", "geom_conaffinity")
-        names = (*_OF_GEOMS, *_OF_BODIES, *_OF_DOFS, *own)
-        self._fields = {name: self._batch.expand(name) for name in names}
+        self._fields = {name: self._batch.expand(name) for name in self._bind_object(model)}
         self._at_rest = self._physics[0].copy()
         self._lengths = np.tile(robot.lengths, (rows, 1))
         self._pressing = np.zeros(rows)
         self.diverged = np.zeros(rows, bool)
+
+    def _bind_object(self, model: mujoco.MjModel) -> tuple[str, ...]:
+        """Finds the object in the model; names the fields that make it another one in each row."""
+        self._free = int(model.joint("object").qposadr[0])
+        self._dof = int(model.joint("object").dofadr[0])
+        self._geoms = [model.geom(f"object_{part}").id for part in (1, 2)]
+        self._pads = [model.geom(f"{name}_pad").id for name in JAWS]
+        own = ("site_pos", "geom_friction", "geom_condim", "geom_contype", "geom_conaffinity")
+        return (*_OF_GEOMS, *_OF_BODIES, *_OF_DOFS, *own)
 
     def set_world(self, row: int, world: World) -> None:
         """See `Simulation`."""
@@ -119,11 +124,15 @@ class GraspSimulation(Simulation):
         self._all_qpos[rows], self._all_ctrl[rows], self._qvel[rows] = self._scene.home, self._scene.ctrl, 0.0
         self._all_qpos[rows, self._qpos] = joints
         self._all_ctrl[rows, self._ctrl] = joints
+        self._put(rows, objects)
+        self._pressing[rows], self.diverged[rows] = 0.0, False
+
+    def _put(self, rows: Rows, objects: Array) -> None:
+        """Puts objects at their places, see `place`."""
         free = np.zeros((len(objects), 7))
         free[:, :3], half = objects[:, :3], objects[:, 3] / 2
         free[:, 3], free[:, 6] = np.cos(half), np.sin(half)
         self._all_qpos[rows, self._free : self._free + 7] = free
-        self._pressing[rows], self.diverged[rows] = 0.0, False
 
     def move(self, rows: NDArray[np.intp], joints: Array, openings: Array) -> Motion:
         """Moves the arms of `rows` to joints at (n, j), and each jaw to an opening (n,) in m.
