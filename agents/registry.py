@@ -22,6 +22,7 @@ from .calibrated.affine_stereo import AffineStereo
 from .calibrated.model_based import ModelBased
 from .calibrated.self_calibrating import SelfCalibrating
 from .grasp.agent import Grasp
+from .grasp.inserting.agent import Insert
 from .grasp.task import task_of
 from .grasp.trial import SURE_PX
 from .knowledge.factored_table import FactoredTable
@@ -114,6 +115,12 @@ def _grasp(
     return Grasp(env, reacher, intermediate, orientation, tries, seed)
 
 
+def _insert(env: Environment, seed: int = 0, servo: str = "unified_servo", **settings: Any) -> Agent:
+    if servo == "unified_servo":
+        settings = {"sure_px": SURE_PX} | settings
+    return Insert(env, partial(_servo_agent, seed=seed, servo=servo, **settings), seed)
+
+
 def _sb3(env: Environment, seed: int = 0, **settings: Any) -> Agent:
     from .neural.sb3.agent import Sb3Agent
 
@@ -187,6 +194,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     **{name: partial(_servo_agent, servo=name) for name in SERVOS},
     "learning_servo": _learning_servo,
     "grasp": _grasp,
+    "insert": _insert,
     **{name: partial(_learning_servo, knowledge=name) for name in KNOWLEDGE},
     "joint_space_servo": JointSpaceServo,
     "affine_stereo": AffineStereo,
@@ -199,8 +207,8 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
 }
 
 
-OF_GRASPING = ("random", "grasp", "sb3", *SB3)
-"""Agents that act in an environment whose task is to grasp."""
+OF_TASK = {"grasp": ("random", "grasp", "sb3", *SB3), "insert": ("random", "insert")}
+"""Agents that act in an environment whose task is another than to reach."""
 OF_ONE_ARM = ("affine_stereo", "model_based", "self_calibrating")
 """Agents that are built on what the motors of the built-in arm do."""
 ARM = "movemaster"
@@ -209,8 +217,8 @@ ARM_MOTORS = 3
 
 
 def names(task: str = "reach") -> tuple[str, ...]:
-    """The names that `make` knows of agents that do a task, "reach" or "grasp"."""
-    return OF_GRASPING if task == "grasp" else tuple(name for name in _MAKERS if name != "grasp")
+    """The names that `make` knows of agents that do a task, "reach", "grasp" or "insert"."""
+    return OF_TASK.get(task) or tuple(name for name in _MAKERS if name not in ("grasp", "insert"))
 
 
 def make(name: str, env: Environment, **settings: Any) -> Agent:
@@ -318,6 +326,8 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     if name in SERVOS:
         return {"seed": named["seed"], **_fields(name)}
     chosen = {"servo": "unified_servo", "knowledge": "memory", **given}
+    if name == "insert":
+        return _fields(chosen["servo"]) | named
     if name == "grasp":
         knowing = chosen["knowledge"] is not None
         return (_settings_of("learning_servo", chosen) if knowing else _fields(chosen["servo"])) | named

@@ -69,6 +69,8 @@ class GraspSimulation(Simulation):
     state_names: ClassVar[tuple[str, ...]] = (*Simulation.state_names, "_pressing", "diverged")
     seen: ClassVar[tuple[str, ...]] = POINTS
     """What cameras see; `OBJECT` is the place of what the task is about."""
+    told: ClassVar[slice] = slice(0, 2)
+    """Which of `SENSORS` a `Motion` tells the largest forces of."""
 
     def __init__(self, rows: int, robot: GrippingArm, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, robot.scene(mounts), mounts, threads)
@@ -195,8 +197,8 @@ class GraspSimulation(Simulation):
                 until - since, control[on, since:until], record=fields, ids=rows[on]
             )
             forces = recorded["sensordata"].reshape(len(on), until - since, len(SENSORS), 3)
-            single = np.einsum("nkfc,nkfc->nkf", forces[:, :, :2], forces[:, :, :2]).max(1)
-            largest[on] = np.maximum(largest[on], np.sqrt(single))
+            told = forces[:, :, self.told]
+            largest[on] = np.maximum(largest[on], np.sqrt(np.einsum("nkfc,nkfc->nkf", told, told).max(1)))
             net = forces[:, CHUNK - 1 :: CHUNK, 2:].sum(2)
             pressing[on, since // CHUNK : until // CHUNK] = np.sqrt(np.square(net).sum(-1))
             if self.way is not None and on[0] == 0:
