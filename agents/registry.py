@@ -23,6 +23,7 @@ from .calibrated.model_based import ModelBased
 from .calibrated.self_calibrating import SelfCalibrating
 from .grasp.agent import Grasp
 from .grasp.inserting.agent import Insert
+from .grasp.inserting.yoshimi_allen import YoshimiAllen
 from .grasp.task import task_of
 from .grasp.trial import SURE_PX
 from .knowledge.factored_table import FactoredTable
@@ -195,6 +196,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "learning_servo": _learning_servo,
     "grasp": _grasp,
     "insert": _insert,
+    "yoshimi_allen": YoshimiAllen,
     **{name: partial(_learning_servo, knowledge=name) for name in KNOWLEDGE},
     "joint_space_servo": JointSpaceServo,
     "affine_stereo": AffineStereo,
@@ -207,8 +209,10 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
 }
 
 
-OF_TASK = {"grasp": ("random", "grasp", "sb3", *SB3), "insert": ("random", "insert")}
+OF_TASK = {"grasp": ("random", "grasp", "sb3", *SB3), "insert": ("random", "insert", "yoshimi_allen")}
 """Agents that act in an environment whose task is another than to reach."""
+_OF_OTHER_TASKS = ("grasp", "insert", "yoshimi_allen")
+"""Agents that do nothing else."""
 OF_ONE_ARM = ("affine_stereo", "model_based", "self_calibrating")
 """Agents that are built on what the motors of the built-in arm do."""
 ARM = "movemaster"
@@ -218,7 +222,7 @@ ARM_MOTORS = 3
 
 def names(task: str = "reach") -> tuple[str, ...]:
     """The names that `make` knows of agents that do a task, "reach", "grasp" or "insert"."""
-    return OF_TASK.get(task) or tuple(name for name in _MAKERS if name not in ("grasp", "insert"))
+    return OF_TASK.get(task) or tuple(name for name in _MAKERS if name not in _OF_OTHER_TASKS)
 
 
 def make(name: str, env: Environment, **settings: Any) -> Agent:

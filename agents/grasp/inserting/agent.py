@@ -17,12 +17,12 @@ from ..trial import GraspTrial, Motions
 from ..turning import Turning
 from .observation import WORDS, InsertObservation
 
-ABOVE = (0.5, 0.2, 0.08)
+ABOVE = (0.5, 0.2, 0.1, 0.1, 0.04)
 """Of the way from the intermediate position that are left after each motion towards the plate. Choice."""
-LOOKS = 6
+LOOKS = 4
 """So often the peg is brought nearer to its place above the hole, and looked at. Tuned on worlds 1000 to
 1039."""
-BELOW = (0.03, -0.02, -0.07, -0.12, -0.17, -0.21, -0.25)
+BELOW = (0.0, -0.04, -0.09, -0.14, -0.18, -0.22, -0.26)
 """The same after each motion into the hole: beyond it. Choice: short, for an arm that meets the plate presses
 the more the faster it goes."""
 TRIES = 6

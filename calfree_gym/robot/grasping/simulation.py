@@ -71,6 +71,8 @@ class GraspSimulation(Simulation):
     """What cameras see; `OBJECT` is the place of what the task is about."""
     told: ClassVar[slice] = slice(0, 2)
     """Which of `SENSORS` a `Motion` tells the largest forces of."""
+    pinned: ClassVar[float] = PINNED
+    """Of what an arm pressed with when a motion began, so much counts (N)."""
 
     def __init__(self, rows: int, robot: GrippingArm, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, robot.scene(mounts), mounts, threads)
@@ -149,7 +151,7 @@ class GraspSimulation(Simulation):
         passed = len(self.way or ())
         ramp = onward(chunks)
         executed, (largest, pressing) = ramp.executed, self._follow(rows, before, way, ramp)
-        turns = _turns(pressing, pressed)
+        turns = _turns(pressing, np.minimum(pressed, self.pinned))
         if (back := np.flatnonzero(turns >= 0)).size:
             self._physics[rows[back]] = start[back]
             if self.way is not None and turns[0] >= 0:
@@ -259,9 +261,9 @@ def _turns(pressing: Array, pressed: Array) -> NDArray[np.int64]:
 
     Args:
         pressing: With what force (n, chunks) the arms press at the end of each chunk, in N.
-        pressed: With what they did before (n,).
+        pressed: With what they did before (n,), as far as it counts.
     """
-    most = GUARD + np.minimum(pressed, PINNED)
+    most = GUARD + pressed
     before = np.column_stack([pressed, pressing[:, :-1]])
     stops = (pressing > most[:, None]) & (pressing > before + RISES)
     return np.where(stops.any(1), stops.argmax(1), -1)

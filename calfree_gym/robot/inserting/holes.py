@@ -25,6 +25,9 @@ through them, stay clear of the table."""
 LEANS = np.radians(5.0)
 """The hole's axis differs from the gripper's by up to this angle (rad). Choice: the arm cannot turn the peg
 upright, see `Holes`."""
+CLEAR = 0.03
+"""At home the peg's end is so high above the plate's upper side, at least (m). Choice: so the arm comes from
+above, and stands in no plate."""
 BEYOND = 0.025
 """The arm must reach so far beyond the hole's centre, too (m)."""
 
@@ -95,6 +98,8 @@ class Holes(Places):
         angles, reached = self.joints_at(row, world, places)
         axis = self._robot.axis(angles)
         frames = np.stack([_frame(-a, turn) for a, turn in zip(axis, turns, strict=True)])
+        tip = self._robot.gripper_position(self.home(row), world.link_lengths)
+        reached &= np.einsum("nk,nk->n", tip - places, frames[:, :, 2]) > CLEAR
         seen = np.ones(len(places), bool)
         marks = [places, *(places + sign * RIM * frames[:, :, i] for i in (0, 1) for sign in (1, -1))]
         for point in marks:

@@ -24,6 +24,8 @@ class InsertSimulation(GraspSimulation):
     seen: ClassVar[tuple[str, ...]] = POINTS
     told: ClassVar[slice] = slice(2, 4)
     """See `GraspSimulation`: all contacts together, for a peg that presses has many."""
+    pinned: ClassVar[float] = 0.0
+    """See `GraspSimulation`: nothing pins a peg, and who presses is to press no more."""
 
     def _bind_object(self, model: mujoco.MjModel) -> tuple[str, ...]:
         return ("body_quat",)
