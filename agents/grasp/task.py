@@ -15,8 +15,8 @@ TASKS = ("reach", "grasp", "insert")
 def task_of(env: gym.Env[Any, Any]) -> str:
     """The task of an environment, one of `TASKS`.
 
-    Goals of grasping also tell whether the object is held, those of inserting how deep the peg is; who inserts
-    has no word for jaws.
+    Goals of grasping also tell whether the object is held, those of inserting how deep the peg is; who
+    inserts has no word for jaws.
     """
     goals = getattr(env.observation_space, "spaces", {}).get("achieved_goal")
     if goals is None or goals.shape[-1] != GOAL:

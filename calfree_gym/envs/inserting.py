@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -27,11 +26,11 @@ from calfree_gym.world import WorldChoice
 OBSERVATIONS = ("points",)
 """No tracker finds pegs and holes in images yet."""
 LEAST_CLEARANCE, MOST_CLEARANCE = 0.1, 10.0
-"""Of the hole's diameter less the peg's, in mm. Choice: the hole's corners fill a tighter one, and there is no
-plate around a wider one."""
+"""Of the hole's diameter less the peg's, in mm. Choice: the hole's corners fill a tighter one, and there is
+no plate around a wider one."""
 INSERTED_MM = 10.0
-"""A peg is in, in truth, whose end is so deep below the plate's upper side, in the hole. Derived: images tell 16
-mm, within 2 mm (a deviation)."""
+"""A peg is in, in truth, whose end is so deep below the plate's upper side, in the hole. Derived: images tell
+16 mm, within 2 mm (a deviation)."""
 MM = 1000.0
 _OTHERS = [place for place in range(2 * len(POINTS)) if place not in (*TIP, *HOLE)]
 """Image points other than those of the goals."""
@@ -42,21 +41,18 @@ class Inserting(GoalRewards, ArmShared):
 
     arms: InsertingArms
 
-    def _build(
-        self, rows: int, threads: int, *, observation: str, clearance: float, **arguments: Any
-    ) -> None:
-        if observation not in OBSERVATIONS:
-            check_choice("observation of inserting", observation, OBSERVATIONS)
-        number = isinstance(clearance, Real) and not isinstance(clearance, bool)
+    def _build(self, rows: int, threads: int, *, observation: str, **arguments: Any) -> None:
+        check_choice("observation", observation, OBSERVATIONS)
+        clearance = arguments["clearance"]
+        number = isinstance(clearance, int | float | np.number) and not isinstance(clearance, bool)
         if not number or not LEAST_CLEARANCE <= clearance <= MOST_CLEARANCE:
             raise ValueError(
-                f"clearance is {clearance!r}; it must be a number from {LEAST_CLEARANCE} to {MOST_CLEARANCE}, "
-                "in mm"
+                f"clearance is {clearance!r}; it must be a number from {LEAST_CLEARANCE} to "
+                f"{MOST_CLEARANCE}, in mm"
             )
         self.clearance = float(clearance)
-        own = {"clearance": self.clearance / MM, "image_size": IMAGE_SIZE}
-        shared = {"observation": observation, "tell": (), "reward": "sparse"}
-        super()._build(rows, threads, **shared, **own, **arguments)
+        arguments |= {"clearance": self.clearance / MM, "image_size": IMAGE_SIZE}
+        super()._build(rows, threads, observation=observation, tell=(), reward="sparse", **arguments)
 
     def _new_arms(self) -> InsertingArms:
         arguments = {name: each for name, each in self._arguments.items() if name != "image_size"}
@@ -80,7 +76,8 @@ class Inserting(GoalRewards, ArmShared):
         arms, rows = self.arms, self.arms.rows
         points, visible = arms.delivered
         tip, base, hole = (points[:, pair] for pair in (TIP, BASE, HOLE))
-        depth = insert.depth_told(tip, base, hole, visible[:, [*TIP, *BASE, *HOLE]].all(1))
+        seen = np.asarray(visible[:, [*TIP, *BASE, *HOLE]].all(1))
+        depth = insert.depth_told(tip, base, hole, seen)
         wanted = np.full((rows, 1), insert.DEPTH)
         achieved = np.concatenate([tip.reshape(rows, 4), depth[:, None]], 1).astype(np.float32)
         desired = np.concatenate([hole.reshape(rows, 4), wanted], 1).astype(np.float32)
@@ -128,21 +125,21 @@ class InsertEnv(Inserting, ArmEnv):
     """The paper's arm, with a peg in its gripper, whose task is to put it into a hole (Yoshimi & Allen 1994).
 
     ## Description
-    A thin plate with a hole stands above a table. The controller brings the peg over the hole, and puts it in.
-    Cameras, arm and motors are unknown to it: they are the hidden `World`. Physics is whole: gravity, contacts,
-    friction. The peg is a dowel of 16 mm with a chamfer (3 mm at 15 degrees), and sticks out of the jaws by 45
-    mm. The gripper gives way to a peg that presses by 3 N/mm, along its axis and to the side.
+    A thin plate with a hole stands above a table. The controller brings the peg over the hole, and puts it
+    in. Cameras, arm and motors are unknown to it: they are the hidden `World`. Physics is whole: gravity,
+    contacts, friction. The peg is a dowel of 16 mm with a chamfer (3 mm at 15 degrees), and sticks out of the
+    jaws by 45 mm. The gripper gives way to a peg that presses by 3 N/mm, along its axis and to the side.
 
-    The arm cannot tilt the peg: the wrist keeps the gripper at one angle, which wrong joint zeros tilt by up to
-    28 degrees. So the plate leans: the hole's axis is that of the gripper there, but for up to 5 degrees, which
-    are drawn.
+    The arm cannot tilt the peg: the wrist keeps the gripper at one angle, which wrong joint zeros tilt by up
+    to 28 degrees. So the plate leans: the hole's axis is that of the gripper there, but for up to 5 degrees,
+    which are drawn.
 
     ## Action space
     `Box(-1, 1, (4,), float32)`: one control word each, as in `GraspEnv`, for waist, shoulder, elbow and the
     wrist's turn. The jaws are closed on the peg for good, and have no word.
 
-    One step is one motion. An arm that presses with more than 12 N goes back half of the way that it has come:
-    registers tell where it stands.
+    One step is one motion. An arm that presses with more than 12 N goes back half of the way that it has
+    come: registers tell where it stands.
 
     ## Observation space
     A `Dict` of a goal environment. Image points are (x, y), x right and y down, +-1 the image border.
@@ -153,24 +150,24 @@ class InsertEnv(Inserting, ArmEnv):
     | desired_goal | (5,) | sensor vector of the hole's centre; 0.17, the depth that is wanted |
     | observation | (62,) | see below |
 
-    `observation`: 22 flags, 1 where a point is seen now, left and right of: peg's end, gripper base, lower ends
-    of jaw 1 and 2, edges 1 and 2, the hole's centre, four points of the plate around it; 4 registers; and 18
-    image points (x, y), as the flags but without the peg's end and the hole's centre. Points are where projection
-    puts them, with noise; nothing hides them.
+    `observation`: 22 flags, 1 where a point is seen now, left and right of: peg's end, gripper base, lower
+    ends of jaw 1 and 2, edges 1 and 2, the hole's centre, four points of the plate around it; 4 registers;
+    and 18 image points (x, y), as the flags but without the peg's end and the hole's centre. Points are where
+    projection puts them, with noise; nothing hides them.
 
-    *Depth*, in gripper lengths (0.092 m): the way from the hole's centre to the peg's end along the gripper's axis,
-    as both images show it; -1 where one of these points is not seen. Beside the hole no peg gets so deep: there
-    is the plate.
+    *Depth*, in gripper lengths (0.092 m): the way from the hole's centre to the peg's end along the gripper's
+    axis, as both images show it; -1 where one of these points is not seen. Beside the hole no peg gets so
+    deep: there is the plate.
 
     ## Rewards
-    0 on the motion after which the peg is so deep, within `tolerance_px` of the hole's centre in both images, -1
-    on every other. There is no dense reward. On the waist mount the hole moves in the images: hindsight
+    0 on the motion after which the peg is so deep, within `tolerance_px` of the hole's centre in both images,
+    -1 on every other. There is no dense reward. On the waist mount the hole moves in the images: hindsight
     relabelling is not valid.
 
     ## Starting state
     The arm is at home. The plate stands where both cameras see it, and where the peg can be put in.
-    `reset(seed=k)` draws the world, plates and noise from k; `reset()` places the next plate in the same world.
-    `reset(options={"object": (x, y, z)})` places the hole's centre there (m).
+    `reset(seed=k)` draws the world, plates and noise from k; `reset()` places the next plate in the same
+    world. `reset(options={"object": (x, y, z)})` places the hole's centre there (m).
 
     ## Episode end
     Terminated with the peg in, unless `terminate_on_success=False`. Truncated after `max_episode_steps` (60)
@@ -179,8 +176,8 @@ class InsertEnv(Inserting, ArmEnv):
     ## Information
     As in `StereoArmEnv`; besides `force_table` and `force_plate`: the largest force (N) of gripper and peg on
     these in the motion, all contacts together; and `diverged`. `truth`: `error_px`: of the peg's end from the
-    hole's centre; `depth_mm` below the plate's upper side; `lateral_mm` from the hole's axis; `force`: the largest
-    on the plate in this trial. A peg is in, in truth, 10 mm deep.
+    hole's centre; `depth_mm` below the plate's upper side; `lateral_mm` from the hole's axis; `force`: the
+    largest on the plate in this trial. A peg is in, in truth, 10 mm deep.
 
     Args:
         clearance: The hole's diameter less the peg's, 0.1 to 10 mm.

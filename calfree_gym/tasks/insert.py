@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from calfree_gym.tasks.goals import Floats, image_distances
 
 DEPTH = 0.17
-"""The peg is in where its end is seen so deep, in gripper lengths (0.092 m): 16 mm. Choice: four plates deep."""
+"""The peg is in where its end is seen so deep, in gripper lengths (0.092 m): 16 mm. Choice: four plates
+deep."""
 DEEPEST = 1.0
 """No depth is told that is larger (a guard: where the gripper's length is hardly seen, it tells nothing)."""
 

@@ -16,9 +16,9 @@ WORDS = ARM + 1
 
 
 class InsertObservation(GraspObservation):
-    """As when grasping: the peg's end is the tip, the hole the object, and the jaws hold nothing to be lifted.
+    """As when grasping: the peg's end is the tip, the hole is the object.
 
-    The plate's points lie evenly around the hole. So the hole is seen less noisily: as the mean of its own
+    The jaws hold nothing that is to be lifted. The plate's points lie evenly around the hole. So the hole is seen less noisily: as the mean of its own
     point and of these, where an image shows all of them.
     """
 
@@ -41,11 +41,3 @@ class InsertObservation(GraspObservation):
             held=False,
             goal=np.zeros((2, 2)),
         )
-
-    @property
-    def depth(self) -> float:
-        """How far the peg's end is beyond the hole on the gripper's axis, in gripper lengths, as it is seen."""
-        axis = self.between("base", "tip")
-        return float(self.between("object", "tip") @ axis / (axis @ axis))
-
-
