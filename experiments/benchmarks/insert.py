@@ -63,8 +63,8 @@ def insert(worlds: int = WORLDS, clearances: tuple[float, ...] = CLEARANCES) -> 
     note = (
         f"Wild worlds {FIRST_WORLD}-{FIRST_WORLD + worlds - 1}, one first trial each, 0.5 px noise, at most "
         "60 motions; success by the truth: 10 mm deep in the hole. Told: images tell it, which ends the "
-        "trial. Brackets: 95 % intervals over worlds. Motions: median. Force: of gripper and peg on the plate, the "
-        "largest of a trial, 95th percentile of trials."
+        "trial. Brackets: 95 % intervals over worlds. Motions: median. Force: of gripper and peg on the "
+        "plate, the largest of a trial, 95th percentile of trials."
     )
     yield Table("insert", "A peg into a hole", pd.DataFrame(rows), formats, note)
 

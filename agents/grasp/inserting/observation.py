@@ -18,8 +18,8 @@ WORDS = ARM + 1
 class InsertObservation(GraspObservation):
     """As when grasping: the peg's end is the tip, the hole is the object.
 
-    The jaws hold nothing that is to be lifted. The plate's points lie evenly around the hole. So the hole is seen less noisily: as the mean of its own
-    point and of these, where an image shows all of them.
+    The jaws hold nothing that is to be lifted. The plate's points lie evenly around the hole. So the hole is
+    seen less noisily: as the mean of its own point and of these, where an image shows all of them.
     """
 
     @classmethod
