@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from typing import Any
 
 import gymnasium as gym
+from numpy.typing import NDArray
 
 from ...base.observation import Array, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
@@ -76,6 +77,14 @@ class Insert(ProcedureAgent):
     def kind(self) -> str:
         """See `ProcedureAgent`."""
         return f"insert over {self.reacher.kind}"
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """See `ProcedureAgent`: what the reacher knows."""
+        return self.reacher.arrays()
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """See `ProcedureAgent`."""
+        self.reacher.restore(arrays)
 
 
 def insert(trial: InsertTrial) -> Motions:

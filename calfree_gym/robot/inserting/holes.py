@@ -78,7 +78,7 @@ class Holes(Places):
             raise ValueError(
                 f"the hole at {place.tolist()} is out of reach in this world: pegs go in about {DISTANCE[0]} "
                 f"to {DISTANCE[1]} m from the waist's axis, within {WAIST} rad of straight ahead, "
-                f"{HEIGHT[0]} to {HEIGHT[1]} m above the table"
+                f"{HEIGHT[0]} to {HEIGHT[1]} m above the table, and {CLEAR} m below the peg at home"
             )
         return poses[0]
 

