@@ -51,13 +51,13 @@ DEEPEST = 0.27
 class YoshimiAllen(ProcedureAgent):
     """Turns the tool, finds its axis, brings that over the hole by a 2 x 2 Jacobian, and inserts along it.
 
-    Yoshimi & Allen fix one camera to the hand, and move the tool in a plane by a calibrated robot. Here two
-    cameras stand beside the arm, and it is not known what words do. So, of theirs: points that turn with the
-    tool trace ellipses, whose centre is on its axis; two small translations across that axis tell a 2 x 2
-    Jacobian; by this the axis is brought through the hole; then the peg goes along it. Their error, of hole
-    and axis in one image, is here that of hole and the axis's line in each of two. What replaces their
-    robot's plane: three test motions, one a motor, tell which words move the peg across its axis, and which
-    along it.
+    Yoshimi & Allen use a single camera, and a robot that moves its tool in a known plane. Here two cameras
+    stand beside the arm, and it is not known what words do. So, of theirs: points that turn with the tool
+    trace ellipses, whose centre is on its axis; two small translations across that axis tell a 2 x 2
+    Jacobian; by this the axis is brought through the hole; then the peg goes along it. The error is that of
+    the hole and the axis's line, in each of two images. What replaces their robot's plane: three test
+    motions, one a motor, tell which words move the peg across its axis, and which along it. Reconstructed
+    from a summary of their procedure.
 
     It remembers nothing, and filters nothing but by looking again.
 
