@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
-from inspect import Parameter, signature
+from inspect import Parameter
 from typing import Any
 
 import gymnasium as gym
@@ -18,11 +18,13 @@ from .adaptation.memory import Memory
 from .adaptation.remembered import Remembered
 from .base.agent import Agent
 from .base.checks import check_flag, check_one_of
-from .base.tuned import tuned_settings
+from .base.settings import named_settings, tuned_settings
 from .calibrated.affine_stereo import AffineStereo
 from .calibrated.model_based import ModelBased
 from .calibrated.self_calibrating import SelfCalibrating
 from .grasp.agent import Grasp
+from .grasp.inserting.agent import Insert
+from .grasp.inserting.yoshimi_allen import YoshimiAllen
 from .grasp.task import task_of
 from .grasp.trial import SURE_PX
 from .grasp.turning import TURNING
@@ -93,7 +95,7 @@ def _knowledge(motors: int, name: str, settings: dict[str, Any], **keys: int) ->
 
 
 def _own_settings(knowledge: str) -> dict[str, Any]:
-    settings = _named_settings(KNOWLEDGE[knowledge])
+    settings = named_settings(KNOWLEDGE[knowledge])
     return {name: default for name, default in settings.items() if name not in ("motors", "dimensions")}
 
 
@@ -122,19 +124,16 @@ def _grasp(
     return Grasp(env, reacher, intermediate, orientation, tries, seed, table)
 
 
+def _insert(env: Environment, seed: int = 0, servo: str = "unified_servo", **settings: Any) -> Agent:
+    if servo == "unified_servo":
+        settings = {"sure_px": SURE_PX} | settings
+    return Insert(env, partial(_servo_agent, seed=seed, servo=servo, **settings), seed)
+
+
 def _sb3(env: Environment, seed: int = 0, **settings: Any) -> Agent:
     from .neural.sb3.agent import Sb3Agent
 
     return Sb3Agent(env, seed, **settings)
-
-
-def _sb3_settings(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The adapter's own settings, and those of the algorithm that is given."""
-    from .neural.sb3.agent import Sb3Agent
-    from .neural.sb3.algorithms import algorithm_of, settings_of
-
-    own = _named_settings(Sb3Agent)
-    return settings_of(algorithm_of(given.get("algorithm", own["algorithm"]))) | own
 
 
 def _self_taught(env: Environment, seed: int = 0, *, learner: str, **settings: Any) -> Agent:
@@ -183,6 +182,8 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     **{name: partial(_servo_agent, servo=name) for name in SERVOS},
     "learning_servo": _learning_servo,
     "grasp": _grasp,
+    "insert": _insert,
+    "yoshimi_allen": YoshimiAllen,
     **{name: partial(_learning_servo, knowledge=name) for name in KNOWLEDGE},
     "joint_space_servo": JointSpaceServo,
     "affine_stereo": AffineStereo,
@@ -195,8 +196,10 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
 }
 
 
-OF_GRASPING = ("random", "grasp", "sb3", *SB3)
-"""Agents that act in an environment whose task is to grasp."""
+OF_TASK = {"grasp": ("random", "grasp", "sb3", *SB3), "insert": ("random", "insert", "yoshimi_allen")}
+"""Agents that act in an environment whose task is another than to reach."""
+_OF_OTHER_TASKS = ("grasp", "insert", "yoshimi_allen")
+"""Agents that do nothing else."""
 OF_ONE_ARM = ("affine_stereo", "model_based", "self_calibrating")
 """Agents that are built on what the motors of the built-in arm do."""
 ARM = "movemaster"
@@ -205,8 +208,8 @@ ARM_MOTORS = 3
 
 
 def names(task: str = "reach") -> tuple[str, ...]:
-    """The names that `make` knows of agents that do a task, "reach" or "grasp"."""
-    return OF_GRASPING if task == "grasp" else tuple(name for name in _MAKERS if name != "grasp")
+    """The names that `make` knows of agents that do a task, "reach", "grasp" or "insert"."""
+    return OF_TASK.get(task) or tuple(name for name in _MAKERS if name not in _OF_OTHER_TASKS)
 
 
 def make(name: str, env: Environment, **settings: Any) -> Agent:
@@ -302,18 +305,22 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     A learning servo's depend on the knowledge and servo `given`.
     """
     if _MAKERS[name] is _sb3:
+        from .neural.sb3.agent import settings_with
+
         try:
-            return _sb3_settings(given)
+            return settings_with(given)
         except ValueError as error:
             raise ValueError(f"agent {name!r}: {error}") from error
     if name in SELF_TAUGHT:
         from .neural.self_supervised import AGENTS
 
-        return _named_settings(AGENTS[name])
-    named = _named_settings(_MAKERS[name])
+        return named_settings(AGENTS[name])
+    named = named_settings(_MAKERS[name])
     if name in SERVOS:
         return {"seed": named["seed"], **_fields(name)}
     chosen = {"servo": "unified_servo", "knowledge": "memory", **given}
+    if name == "insert":
+        return _fields(chosen["servo"]) | named
     if name == "grasp":
         knowing = chosen["knowledge"] is not None
         return (_settings_of("learning_servo", chosen) if knowing else _fields(chosen["servo"])) | named
@@ -328,14 +335,9 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
                 f"agent {name!r}: {setting} is {chosen[setting]!r}{near_misses(chosen[setting], known)}; "
                 f"allowed: {', '.join(known)}"
             )
-    over = _named_settings(_memory if chosen["knowledge"] == "memory" else _table)
+    over = named_settings(_memory if chosen["knowledge"] == "memory" else _table)
     settings = named | {setting: over[setting] for setting in over if setting not in ("seed", "knowledge")}
     return settings | _own_settings(chosen["knowledge"]) | _fields(chosen["servo"])
-
-
-def _named_settings(maker: Callable[..., Any]) -> dict[str, Any]:
-    parameters = signature(maker).parameters.values()
-    return {p.name: p.default for p in parameters if p.kind is not p.VAR_KEYWORD and p.name != "env"}
 
 
 def _fields(servo: str) -> dict[str, Any]:

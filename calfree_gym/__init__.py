@@ -1,6 +1,7 @@
 """calfree_gym: a robot arm, two cameras and no calibration, as Gymnasium environments.
 
-Importing it registers `CalFree/Reach-v0` and `CalFree/Grasp-v0`, and both with dense rewards.
+Importing it registers `CalFree/Reach-v0` and `CalFree/Grasp-v0`, both with dense rewards, too, and
+`CalFree/Insert-v0`.
 """
 
 import os
@@ -23,13 +24,18 @@ from calfree_gym.robot.arms.arm import Arm
 from calfree_gym.vision.cameras import MOUNTS
 from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
 
-_SINGLE, _BATCHED, _GRASP = ("calfree_gym.envs." + module for module in ("single", "vector", "grasping"))
+_ENVS = "calfree_gym.envs."
 _ENTRY_POINTS = {
-    "Reach": (_SINGLE + ":make", _BATCHED + ":make"),
-    "Grasp": (_GRASP + ":make", _GRASP + ":make_vec"),
+    "Reach": (_ENVS + "single:make", _ENVS + "vector:make"),
+    "Grasp": (_ENVS + "grasping:make", _ENVS + "grasping:make_vec"),
+    "Insert": (_ENVS + "inserting:InsertEnv", _ENVS + "inserting:InsertVectorEnv"),
 }
-_REWARDS = {"": "sparse", "Dense": "dense"}
-ENV_IDS = tuple(f"CalFree/{task}{kind}-v0" for task in _ENTRY_POINTS for kind in _REWARDS)
+_REWARDS: dict[str, dict[str, dict[str, Any]]] = {
+    "Reach": {"": {"reward": "sparse"}, "Dense": {"reward": "dense"}},
+    "Grasp": {"": {"reward": "sparse"}, "Dense": {"reward": "dense"}},
+    "Insert": {"": {}},
+}
+ENV_IDS = tuple(f"CalFree/{task}{kind}-v0" for task, kinds in _REWARDS.items() for kind in kinds)
 
 __version__ = "0.1.0"
 
@@ -45,8 +51,7 @@ __all__ = [
 ]
 
 for _task, (_single, _batched) in _ENTRY_POINTS.items():
-    for _kind, _reward in _REWARDS.items():
-        _arguments: dict[str, Any] = {"reward": _reward}
+    for _kind, _arguments in _REWARDS[_task].items():
         gymnasium.register(
             f"CalFree/{_task}{_kind}-v0",
             entry_point=_single,

@@ -29,6 +29,7 @@ BENCHMARKS = (
     "arms",
     "pictures",
     "grasping",
+    "insert",
 )
 """As in `benchmarks.parts`, which is not loaded for other commands."""
 

@@ -6,12 +6,19 @@ from typing import Any
 
 import gymnasium as gym
 
+from .inserting.observation import WORDS as OF_INSERTING
 from .observation import GOAL
 
-TASKS = ("reach", "grasp")
+TASKS = ("reach", "grasp", "insert")
 
 
 def task_of(env: gym.Env[Any, Any]) -> str:
-    """The task of an environment, one of `TASKS`: goals of grasping also tell whether the object is held."""
+    """The task of an environment, one of `TASKS`.
+
+    Goals of grasping also tell whether the object is held, those of inserting how deep the peg is; who
+    inserts has no word for jaws.
+    """
     goals = getattr(env.observation_space, "spaces", {}).get("achieved_goal")
-    return TASKS[goals is not None and goals.shape[-1] == GOAL]
+    if goals is None or goals.shape[-1] != GOAL:
+        return TASKS[0]
+    return TASKS[1 + (env.action_space.shape[-1] == OF_INSERTING)]  # type: ignore[index]

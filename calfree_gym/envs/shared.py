@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from enum import Enum
+from os import PathLike, fspath
 from typing import Any
 
 import gymnasium as gym
@@ -19,10 +21,10 @@ from calfree_gym.envs.privileged import PRIVILEGED
 from calfree_gym.envs.rendering.scene_frame import SceneFrame, check_size
 from calfree_gym.envs.rendering.viewer import Viewer
 from calfree_gym.envs.spaces import Observation
-from calfree_gym.envs.spec import plain
 from calfree_gym.errors import check_choice, check_flag, check_whole
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.tasks import goals
+from calfree_gym.world import WorldDistribution
 
 REWARDS = {"sparse": goals.sparse_reward, "dense": goals.dense_reward}
 RENDER_MODES = ("rgb_array", "human")
@@ -160,3 +162,23 @@ class GoalRewards(ArmShared):
     def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
         """False: what else ends a trial cannot be told from goals."""
         return np.zeros(np.shape(achieved_goal)[:-1], bool)
+
+
+def plain(value: Any) -> Any:
+    """A value as numbers, text, lists and dicts, which environments take in its place.
+
+    Worlds, arms, perturbations and events become the dicts of their `to_dict`.
+    """
+    if hasattr(value, "to_dict"):
+        return plain(value.to_dict())
+    if isinstance(value, Mapping):
+        return {name: plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, WorldDistribution):
+        return value.name
+    if isinstance(value, Enum):
+        return value.value
+    return fspath(value) if isinstance(value, PathLike) else value

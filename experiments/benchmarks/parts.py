@@ -14,9 +14,10 @@ from experiments.benchmarks import (
     changes,
     controllers,
     coverage,
-    knowledge,
+    insert,
     priors,
 )
+from experiments.benchmarks.knowledge import study as knowledge
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.benchmarks.speed import grasping, pictures
 from experiments.benchmarks.speed import rates as speed
@@ -38,6 +39,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "arms": arms.arms,
     "pictures": pictures.pictures,
     "grasping": grasping.grasping,
+    "insert": insert.insert,
 }
 """All but `speed`, which alone has peers."""
 

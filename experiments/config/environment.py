@@ -20,6 +20,8 @@ from calfree_gym.world import DISTRIBUTIONS
 from experiments.config.arms import as_arm, is_told
 from experiments.config.model import Model, one_of
 
+INSERT = "CalFree/Insert"
+"""Beginning of the ids of environments that suites do not run."""
 GRASP, GRASP_TOLERANCE_PX = "CalFree/Grasp", 24.0
 """Beginning of the ids of environments whose task is to grasp, and what they tolerate by default."""
 OF_REACHING, OF_GRASPING = frozenset({"arm", "dynamics", "occlusion"}), frozenset({"shape"})
@@ -49,6 +51,10 @@ class EnvironmentConfig(Model):
     @classmethod
     def _of_its_task(cls, data: Any) -> Any:
         """The tolerance of its task, where none is given."""
+        if isinstance(data, dict) and str(data.get("id")).startswith(INSERT):
+            raise ValueError(
+                f"{data['id']} is run by `python -m experiments benchmark insert`; suites reach and grasp"
+            )
         if isinstance(data, dict) and str(data.get("id")).startswith(GRASP):
             usual = {key: cls.model_fields[key].default for key in OF_REACHING}
             if found := sorted(key for key in usual if data.get(key, usual[key]) != usual[key]):

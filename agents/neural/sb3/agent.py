@@ -30,7 +30,8 @@ from ...base.checks import check_number, check_numbers
 from ...base.observation import RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.random_state import OwnRandomState
-from .algorithms import algorithm_of, built_settings, policy_name
+from ...base.settings import named_settings
+from .algorithms import algorithm_of, built_settings, policy_name, settings_of
 from .files import Saved, check_tensor, read, write
 from .inputs import GOALS, FlatObservations, ImageDistance, flattened
 
@@ -257,3 +258,13 @@ def _warn_of_moving_goals(env: Any) -> None:
             "waist turns. Make the environment with camera_mount='stand'",
             stacklevel=5,
         )
+
+
+def settings_with(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The adapter's own settings, and those of the algorithm that is given, with their defaults.
+
+    Raises:
+        ValueError: There is no such algorithm.
+    """
+    own = named_settings(Sb3Agent)
+    return settings_of(algorithm_of(given.get("algorithm", own["algorithm"]))) | own

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.arms.base import Arms
-from calfree_gym.envs.arms.sight import Seen, sight_of
+from calfree_gym.envs.arms.contact_arms import ContactArms
+from calfree_gym.envs.arms.sight import Seen
 from calfree_gym.envs.arms.state import RowState
 from calfree_gym.geometry import Array, Flags, Rows
-from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, PIXELS_PER_UNIT, inside
+from calfree_gym.image import IMAGE_SIZE, PIXELS_PER_UNIT
 from calfree_gym.robot.grasping.gripping_arm import GrippingArm
 from calfree_gym.robot.grasping.in_sight import InSight
 from calfree_gym.robot.grasping.jaws import STROKE
 from calfree_gym.robot.grasping.placing import Placed, Placing
 from calfree_gym.robot.grasping.shapes import ShapeChoice
-from calfree_gym.robot.grasping.simulation import OBJECT, POINTS, GraspSimulation
+from calfree_gym.robot.grasping.simulation import OBJECT, GraspSimulation
 from calfree_gym.tasks import grasp
-from calfree_gym.vision.tracking.grasp_tracker import GraspTracker
 from calfree_gym.world import World
 
 TABLE = np.array([[-0.32, 0.92], [-0.62, 0.62]])
@@ -31,7 +29,7 @@ HELD = (2 * OBJECT, 2 * OBJECT + 1)
 """Where the object's does."""
 
 
-class GraspingArms(Arms):
+class GraspingArms(ContactArms):
     """N arms, whose cameras see `robot.grasping.simulation.POINTS`.
 
     Attributes:
@@ -46,24 +44,18 @@ class GraspingArms(Arms):
     Args:
         rows: N.
         shape: Of things, see `robot.grasping.shapes`.
-        tolerance_px: Image distance within which an object is lifted to its place.
         threads: Threads of the simulation; they change no number.
-        observation: "points", or what is rendered: "vision" or "pixels".
-        image_size: Width and height in pixels of images that are delivered.
-        camera_mount, keep_in_view, **shared: See `Arms`.
+        camera_mount, keep_in_view, observation, image_size, **shared: See `ContactArms`.
 
     Raises:
         ValueError: See `Arms`.
     """
 
     shown_points: ClassVar[tuple[int, int, int, int]] = (*GRIPPER, *HELD)
-    simulation: GraspSimulation
-    robot: GrippingArm
     state_names: ClassVar[tuple[str, ...]] = (
-        *Arms.state_names,
+        *ContactArms.state_names,
         *("jaws", "openings", "held", "goals", "forces", "lifted", "_placed", "_waited"),
     )
-    parts: ClassVar[tuple[str, ...]] = (*Arms.parts, "_sight")
 
     def __init__(
         self,
@@ -71,7 +63,6 @@ class GraspingArms(Arms):
         *,
         camera_mount: str | tuple[str, ...],
         keep_in_view: bool,
-        tolerance_px: float,
         shape: ShapeChoice,
         threads: int,
         observation: str = "points",
@@ -79,45 +70,32 @@ class GraspingArms(Arms):
         **shared: Any,
     ) -> None:
         robot = GrippingArm()
-        simulation = GraspSimulation(rows, robot, robot.mounts(camera_mount), threads)
-        points = 2 * len(POINTS)
         super().__init__(
-            simulation, robot, points, camera_mount=camera_mount, keep_in_view=keep_in_view, **shared
+            GraspSimulation(rows, robot, robot.mounts(camera_mount), threads),
+            robot,
+            camera_mount=camera_mount,
+            keep_in_view=keep_in_view,
+            observation=observation,
+            image_size=image_size,
+            **shared,
         )
-        self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
-        self._sight = sight_of(self, observation, image_size, GraspTracker)
-        in_sight = InSight(simulation) if self._sight.renders else None
+        in_sight = InSight(self.simulation) if self._sight.renders else None
         self._placing = Placing(robot, self._workspaces, self.motors, shape, keep_in_view, in_sight)
-        self._moved = np.zeros(rows, bool)
         self.jaws, self.openings = np.zeros(rows), np.ones(rows)
         self.held, self._waited = np.zeros(rows, bool), np.zeros(rows, bool)
         self.goals, self.forces, self.lifted = np.zeros((rows, 4)), np.zeros((rows, 2)), np.zeros(rows)
         self._placed: list[Placed | None] = [None] * rows
         self.delivered: Seen = (self.points, self.visible, self.held, *self._sight.images)
 
-    def seed_streams(self, row: int, seed: int) -> None:
-        """See `Arms`."""
-        super().seed_streams(row, seed)
-        self._sight.seed(row, seed)
-
     def enter(self, row: int, world: World) -> None:
         """See `Arms`: a thing keeps its shape, and gets the mass and the friction of the world."""
         super().enter(row, world)
-        self._sight.set_world(row, world)
-        self._moved[row] = True
         if (placed := self._placed[row]) is not None:
             self._weigh(row, placed)
 
-    def also_in_view(self, row: int) -> Callable[[World], bool]:
-        """See `Arms`: things can be grasped in enough places."""
-
-        def serves(world: World) -> bool:
-            self.motors.set_world(row, world)
-            self._workspaces.set_world(row, world)
-            self.simulation.set_world(row, world)
-            return self._placing.serves(row, world)
-
-        return serves
+    def serves(self, row: int, world: World) -> bool:
+        """See `ContactArms`: things can be grasped there."""
+        return self._placing.serves(row, world)
 
     def _weigh(self, row: int, placed: Placed) -> None:
         world = self.world(row)
@@ -138,29 +116,15 @@ class GraspingArms(Arms):
         """See `Arms`: the jaws are open."""
         self.jaws[rows], self.openings[rows], self.held[rows] = 0.0, 1.0, False
         self.forces[rows], self.lifted[rows], self._waited[rows] = 0.0, 0.0, False
-        self._sight.begin_trial(self._all[rows])
-        self._moved[rows] = True
+        super().begun(rows)
 
     def execute(self, rows: Rows, words: Array) -> Array:
-        """See `Arms`: with something between its jaws, an arm waits for a second after each motion.
-
-        Where the guard stops an arm, its registers are those of where it stands.
-        """
+        """See `Arms`: with something between its jaws, an arm waits for a second after each motion."""
         indices, simulation = self._all[rows], self.simulation
         words = np.atleast_2d(words)
-        self._moved[rows] = True
-        before = self.motors.positions(self.registers[rows], rows)
-        joints = self.targets(rows, words[:, :-1])
-        seconds = simulation.travel(rows, joints)
         self.jaws[rows] = np.clip(self.jaws[rows] + words[:, -1], 0.0, 1.0)
-        motion = simulation.move(indices, joints, STROKE * (1 - self.jaws[rows]))
-        simulation.recover()
+        seconds, motion = self.travelled(rows, words[:, :-1], STROKE * (1 - self.jaws[rows]))
         self.forces[rows] = motion.forces
-        for i in np.flatnonzero(motion.shares < 1).tolist():
-            row = int(indices[i])
-            there = self.motors.positions(self.registers[row, None], indices[i, None])[0]
-            stopped = before[i] + motion.shares[i] * (there - before[i])
-            self.registers[row] = self.motors.registers(stopped, row)
         self.openings[rows] = simulation.openings()[rows] / STROKE
         self._waited[rows] = False
         heights = simulation.heights()
@@ -177,17 +141,7 @@ class GraspingArms(Arms):
 
     def observe(self) -> None:
         """See `Arms`."""
-        self.simulation.refresh()
-        pixels, depth = self.simulation.pinhole_pixels()
-        true, shown = self._workspaces.cameras.through_lens(pixels)
-        visible = shown & (depth > 0) & inside(true)
-        self.true_points = true
-        seen, now_visible, *images = self._sight.look(true, visible, self._moved)
-        self._moved[:] = False
-        before, both = self.points, self.visible & now_visible
-        self.visible = now_visible
-        self.points = np.where(now_visible[:, :, None], seen, before)
-        way = self.points - before
+        way, both, images = self.look()
         self.held = grasp.held(
             grasp.blocked(self.openings, self.jaws) & (self.motions_of_trial > 0),
             self.held,
@@ -220,7 +174,3 @@ class GraspingArms(Arms):
         """Noise-free image distances (N,) in pixels of objects from where they are to be lifted to."""
         away = self.true_points[:, HELD] - self.goals.reshape(-1, 2, 2)
         return np.asarray(PIXELS_PER_UNIT * np.sqrt(np.square(away).sum(-1)).max(1))
-
-    def close(self) -> None:
-        """See `Arms`."""
-        self._sight.close()

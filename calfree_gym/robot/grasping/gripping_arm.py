@@ -12,7 +12,7 @@ from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.movemaster import COVERS, GRIPPER_POINT, Movemaster
 from calfree_gym.robot.arms.robot import Mounts, Scene
 from calfree_gym.robot.arms.scene import add_rig, add_surroundings
-from calfree_gym.robot.grasping.jaws import JAWS, STROKE, add_gripper, add_surfaces
+from calfree_gym.robot.grasping.jaws import JAWS, STROKE, add_gripper, add_table, add_thing
 from calfree_gym.robot.grasping.marks import add_marks
 
 MOTORS: tuple[str, ...] = (*Movemaster.motors, "wrist_turn")
@@ -34,6 +34,9 @@ class GrippingArm(Movemaster):
     """Four motors turn J1-J3 and J5; the jaws have a register of their own, which is no secret.
 
     The turn of the wrist changes neither the gripper point nor what it is to reach.
+
+    Attributes:
+        opening: How far each jaw is open at home (m).
     """
 
     motors = MOTORS
@@ -45,6 +48,7 @@ class GrippingArm(Movemaster):
     stop_margin = np.full(4, 0.01)
     lowest = np.append(Movemaster.lowest, -np.pi / 2)
     highest = np.append(Movemaster.highest, np.pi / 2)
+    opening = STROKE
 
     @property
     def built_home(self) -> Array:
@@ -100,9 +104,7 @@ class GrippingArm(Movemaster):
             servo = spec.actuator(f"M{number}")
             servo.set_to_position(kp=STIFFNESS * ARMATURE, dampratio=1.0)
             servo.forcelimited, servo.forcerange = True, [-torque, torque]
-        add_gripper(spec, spec.body("gripper"), GRIPPER_POINT)
-        add_surfaces(spec)
-        add_marks(spec, ("object_1", "object_2"))
+        self.furnish(spec)
         add_rig(spec, mounts)
         add_surroundings(spec)
         _add_sensors(spec)
@@ -113,9 +115,16 @@ class GrippingArm(Movemaster):
         ctrl = np.zeros(model.nu)
         qpos[arm] = ctrl[servos] = self.built_home
         for jaw in JAWS:
-            qpos[model.joint(jaw).qposadr[0]] = STROKE
-        ctrl[model.actuator("M6").id] = STROKE
+            qpos[model.joint(jaw).qposadr[0]] = self.opening
+        ctrl[model.actuator("M6").id] = self.opening
         return Scene(model, qpos, ctrl, np.zeros(0), arm, servos, sensors=0, prefix="", covers=COVERS)
+
+    def furnish(self, spec: Any) -> None:
+        """Adds the gripper, what it touches, and marks, to the arm's `spec`."""
+        add_gripper(spec, spec.body("gripper"), GRIPPER_POINT)
+        add_table(spec)
+        add_thing(spec)
+        add_marks(spec, ("object_1", "object_2"))
 
 
 def _add_sensors(spec: Any) -> None:

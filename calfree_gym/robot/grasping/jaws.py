@@ -32,20 +32,21 @@ PAD = np.array([0.020, 0.016, 0.004])
 """Half of a pad's length along the gripper's axis, of its width, and of its thickness (m)."""
 EDGE = 0.045
 """From the gripper's axis to each of its edges' marks (m)."""
-_GRIPPER, _SURFACES = 2, 1
+OF_GRIPPER, OF_SURFACES = 2, 1
 """Bits of what touches: the gripper touches surfaces, and not itself."""
 HARD = {"solref": [0.02, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0]}
 """How contacts give way: within four steps of 5 ms. Measured: in half that time what slides on the table
 bounces, with peaks of 400 N."""
 
 
-def add_gripper(spec: Any, hand: Any, point: Array) -> None:
+def add_gripper(spec: Any, hand: Any, point: Array, beyond: float = BEYOND) -> None:
     """Replaces what is on a hand by a gripper that can hold, and adds its actuator.
 
     Args:
         spec: Of the arm; it is changed.
         hand: The body that the last joint turns about its x axis.
         point: Where in it the gripper point is (3,), on the axis.
+        beyond: The pads end so far beyond that point (m).
     """
     plain = mujoco.MjSpec().default
     for geom in list(hand.geoms)[1:]:  # the flange stays
@@ -64,7 +65,7 @@ def add_gripper(spec: Any, hand: Any, point: Array) -> None:
     )
     _add_box(palm, "palm_block", [0.045, 0, 0], [0.035, 0.024, 0.032], 0.3)
     _add_box(palm, "palm_rail", [RAIL, 0, 0], [0.008, 0.018, 0.055], 0.1)
-    tip = point[0] + BEYOND
+    tip = point[0] + beyond
     for name, side in zip(JAWS, (1, -1), strict=True):
         jaw = palm.add_body(plain, name=name, pos=[SLIDES, 0, 0], gravcomp=1)
         jaw.add_joint(
@@ -110,15 +111,15 @@ def _add_box(body: Any, name: str, place: Any, size: Any, mass: float) -> Any:
         size=size,
         mass=mass,
         rgba=[0.22, 0.23, 0.26, 1],
-        contype=_GRIPPER,
-        conaffinity=_SURFACES,
+        contype=OF_GRIPPER,
+        conaffinity=OF_SURFACES,
         condim=3,
         **HARD,
     )
 
 
-def add_surfaces(spec: Any) -> None:
-    """Adds what the gripper touches: the table, as a plane, and a thing of two parts that lies on it."""
+def add_table(spec: Any) -> None:
+    """Adds the table as the gripper touches it: a plane."""
     plain = mujoco.MjSpec().default
     spec.worldbody.add_geom(
         plain,
@@ -126,12 +127,17 @@ def add_surfaces(spec: Any) -> None:
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[2, 2, 0.1],
         rgba=[0] * 4,
-        contype=_SURFACES,
-        conaffinity=_SURFACES | _GRIPPER,
+        contype=OF_SURFACES,
+        conaffinity=OF_SURFACES | OF_GRIPPER,
         condim=3,
         friction=[0.6, 0.005, 0.0001],
         **HARD,
     )
+
+
+def add_thing(spec: Any) -> None:
+    """Adds a thing of two parts that lies on the table."""
+    plain = mujoco.MjSpec().default
     thing = spec.worldbody.add_body(plain, name="object")
     thing.add_freejoint(name="object")
     for name in ("object_1", "object_2"):
@@ -143,8 +149,8 @@ def add_surfaces(spec: Any) -> None:
             pos=[0.0, 0.1 * (name == "object_2"), 0.0],
             mass=0.05,
             rgba=[0.85, 0.45, 0.10, 1],
-            contype=_SURFACES,
-            conaffinity=_SURFACES,
+            contype=OF_SURFACES,
+            conaffinity=OF_SURFACES,
             condim=3,
             **HARD,
         )

@@ -50,13 +50,48 @@ class Placed(NamedTuple):
     goal: Array
 
 
-class Placing:
-    """Draws things and their places for N arms: a pure function of seed and trial.
+class Places:
+    """Which places the gripper of N arms reaches, and both cameras see.
 
     Args:
         robot: The arm.
         workspaces: Of the N worlds.
         motors: Of the N arms.
+    """
+
+    def __init__(self, robot: GrippingArm, workspaces: Workspaces, motors: MotorMap) -> None:
+        self._robot, self._workspaces, self._motors = robot, workspaces, motors
+
+    def home(self, row: int) -> Array:
+        """Joints (j,) at home."""
+        return self._motors.joints(np.zeros((1, len(self._robot.motors))), np.array([row]))[0]
+
+    def seen_from_home(self, row: int, points: Array) -> Flags:
+        """Which points (k, 3) both cameras see (k,)."""
+        return self.seen_from(row, points, self.home(row)[None].repeat(len(points), 0))
+
+    def seen_from(self, row: int, points: Array, angles: Array) -> Flags:
+        """Which points (k, 3) both cameras see (k,), with joints at (k, j)."""
+        return self._workspaces.images(points, angles, np.full(len(points), row))[1]
+
+    def joints_at(self, row: int, world: World, places: Array) -> tuple[Array, Flags]:
+        """Joints (k, j) with the gripper at places (k, 3), and which of these it reaches (k,)."""
+        robot, rows = self._robot, np.array([row])
+        lowest, highest = robot.stops[:, 0] + LIMIT_MARGIN, robot.stops[:, 1] - LIMIT_MARGIN
+        positions = robot.positions_at(places, robot.rest(world.joint_zeros), world.link_lengths)
+        angles = self._motors.angles(positions[None], rows)[0]
+        there = robot.gripper_position(angles, world.link_lengths)
+        reached = np.abs(there - places).max(1) < EXACT
+        reached &= self._motors.reaches(positions[None], MAX_REGISTER, rows)[0]
+        reached &= ((positions > lowest) & (positions < highest)).all(1)
+        return angles, reached
+
+
+class Placing(Places):
+    """Draws things and their places for N arms: a pure function of seed and trial.
+
+    Args:
+        robot, workspaces, motors: See `Places`.
         shape: Of the things.
         keep_in_view: Whether both cameras must see them.
         in_sight: Tells what hides them, where that matters.
@@ -71,7 +106,7 @@ class Placing:
         keep_in_view: bool,
         in_sight: InSight | None,
     ) -> None:
-        self._robot, self._workspaces, self._motors = robot, workspaces, motors
+        super().__init__(robot, workspaces, motors)
         self._shape, self._keep_in_view = shape, keep_in_view
         self._in_sight = in_sight if keep_in_view else None
 
@@ -116,7 +151,7 @@ class Placing:
 
     def serves(self, row: int, world: World) -> bool:
         """Whether enough of the table is graspable in a world, into which the row is put."""
-        if self._in_sight is not None and not self._in_sight.gripper(row, self._home(row)):
+        if self._in_sight is not None and not self._in_sight.gripper(row, self.home(row)):
             return False
         thing = draw_thing("sphere", np.random.default_rng(0))
         poses = _poses(np.random.default_rng(0).random((CHECKED, 3)), thing.height)
@@ -127,7 +162,7 @@ class Placing:
         reached, seen, before = self._judged(row, world, thing, poses)
         if not self._keep_in_view:
             seen[:] = True
-        home = self._home(row)
+        home = self.home(row)
         for i in np.flatnonzero(reached & seen):
             if self._in_sight is None or (
                 self._in_sight.thing(row, thing, poses[i], home) == 1
@@ -135,32 +170,22 @@ class Placing:
             ):
                 yield poses[i]
 
-    def _home(self, row: int) -> Array:
-        """Joints (j,) at home."""
-        return self._motors.joints(np.zeros((1, len(self._robot.motors))), np.array([row]))[0]
-
     def _judged(self, row: int, world: World, thing: Thing, poses: Array) -> tuple[Flags, Flags, Array]:
         """Which poses (k, 4) the gripper reaches, and which are seen; and joints (k, j) one length before."""
-        robot, rows = self._robot, np.full(len(poses), row)
-        rest = robot.rest(world.joint_zeros)
-        places, home = poses[:, :3], self._home(row)[None]
+        places = poses[:, :3]
         c, s, o = np.cos(poses[:, 3]), np.sin(poses[:, 3]), np.zeros(len(poses))
         ahead = np.column_stack([c, s, o]) * thing.axis[0] + np.array([0.0, 0.0, thing.axis[2]])
         seen, reached = np.ones(len(poses), bool), np.ones(len(poses), bool)
         for point in (places, places + ahead, places - ahead):
-            seen &= self._workspaces.images(point, home.repeat(len(poses), 0), rows)[1]
-        lowest, highest = robot.stops[:, 0] + LIMIT_MARGIN, robot.stops[:, 1] - LIMIT_MARGIN
+            seen &= self.seen_from_home(row, point)
         back = np.zeros_like(places)
         for _ in range(2):  # at the thing, then before it
-            positions = robot.positions_at(places + back, rest, world.link_lengths)
-            angles = self._motors.angles(positions[None], rows[:1])[0]
-            there = robot.gripper_position(angles, world.link_lengths)
-            reached &= np.abs(there - places - back).max(1) < EXACT
-            reached &= self._motors.reaches(positions[None], MAX_REGISTER, rows[:1])[0]
-            reached &= ((positions > lowest) & (positions < highest)).all(1)
-            axis = robot.axis(angles)
+            there = places + back
+            angles, reaches = self.joints_at(row, world, there)
+            reached &= reaches
+            axis = self._robot.axis(angles)
             for point in (places, there, there - AXIS * axis):
-                seen &= self._workspaces.images(point, angles, rows)[1]
+                seen &= self.seen_from(row, point, angles)
             back = -AXIS * axis
         return reached, seen, angles
 

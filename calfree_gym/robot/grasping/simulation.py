@@ -67,27 +67,36 @@ class GraspSimulation(Simulation):
     """
 
     state_names: ClassVar[tuple[str, ...]] = (*Simulation.state_names, "_pressing", "diverged")
+    seen: ClassVar[tuple[str, ...]] = POINTS
+    """What cameras see; `OBJECT` is the place of what the task is about."""
+    told: ClassVar[slice] = slice(0, 2)
+    """Which of `SENSORS` a `Motion` tells the largest forces of."""
+    pinned: ClassVar[float] = PINNED
+    """Of what an arm pressed with when a motion began, so much counts (N)."""
 
     def __init__(self, rows: int, robot: GrippingArm, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, robot.scene(mounts), mounts, threads)
         model = self._model
         self._camera_places, self._camera_axes = self._batch.bind("cam_xpos"), self._batch.bind("cam_xmat")
         self._focal = np.ones((rows, 2, 1))
-        self._site = [model.site(name).id for name in POINTS]
+        self._site = [model.site(name).id for name in self.seen]
         self._jaw = int(model.joint(JAWS[0]).qposadr[0])
         self._gripper = [int(model.joint(name).qposadr[0]) for name in (*JAWS, "wrist_spring")]
-        self._free = int(model.joint("object").qposadr[0])
         self._body = int(model.body("object").id)
-        self._dof = int(model.joint("object").dofadr[0])
-        self._geoms = [model.geom(f"object_{part}").id for part in (1, 2)]
-        self._pads = [model.geom(f"{name}_pad").id for name in JAWS]
-        own = ("site_pos", "geom_friction", "geom_condim", "geom_contype", "geom_conaffinity")
-        names = (*_OF_GEOMS, *_OF_BODIES, *_OF_DOFS, *own)
-        self._fields = {name: self._batch.expand(name) for name in names}
+        self._fields = {name: self._batch.expand(name) for name in self._bind_object(model)}
         self._at_rest = self._physics[0].copy()
         self._lengths = np.tile(robot.lengths, (rows, 1))
         self._pressing = np.zeros(rows)
         self.diverged = np.zeros(rows, bool)
+
+    def _bind_object(self, model: mujoco.MjModel) -> tuple[str, ...]:
+        """Finds the object in the model; names the fields that make it another one in each row."""
+        self._free = int(model.joint("object").qposadr[0])
+        self._dof = int(model.joint("object").dofadr[0])
+        self._geoms = [model.geom(f"object_{part}").id for part in (1, 2)]
+        self._pads = [model.geom(f"{name}_pad").id for name in JAWS]
+        own = ("site_pos", "geom_friction", "geom_condim", "geom_contype", "geom_conaffinity")
+        return (*_OF_GEOMS, *_OF_BODIES, *_OF_DOFS, *own)
 
     def set_world(self, row: int, world: World) -> None:
         """See `Simulation`."""
@@ -119,11 +128,15 @@ class GraspSimulation(Simulation):
         self._all_qpos[rows], self._all_ctrl[rows], self._qvel[rows] = self._scene.home, self._scene.ctrl, 0.0
         self._all_qpos[rows, self._qpos] = joints
         self._all_ctrl[rows, self._ctrl] = joints
+        self._put(rows, objects)
+        self._pressing[rows], self.diverged[rows] = 0.0, False
+
+    def _put(self, rows: Rows, objects: Array) -> None:
+        """Puts objects at their places, see `place`."""
         free = np.zeros((len(objects), 7))
         free[:, :3], half = objects[:, :3], objects[:, 3] / 2
         free[:, 3], free[:, 6] = np.cos(half), np.sin(half)
         self._all_qpos[rows, self._free : self._free + 7] = free
-        self._pressing[rows], self.diverged[rows] = 0.0, False
 
     def move(self, rows: NDArray[np.intp], joints: Array, openings: Array) -> Motion:
         """Moves the arms of `rows` to joints at (n, j), and each jaw to an opening (n,) in m.
@@ -138,7 +151,7 @@ class GraspSimulation(Simulation):
         passed = len(self.way or ())
         ramp = onward(chunks)
         executed, (largest, pressing) = ramp.executed, self._follow(rows, before, way, ramp)
-        turns = _turns(pressing, pressed)
+        turns = _turns(pressing, np.minimum(pressed, self.pinned))
         if (back := np.flatnonzero(turns >= 0)).size:
             self._physics[rows[back]] = start[back]
             if self.way is not None and turns[0] >= 0:
@@ -186,8 +199,8 @@ class GraspSimulation(Simulation):
                 until - since, control[on, since:until], record=fields, ids=rows[on]
             )
             forces = recorded["sensordata"].reshape(len(on), until - since, len(SENSORS), 3)
-            single = np.einsum("nkfc,nkfc->nkf", forces[:, :, :2], forces[:, :, :2]).max(1)
-            largest[on] = np.maximum(largest[on], np.sqrt(single))
+            told = forces[:, :, self.told]
+            largest[on] = np.maximum(largest[on], np.sqrt(np.einsum("nkfc,nkfc->nkf", told, told).max(1)))
             net = forces[:, CHUNK - 1 :: CHUNK, 2:].sum(2)
             pressing[on, since // CHUNK : until // CHUNK] = np.sqrt(np.square(net).sum(-1))
             if self.way is not None and on[0] == 0:
@@ -248,9 +261,9 @@ def _turns(pressing: Array, pressed: Array) -> NDArray[np.int64]:
 
     Args:
         pressing: With what force (n, chunks) the arms press at the end of each chunk, in N.
-        pressed: With what they did before (n,).
+        pressed: With what they did before (n,), as far as it counts.
     """
-    most = GUARD + np.minimum(pressed, PINNED)
+    most = GUARD + pressed
     before = np.column_stack([pressed, pressing[:, :-1]])
     stops = (pressing > most[:, None]) & (pressing > before + RISES)
     return np.where(stops.any(1), stops.argmax(1), -1)

@@ -8,7 +8,8 @@ import pytest
 
 import agents
 import calfree_gym
-from experiments.benchmarks import knowledge, region
+from experiments.benchmarks.knowledge import region
+from experiments.benchmarks.knowledge import study as knowledge
 from experiments.evaluation import TrialRecord
 from experiments.running.lifetime import LifetimeRecorder
 

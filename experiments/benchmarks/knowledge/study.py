@@ -21,7 +21,7 @@ from agents.servo.least_distance import LeastDistance, Seeker
 from agents.servo.unified import UnifiedServo
 from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.movemaster import MOTORS
-from experiments.benchmarks.region import Region
+from experiments.benchmarks.knowledge.region import Region
 from experiments.benchmarks.trials import CAP, REACH, motions_per_reach, share_of
 from experiments.evaluation import TrialRecord, robot_seconds_at
 from experiments.reporting.tables import Table, beside

@@ -1,9 +1,17 @@
-"""Tuned defaults of agents, from the files that hold them."""
+"""Settings of agents: what makes them takes, and tuned defaults."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
 from typing import Any
+
+
+def named_settings(maker: Callable[..., Any]) -> dict[str, Any]:
+    """Parameters of what makes an agent, with their defaults (`Parameter.empty`, where there is none)."""
+    parameters = signature(maker).parameters.values()
+    return {p.name: p.default for p in parameters if p.kind is not p.VAR_KEYWORD and p.name != "env"}
 
 
 def tuned_settings(name: str) -> dict[str, Any]:

@@ -1,0 +1,86 @@
+"""Agents that insert: pegs go in, axes are found where they are, and what an agent cannot do is named."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+from agents.grasp.inserting.ellipse import ellipse_centre
+from agents.grasp.inserting.observation import InsertObservation
+from agents.grasp.inserting.yoshimi_allen import axis_of
+from calfree_gym.image import PIXELS_PER_UNIT
+from experiments.evaluation import evaluate
+
+INSERT = "calfree_gym:CalFree/Insert-v0"
+
+
+@pytest.mark.parametrize("mount", ["waist", "stand"])
+def test_insert_puts_pegs_into_holes(mount):
+    env = gym.make(INSERT, camera_mount=mount)
+    for seed in (1200, 1201, 1202):
+        (record,) = evaluate(agents.make("insert", env), env, 1, seed)
+        assert record.success
+        assert record.motions < 40
+
+
+def test_yoshimi_allen_puts_most_pegs_into_holes():
+    env = gym.make(INSERT)
+    records = [evaluate(agents.make("yoshimi_allen", env), env, 1, seed)[0] for seed in range(1200, 1206)]
+    assert sum(record.success for record in records) >= 3
+
+
+def test_insert_learns_and_is_the_same_when_loaded(tmp_path):
+    env = gym.make(INSERT)
+    agent = agents.make("insert", env).learn(40)
+    assert agent.num_timesteps == 40
+    agent.save(tmp_path / "insert")
+    again = agents.make("insert", env).load(tmp_path / "insert")
+    observation, _ = env.reset(seed=1)
+    np.testing.assert_array_equal(agent.predict(observation)[0], again.predict(observation)[0])
+
+
+def test_the_centre_of_an_ellipse_is_found_by_a_part_of_it():
+    angles = np.linspace(0.3, 2.5, 9)
+    points = np.array([0.2, -0.1]) + np.stack([0.08 * np.cos(angles), 0.03 * np.sin(angles + 0.4)], -1)
+    np.testing.assert_allclose(ellipse_centre(points), [0.2, -0.1], atol=1e-6)
+
+
+def test_without_an_ellipse_there_is_the_mean():
+    line = np.stack([np.arange(8.0), np.zeros(8)], -1)
+    np.testing.assert_allclose(ellipse_centre(np.ones((8, 2))), [1, 1])
+    assert np.isfinite(ellipse_centre(line)).all()
+    np.testing.assert_allclose(ellipse_centre(line[:3]), [1, 0])
+
+
+def test_turning_the_tool_shows_its_axis():
+    """Against the true image points of base and peg's end, which the agent's axis does not use."""
+    env = gym.make(INSERT, camera_mount="stand")
+    errors = []
+    for seed in range(1300, 1308):
+        env.reset(seed=seed)
+        looks = []
+        for _ in range(6):
+            raw, *_, info = env.step(np.array([0, 0, 0, 0.15], np.float32))
+            looks.append(InsertObservation.of(raw))
+        true = info["truth"]["points"].reshape(-1, 2, 2)
+        errors.append(PIXELS_PER_UNIT * np.linalg.norm(axis_of(looks) - (true[0] - true[1]), axis=-1))
+    assert np.median(errors) < 1.5
+
+
+@pytest.mark.parametrize("name", ["grasp", "unified_servo", "oracle"])
+def test_who_cannot_insert_is_told_who_can(name):
+    with pytest.raises(ValueError, match=f"'{name}' cannot insert.*random, insert, yoshimi_allen"):
+        agents.make(name, gym.make(INSERT))
+
+
+@pytest.mark.parametrize("name", ["insert", "yoshimi_allen"])
+@pytest.mark.parametrize("task", ["Reach", "Grasp"])
+def test_who_inserts_does_nothing_else(name, task):
+    with pytest.raises(ValueError, match=f"'{name}' cannot {task.lower()}"):
+        agents.make(name, gym.make(f"calfree_gym:CalFree/{task}-v0"))
+
+
+def test_settings_of_insert_are_those_of_its_servo():
+    assert {"servo", "seed", "probe_px", "sure_px"} <= agents.default_settings("insert").keys()
+    with pytest.raises(ValueError, match=r"no setting 'prob_px' \(did you mean probe_px"):
+        agents.make("insert", gym.make(INSERT), prob_px=3)
