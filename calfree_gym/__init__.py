@@ -1,6 +1,6 @@
 """calfree_gym: a robot arm, two cameras and no calibration, as Gymnasium environments.
 
-Importing it registers `CalFree/Reach-v0` and `CalFree/Grasp-v0`, and both with dense rewards.
+Importing it registers `CalFree/Reach-v0`, `CalFree/Grasp-v0` and `CalFree/SafeReach-v0`, and all with dense rewards.
 """
 
 import os
@@ -23,10 +23,13 @@ from calfree_gym.robot.arms.arm import Arm
 from calfree_gym.vision.cameras import MOUNTS
 from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
 
-_SINGLE, _BATCHED, _GRASP = ("calfree_gym.envs." + module for module in ("single", "vector", "grasping"))
+_SINGLE, _BATCHED, _GRASP, _SAFE = (
+    "calfree_gym.envs." + module for module in ("single", "vector", "grasping", "safe_reaching")
+)
 _ENTRY_POINTS = {
     "Reach": (_SINGLE + ":make", _BATCHED + ":make"),
     "Grasp": (_GRASP + ":make", _GRASP + ":make_vec"),
+    "SafeReach": (_SAFE + ":make", _SAFE + ":make_vec"),
 }
 _REWARDS = {"": "sparse", "Dense": "dense"}
 ENV_IDS = tuple(f"CalFree/{task}{kind}-v0" for task in _ENTRY_POINTS for kind in _REWARDS)

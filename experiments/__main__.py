@@ -29,6 +29,7 @@ BENCHMARKS = (
     "arms",
     "pictures",
     "grasping",
+    "safe_start",
 )
 """As in `benchmarks.parts`, which is not loaded for other commands."""
 

@@ -16,7 +16,7 @@ from ..base.observation import Array, Observation, RawObservation
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
 from ..servo.image_model.smooth_points import SmoothPoints
-from ..servo.least_distance import Seeker
+from ..servo.image_model.least_distance import Seeker
 from ..servo.servo_agent import Servo, ServoAgent
 from ..servo.trial import Findings, jump
 from ..servo.unified import UnifiedServo

@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 
 from experiments.benchmarks import (
-    arms,
     baselines,
     changes,
     controllers,
@@ -17,6 +16,7 @@ from experiments.benchmarks import (
     knowledge,
     priors,
 )
+from experiments.benchmarks.arms import first_motions, rendezvous
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.benchmarks.speed import grasping, pictures
 from experiments.benchmarks.speed import rates as speed
@@ -35,9 +35,10 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "priors": priors.priors,
     "sensitivity": sensitivity.tables,
     "coverage": coverage.coverage,
-    "arms": arms.arms,
+    "arms": rendezvous.arms,
     "pictures": pictures.pictures,
     "grasping": grasping.grasping,
+    "safe_start": first_motions.safe_start,
 }
 """All but `speed`, which alone has peers."""
 
