@@ -33,6 +33,7 @@ from .reference.random_agent import RandomAgent
 from .servo.jacobian_servo import JacobianServo
 from .servo.joint_space import JointSpaceServo
 from .servo.paper import PaperServo
+from .servo.safe.agent import SafeStart
 from .servo.servo_agent import Servo, ServoAgent
 from .servo.unified import UnifiedServo
 from .servo.work_plane import WorkPlaneServo
@@ -42,6 +43,10 @@ Environment = gym.Env[Any, Any]
 
 def _servo_agent(env: Environment, seed: int = 0, *, servo: str, **settings: Any) -> Agent:
     return ServoAgent(env, make_servo(servo, settings), seed)
+
+
+def _safe_start(env: Environment, seed: int = 0, servo: str = "unified_servo", **settings: Any) -> Agent:
+    return SafeStart(env, make_servo(servo, settings), seed)
 
 
 def make_servo(name: str, settings: Mapping[str, Any]) -> Servo:
@@ -186,6 +191,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "oracle": Oracle,
     **{name: partial(_servo_agent, servo=name) for name in SERVOS},
     "learning_servo": _learning_servo,
+    "safe_start": _safe_start,
     "grasp": _grasp,
     **{name: partial(_learning_servo, knowledge=name) for name in KNOWLEDGE},
     "joint_space_servo": JointSpaceServo,
@@ -321,7 +327,7 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     if name == "grasp":
         knowing = chosen["knowledge"] is not None
         return (_settings_of("learning_servo", chosen) if knowing else _fields(chosen["servo"])) | named
-    if name not in KNOWLEDGE and name != "learning_servo":
+    if name not in KNOWLEDGE and name not in ("learning_servo", "safe_start"):
         return named
     if name in KNOWLEDGE:
         named.pop("knowledge")
@@ -332,6 +338,8 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
                 f"agent {name!r}: {setting} is {chosen[setting]!r}{near_misses(chosen[setting], known)}; "
                 f"allowed: {', '.join(known)}"
             )
+    if name == "safe_start":
+        return named | _fields(chosen["servo"])
     over = _named_settings(_memory if chosen["knowledge"] == "memory" else _table)
     settings = named | {setting: over[setting] for setting in over if setting not in ("seed", "knowledge")}
     return settings | _own_settings(chosen["knowledge"]) | _fields(chosen["servo"])
