@@ -61,6 +61,8 @@ class FirstMotions:
     is this share of the first. Choice."""
     LEFT = 0.2
     """And they bring it to the object where they leave no more than this share of the image distance. Choice."""
+    ROOM = 0.5
+    """And no motor has to go farther than this. Choice: half of its registers is left for what is not straight."""
     TRIES = 12
     """Motions of a motor at most (a guard)."""
     EXECUTED = 0.95
@@ -97,13 +99,15 @@ class FirstMotions:
         """Whether what is known of motors is enough to bring the gripper to the object, so the others may rest."""
         distances = distance_jacobian(self.view.jacobian)
         lengths = np.sqrt(np.square(distances).sum(0))
-        columns = distances[:, lengths > 0] / lengths[lengths > 0]
+        known = lengths > 0
+        columns = distances[:, known] / lengths[known]
         if columns.shape[1] < DIRECTIONS:
             return False
         sizes = np.linalg.svd(columns, compute_uv=False)
-        left = self.now.distance - columns @ np.linalg.lstsq(columns, self.now.distance, rcond=None)[0]
-        short = np.linalg.norm(left) <= self.LEFT * np.linalg.norm(self.now.distance)
-        return bool(sizes[DIRECTIONS - 1] >= self.ALIKE * sizes[0] and short)
+        words = -np.linalg.lstsq(columns, self.now.distance, rcond=None)[0]
+        near = np.linalg.norm(self.now.distance + columns @ words) <= self.LEFT * np.linalg.norm(self.now.distance)
+        there = np.abs(self.now.registers[known] + words / lengths[known]).max() <= self.ROOM
+        return bool(sizes[DIRECTIONS - 1] >= self.ALIKE * sizes[0] and near and there)
 
     def _look(self, words: Array) -> Motions:
         self.now = yield words

@@ -117,6 +117,7 @@ class Leash:
             target = np.clip(now.registers + words, -1.0, 1.0)
             left = target - now.registers
             in_parts = np.count_nonzero(words) == 1 or bool((np.abs(left - words) > Stops.STOPPED).any())
+            stopped = np.zeros(len(words), bool)
             for _ in range(self.PARTS):
                 before = now
                 part = self.allowed(left, now.registers)
@@ -124,7 +125,10 @@ class Leash:
                 self.learn(part, before, now)
                 if self.contacts >= self.MOST_CONTACTS:
                     return f"the arm met something {self.contacts} times on its way"
-                stopped = np.abs(part - (now.registers - before.registers)) > Stops.STOPPED
+                short = part - (now.registers - before.registers)
+                if met_something(part, short):
+                    break
+                stopped |= np.abs(short) > Stops.STOPPED
                 in_parts |= bool(stopped.any())
                 left = np.where(stopped, 0.0, target - now.registers)
                 done = not in_parts or bool((np.abs(left) < Stops.STOPPED).all())
