@@ -54,6 +54,9 @@ class FirstMotions:
     IN_PROPORTION = 0.5
     """Images answer in proportion that are off by no more than this share. Choice: 2 c then moves them by Δs to 3
     Δs."""
+    UNSURE = 4.0
+    """What a look tells of the images farther off is unsure by so many standard deviations. Derived: three, each of
+    a difference of two looks (√2)."""
     LARGEST_UNSEEN = 0.125
     """A word so large that moves no image is the last. Choice: words of the weakest motors of wild worlds show."""
     ALIKE = 0.2
@@ -140,9 +143,10 @@ class FirstMotions:
                     self.blocked[motor] = not self.tested[motor]
                     return
                 continue
-            self.tested[motor] = max(self.tested[motor], abs(at))
-            otherwise = self._error_px(column * at, began)
-            if column.any() and otherwise > max(self._clear_px, self.IN_PROPORTION * moved_px):
+            otherwise, before_that = self._error_px(column * at, began), self.tested[motor]
+            self.tested[motor] = max(before_that, abs(at))
+            blur_px = self.UNSURE * self.noise_px * abs(at) / max(before_that, self.FIRST_WORD)
+            if column.any() and otherwise > blur_px + max(self._clear_px, self.IN_PROPORTION * moved_px):
                 refused.add(side)
                 size, side = size / 2, -side
                 continue
