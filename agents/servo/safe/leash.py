@@ -35,7 +35,8 @@ def in_units(observation: Observation, units: Array) -> Observation:
 class Leash:
     """Lets through as much of a servo's words as stays near registers where the robot has been.
 
-    It is as long as the images may move by one motion, as expected. It grows where they did as expected, and
+    It is as long as the images may move by one motion, as expected, and by each motor's word alone: what motors do to
+    images may cancel, what they do to the arm does not. It grows where they did as expected, and
     shrinks where not, or where a point was lost or the arm met something.
 
     Attributes:
@@ -78,7 +79,8 @@ class Leash:
     def allowed(self, words: Array, registers: Array) -> Array:
         """As much of words (m,), from registers (m,) on, as the leash lets through, in the same direction."""
         share = 1.0
-        if (far := self._view.moved_px(words)) > self.length_px:
+        far = max(self._view.moved_px(words), self._view.each_px(words))
+        if far > self.length_px:
             share = self.length_px / far
         beyond = np.abs(registers + words) > self.FARTHER * self._tested
         for motor in np.flatnonzero(beyond & (words != 0)):

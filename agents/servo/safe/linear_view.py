@@ -56,6 +56,11 @@ class LinearView:
         """How far words (m,) should move the image point that goes farthest, in pixels."""
         return float(lengths_px((self.jacobian @ words).reshape(POINTS, 2)).max())
 
+    def each_px(self, words: Array) -> float:
+        """How far that motor should move an image point that moves it farthest by its word alone, in pixels."""
+        alone = (self.jacobian * words).reshape(POINTS, 2, -1).swapaxes(1, 2)
+        return float(lengths_px(alone).max())
+
     def error_px(self, words: Array, before: Observation, after: Observation) -> float:
         """By how much the image point that did most otherwise than words (m,) should have moved it, in pixels."""
         otherwise = after.points - before.points - (self.jacobian @ words).reshape(POINTS, 2)

@@ -16,6 +16,10 @@ ROOM_BODY = "calfree room"
 """Name of the body that table and walls are fixed to."""
 SENSOR = "calfree touch"
 """Name of the sensor that tells how many contacts the arm has, and the largest force of one."""
+TABLE = "table"
+"""Name of the table of the arm that brings one, the RV-M2."""
+ROOM = (ROOM_BODY, TABLE)
+"""Beginnings of the names of what stands around an arm."""
 GAP = 0.15
 """Walls stand so far (m) beyond the farthest places of objects, for the RV-M2. Choice: what swings out beyond the
 gripper point, wild tilts included, finds room where the gripper goes straight to an object."""
@@ -95,7 +99,7 @@ class Furniture:
             )
 
         wide, gap = 6 * scale * GAP, scale * GAP
-        bottom = 0.0 if spec.geom("table") is not None else self._add_table(spec, points, add, wide)
+        bottom = 0.0 if spec.geom(TABLE) is not None else self._add_table(spec, points, add, wide)
         middle = robot.rig.target * [1, 1, 0] + (bottom + wide) * up
         for name, way, flat in (
             ("front", ahead, [HALF, wide, wide]),

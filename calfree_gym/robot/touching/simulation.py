@@ -13,7 +13,7 @@ from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.grasping.ramp import smooth
 from calfree_gym.robot.grasping.simulation import PEAK
 from calfree_gym.robot.reach_simulation import ReachSimulation
-from calfree_gym.robot.touching.furniture import SENSOR, furniture
+from calfree_gym.robot.touching.furniture import ROOM, SENSOR, furniture
 
 if TYPE_CHECKING:
     from calfree_gym.world import World
@@ -32,6 +32,10 @@ RETREAT = 0.5
 """It then goes back by this share of the way that it has come: as in grasping."""
 ON_THE_WAY = 8
 """Places on the way to an object at which the arm must touch nothing. Choice: a few cm apart."""
+
+CLEARANCE = 0.03
+"""Nor come so near (m, for the RV-M2) to table and walls. Choice: what is off by as much as first motions are touches
+nothing."""
 
 
 class Touched(NamedTuple):
@@ -87,6 +91,10 @@ class TouchingSimulation(ReachSimulation):
         self._joints = np.atleast_1d(np.arange(self._model.nq)[self._qpos])
         self.touched = Touched(*(np.zeros(rows) for _ in Touched._fields))
         self._picture = self.picture()
+        model = self._picture[0]
+        for geom in range(model.ngeom):
+            if model.geom(geom).name.startswith(ROOM):
+                model.geom_margin[geom] = CLEARANCE * robot.rig.scale
 
     def set_world(self, row: int, world: World) -> None:
         """See `Simulation`."""
@@ -159,7 +167,7 @@ class TouchingSimulation(ReachSimulation):
         return np.maximum(np.ceil(seconds / self._model.opt.timestep), LEAST).astype(np.int64)
 
     def is_free(self, row: int, joints: Array) -> bool:
-        """Whether the arm of a row touches nothing with joints at (j,)."""
+        """Whether the arm of a row touches nothing, nearly, with joints at (j,)."""
         model, data = self.show(row, self._picture, joints)
         mujoco.mj_collision(model, data)
         return not data.ncon
