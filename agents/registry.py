@@ -46,8 +46,6 @@ def _servo_agent(env: Environment, seed: int = 0, *, servo: str, **settings: Any
 
 
 def _safe_start(env: Environment, seed: int = 0, servo: str = "unified_servo", **settings: Any) -> Agent:
-    if servo == "unified_servo":
-        settings = {"sure_px": SURE_PX} | settings
     return SafeStart(env, make_servo(servo, settings), seed)
 
 

@@ -98,7 +98,9 @@ class SafeStart(ServoAgent):
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
         super().restore(arrays)
-        self.units, self.tested = (checked_array(arrays, name, (self.motors,)) for name in ("units", "tested"))
+        self.units, self.tested = (
+            checked_array(arrays, name, (self.motors,)) for name in ("units", "tested")
+        )
 
     @staticmethod
     def gave_up(state: list[RunningTrial]) -> list[str]:

@@ -108,7 +108,9 @@ class FirstMotions:
             return False
         sizes = np.linalg.svd(columns, compute_uv=False)
         words = -np.linalg.lstsq(columns, self.now.distance, rcond=None)[0]
-        near = np.linalg.norm(self.now.distance + columns @ words) <= self.LEFT * np.linalg.norm(self.now.distance)
+        near = np.linalg.norm(self.now.distance + columns @ words) <= self.LEFT * np.linalg.norm(
+            self.now.distance
+        )
         there = np.abs(self.now.registers[known] + words / lengths[known]).max() <= self.ROOM
         return bool(sizes[DIRECTIONS - 1] >= self.ALIKE * sizes[0] and near and there)
 
@@ -128,7 +130,9 @@ class FirstMotions:
             at = float(self.now.registers[motor] - began.registers[motor])
             if self.now.last:
                 return
-            short = abs(self.now.registers[motor] - before.registers[motor]) < self.EXECUTED * abs(words[motor])
+            short = abs(self.now.registers[motor] - before.registers[motor]) < self.EXECUTED * abs(
+                words[motor]
+            )
             lost = bool((began.visible & ~self.now.visible).any())
             moved = (self.now.points - began.points)[began.visible & self.now.visible]
             moved_px = float(lengths_px(moved).max(initial=0.0))
@@ -162,7 +166,9 @@ class FirstMotions:
     def _error_px(self, expected: Array, began: Observation) -> float:
         """By how much (px) points are not where they should be, which moved by `expected` (8,) since `began`."""
         seen = began.visible & self.now.visible
-        return float(lengths_px(self.now.points - began.points - expected.reshape(-1, 2))[seen].max(initial=0.0))
+        return float(
+            lengths_px(self.now.points - began.points - expected.reshape(-1, 2))[seen].max(initial=0.0)
+        )
 
     @property
     def _clear_px(self) -> float:

@@ -26,6 +26,7 @@ class TouchingArms(StereoArms):
     """N arms that can touch table, walls and themselves.
 
     Attributes:
+        force_bound: Contact force (N) above which a trial ends.
         total_travel: Sum over a trial's motions (N,) of the travel of the joint that went farthest, in rad or m.
         harmed: Whether a contact of the trial was above the bound (N,).
 
@@ -45,7 +46,7 @@ class TouchingArms(StereoArms):
     def __init__(
         self, rows: int, *, gains: tuple[float, float], force_bound: float, **arguments: Any
     ) -> None:
-        self._gains, self._force_bound = gains, force_bound
+        self._gains, self.force_bound = gains, force_bound
         super().__init__(rows, dynamics="physics", **arguments)
         self.total_travel, self.harmed = np.zeros(rows), np.zeros(rows, bool)
 
@@ -103,5 +104,5 @@ class TouchingArms(StereoArms):
                     ends[0] + share * (ends[1] - ends[0]), int(one[0])
                 )
         self.total_travel[rows] += touched.travel[rows]
-        self.harmed[rows] |= touched.force[rows] > self._force_bound
+        self.harmed[rows] |= touched.force[rows] > self.force_bound
         return seconds
