@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from inspect import Parameter, signature
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -18,6 +17,7 @@ from calfree_gym.errors import near_misses
 from .adaptation.memory import Memory
 from .adaptation.remembered import Remembered
 from .base.agent import Agent
+from .base.tuned import tuned_settings
 from .calibrated.affine_stereo import AffineStereo
 from .calibrated.model_based import ModelBased
 from .calibrated.self_calibrating import SelfCalibrating
@@ -132,20 +132,6 @@ def _sb3_settings(given: Mapping[str, Any]) -> dict[str, Any]:
 
     own = _named_settings(Sb3Agent)
     return settings_of(algorithm_of(given.get("algorithm", own["algorithm"]))) | own
-
-
-def tuned_settings(name: str) -> dict[str, Any]:
-    """The settings in configs/agents/NAME.yaml: the one place of an agent's tuned defaults.
-
-    A wheel holds these files within the package.
-    """
-    import yaml
-
-    package = Path(__file__).parent
-    folders = (package / "configs", package.parent / "configs" / "agents")
-    folder = next(folder for folder in folders if folder.is_dir())
-    settings: dict[str, Any] = yaml.safe_load((folder / f"{name}.yaml").read_text(encoding="utf-8"))
-    return settings
 
 
 def _self_taught(env: Environment, seed: int = 0, *, learner: str, **settings: Any) -> Agent:

@@ -1,6 +1,7 @@
 """calfree_gym: a robot arm, two cameras and no calibration, as Gymnasium environments.
 
-Importing it registers `CalFree/Reach-v0`, `CalFree/Grasp-v0` and `CalFree/SafeReach-v0`, and all with dense rewards.
+Importing it registers `CalFree/Reach-v0`, `CalFree/Grasp-v0` and `CalFree/SafeReach-v0`, and all of them with
+dense rewards.
 """
 
 import os

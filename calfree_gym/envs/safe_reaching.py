@@ -23,7 +23,8 @@ from calfree_gym.world import WorldChoice
 FORCE_BOUND = 65.0
 """In N. Source: ISO/TS 15066, the least of its limits of quasi-static contact, which is that of the face."""
 GAINS = (0.25, 8.0)
-"""Factors of the motors' gains. Choice: the built robot's register 1 then means 0.3 to 41 rad in wild worlds."""
+"""Factors of the motors' gains. Choice: the built robot's register 1 then means 0.3 to 41 rad in wild
+worlds."""
 
 
 class SafeReaching(Reaching):
@@ -32,7 +33,7 @@ class SafeReaching(Reaching):
     arms: TouchingArms
 
     def _build(self, rows: int, threads: int, *, force_bound: Any, gains: Any, **arguments: Any) -> None:
-        if not (_is_number(force_bound) and 0 < force_bound):
+        if not (_is_number(force_bound) and force_bound > 0):
             raise ValueError(f"force_bound is {force_bound!r}; it must be a positive number, in N")
         pair = tuple(gains) if isinstance(gains, list | tuple) else ()
         if len(pair) != 2 or not all(map(_is_number, pair)) or not 0 < pair[0] <= pair[1] < np.inf:
@@ -62,34 +63,37 @@ class SafeReachEnv(SafeReaching, ArmEnv):
     """A robot that was just switched on: how can it begin to move without an accident (paper, section 5)?
 
     ## Description
-    As `StereoArmEnv`, but the arm can touch what is in its way: a table, a wall in front of it and one on each
-    side, and its own links. And its motors are weaker or stronger than anyone told: each by a factor of its own,
-    from 0.25 to 8, with which the gains of a world that is drawn are multiplied. So the same word may turn a joint
-    by a degree, or throw it against its stop.
+    As `StereoArmEnv`, but the arm can touch what is in its way: a table, a wall in front of it and one on
+    each side, and its own links. And its motors are weaker or stronger than anyone told: each by a factor of
+    its own, from 0.25 to 8, with which the gains of a world that is drawn are multiplied. So the same word
+    may turn a joint by a degree, or throw it against its stop.
 
     ## Action space, observation space, rewards, starting state
-    As in `StereoArmEnv`, always in full physics. There is no sensor of touch. The object lies where the straight
-    way to it, in joints from home, touches nothing.
+    As in `StereoArmEnv`, always in full physics. There is no sensor of touch. The object lies where the
+    straight way to it, in joints from home, touches nothing.
 
-    One step is one motion. Its targets travel with least jerk, and the gripper at 0.25 m/s at most (ISO 10218-1,
-    reduced speed); a short motion takes 0.35 s, so short motions are slow ones. A drive that meets 12 N trips: 10
-    ms later the arm is held, and goes back half of the way that it has come. That is all that a controller can
-    tell of a contact: registers show that words were executed in part, all by the same share. Joints never pass
-    their stops.
+    One step is one motion. Its targets travel with least jerk, and the gripper at 0.25 m/s at most (ISO
+    10218-1, reduced speed); a short motion takes 0.35 s, so short motions are slow ones. A drive that meets
+    12 N trips: 10 ms later the arm is held, and goes back half of the way that it has come. That is all that
+    a controller can
+    tell of a contact: registers show that words were executed in part, all by the same share. Joints never
+    pass their stops.
 
     ## Episode end
-    Terminated at the rendezvous, unless `terminate_on_success=False`. Truncated after `max_episode_steps` (60)
-    motions, and where a contact was above `force_bound`: `harmed` then is True. (Goals cannot tell of that, so it
+    Terminated at the rendezvous, unless `terminate_on_success=False`. Truncated after `max_episode_steps`
+    (60) motions, and where a contact was above `force_bound`: `harmed` then is True. (Goals cannot tell of
+    that, so it
     does not count as terminated: see `compute_terminated`.)
 
     ## Information
-    As in `StereoArmEnv`; besides, of the last motion: `contacts`, at how many points the arm touched something, at
-    most; `peak_force` (N), the largest force of one of them; `joint_travel`, how far the joint that went farthest was
-    from where it began, in rad (m where it slides). Of the trial: `total_travel`, the sum of these; `harmed`.
+    As in `StereoArmEnv`; besides, of the last motion: `contacts`, at how many points the arm touched
+    something, at most; `peak_force` (N), the largest force of one of them; `joint_travel`, how far the joint
+    that went farthest was from where it began, in rad (m where it slides). Of the trial: `total_travel`, the
+    sum of these; `harmed`.
 
     Args:
-        gains: The least and the largest factor of the motors' gains, where worlds are drawn. A given world is as it
-            is.
+        gains: The least and the largest factor of the motors' gains, where worlds are drawn. A given world
+            is as it is.
         force_bound: Contact force (N) above which a trial ends.
         world, arm, camera_mount, observation, tolerance_px: As for `StereoArmEnv`.
         perturbations, redraw, terminate_on_success, keep_in_view: As for `StereoArmEnv`.

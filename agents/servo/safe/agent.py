@@ -39,10 +39,10 @@ class SafeFindings(Findings[Any]):
 class SafeStart(ServoAgent):
     """Begins to move as one that knows nothing of itself should, then lets a servo go on, on a leash.
 
-    It observes contacts by nothing but registers: words that were executed in part. It gives up where no motor
-    can be moved, where no motor's motion is seen, and where it met something again and again; then it sends zero
-    words, and `gave_up` says why. A later trial begins with what the last one has taught, on a leash as short as at
-    first.
+    It observes contacts by nothing but registers: words that were executed in part. It gives up where no
+        motor can be moved, where no motor's motion is seen, and where it met something again and again; then
+        it sends zero words, and `gave_up` says why. A later trial begins with what the last one has taught,
+        on a leash as short as at first.
 
     Args:
         env, seed: See `Agent`.
@@ -104,7 +104,7 @@ class SafeStart(ServoAgent):
 
     @staticmethod
     def gave_up(state: list[RunningTrial]) -> list[str]:
-        """Why it gave up, for each environment of a state that `predict` returned; nothing where it did not."""
+        """Why it gave up, for each environment of a state that `predict` returned; or nothing."""
         return [trial.findings.gave_up for trial in state]
 
     @property

@@ -1,4 +1,4 @@
-"""The first motions of a robot that knows nothing of itself: small, one motor at a time, and back at trouble."""
+"""First motions of a robot that knows nothing of itself: small, motor by motor, and back at trouble."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ DIRECTIONS = 3
 class FirstMotions:
     """Stands still to learn how noisy images are, then moves motor after motor, there and back and farther.
 
-    A motor goes to one side of where it began, then farther to the other side, and so on: as long as the images
-    answer in proportion, and until they have moved clearly. Where words are not executed, a point is lost, or the
-    images answer otherwise, it goes back, and on by half as much, the other way.
+    A motor goes to one side of where it began, then farther to the other side, and so on: as long as the
+    images answer in proportion, and until they have moved clearly. Where words are not executed, a point is
+    lost, or the images answer otherwise, it goes back, and on by half as much, the other way.
 
     Attributes:
         now: The last look.
@@ -38,34 +38,38 @@ class FirstMotions:
     """
 
     LOOKS = 2
-    """So often it looks again before anything moves. Derived: 16 differences of coordinates, by which noise is known
-    to a fifth."""
+    """So often it looks again before anything moves. Derived: 16 differences of coordinates, by which noise
+    is known to a fifth."""
     FIRST_WORD = 1 / 512
-    """Of the first motion. Choice: a motor of which register 1 means fourteen turns then turns by 10 degrees."""
+    """Of the first motion. Choice: a motor of which register 1 means fourteen turns then turns by 10
+    degrees."""
     CLEAR = 10.0
     """The images have moved clearly by so many standard deviations of their noise (METHODS: 10 σ)."""
     DOUBLE, MOST_GROWTH = 2.0, 8.0
     """Words at least double, and grow to what is expected to be clear, by at most this factor. Choice."""
     WANTED = 2.5
-    """A word is to move the images by so many times what is clear. Choice: the second word mostly does, and by one
-    centimetre at the gripper."""
+    """A word is to move the images by so many times what is clear. Choice: the second word mostly does, and
+    by one centimetre at the gripper."""
     OF_NOISE = 2.0
     """So many standard deviations images may have moved more than they seem to: words grow as if they had."""
     IN_PROPORTION = 0.5
-    """Images answer in proportion that are off by no more than this share. Choice: 2 c then moves them by Δs to 3
-    Δs."""
+    """Images answer in proportion that are off by no more than this share. Choice: 2 c then moves them by Δs
+    to 3 Δs."""
     UNSURE = 4.0
-    """What a look tells of the images farther off is unsure by so many standard deviations. Derived: three, each of
-    a difference of two looks (√2)."""
+    """What a look tells of the images farther off is unsure by so many standard deviations. Derived: three,
+    each of a difference of two looks (√2)."""
     LARGEST_UNSEEN = 0.125
-    """A word so large that moves no image is the last. Choice: words of the weakest motors of wild worlds show."""
+    """A word so large that moves no image is the last. Choice: words of the weakest motors of wild worlds
+    show."""
     ALIKE = 0.2
-    """Motors move the gripper in three directions where the third singular value of their columns, each of length 1,
-    is this share of the first. Choice."""
+    """Motors move the gripper in three directions where the third singular value of their columns, each of
+    length 1, is this share of the first. Choice."""
     LEFT = 0.2
-    """And they bring it to the object where they leave no more than this share of the image distance. Choice."""
+    """And they bring it to the object where they leave no more than this share of the image distance.
+    Choice."""
     ROOM = 0.5
-    """And no motor has to go farther than this. Choice: half of its registers is left for what is not straight."""
+    """And no motor has to go farther than this. Choice: half of its registers is left for what is not
+    straight."""
     TRIES = 12
     """Motions of a motor at most (a guard)."""
     EXECUTED = 0.95
@@ -99,7 +103,7 @@ class FirstMotions:
 
     @property
     def _enough(self) -> bool:
-        """Whether what is known of motors is enough to bring the gripper to the object, so the others may rest."""
+        """Whether known motors can bring the gripper to the object, so that the others may rest."""
         distances = distance_jacobian(self.view.jacobian)
         lengths = np.sqrt(np.square(distances).sum(0))
         known = lengths > 0
@@ -164,7 +168,7 @@ class FirstMotions:
             side = -side
 
     def _error_px(self, expected: Array, began: Observation) -> float:
-        """By how much (px) points are not where they should be, which moved by `expected` (8,) since `began`."""
+        """By how much (px) points are not where they should be, `expected` (8,) away from `began`."""
         seen = began.visible & self.now.visible
         return float(
             lengths_px(self.now.points - began.points - expected.reshape(-1, 2))[seen].max(initial=0.0)

@@ -15,14 +15,13 @@ from ...perception import ObservationFilter
 from ..trial import Stops, met_something
 from .linear_view import LinearView
 
-
 SPAN_PX = 600.0
-"""How far a servo's word of 1 moves the images. Choice: about what a word of the built robot's motors does, so that
-servos find motors as they know them, however weak or strong each is."""
+"""How far a servo's word of 1 moves the images. Choice: about what a word of the built robot's motors does,
+so that servos find motors as they know them, however weak or strong each is."""
 
 
 def equal_units(jacobian: Array, tested: Array) -> Array:
-    """For each motor (m,) the word that moves the images by `SPAN_PX`, at most 1; unseen, four times what was tested."""
+    """Words (m,), each moving the images by `SPAN_PX`, at most 1; of unseen motors, four times `tested`."""
     moved = lengths_px(jacobian.reshape(POINTS, 2, -1).swapaxes(1, 2)).max(0)
     return np.where(moved > 0, np.minimum(SPAN_PX / np.maximum(moved, 1.0), 1.0), 4 * tested)
 
@@ -35,9 +34,9 @@ def in_units(observation: Observation, units: Array) -> Observation:
 class Leash:
     """Lets through as much of a servo's words as stays near registers where the robot has been.
 
-    It is as long as the images may move by one motion, as expected, and by each motor's word alone: what motors do to
-    images may cancel, what they do to the arm does not. It grows where they did as expected, and
-    shrinks where not, or where a point was lost or the arm met something.
+    It is as long as the images may move by one motion, as expected, and by each motor's word alone: what
+    motors do to images may cancel, what they do to the arm does not. It grows where they did as expected,
+    and shrinks where not, or where a point was lost or the arm met something.
 
     Attributes:
         length_px: How far a motion may move the images.
@@ -63,10 +62,11 @@ class Leash:
     NOISES = 6.0
     """Or by no more than so many standard deviations of their noise. Derived: 4 √2, and a margin."""
     FARTHER = 4.0
-    """No motor goes farther than this times where it has been, whatever the images are expected to do. Choice:
-    a motor whose motions are not seen may not run away."""
+    """No motor goes farther than this times where it has been, whatever the images are expected to do.
+    Choice: a motor whose motions are not seen may not run away."""
     MOST_SHARE = 0.9
-    """Words that are shortened are shortened at least to this share: so servos tell it from a motor's stop."""
+    """Words that are shortened are shortened at least to this share: so servos tell it from a motor's
+    stop."""
     PARTS = 8
     """In so many motions at most a single motor's words are executed (a guard)."""
     MOST_CONTACTS = 6
@@ -111,9 +111,10 @@ class Leash:
     def hold(self, servo: Procedure, now: Observation) -> Generator[Array, Observation, str]:
         """Lets a servo go on from `now` until it ends; why it was given up, or nothing.
 
-        A servo that moves several motors goes on from where the leash has stopped it. Words of a single motor, and
-        those that lead a motor to its stop, are executed in parts: a servo would take any motor whose words were cut
-        short by itself for one at its stop.
+        A servo that moves several motors goes on from where the leash has stopped it. Words of a single
+        motor, and
+        those that lead a motor to its stop, are executed in parts: a servo would take any motor whose words
+        were cut short by itself for one at its stop.
         """
         words = next(servo, None)
         while words is not None:

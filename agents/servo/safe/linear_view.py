@@ -43,7 +43,7 @@ class LinearView:
         self.variances[np.ix_(moved, moved)] = (noise_px * IMAGE_UNIT) ** 2 * inverse[1:, 1:]
 
     def correct(self, words: Array, before: Observation, after: Observation) -> None:
-        """Changes the Jacobian so that it explains a motion of words (m,): least, motor by motor alike (Broyden)."""
+        """Changes the Jacobian by the least that explains a motion of words (m,), motors alike (Broyden)."""
         lengths = np.sqrt(np.square(self.jacobian).sum(0))
         scaled = words * lengths**2
         if (square := float(scaled @ words)) > 0:
@@ -57,12 +57,12 @@ class LinearView:
         return float(lengths_px((self.jacobian @ words).reshape(POINTS, 2)).max())
 
     def each_px(self, words: Array) -> float:
-        """How far that motor should move an image point that moves it farthest by its word alone, in pixels."""
+        """How far one motor by its word alone should move an image point at most, in pixels."""
         alone = (self.jacobian * words).reshape(POINTS, 2, -1).swapaxes(1, 2)
         return float(lengths_px(alone).max())
 
     def error_px(self, words: Array, before: Observation, after: Observation) -> float:
-        """By how much the image point that did most otherwise than words (m,) should have moved it, in pixels."""
+        """By how much words (m,) moved an image point otherwise than they should have, at most, in pixels."""
         otherwise = after.points - before.points - (self.jacobian @ words).reshape(POINTS, 2)
         seen = before.visible & after.visible
         return float(lengths_px(otherwise)[seen].max(initial=0.0))

@@ -18,8 +18,8 @@ from calfree_gym.streams import stream
 from calfree_gym.world import World, WorldDistribution, log_uniform
 
 SEEN_WITH = 2.0
-"""Whether the cameras see enough of what motors reach is judged with this gain: the largest of wild worlds, by which
-they reach all of it."""
+"""Whether the cameras see enough of what motors reach is judged with this gain: the largest of wild worlds,
+by which they reach all of it."""
 
 
 class TouchingArms(StereoArms):
@@ -27,7 +27,8 @@ class TouchingArms(StereoArms):
 
     Attributes:
         force_bound: Contact force (N) above which a trial ends.
-        total_travel: Sum over a trial's motions (N,) of the travel of the joint that went farthest, in rad or m.
+        total_travel: Sum over a trial's motions (N,) of the travel of the joint that went farthest, in rad
+            or m.
         harmed: Whether a contact of the trial was above the bound (N,).
 
     Args:

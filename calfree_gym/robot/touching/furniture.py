@@ -21,19 +21,21 @@ TABLE = "table"
 ROOM = (ROOM_BODY, TABLE)
 """Beginnings of the names of what stands around an arm."""
 GAP = 0.15
-"""Walls stand so far (m) beyond the farthest places of objects, for the RV-M2. Choice: what swings out beyond the
-gripper point, wild tilts included, finds room where the gripper goes straight to an object."""
+"""Walls stand so far (m) beyond the farthest places of objects, for the RV-M2. Choice: what swings out
+beyond the gripper point, wild tilts included, finds room where the gripper goes straight to an object."""
 BELOW = 0.05
-"""The table of an arm that brings none lies so far (m, for the RV-M2) below the lowest of it at home. Choice."""
+"""The table of an arm that brings none lies so far (m, for the RV-M2) below the lowest of it at home.
+Choice."""
 LOW_SHARE = 0.1
-"""And below all but this share of the places that the gripper can be brought to. Choice: some cannot be reached."""
+"""And below all but this share of the places that the gripper can be brought to. Choice: some cannot be
+reached."""
 HALF = 0.02
 """Half the thickness of table and walls (m), as of the RV-M2's table."""
 POSTURES = 500
 """So many drawn postures tell where objects are placed."""
 LIGHTER = 0.2
-"""Of the armature and the stiffness that servos have where nothing is touched. Source: the RV-M2's then are as in
-grasping; at the gripper that is 25 N/mm, which is about what small arms have."""
+"""Of the armature and the stiffness that servos have where nothing is touched. Source: the RV-M2's then are
+as in grasping; at the gripper that is 25 N/mm, which is about what small arms have."""
 _COUNT_AND_FORCE, _LARGEST = 0b11, 2
 """What a contact sensor reports: how many there are, and the force of the one with the largest."""
 _CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)

@@ -34,8 +34,8 @@ ON_THE_WAY = 8
 """Places on the way to an object at which the arm must touch nothing. Choice: a few cm apart."""
 
 CLEARANCE = 0.03
-"""Nor come so near (m, for the RV-M2) to table and walls. Choice: what is off by as much as first motions are touches
-nothing."""
+"""Nor come so near (m, for the RV-M2) to table and walls. Choice: what is off by as much as first motions
+are touches nothing."""
 
 
 class Touched(NamedTuple):

@@ -83,10 +83,11 @@ def safe_start(places: Mapping[str, Place] | None = None) -> Iterator[Table]:
                 **dict.fromkeys(("force, 99 %", "largest force"), ".0f"),
                 **dict.fromkeys(("motions", "ratio"), ".2f"),
             },
-            f"Wild worlds {FIRST_WORLD} to {FIRST_WORLD + place.worlds - 1}, gains × 0.25 to 8, trials of at most {CAP} "
-            f"motions, one a world. Beyond 10°: a joint went farther in the first motion that is one. Harmed: a contact "
-            f"above {bound:g} N. Forces (N): the largest of a trial. Motions: mean of all trials, {CAP} without "
-            f"a rendezvous. Ratio: of motions to {SERVO}'s in the worlds in which that was unharmed.",
+            f"Worlds {FIRST_WORLD} to {FIRST_WORLD + place.worlds - 1}, gains × 0.25 to 8, a trial in each "
+            f"of at most {CAP} motions. Beyond 10°: a joint went farther in the first motion. "
+            f"Harmed: a contact above {bound:g} N. Forces (N): the largest of a trial. Motions: mean of all "
+            f"trials, {CAP} without a rendezvous. Ratio: of motions to {SERVO}'s, in worlds where that was "
+            "unharmed.",
         )
 
 
