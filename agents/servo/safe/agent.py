@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ...base.checks import checked_array
 from ...base.observation import Array, Observation
-from ...base.prior_knowledge import PriorKnowledge
 from ...base.procedure import Procedure, RunningTrial
 from ...jacobian import Slopes
 from ..servo_agent import Servo, ServoAgent
+from ..settings import SERVO_KNOWLEDGE
 from ..trial import Findings
 from .first_motions import FirstMotions
 from .leash import Leash, equal_units, in_units
@@ -28,11 +28,13 @@ class SafeFindings(Findings[Any]):
     Attributes:
         units: What the servo takes for a word of 1, of each motor (m,), see `Leash`.
         tested: How far each motor (m,) was moved alone.
+        handed_over: Whether the servo went on.
         gave_up: Why it makes no more motions; nothing, where it does.
     """
 
     units: Array = field(default_factory=lambda: np.ones(0))
     tested: Array = field(default_factory=lambda: np.ones(0))
+    handed_over: bool = False
     gave_up: str = ""
 
 
@@ -52,11 +54,7 @@ class SafeStart(ServoAgent):
     def __init__(self, env: Any, servo: Servo, seed: int = 0) -> None:
         super().__init__(env, servo, seed)
         self.units = self.tested = np.ones(self.motors)
-        self.prior_knowledge = servo.prior_knowledge | {
-            PriorKnowledge.IMAGE_SCALE,
-            PriorKnowledge.NOISE,
-            PriorKnowledge.WORD_LIMIT,
-        }
+        self.prior_knowledge = servo.prior_knowledge | SERVO_KNOWLEDGE
 
     def new_findings(self) -> SafeFindings:
         """See `ProcedureAgent`."""
@@ -72,8 +70,10 @@ class SafeStart(ServoAgent):
             yield from motions.run()
             now, view = motions.now, motions.view
             tested = np.maximum(motions.tested, FirstMotions.FIRST_WORD)
+            if now.last:
+                return
             findings.gave_up = _hopeless(motions)
-            if findings.gave_up or now.last:
+            if findings.gave_up:
                 return
             units = equal_units(view.jacobian, tested)
             variances = np.tile(view.variances * np.outer(units, units), (4, 1, 1))
@@ -83,11 +83,15 @@ class SafeStart(ServoAgent):
         else:
             view.jacobian = self.slopes.jacobian / findings.units
         leash = Leash(view, findings.tested, findings.filter, findings.units)
+        findings.handed_over = True
         servo = self.servo(in_units(now, findings.units), findings)
         findings.gave_up = yield from leash.hold(servo, now)
 
     def learn_trial(self, findings: SafeFindings, last: Observation, ended: bool) -> None:
-        """See `ProcedureAgent`."""
+        """See `ProcedureAgent`. A trial that ended before the servo went on teaches nothing but noise."""
+        if not findings.handed_over:
+            self.filter = findings.filter
+            return
         super().learn_trial(findings, last, ended)
         self.units, self.tested = findings.units, findings.tested
 

@@ -80,10 +80,10 @@ class Leash:
 
     def allowed(self, words: Array, registers: Array) -> Array:
         """As much of words (m,), from registers (m,) on, as the leash lets through, in the same direction."""
-        share = 1.0
+        share = 1.0 / max(1.0, float(np.abs(words).max()))
         far = max(self._view.moved_px(words), self._view.each_px(words))
         if far > self.length_px:
-            share = self.length_px / far
+            share = min(share, self.length_px / far)
         beyond = np.abs(registers + words) > self.FARTHER * self._tested
         for motor in np.flatnonzero(beyond & (words != 0)):
             room = self.FARTHER * self._tested[motor] - np.sign(words[motor]) * registers[motor]
