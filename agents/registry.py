@@ -37,6 +37,7 @@ from .reference.random_agent import RandomAgent
 from .servo.jacobian_servo import JacobianServo
 from .servo.joint_space import JointSpaceServo
 from .servo.paper import PaperServo
+from .servo.safe.agent import SafeStart
 from .servo.servo_agent import Servo, ServoAgent
 from .servo.unified import UnifiedServo
 from .servo.work_plane import WorkPlaneServo
@@ -46,6 +47,10 @@ Environment = gym.Env[Any, Any]
 
 def _servo_agent(env: Environment, seed: int = 0, *, servo: str, **settings: Any) -> Agent:
     return ServoAgent(env, make_servo(servo, settings), seed)
+
+
+def _safe_start(env: Environment, seed: int = 0, servo: str = "unified_servo", **settings: Any) -> Agent:
+    return SafeStart(env, make_servo(servo, settings), seed)
 
 
 def make_servo(name: str, settings: Mapping[str, Any]) -> Servo:
@@ -181,6 +186,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "oracle": Oracle,
     **{name: partial(_servo_agent, servo=name) for name in SERVOS},
     "learning_servo": _learning_servo,
+    "safe_start": _safe_start,
     "grasp": _grasp,
     "insert": _insert,
     "yoshimi_allen": YoshimiAllen,
@@ -200,6 +206,8 @@ OF_TASK = {"grasp": ("random", "grasp", "sb3", *SB3), "insert": ("random", "inse
 """Agents that act in an environment whose task is another than to reach."""
 _OF_OTHER_TASKS = ("grasp", "insert", "yoshimi_allen")
 """Agents that do nothing else."""
+OVER_SERVOS = ("learning_servo", "safe_start", "grasp", "insert")
+"""Agents that are laid over a servo, whose settings they take."""
 OF_ONE_ARM = ("affine_stereo", "model_based", "self_calibrating")
 """Agents that are built on what the motors of the built-in arm do."""
 ARM = "movemaster"
@@ -319,22 +327,19 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     if name in SERVOS:
         return {"seed": named["seed"], **_fields(name)}
     chosen = {"servo": "unified_servo", "knowledge": "memory", **given}
-    if name == "insert":
-        return _fields(chosen["servo"]) | named
-    if name == "grasp":
-        knowing = chosen["knowledge"] is not None
-        return (_settings_of("learning_servo", chosen) if knowing else _fields(chosen["servo"])) | named
-    if name not in KNOWLEDGE and name != "learning_servo":
+    if name not in (*KNOWLEDGE, *OVER_SERVOS):
         return named
     if name in KNOWLEDGE:
         named.pop("knowledge")
         chosen["knowledge"] = name
-    for setting, known in (("knowledge", KNOWLEDGE), ("servo", SERVOS)):
+    knows = name not in ("insert", "safe_start") and (name != "grasp" or chosen["knowledge"] is not None)
+    for setting, known in (("servo", SERVOS), ("knowledge", KNOWLEDGE))[: 1 + knows]:
         if chosen[setting] not in known:
-            raise ValueError(
-                f"agent {name!r}: {setting} is {chosen[setting]!r}{near_misses(chosen[setting], known)}; "
-                f"allowed: {', '.join(known)}"
-            )
+            hint = near_misses(chosen[setting], known)
+            allowed = ", ".join(known)
+            raise ValueError(f"agent {name!r}: {setting} is {chosen[setting]!r}{hint}; allowed: {allowed}")
+    if not knows:
+        return named | _fields(chosen["servo"])
     over = named_settings(_memory if chosen["knowledge"] == "memory" else _table)
     settings = named | {setting: over[setting] for setting in over if setting not in ("seed", "knowledge")}
     return settings | _own_settings(chosen["knowledge"]) | _fields(chosen["servo"])

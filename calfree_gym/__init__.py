@@ -1,7 +1,7 @@
 """calfree_gym: a robot arm, two cameras and no calibration, as Gymnasium environments.
 
-Importing it registers `CalFree/Reach-v0` and `CalFree/Grasp-v0`, both with dense rewards, too, and
-`CalFree/Insert-v0`.
+Importing it registers `CalFree/Reach-v0`, `CalFree/SafeReach-v0` and `CalFree/Grasp-v0`, all with dense
+rewards, too, and `CalFree/Insert-v0`.
 """
 
 import os
@@ -27,12 +27,15 @@ from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
 _ENVS = "calfree_gym.envs."
 _ENTRY_POINTS = {
     "Reach": (_ENVS + "single:make", _ENVS + "vector:make"),
+    "SafeReach": (_ENVS + "safe_reaching:make", _ENVS + "safe_reaching:make_vec"),
     "Grasp": (_ENVS + "grasping:make", _ENVS + "grasping:make_vec"),
     "Insert": (_ENVS + "inserting:InsertEnv", _ENVS + "inserting:InsertVectorEnv"),
 }
+_BOTH = {"": {"reward": "sparse"}, "Dense": {"reward": "dense"}}
 _REWARDS: dict[str, dict[str, dict[str, Any]]] = {
-    "Reach": {"": {"reward": "sparse"}, "Dense": {"reward": "dense"}},
-    "Grasp": {"": {"reward": "sparse"}, "Dense": {"reward": "dense"}},
+    "Reach": _BOTH,
+    "SafeReach": _BOTH,
+    "Grasp": _BOTH,
     "Insert": {"": {}},
 }
 ENV_IDS = tuple(f"CalFree/{task}{kind}-v0" for task, kinds in _REWARDS.items() for kind in kinds)

@@ -65,7 +65,7 @@ PUBLIC = {"calfree_gym.errors", "calfree_gym.image", "calfree_gym.sb3", "calfree
 PUBLIC_FOR_CALIBRATED = {
     "calfree_gym.world",
     "calfree_gym.geometry",
-    "calfree_gym.robot.kinematics",
+    "calfree_gym.robot.arms.kinematics",
     "calfree_gym.robot.arms.movemaster",
     "calfree_gym.vision.cameras",
 }
@@ -192,7 +192,7 @@ def test_no_file_is_longer_than_can_be_read_at_once(folder):
             {"torch", "OpenGL", "matplotlib"},
         ),
         (
-            "import gymnasium, agents; from calfree_gym.envs.privileged import PRIVILEGED;"
+            "import gymnasium, agents; from calfree_gym.envs.arms.privileged import PRIVILEGED;"
             "e = gymnasium.make('calfree_gym:CalFree/Reach-v0', tell=tuple(PRIVILEGED));"
             "[agents.make(name, e).learn(3) for name in agents.names() if name not in agents.NEURAL]",
             {"torch", "OpenGL", "matplotlib", "stable_baselines3", "scipy"},

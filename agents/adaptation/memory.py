@@ -15,8 +15,8 @@ from ..base.checks import check_number
 from ..base.observation import Array, Observation, RawObservation
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
+from ..servo.image_model.least_distance import Seeker
 from ..servo.image_model.smooth_points import SmoothPoints
-from ..servo.least_distance import Seeker
 from ..servo.servo_agent import Servo, ServoAgent
 from ..servo.trial import Findings, jump
 from ..servo.unified import UnifiedServo

@@ -10,9 +10,9 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.observation import Array, Observation
+from ..servo.image_model.least_distance import Seeker
 from ..servo.image_model.smooth_function import SmoothFunction
 from ..servo.image_model.smooth_points import SmoothPoints
-from ..servo.least_distance import Seeker
 from ..servo.servo_agent import ServoAgent
 from ..servo.trial import Stops, met_something
 from .findings import GraspFindings

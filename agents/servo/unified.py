@@ -17,8 +17,8 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
+from .image_model.least_distance import LEFT, Seeker
 from .image_model.smooth_points import SmoothPoints
-from .least_distance import LEFT, Seeker
 from .settings import SERVO_KNOWLEDGE, SMALLEST
 from .trial import Findings, Motions, Stops
 

@@ -16,8 +16,8 @@ from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.base import Arms
+from calfree_gym.envs.arms.privileged import PRIVILEGED
 from calfree_gym.envs.arms.state import Copyable
-from calfree_gym.envs.privileged import PRIVILEGED
 from calfree_gym.envs.rendering.scene_frame import SceneFrame, check_size
 from calfree_gym.envs.rendering.viewer import Viewer
 from calfree_gym.envs.spaces import Observation

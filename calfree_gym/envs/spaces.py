@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from calfree_gym.envs.arms.privileged import PRIVILEGED
 from calfree_gym.envs.arms.stereo_arms import StereoArms
-from calfree_gym.envs.privileged import PRIVILEGED
 from calfree_gym.image import CAMERAS
 from calfree_gym.robot.arms.robot import Robot
 

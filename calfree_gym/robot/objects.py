@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +33,7 @@ class ObjectDraws:
         tolerance: Of the rendezvous, in image units.
         keep_in_view: Whether both cameras must see an object, from home and with the gripper there.
         lines: Tells what hides it, where that matters.
+        way_is_free: Whether an arm gets from joints (j,) to others in a row, where that matters.
     """
 
     def __init__(
@@ -41,7 +43,9 @@ class ObjectDraws:
         tolerance: float,
         keep_in_view: bool,
         lines: LinesOfSight | None,
+        way_is_free: Callable[[int, Array, Array], bool] | None = None,
     ) -> None:
+        self._way_is_free = way_is_free
         self._workspaces, self._motors, self._lines = workspaces, motors, lines
         self._tolerance, self._keep_in_view = tolerance, keep_in_view
         rows, self._count = motors.lowest.shape
@@ -81,8 +85,9 @@ class ObjectDraws:
             good = at.seen & at.reached & (at.apart > self._apart[rows[open_]])
             if not self._keep_in_view:
                 good |= at.within & at.reached & ~at.seen
-            elif self._lines is not None:
-                good = self._first_in_sight(self._lines, rows[open_], at, good)
+            in_sight = self._lines if self._keep_in_view else None
+            if in_sight is not None or self._way_is_free is not None:
+                good = self._first_good(in_sight, rows[open_], at, good)
             found = good.any(1)
             first = good[found].argmax(1)
             objects[open_[found]] = at.points[found, first]
@@ -91,22 +96,29 @@ class ObjectDraws:
             if not len(open_):
                 return objects, drawn_at
         hidden = "" if self._lines is None else ", and hidden by nothing"
+        hidden += "" if self._way_is_free is None else ", with nothing in the way to it"
         raise ValueError(
             f"no object in {ATTEMPTS * BLOCK} candidates is within reach and in view of both "
             f"cameras{hidden}, in row {rows[open_[0]]}, trial {trials[rows[open_[0]]]}: see its world"
         )
 
-    def _first_in_sight(
-        self, lines: LinesOfSight, rows: NDArray[np.intp], at: Candidates, good: Flags
+    def _first_good(
+        self, lines: LinesOfSight | None, rows: NDArray[np.intp], at: Candidates, good: Flags
     ) -> Flags:
-        """Of good candidates (n, k) the first that nothing hides, from home and at the rendezvous."""
+        """Of good candidates (n, k) the first that nothing hides, and to which nothing is in the way."""
         first, homes = np.zeros_like(good), self._motors.joints(np.zeros((len(rows), self._count)), rows)
         for i, (row, home) in enumerate(zip(rows.tolist(), homes, strict=True)):
             for j in np.flatnonzero(good[i]).tolist():
-                point = at.points[i, j]
                 there = self._motors.angles(at.positions[i, j][None], rows[i, None])[0]
-                from_home = lines.shares(row, home, point)[2:]
-                if from_home.min() == 1 and lines.shares(row, there, point).min() == 1:
+                if lines is not None and not _in_sight(lines, row, home, there, at.points[i, j]):
+                    continue
+                if self._way_is_free is None or self._way_is_free(row, home, there):
                     first[i, j] = True
                     break
         return first
+
+
+def _in_sight(lines: LinesOfSight, row: int, home: Array, there: Array, point: Array) -> bool:
+    """Whether nothing hides a point (3,), from home, nor point or gripper with joints `there` (j,)."""
+    from_home = lines.shares(row, home, point)[2:]
+    return bool(from_home.min() == 1 and lines.shares(row, there, point).min() == 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 
 from calfree_gym.geometry import Array, Rows
-from calfree_gym.robot.arms.robot import Mounts, Robot
+from calfree_gym.robot.arms.robot import Furnish, Mounts, Robot
 from calfree_gym.robot.arms.scene import POINTS
 from calfree_gym.robot.simulation import Picture, Simulation, columns, write
 
@@ -22,10 +22,19 @@ class ReachSimulation(Simulation):
     Args:
         rows, robot, mounts, threads: See `Simulation`.
         dynamics: "physics", or "kinematic": the arm is placed where physics would settle.
+        furnish: See `Robot.scene`.
     """
 
-    def __init__(self, rows: int, robot: Robot, mounts: Mounts, dynamics: str, threads: int) -> None:
-        scene = robot.scene(mounts)
+    def __init__(
+        self,
+        rows: int,
+        robot: Robot,
+        mounts: Mounts,
+        dynamics: str,
+        threads: int,
+        furnish: Furnish | None = None,
+    ) -> None:
+        scene = robot.scene(mounts, furnish)
         self._kinematic = dynamics == "kinematic"
         if self._kinematic:
             scene.model.opt.disableflags |= _NO_CONSTRAINTS  # motors stop before joints do

@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 
 from experiments.benchmarks import (
-    arms,
     baselines,
     changes,
     controllers,
@@ -17,6 +16,7 @@ from experiments.benchmarks import (
     insert,
     priors,
 )
+from experiments.benchmarks.arms import first_motions, rendezvous
 from experiments.benchmarks.knowledge import study as knowledge
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.benchmarks.speed import grasping, pictures
@@ -36,10 +36,11 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "priors": priors.priors,
     "sensitivity": sensitivity.tables,
     "coverage": coverage.coverage,
-    "arms": arms.arms,
+    "arms": rendezvous.arms,
     "pictures": pictures.pictures,
     "grasping": grasping.grasping,
     "insert": insert.insert,
+    "safe_start": first_motions.safe_start,
 }
 """All but `speed`, which alone has peers."""
 

@@ -24,6 +24,8 @@ INSERT = "CalFree/Insert"
 """Beginning of the ids of environments that suites do not run."""
 GRASP, GRASP_TOLERANCE_PX = "CalFree/Grasp", 24.0
 """Beginning of the ids of environments whose task is to grasp, and what they tolerate by default."""
+SAFE = "CalFree/SafeReach"
+"""Of those in which an arm can have an accident: always in full physics."""
 OF_REACHING, OF_GRASPING = frozenset({"arm", "dynamics", "occlusion"}), frozenset({"shape"})
 """Arguments that only one of the tasks has."""
 LATER = frozenset({"observation", "occlusion", "shape"})
@@ -62,6 +64,9 @@ class EnvironmentConfig(Model):
             return {"tolerance_px": GRASP_TOLERANCE_PX, **data}
         if isinstance(data, dict) and data.get("shape") is not None:
             raise ValueError(f"shape is of grasping; {data.get('id')} has none")
+        dynamics = data.get("dynamics", "physics") if isinstance(data, dict) else "physics"
+        if dynamics != "physics" and str(data["id"]).startswith(SAFE):
+            raise ValueError(f"dynamics is {dynamics!r}; {data['id']} is always in full physics")
         return data
 
     @model_serializer(mode="wrap")
@@ -134,4 +139,5 @@ class EnvironmentConfig(Model):
     def _arguments(self, tell: tuple[str, ...]) -> dict[str, Any]:
         if self.task == "grasp":
             return self.model_dump(exclude={"id", *OF_REACHING})
-        return {**self.model_dump(exclude={"id", *OF_GRASPING}), "tell": tell}
+        others = {"dynamics"} if self.id.startswith(SAFE) else set()
+        return {**self.model_dump(exclude={"id", *OF_GRASPING, *others}), "tell": tell}

@@ -15,7 +15,7 @@ from calfree_gym.envs.arms.state import RowState
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, PIXELS_PER_UNIT, inside, lengths
 from calfree_gym.robot.arms.marks import RADIUS as MARK_RADIUS
-from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.line_of_sight import LinesOfSight
 from calfree_gym.robot.objects import ObjectDraws
 from calfree_gym.robot.reach_simulation import ReachSimulation
@@ -61,7 +61,7 @@ class StereoArms(Arms):
         image_size: int = IMAGE_SIZE,
         **shared: Any,
     ) -> None:
-        simulation = ReachSimulation(rows, robot, robot.mounts(camera_mount), dynamics, threads)
+        simulation = self._new_simulation(rows, robot, robot.mounts(camera_mount), dynamics, threads)
         super().__init__(simulation, robot, 4, camera_mount=camera_mount, keep_in_view=keep_in_view, **shared)
         self.tolerance = np.float32(tolerance_px * IMAGE_UNIT)
         self._sight = sight_of(self, observation, image_size, StereoTracker)
@@ -70,12 +70,19 @@ class StereoArms(Arms):
         if occlusion or self._sight.renders:
             self._lines = LinesOfSight(self.simulation, MARK_RADIUS * robot.rig.scale)
         self._moved = np.zeros(rows, bool)
-        self._objects = ObjectDraws(
-            self._workspaces, self.motors, float(self.tolerance), keep_in_view, self._lines
-        )
+        self._objects = self._new_objects(keep_in_view)
         self._solved: list[tuple[World, bytes] | None] = [None] * rows
         self._object_registers = np.zeros_like(self.registers)
         self._drawn_at = np.full_like(self.registers, np.nan)
+
+    def _new_simulation(
+        self, rows: int, robot: Robot, mounts: Mounts, dynamics: str, threads: int
+    ) -> ReachSimulation:
+        return ReachSimulation(rows, robot, mounts, dynamics, threads)
+
+    def _new_objects(self, keep_in_view: bool) -> ObjectDraws:
+        tolerance = float(self.tolerance)
+        return ObjectDraws(self._workspaces, self.motors, tolerance, keep_in_view, self._lines)
 
     def seed_streams(self, row: int, seed: int) -> None:
         """See `Arms`."""

@@ -15,7 +15,7 @@ from calfree_gym.robot.arms.mjcf import compiled
 from calfree_gym.robot.arms.movemaster import AIM as MOVEMASTER_TARGET
 from calfree_gym.robot.arms.movemaster import CAMERA_POSITION as MOVEMASTER_POSITION
 from calfree_gym.robot.arms.parts import Parts
-from calfree_gym.robot.arms.robot import HINGE_SPEED, SLIDE_SPEED, Mounts, Places, Rig, Robot, Scene
+from calfree_gym.robot.arms.robot import HINGE_SPEED, SLIDE_SPEED, Furnish, Mounts, Places, Rig, Robot, Scene
 from calfree_gym.robot.arms.scene import build
 
 HINGE_MARGIN = 0.01
@@ -81,7 +81,7 @@ class ArmModel(Robot):
         self.lengths = np.linalg.norm(model.body_pos[self._links], axis=1)
         self.home_qpos = parts.home(home)
         self._chains: dict[int, Chain] = {}
-        self._scenes: dict[Mounts, Scene] = {}
+        self._scenes: dict[tuple[Mounts, Furnish | None], Scene] = {}
         if home is None:
             self.home_qpos[self.qpos_of_motors] = self._best_posture()
         self.home = self.home_qpos[self.qpos_of_motors]
@@ -147,12 +147,14 @@ class ArmModel(Robot):
             self._chains[body] = Chain(self.model, body, self._motors, self._links, self.home_qpos)
         return self._chains[body].frames(angles, lengths / self.lengths)
 
-    def scene(self, mounts: Mounts) -> Scene:
+    def scene(self, mounts: Mounts, furnish: Furnish | None = None) -> Scene:
         """See `Robot`."""
-        if mounts not in self._scenes:
+        if (key := (mounts, furnish)) not in self._scenes:
             gripper = self.parts.bodies[self.parts.holder], self.parts.at
-            self._scenes[mounts] = build(self.spec, self.motors, gripper, mounts, self.home_qpos, self._marks)
-        scene = self._scenes[mounts]
+            self._scenes[key] = build(
+                self.spec, self.motors, gripper, mounts, self.home_qpos, self._marks, furnish
+            )
+        scene = self._scenes[key]
         return scene._replace(model=copy.copy(scene.model))
 
     def stretch(self, body_positions: Array, lengths: Array) -> None:

@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 
 from calfree_gym.geometry import Array, Flags
+from calfree_gym.robot.arms.kinematics import gripper_position
 from calfree_gym.robot.arms.marks import GripperMarks, add_marks
-from calfree_gym.robot.arms.robot import HINGE_SPEED, Mounts, Rig, Robot, Scene
-from calfree_gym.robot.arms.scene import add_rig, add_sensors, add_surroundings
-from calfree_gym.robot.kinematics import gripper_position
+from calfree_gym.robot.arms.robot import HINGE_SPEED, Furnish, Mounts, Rig, Robot, Scene
+from calfree_gym.robot.arms.scene import add_rig, add_sensors, add_surroundings, first_sensor
 
 LINKS = ("base", "shoulder", "upper_arm", "forearm", "hand")
 LENGTHS = np.array([0.40, 0.12, 0.25, 0.20, 0.25])
@@ -59,6 +59,7 @@ class Movemaster(Robot):
     lengths = LENGTHS
     slides = np.zeros(3, bool)
     home = HOME
+    home_qpos = np.radians([0.0, 40.0, -80.0, -50.0, 0.0])
     span = SPAN
     stops = JOINT_LIMITS[:3]
     stop_margin = np.full(3, 0.01)
@@ -129,15 +130,18 @@ class Movemaster(Robot):
         x, y, z = points.T
         return np.stack([c * x + s * y, c * y - s * x, z], -1)[:, None]
 
-    def scene(self, mounts: Mounts) -> Scene:
+    def scene(self, mounts: Mounts, furnish: Furnish | None = None) -> Scene:
         """See `Robot`."""
         spec = mujoco.MjSpec.from_file(str(files("calfree_gym") / "assets" / "arm.xml"))
+        if furnish is not None:
+            furnish(spec)
         add_marks(spec, spec.body("gripper"), GRIPPER_POINT, _MARKS, prefix="")
         add_rig(spec, mounts)
         add_sensors(spec)
         add_surroundings(spec)
-        still, places = np.zeros(5), np.arange(5)
-        return Scene(spec.compile(), still, still, still, places, places, sensors=0, prefix="", covers=COVERS)
+        model, still, places = spec.compile(), np.zeros(5), np.arange(5)
+        sensors = first_sensor(model)
+        return Scene(model, still, still, still, places, places, sensors, prefix="", covers=COVERS)
 
     def stretch(self, body_positions: Array, lengths: Array) -> None:
         """See `Robot`."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -14,6 +14,8 @@ from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, Flags
 
 Places = NDArray[np.int64]
+Furnish = Callable[[Any], None]
+"""Changes an `mujoco.MjSpec`, whose type is not declared."""
 Mounts = tuple[str, str]
 """Names of the bodies to which the left and the right camera are fixed; "world" is the room."""
 
@@ -48,6 +50,7 @@ class Robot(ABC):
         lengths: Of the links (l,) in m, as built.
         slides: Which motors (m,) slide.
         home: Positions of the motors' joints at registers zero (m,), in rad or m.
+        home_qpos: Of all joints of the model at home as built (nq,).
         span: How far each goes (m,) from home to register 1, as built.
         stops: Lowest and highest position (m, 2).
         stop_margin: A motor stops this far (m,) before its joint does.
@@ -63,6 +66,7 @@ class Robot(ABC):
     lengths: Array
     slides: Flags
     home: Array
+    home_qpos: Array
     span: Array
     stops: Array
     stop_margin: Array
@@ -151,8 +155,13 @@ class Robot(ABC):
         return np.stack(moved, -2)
 
     @abstractmethod
-    def scene(self, mounts: Mounts) -> Scene:
-        """The simulated scene, with cameras, object and points."""
+    def scene(self, mounts: Mounts, furnish: Furnish | None = None) -> Scene:
+        """The simulated scene, with cameras, object and points.
+
+        Args:
+            mounts: Where the cameras are fixed.
+            furnish: Changes the spec of the bare arm, before anything of ours is added.
+        """
 
     @abstractmethod
     def stretch(self, body_positions: Array, lengths: Array) -> None:

@@ -12,7 +12,7 @@ from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE
 from calfree_gym.robot.arms.marks import GripperMarks, add_bar, add_marks
-from calfree_gym.robot.arms.robot import ROOM, Mounts, Scene
+from calfree_gym.robot.arms.robot import ROOM, Furnish, Mounts, Scene
 from calfree_gym.robot.line_of_sight import RIG_GROUP
 
 PREFIX = "calfree "
@@ -47,6 +47,7 @@ def build(
     mounts: Mounts,
     home_qpos: Array,
     marks: GripperMarks,
+    furnish: Furnish | None = None,
 ) -> Scene:
     """The scene of an arm.
 
@@ -57,9 +58,12 @@ def build(
         mounts: Names of the bodies to which the cameras are fixed.
         home_qpos: Of all joints (nq,).
         marks: Where the gripper's marks are.
+        furnish: See `Robot.scene`.
     """
     spec = spec.copy()
     add_servos(spec, motors, home_qpos)
+    if furnish is not None:
+        furnish(spec)
     body, at = spec.body(gripper[0]), gripper[1]
     add_marks(spec, body, at, marks, PREFIX)
     add_bar(body, at, marks, PREFIX)
@@ -79,10 +83,15 @@ def build(
         act,
         qpos=np.array([model.joint(name).qposadr[0] for name in motors]),
         actuators=np.array([model.actuator(PREFIX + name).id for name in motors]),
-        sensors=int(model.sensor(sensor_name(PREFIX, POINTS[0], CAMERAS[0], KINDS[0])).adr[0]),
+        sensors=first_sensor(model, PREFIX),
         prefix=PREFIX,
         covers=covers,
     )
+
+
+def first_sensor(model: mujoco.MjModel, prefix: str = "") -> int:
+    """Where the numbers of the sensors that `add_sensors` added begin."""
+    return int(model.sensor(sensor_name(prefix, POINTS[0], CAMERAS[0], KINDS[0])).adr[0])
 
 
 def sensor_name(prefix: str, point: str, camera: str, kind: Any) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.movemaster import COVERS, GRIPPER_POINT, Movemaster
-from calfree_gym.robot.arms.robot import Mounts, Scene
+from calfree_gym.robot.arms.robot import Furnish, Mounts, Scene
 from calfree_gym.robot.arms.scene import add_rig, add_surroundings
 from calfree_gym.robot.grasping.jaws import JAWS, STROKE, add_gripper, add_table, add_thing
 from calfree_gym.robot.grasping.marks import add_marks
@@ -91,9 +91,11 @@ class GrippingArm(Movemaster):
         waist = angles[..., 0]
         return np.stack([level * np.cos(waist), level * np.sin(waist), np.sin(pitch)], -1)
 
-    def scene(self, mounts: Mounts) -> Scene:
+    def scene(self, mounts: Mounts, furnish: Furnish | None = None) -> Scene:
         """See `Robot`: with contacts, gravity, and a thing to be grasped; joints are J1-J5."""
         spec = mujoco.MjSpec.from_file(str(files("calfree_gym") / "assets" / "arm.xml"))
+        if furnish is not None:
+            furnish(spec)
         option = spec.option
         option.gravity, option.disableflags = [0, 0, -9.81], sum(map(int, _OFF))
         option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10

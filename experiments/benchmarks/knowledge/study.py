@@ -17,7 +17,7 @@ import calfree_gym
 from agents.adaptation.pairs import Pairs
 from agents.adaptation.remembered import Remembered
 from agents.perception.noise import MARKER_NOISE_PX
-from agents.servo.least_distance import LeastDistance, Seeker
+from agents.servo.image_model.least_distance import LeastDistance, Seeker
 from agents.servo.unified import UnifiedServo
 from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.movemaster import MOTORS

@@ -32,7 +32,7 @@ from agents.servo.unified import UnifiedServo
 MODULES: dict[str, tuple[str, ...]] = {
     "unified_servo": (
         "agents.servo.unified",
-        "agents.servo.least_distance",
+        "agents.servo.image_model.least_distance",
         "agents.servo.image_model",
         "agents.jacobian.slopes",
         "agents.perception",

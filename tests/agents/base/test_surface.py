@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import agents
-from calfree_gym.envs.privileged import PRIVILEGED
+from calfree_gym.envs.arms.privileged import PRIVILEGED
 from tests.agents.neural.quick import QUICK
 
 NAMES = agents.names()

@@ -6,8 +6,8 @@ import pytest
 
 import agents
 from agents.base.observation import Observation
+from agents.servo.image_model.least_distance import Seeker
 from agents.servo.image_model.smooth_points import SmoothPoints
-from agents.servo.least_distance import Seeker
 
 
 def reach(env, observation, name="unified_servo"):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
+from agents.servo.image_model.least_distance import Seeker
 from agents.servo.image_model.smooth_points import SmoothPoints
-from agents.servo.least_distance import Seeker
 
 FREE = np.ones(2)
 GRID = np.array([[a, b] for a in np.linspace(-0.8, 1, 10) for b in np.linspace(-0.8, 0.8, 5)])

@@ -137,7 +137,7 @@ def _words_to(env, target):
     """Registers that bring the gripper of a row-0 arm to `target`, by Newton's method on the simulation."""
     from scipy.optimize import least_squares
 
-    from calfree_gym.robot.kinematics import gripper_position
+    from calfree_gym.robot.arms.kinematics import gripper_position
 
     motors, lengths = env.arms.motors, env.world.link_lengths
 

@@ -2,15 +2,15 @@
 
 import pytest
 
-from experiments.benchmarks import arms
+from experiments.benchmarks.arms import rendezvous
 from tests.arms.own import ARMS, MOTORS
 
 
 @pytest.mark.slow
 def test_each_arm_stands_there_on_four_mounts(monkeypatch):
-    monkeypatch.setattr(arms, "SPEED_ROUNDS", 1)
+    monkeypatch.setattr(rendezvous, "SPEED_ROUNDS", 1)
     chosen = {name: ARMS[name] for name in ("gantry", "mobile")}
-    table, speed = arms.arms(2, chosen)
+    table, speed = rendezvous.arms(2, chosen)
     frame = table.frame
     assert frame["arm"].tolist() == ["gantry"] * 4 + ["mobile"] * 4
     assert frame["mount"].tolist() == ["waist", "stand", "hand", "hand and stand"] * 2

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.observation import POINTS, Array
-from ..perception.gating import Gating
-from .image_model.smooth_function import Expected
-from .image_model.smooth_points import SmoothPoints
+from ...base.observation import POINTS, Array
+from ...perception.gating import Gating
+from .smooth_function import Expected
+from .smooth_points import SmoothPoints
 
 NEAREST = 1e-4
 """Weight of a word's square, in square image units (a guard: it decides among equals)."""

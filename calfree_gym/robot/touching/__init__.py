@@ -1,0 +1,1 @@
+"""Arms that can touch what stands around them, and themselves."""

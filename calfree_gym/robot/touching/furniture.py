@@ -1,0 +1,184 @@
+"""What an arm can run into: a table, three walls, and itself."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from calfree_gym.geometry import Array
+from calfree_gym.robot.arms.chain import HINGE, SLIDE, path_to
+from calfree_gym.robot.arms.robot import Robot
+
+ROOM_BODY = "calfree room"
+"""Name of the body that table and walls are fixed to."""
+SENSOR = "calfree touch"
+"""Name of the sensor that tells how many contacts the arm has, and the largest force of one."""
+TABLE = "table"
+"""Name of the table of the arm that brings one, the RV-M2."""
+ROOM = (ROOM_BODY, TABLE)
+"""Beginnings of the names of what stands around an arm."""
+GAP = 0.15
+"""Walls stand so far (m) beyond the farthest places of objects, for the RV-M2. Choice: what swings out
+beyond the gripper point, wild tilts included, finds room where the gripper goes straight to an object."""
+BELOW = 0.05
+"""The table of an arm that brings none lies so far (m, for the RV-M2) below the lowest of it at home.
+Choice."""
+LOW_SHARE = 0.1
+"""And below all but this share of the places that the gripper can be brought to. Choice: some cannot be
+reached."""
+HALF = 0.02
+"""Half the thickness of table and walls (m), as of the RV-M2's table."""
+POSTURES = 500
+"""So many drawn postures tell where objects are placed."""
+LIGHTER = 0.2
+"""Of the armature and the stiffness that servos have where nothing is touched. Source: the RV-M2's then are
+as in grasping; at the gripper that is 25 N/mm, which is about what small arms have."""
+_COUNT_AND_FORCE, _LARGEST = 0b11, 2
+"""What a contact sensor reports: how many there are, and the force of the one with the largest."""
+_CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+
+
+class Furniture:
+    """Puts table and walls around an arm, and lets all of them and the arm's own links touch.
+
+    Links that touch each other in the model at home are built so: they do not count. Geoms collide that the
+    model lets collide; of an arm that lets none, all.
+
+    Args:
+        robot: The arm.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    def __call__(self, spec: Any) -> None:
+        """Furnishes the spec of a bare arm, see `Robot.scene`.
+
+        Raises:
+            ValueError: The arm touches table or walls at home.
+        """
+        first = spec.body(self._robot.bodies[0])
+        spec.option.disableflags &= ~_CONTACT
+        _let_touch(spec)
+        _lighten(spec)
+        self._add_room(spec)
+        sensor = spec.add_sensor(
+            name=SENSOR,
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objname=first.name,
+            objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        )
+        sensor.intprm = [_COUNT_AND_FORCE, _LARGEST, 1]
+        self._forgive_what_is_built_so(spec, first.name)
+
+    def _add_room(self, spec: Any) -> None:
+        """Table and walls; in front of the arm, and at its sides."""
+        robot, up = self._robot, np.array([0.0, 0.0, 1.0])
+        points = places(robot)
+        scale, base = robot.rig.scale, robot.home_frame(robot.bodies[0])[0]
+        ahead = (robot.rig.target - base) * [1, 1, 0]
+        far = float(np.linalg.norm(ahead))
+        ahead = ahead / far if far > 0.1 * scale * GAP else np.array([1.0, 0.0, 0.0])
+        aside = np.cross(up, ahead)
+        plain, body = mujoco.MjSpec(), spec.worldbody.add_body(name=ROOM_BODY)
+
+        def add(name: str, middle: Array, size: Array) -> None:
+            turn = np.arctan2(ahead[1], ahead[0]) / 2
+            body.add_geom(
+                plain.default,
+                name=f"{ROOM_BODY} {name}",
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=middle,
+                quat=[np.cos(turn), 0, 0, np.sin(turn)],
+                size=size,
+                rgba=[0.75, 0.78, 0.80, 0.15],
+                mass=0.0,
+                contype=1,
+                conaffinity=1,
+            )
+
+        wide, gap = 6 * scale * GAP, scale * GAP
+        bottom = 0.0 if spec.geom(TABLE) is not None else self._add_table(spec, points, add, wide)
+        middle = robot.rig.target * [1, 1, 0] + (bottom + wide) * up
+        for name, way, flat in (
+            ("front", ahead, [HALF, wide, wide]),
+            ("left", aside, [wide, HALF, wide]),
+            ("right", -aside, [wide, HALF, wide]),
+        ):
+            distance = float(((points - middle) @ way).max()) + gap + HALF
+            add(f"{name} wall", middle + distance * way, np.array(flat))
+
+    def _add_table(self, spec: Any, points: Array, add: Any, wide: float) -> float:
+        """A table for an arm that brings none; how high it is."""
+        model, data = at_home(spec, self._robot)
+        axes = np.abs(data.geom_xmat.reshape(-1, 3, 3)[:, 2])
+        middles = data.geom_xpos + np.einsum(
+            "gij,gj->gi", data.geom_xmat.reshape(-1, 3, 3), model.geom_aabb[:, :3]
+        )
+        lowest = middles[:, 2] - (axes * model.geom_aabb[:, 3:]).sum(1)
+        moving = (model.body_weldid[model.geom_bodyid] > 0) & (model.geom_contype > 0)
+        scale = self._robot.rig.scale
+        top = min(float(lowest[moving].min()) - BELOW * scale, float(np.quantile(points[:, 2], LOW_SHARE)))
+        middle = self._robot.rig.target * [1, 1, 0] + [0, 0, top - HALF]
+        add("table", middle, np.array([wide, wide, HALF]))
+        return top
+
+    def _forgive_what_is_built_so(self, spec: Any, first: str) -> None:
+        model, data = at_home(spec, self._robot)
+        moved = {body for body in range(model.nbody) if model.body(first).id in path_to(model, body)}
+        touching = {
+            tuple(sorted(int(model.geom_bodyid[geom]) for geom in contact.geom)) for contact in data.contact
+        }
+        for one, other in sorted(touching):
+            names = [model.body(each).name for each in (one, other)]
+            if ROOM_BODY in names and {one, other} & moved:
+                raise ValueError(
+                    f"the arm's body {names[names[0] == ROOM_BODY]!r} touches table or walls at home; give "
+                    "it another home"
+                )
+            spec.add_exclude(bodyname1=names[0], bodyname2=names[1])
+
+
+@lru_cache(maxsize=8)
+def furniture(robot: Robot) -> Furniture:
+    """That of an arm; the same for the same arm."""
+    return Furniture(robot)
+
+
+def places(robot: Robot) -> Array:
+    """Where objects are placed (n, 3), as the arm is built."""
+    shares = np.random.default_rng(3).random((POSTURES, len(robot.motors)))
+    angles = robot.angles(robot.postures(shares), robot.rest(np.zeros(len(robot.joints))))
+    points = robot.gripper_position(angles, robot.lengths)
+    return np.asarray(points[robot.within(points)])
+
+
+def at_home(spec: Any, robot: Robot) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The compiled spec, with the arm at home as built, and what touches there."""
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = robot.home_qpos
+    mujoco.mj_fwdPosition(model, data)
+    return model, data
+
+
+def _let_touch(spec: Any) -> None:
+    geoms = list(spec.geoms)
+    if not any(geom.contype or geom.conaffinity for geom in geoms if geom.parent.name != "world"):
+        for geom in geoms:
+            geom.contype = 1
+    for geom in geoms:
+        if geom.contype or geom.conaffinity:
+            geom.contype = geom.conaffinity = 1
+
+
+def _lighten(spec: Any) -> None:
+    for joint in spec.joints:
+        if joint.type in (HINGE, SLIDE):
+            joint.armature *= LIGHTER
+    for servo in spec.actuators:
+        servo.gainprm[0] *= LIGHTER
+        servo.biasprm[1] *= LIGHTER

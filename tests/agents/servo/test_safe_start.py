@@ -1,0 +1,205 @@
+"""`safe_start`: small first motions, a leash that holds, and reasons where nothing can be done."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import agents
+from agents.perception import ObservationFilter
+from agents.servo.safe.first_motions import FirstMotions
+from agents.servo.safe.leash import Leash, equal_units
+from agents.servo.safe.linear_view import LinearView
+from calfree_gym.image import IMAGE_UNIT, lengths_px
+from tests.agents.linear_arm import LinearArm
+
+WORDS = st.lists(st.floats(-1, 1), min_size=3, max_size=3)
+
+
+class Noisy(LinearArm):
+    """A linear arm whose points are seen with noise; beyond `seen_to` the first motor hides one."""
+
+    def __init__(self, px_by_word, seen_to=np.inf, **bounds):
+        super().__init__(px_by_word, **bounds)
+        self._rng, self._seen_to = np.random.default_rng(0), seen_to
+
+    def observed(self, words=0.0):
+        seen = super().observed(words)
+        noise = 0.5 * IMAGE_UNIT * self._rng.standard_normal((4, 2))
+        visible = np.array([abs(self.registers[0]) <= self._seen_to, True, True, True])
+        return replace(seen, points=seen.points + noise, visible=visible)
+
+
+def first_motions(arm):
+    """The motions made, and where motors then were."""
+    motions = FirstMotions(arm.observed(), ObservationFilter())
+    run, sent, been = motions.run(), [], []
+    words = next(run, None)
+    while words is not None:
+        sent.append(words)
+        seen = arm.observed(words)
+        been.append(seen.registers)
+        try:
+            words = run.send(seen)
+        except StopIteration:
+            words = None
+    return motions, np.array(sent), np.array(been)
+
+
+@pytest.mark.parametrize("strength", [(400, 400, 400), (8000, 60, 900), (50, 20_000, 300)])
+def test_it_stands_still_then_moves_one_motor_at_a_time_the_smallest_word_first(strength):
+    arm = Noisy(strength)
+    motions, sent, been = first_motions(arm)
+    assert not sent[: FirstMotions.LOOKS].any()
+    moving = sent[FirstMotions.LOOKS :]
+    assert ((moving != 0).sum(1) == 1).all()
+    for motor in np.flatnonzero((moving != 0).any(0)):
+        words = moving[moving[:, motor] != 0, motor]
+        assert words[0] == FirstMotions.FIRST_WORD
+        assert (np.sign(words) == np.resize([1, -1], len(words))).all(), "there and back"
+        moved_px = np.abs(been[:, motor]).max() * strength[motor]
+        smallest = FirstMotions.FIRST_WORD * strength[motor]
+        most = FirstMotions.MOST_GROWTH * FirstMotions.CLEAR
+        assert moved_px <= max(most, smallest), "no farther than needed"
+        assert motions.tested[motor] > 0
+    known = (moving != 0).any(0)
+    np.testing.assert_allclose(
+        motions.view.jacobian[:, known],
+        arm.jacobian[:, known],
+        atol=0.35 * np.abs(arm.jacobian).max(0)[known].max(),
+    )
+
+
+def test_a_point_that_is_lost_makes_it_go_back_and_on_by_half_the_other_way():
+    _, sent, been = first_motions(Noisy((60, 400, 400), seen_to=0.03))
+    moved = been[sent[:, 0] != 0, 0]
+    lost = np.flatnonzero(np.abs(moved) > 0.03)
+    assert len(lost)
+    for each in lost:
+        assert moved[each + 1] == pytest.approx(moved[each - 1]), "back to where all was seen"
+        assert abs(moved[each + 2]) <= abs(moved[each]) / 2 + 1e-9
+        assert moved[each + 2] * moved[each] < 0
+
+
+def trial(agent, arm, motions):
+    """A trial of an agent with a linear arm, up to so many motions: its words, and its state."""
+    state, sent, seen = None, [], arm.observed()
+    for _ in range(motions):
+        raw = {
+            "achieved_goal": seen.points[:2].ravel(),
+            "desired_goal": seen.points[2:].ravel(),
+            "observation": np.concatenate([seen.visible, seen.registers]),
+        }
+        words, state = agent.predict(raw, state)
+        sent.append(words)
+        seen = arm.observed(words)
+    return np.array(sent), state
+
+
+@pytest.mark.parametrize(
+    ("arm", "why"),
+    [
+        (Noisy((400, 400, 400), lowest=0.0, highest=0.0), "no motor executes its smallest words"),
+        (Noisy((0, 0, 0)), "no motor moves the gripper in the images"),
+    ],
+)
+def test_where_nothing_can_be_done_it_says_why_and_stands_still(arm, why):
+    agent = agents.make("safe_start", gym.make("CalFree/Reach-v0"))
+    sent, state = trial(agent, arm, 60)
+    assert why in agent.gave_up(state)[0]
+    assert not sent[-5:].any()
+    assert np.abs(sent).max() < 0.5
+
+
+@given(WORDS, st.lists(WORDS, min_size=1, max_size=8))
+@settings(max_examples=60, deadline=None)
+def test_a_servo_stays_on_its_leash(start, asked):
+    """Whatever words it sends, no motion is expected to move the images farther than the leash is long."""
+    arm = LinearArm((400, 900, 200))
+    arm.registers = 0.01 * np.array(start)
+    view = LinearView(3)
+    view.jacobian = arm.jacobian.copy()
+    leash = Leash(view, np.full(3, 0.05), ObservationFilter(), np.ones(3))
+
+    def servo():
+        for words in asked:
+            yield np.array(words)
+
+    now = arm.observed()
+    run = leash.hold(servo(), now)
+    words = next(run, None)
+    while words is not None:
+        longest, before = leash.length_px, now
+        now = arm.observed(words)
+        moved = lengths_px(now.points - before.points).max()
+        assert moved <= longest + 1e-6
+        assert longest <= Leash.MOST_PX
+        try:
+            words = run.send(now)
+        except StopIteration:
+            words = None
+
+
+def test_the_leash_shrinks_where_images_do_otherwise_and_grows_where_they_do_as_expected():
+    arm = LinearArm((400, 400, 400))
+    for factor, grows in ((1.0, True), (-1.0, False)):
+        view = LinearView(3)
+        view.jacobian = factor * arm.jacobian
+        leash = Leash(view, np.full(3, 0.05), ObservationFilter(), np.ones(3))
+        words, before = np.array([0.05, 0.03, 0.0]), arm.observed()
+        leash.learn(words, before, arm.observed(words))
+        assert (leash.length_px > Leash.FIRST_PX) == grows
+        assert (leash.length_px < Leash.FIRST_PX) == (not grows)
+
+
+def test_units_make_all_motors_alike():
+    arm = LinearArm((4000, 900, 700))
+    units = equal_units(arm.jacobian, np.full(3, 0.01))
+    moved = lengths_px((arm.jacobian * units).reshape(4, 2, 3).swapaxes(1, 2)).max(0)
+    np.testing.assert_allclose(moved, moved[0])
+    assert equal_units(np.zeros((8, 3)), np.full(3, 0.01)).tolist() == [0.04] * 3
+
+
+def test_no_joint_goes_far_in_the_first_motion_and_nothing_is_harmed():
+    env = gym.make("CalFree/SafeReach-v0")
+    for seed in range(100, 110):
+        agent, state = agents.make("safe_start", env), None
+        observation, _ = env.reset(seed=seed)
+        for _ in range(1 + FirstMotions.LOOKS):
+            words, state = agent.predict(observation, state)
+            observation, _, _, _, info = env.step(words)
+            assert info["joint_travel"] < np.radians(10)
+            assert not info["harmed"]
+        assert np.any(words)
+
+
+@pytest.mark.parametrize("servo", ["unified_servo", "jacobian_servo"])
+def test_it_reaches_where_nothing_can_be_touched_too_and_remembers(servo, tmp_path):
+    env = gym.make("CalFree/Reach-v0", world="nominal", dynamics="kinematic")
+    env.reset(seed=1)
+    agent = agents.make("safe_start", env, servo=servo)
+    ends = []
+
+    def note(agent):
+        if not env.unwrapped.arms.motions_of_trial[0]:
+            return True
+        if env.unwrapped.arms.error_px()[0] < 8:
+            ends.append(int(env.unwrapped.arms.motions_of_trial[0]))
+        return len(ends) < 40
+
+    agent.learn(90, note)
+    assert agent.slopes is not None
+    agent.save(tmp_path / "safe")
+    other = agents.make("safe_start", env, servo=servo).load(tmp_path / "safe")
+    np.testing.assert_array_equal(other.units, agent.units)
+    observation, _ = env.reset(seed=5)
+    state, reached = None, False
+    for _ in range(40):
+        words, state = other.predict(observation, state)
+        observation, _, reached, _, _ = env.step(words)
+        if reached:
+            break
+    assert reached

@@ -1,0 +1,183 @@
+"""SafeReach: contacts as MuJoCo alone has them, arms that stop short, and what ends a trial."""
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+
+import calfree_gym
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.touching.furniture import SENSOR
+from calfree_gym.robot.touching.simulation import LEAST, REACTION, RETREAT, TRIP, TouchingSimulation, ramp
+
+ID = "CalFree/SafeReach-v0"
+DOWN = np.radians([0.0, -35.0, 0.0, 35.0, 0.0])
+"""From home, the RV-M2's gripper then meets the table."""
+
+
+def in_room():
+    simulation = TouchingSimulation(1, MOVEMASTER, MOVEMASTER.mounts("stand"), 1)
+    simulation.set_world(0, calfree_gym.nominal())
+    simulation.place(np.array([0]), MOVEMASTER.built_home[None], np.full((1, 3), 9.0))
+    return simulation
+
+
+def alone(scene, control):
+    """Largest force of a contact after each step of bare MuJoCo, by `mj_contactForce`."""
+    model, data = scene.model, mujoco.MjData(scene.model)
+    data.qpos[:] = data.act[:] = MOVEMASTER.built_home
+    forces, one = [], np.zeros(6)
+    for ctrl in control:
+        data.ctrl[:] = ctrl
+        mujoco.mj_step(model, data)
+        largest = 0.0
+        for contact in range(data.ncon):
+            mujoco.mj_contactForce(model, data, contact, one)
+            largest = max(largest, float(np.linalg.norm(one[:3])))
+        forces.append(largest)
+    return np.array(forces)
+
+
+def test_a_contact_is_recorded_as_mujoco_has_it_and_stops_the_arm():
+    simulation = in_room()
+    simulation.move(slice(None), (MOVEMASTER.built_home + DOWN)[None])
+    touched = simulation.touched
+    there, here = MOVEMASTER.gripper_position(
+        np.stack([MOVEMASTER.built_home + DOWN, MOVEMASTER.built_home]), MOVEMASTER.lengths
+    )
+    apart = float(np.linalg.norm(there - here))
+    substeps = max(int(np.ceil(max(1.875 * apart / 0.25, 1.875 * np.abs(DOWN).max() / 0.7) / 0.005)), LEAST)
+    control = MOVEMASTER.built_home + ramp(substeps)[:, None] * DOWN
+    forces = alone(simulation._scene, control)
+    trip = int((forces > TRIP).argmax())
+    assert forces[trip] > TRIP
+    before = float(forces[: trip + REACTION + 1].max())
+    assert touched.force[0] >= before * (1 - 1e-9), "the way to where the drive stops it is MuJoCo's own"
+    assert touched.shares[0] == pytest.approx((1 - RETREAT) * ramp(substeps)[trip + REACTION])
+    at_rest = MOVEMASTER.built_home + touched.shares[0] * DOWN
+    np.testing.assert_allclose(simulation.joints()[0], at_rest, atol=1e-3)
+    assert touched.contacts[0] >= 1
+    assert 0 < touched.travel[0] < np.abs(DOWN).max()
+    assert simulation._model.sensor(SENSOR).dim[0] == 4
+
+
+def test_a_motion_that_touches_nothing_ends_where_that_of_reaching_does():
+    world, words = calfree_gym.nominal(), np.array([[0.1, 0.05, 0.02], [-0.3, 0.1, 0.0], [0.2, 0.0, 0.1]])
+    ends = []
+    for env_id, kind in ((ID, {}), ("CalFree/Reach-v0", {"dynamics": "kinematic"})):
+        env = gym.make(env_id, world=world, terminate_on_success=False, **kind)
+        env.reset(seed=0, options={"object": (0.4, 0.1, 0.15)})
+        ends.append(np.array([env.step(each)[-1]["truth"]["points"] for each in words]))
+    assert np.abs(ends[0] - ends[1]).max() * 256 < 0.1
+
+
+def test_rows_are_single_environments_and_registers_tell_where_an_arm_was_stopped():
+    rows = gym.make_vec(ID, num_envs=3, vectorization_mode="vector_entry_point", autoreset_mode="Disabled")
+    rows.reset(seed=7)
+    singles = [gym.make(ID) for _ in range(3)]
+    for row, env in enumerate(singles):
+        env.reset(seed=7 + row)
+    rng, stopped = np.random.default_rng(0), 0
+    for _ in range(3):
+        words = rng.uniform(-1, 1, (3, 3)).astype(np.float32)
+        if rows.unwrapped._over.any():
+            break
+        observed, _, _, truncated, infos = rows.step(words)
+        for row, env in enumerate(singles):
+            single, _, _, over, info = env.step(words[row])
+            assert over == truncated[row] == infos["harmed"][row]
+            for key in ("contacts", "peak_force", "joint_travel", "total_travel"):
+                assert info[key] == infos[key][row]
+            for key, value in single.items():
+                np.testing.assert_array_equal(value, observed[key][row])
+            arms = env.unwrapped.arms
+            joints = arms.motors.joints(arms.registers, slice(None))
+            np.testing.assert_allclose(arms.simulation.joints(), joints, atol=5e-3)
+            stopped += arms.simulation.touched.shares[0] < 1
+    assert stopped > 0
+
+
+@pytest.mark.parametrize("arm", ["movemaster"])
+def test_joints_never_pass_their_stops_however_strong_motors_are(arm):
+    env = gym.make(ID, arm=arm, gains=(8.0, 8.0), force_bound=1e9).unwrapped
+    stops = env.arms.robot.stops
+    for seed in range(3):
+        env.reset(seed=seed)
+        for words in np.random.default_rng(seed).choice([-1.0, 1.0], (4, 3)):
+            _, _, _, _, info = env.step(words)
+            joints = info["truth"]["joints"][:3]
+            assert (joints >= stops[:, 0]).all()
+            assert (joints <= stops[:, 1]).all()
+            assert info["joint_travel"] <= np.ptp(stops, 1).max()
+
+
+def test_a_world_is_that_of_reaching_but_for_the_strength_of_its_motors():
+    env = gym.make(ID).unwrapped
+    factors = []
+    for seed in range(12):
+        env.reset(seed=seed)
+        drawn = dict(env.world.to_dict())
+        usual = calfree_gym.WorldDistribution("wild")
+        attempts = [usual.sample(seed, attempt).to_dict() for attempt in range(40)]
+        same = [
+            each for each in attempts if all(each[key] == drawn[key] for key in drawn if key != "motor_gain")
+        ]
+        assert len(same) == 1
+        factors.append(np.array(drawn["motor_gain"]) / same[0]["motor_gain"])
+    factors = np.array(factors)
+    assert 0.25 <= factors.min() < 0.4
+    assert 5 < factors.max() <= 8
+    world = calfree_gym.nominal()
+    env = gym.make(ID, world=world).unwrapped
+    env.reset(seed=0)
+    assert env.world == world, "a given world is as it is"
+
+
+def test_the_way_to_an_object_touches_nothing():
+    env = gym.make(ID, tell=("object_registers",)).unwrapped
+    for seed in range(5):
+        observation, _ = env.reset(seed=seed)
+        arms = env.arms
+        home, there = (
+            arms.motors.joints(registers[None], slice(None))[0]
+            for registers in (np.zeros(3), observation["object_registers"].astype(float))
+        )
+        picture = arms.simulation.picture()
+        for share in np.linspace(0, 1, 30):
+            model, data = arms.simulation.show(0, picture, home + share * (there - home))
+            mujoco.mj_collision(model, data)
+            assert not data.ncon, f"seed {seed} at {share}"
+
+
+def test_a_contact_above_the_bound_ends_the_trial_and_says_so():
+    for bound, ends in ((20.0, True), (1e6, False)):
+        env = gym.make(ID, world="nominal", force_bound=bound)
+        env.reset(seed=0)
+        _, _, terminated, truncated, info = env.step([0.0, -0.3, 0.0])
+        assert info["peak_force"] > 20
+        assert (truncated, bool(info["harmed"]), terminated) == (ends, ends, False)
+        assert env.reset()[1]["harmed"] == np.False_
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"force_bound": 0}, "force_bound is 0; it must be a positive number, in N"),
+        ({"force_bound": "65 N"}, "force_bound is '65 N'"),
+        ({"gains": (2.0, 1.0)}, "gains is .*; it must be two positive numbers, the lesser first"),
+        ({"gains": 3.0}, "gains is 3.0"),
+        ({"gains": (0.0, 1.0)}, "gains is"),
+    ],
+)
+def test_bad_input_is_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        gym.make(ID, **arguments)
+    with pytest.raises(TypeError, match="did you mean force_bound"):
+        gym.make(ID, force_bond=3.0)
+
+
+def test_an_arm_that_touches_at_home_is_refused():
+    from tests.arms.own import ARMS
+
+    with pytest.raises(ValueError, match="touches table or walls at home; give it another home"):
+        gym.make(ID, arm=ARMS["gantry"])
