@@ -32,14 +32,15 @@ class SafeReaching(Reaching):
 
     arms: TouchingArms
 
-    def _build(self, rows: int, threads: int, *, force_bound: Any, gains: Any, **arguments: Any) -> None:
-        if not (_is_number(force_bound) and force_bound > 0):
+    def _build(self, rows: int, threads: int, *, observation: str, **arguments: Any) -> None:
+        force_bound, gains = arguments["force_bound"], arguments["gains"]
+        if not (_is_number(force_bound) and 0 < force_bound):
             raise ValueError(f"force_bound is {force_bound!r}; it must be a positive number, in N")
         pair = tuple(gains) if isinstance(gains, list | tuple) else ()
         if len(pair) != 2 or not all(map(_is_number, pair)) or not 0 < pair[0] <= pair[1] < np.inf:
             raise ValueError(f"gains is {gains!r}; it must be two positive numbers, the lesser first")
-        own = {"force_bound": float(force_bound), "gains": (float(pair[0]), float(pair[1]))}
-        super()._build(rows, threads, dynamics="physics", **own, **arguments)
+        arguments |= {"force_bound": float(force_bound), "gains": (float(pair[0]), float(pair[1]))}
+        super()._build(rows, threads, observation=observation, dynamics="physics", **arguments)
 
     def _new_arms(self) -> TouchingArms:
         arguments = {name: value for name, value in self._arguments.items() if name != "dynamics"}

@@ -61,7 +61,7 @@ class SafeStart(ServoAgent):
         findings = super().new_findings()
         return SafeFindings(findings.estimator, findings.filter, units=self.units, tested=self.tested)
 
-    def procedure(self, first: Observation, findings: SafeFindings) -> Procedure:
+    def procedure(self, first: Observation, findings: Any) -> Procedure:
         """See `ProcedureAgent`."""
         now = yield from findings.filter.first(first)
         view = LinearView(self.motors)
@@ -87,7 +87,7 @@ class SafeStart(ServoAgent):
         servo = self.servo(in_units(now, findings.units), findings)
         findings.gave_up = yield from leash.hold(servo, now)
 
-    def learn_trial(self, findings: SafeFindings, last: Observation, ended: bool) -> None:
+    def learn_trial(self, findings: Any, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. A trial that ended before the servo went on teaches nothing but noise."""
         if not findings.handed_over:
             self.filter = findings.filter
