@@ -34,7 +34,7 @@ class SafeReaching(Reaching):
 
     def _build(self, rows: int, threads: int, *, observation: str, **arguments: Any) -> None:
         force_bound, gains = arguments["force_bound"], arguments["gains"]
-        if not (_is_number(force_bound) and 0 < force_bound):
+        if not (_is_number(force_bound) and force_bound > 0):
             raise ValueError(f"force_bound is {force_bound!r}; it must be a positive number, in N")
         pair = tuple(gains) if isinstance(gains, list | tuple) else ()
         if len(pair) != 2 or not all(map(_is_number, pair)) or not 0 < pair[0] <= pair[1] < np.inf:
