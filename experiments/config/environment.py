@@ -65,7 +65,7 @@ class EnvironmentConfig(Model):
         if isinstance(data, dict) and data.get("shape") is not None:
             raise ValueError(f"shape is of grasping; {data.get('id')} has none")
         dynamics = data.get("dynamics", "physics") if isinstance(data, dict) else "physics"
-        if dynamics != "physics" and str(data["id"]).startswith(SAFE):
+        if dynamics != "physics" and str(data.get("id")).startswith(SAFE):
             raise ValueError(f"dynamics is {dynamics!r}; {data['id']} is always in full physics")
         return data
 
