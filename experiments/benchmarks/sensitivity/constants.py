@@ -32,7 +32,6 @@ from agents.servo.unified import UnifiedServo
 MODULES: dict[str, tuple[str, ...]] = {
     "unified_servo": (
         "agents.servo.unified",
-        "agents.servo.image_model.least_distance",
         "agents.servo.image_model",
         "agents.jacobian.slopes",
         "agents.perception",
@@ -65,6 +64,7 @@ OTHERS: dict[str, str] = {
     "agents.servo.joint_space": "another servo",
     "agents.servo.paper": "another servo",
     "agents.servo.redundancy": "other servos",
+    "agents.servo.safe": "safe first motions, before a servo",
     "agents.servo.settings": "checks of settings",
     "agents.servo.steps": "other servos",
     "agents.servo.trial": "other servos",
