@@ -42,9 +42,9 @@ class SafeStart(ServoAgent):
     """Begins to move as one that knows nothing of itself should, then lets a servo go on, on a leash.
 
     It observes contacts by nothing but registers: words that were executed in part. It gives up where no
-        motor can be moved, where no motor's motion is seen, and where it met something again and again; then
-        it sends zero words, and `gave_up` says why. A later trial begins with what the last one has taught,
-        on a leash as short as at first.
+    motor can be moved, where no motor's motion is seen, and where it met something again and again; then
+    it sends zero words, and `gave_up` says why. A later trial begins with what the last one has taught, on
+    a leash as short as at first.
 
     Args:
         env, seed: See `Agent`.

@@ -112,9 +112,8 @@ class Leash:
         """Lets a servo go on from `now` until it ends; why it was given up, or nothing.
 
         A servo that moves several motors goes on from where the leash has stopped it. Words of a single
-        motor, and
-        those that lead a motor to its stop, are executed in parts: a servo would take any motor whose words
-        were cut short by itself for one at its stop.
+        motor, and those that lead a motor to its stop, are executed in parts: a servo would take any motor
+        whose words were cut short by itself for one at its stop.
         """
         words = next(servo, None)
         while words is not None:
