@@ -27,7 +27,6 @@ from .grasp.inserting.agent import Insert
 from .grasp.inserting.yoshimi_allen import YoshimiAllen
 from .grasp.task import task_of
 from .grasp.trial import SURE_PX
-from .grasp.turning import TURNING
 from .knowledge.factored_table import FactoredTable
 from .knowledge.grid_table import GridTable
 from .knowledge.support_points import SupportPoints
@@ -121,7 +120,8 @@ def _grasp(
     table = None
     if direction:
         check_one_of("knowledge", knowledge, SIX_DIMENSIONS)
-        table, knowledge = _knowledge(TURNING + 1, str(knowledge), settings, dimensions=6), None
+        turned = env.action_space.shape[0] - 1  # type: ignore[index]
+        table, knowledge = _knowledge(turned, str(knowledge), settings, dimensions=6), None
     own = {"servo": servo} | settings
     reacher = partial(_servo_agent, seed=seed, **own)
     if knowledge is not None:

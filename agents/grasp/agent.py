@@ -22,7 +22,7 @@ from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.servo_agent import ServoAgent
 from .findings import GraspFindings
 from .intermediate import INTERMEDIATE
-from .observation import ARM, OBJECT, GraspObservation
+from .observation import OBJECT, GraspObservation
 from .orientation import ORIENTATION, directions
 from .trial import OPEN, GraspTrial, Motions
 from .turning import Turning
@@ -80,10 +80,11 @@ class Grasp(ProcedureAgent):
         check_one_of("intermediate", intermediate, INTERMEDIATE)
         check_one_of("orientation", orientation, ORIENTATION)
         check_number("tries", tries, least=1, whole=True)
-        self.reacher: ServoAgent = reacher(Reaching())
+        arm = env.action_space.shape[-1] - 2  # type: ignore[index]
+        self.reacher: ServoAgent = reacher(Reaching(arm))
         self.intermediate, self.orientation, self.tries = intermediate, orientation, tries
         self.prior_knowledge = self.reacher.prior_knowledge | {PriorKnowledge.MOTOR_ORDER}
-        self.turning = Turning()
+        self.turning = Turning.unknown(arm)
         self.table = table
         self.descent: AdaptiveMemory | None = None
         if isinstance(self.reacher, Memory):
@@ -149,7 +150,7 @@ class Grasp(ProcedureAgent):
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
-        size = ARM + 2
+        size = len(self.turning.state)
         self.turning = Turning(
             checked_array(arrays, "turning", (size,)),
             checked_array(arrays, "turning_covariance", (size, size)),
@@ -198,11 +199,15 @@ def lift(trial: GraspTrial) -> Motions:
 
 
 class Reaching(gym.Env[Any, Any]):
-    """The spaces in which an agent reaches for the intermediate position; it makes no motions of its own."""
+    """The spaces in which an agent reaches for the intermediate position; it makes no motions of its own.
 
-    def __init__(self) -> None:
+    Args:
+        arm: How many motors bring the gripper there.
+    """
+
+    def __init__(self, arm: int) -> None:
         box = spaces.Box(-1.0, 1.0, (4,), np.float32)
-        state = spaces.Box(-1.0, 1.0, (4 + ARM,), np.float32)
+        state = spaces.Box(-1.0, 1.0, (4 + arm,), np.float32)
         goals = {"achieved_goal": box, "desired_goal": box}
         self.observation_space = spaces.Dict({**goals, "observation": state})
-        self.action_space = spaces.Box(-1.0, 1.0, (ARM,), np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (arm,), np.float32)

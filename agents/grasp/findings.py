@@ -23,7 +23,7 @@ class GraspFindings:
         untouched: All that was seen before the object may have moved, as who goes to it sees it.
         approached: Whether the gripper came to the intermediate position.
         key: The object's sensor vector and its directions as seen from home (6,).
-        above: Registers (4,) of arm and turn from which the gripper descended, its jaws as they closed.
+        above: Registers (k + 1,) of arm and turn from which the gripper descended, its jaws as they closed.
     """
 
     reach: Any

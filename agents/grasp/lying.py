@@ -10,7 +10,7 @@ from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.observation import Array, Flags
 from ..servo.image_model.smooth_points import SmoothPoints
-from .observation import ARM, OBJECT, GraspObservation
+from .observation import OBJECT, GraspObservation
 
 UNEXPECTED = 4.0
 """So many standard deviations from where it is expected an object has been moved. Choice."""
@@ -48,7 +48,7 @@ class Lying:
         """
         if now.visible[OBJECT].all():
             points = self.points(lambda each: (each.points[OBJECT], each.visible[OBJECT]), variance)
-            expected = points.at(now.registers[:ARM]).object
+            expected = points.at(now.arm).object
             unsure_px = float(np.sqrt(expected.variances.max())) / IMAGE_UNIT
             by = now.at("object") - expected.points
             if unsure_px <= EXPECTED_PX or not untouched:
@@ -58,10 +58,10 @@ class Lying:
 
     def points(self, target_of: Target, variance: float) -> SmoothPoints:
         """A target over registers, as object points, by all looks, of the object as it lies now."""
-        points = SmoothPoints(ARM)
+        points = SmoothPoints(len(self._looks[0][0].arm))
         home = target_of(self._looks[0][0])[0]
         for each, moved in self._looks:
             (there, visible), points.home = target_of(each), home + moved
-            place = np.concatenate([each.registers[:ARM], points.home.ravel()])
+            place = np.concatenate([each.arm, points.home.ravel()])
             points.object = points.object.with_look(place, there - points.home, variance, visible)
         return points

@@ -14,6 +14,8 @@ NAMES = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1",
 TIP, BASE, OBJECT = (NAMES.index(name) for name in ("tip", "base", "object"))
 OF_GRIPPER = slice(OBJECT)
 FLAGS = 2 * len(NAMES)
+OTHERS = 4 * (len(NAMES) - 1)
+"""Numbers of the image points of all but the object."""
 GOAL = 5
 """Numbers of a goal: the object's sensor vector, and whether it is held."""
 GRIPPER = np.array([1.0, 1.1, 1.0])
@@ -23,7 +25,8 @@ SLANTED = 3.0
 """A gripper is seen from one side where its edge and the line of its jaws span an area so slim (the ratio of
 its axes): one image then tells no angle. Choice."""
 ARM = 3
-"""So many motors bring the gripper to a place; the next one turns it, and the last one closes its jaws."""
+"""So many motors at least bring the gripper to a place; the last but one turns it, the last one closes its
+jaws."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class GraspObservation:
     Attributes:
         points: Image points (9, 2, 2) in image units: of each of `NAMES`, left and right.
         visible: Which of them are seen now (9, 2).
-        registers: Executed sums of control words since home (5,).
+        registers: Executed sums of control words since home (5,); with a word that tilts the wrist (6,).
         opening: How far the jaws are open, from 0 to 1.
         held: Whether the object is held.
         goal: Where the object is to be lifted to (2, 2), left and right.
@@ -54,15 +57,25 @@ class GraspObservation:
         """Reads one environment's observation."""
         state = np.asarray(raw["observation"], float)
         achieved, desired = (np.asarray(raw[key], float) for key in ("achieved_goal", "desired_goal"))
-        others = state[FLAGS + ARM + 3 :].reshape(len(NAMES) - 1, 2, 2)
+        others = state[-OTHERS:].reshape(len(NAMES) - 1, 2, 2)
         return cls(
             points=np.insert(others, OBJECT, achieved[:4].reshape(2, 2), axis=0),
             visible=state[:FLAGS].reshape(len(NAMES), 2) > 0.5,
-            registers=state[FLAGS : FLAGS + ARM + 2],
-            opening=float(state[FLAGS + ARM + 2]),
+            registers=state[FLAGS : -OTHERS - 1],
+            opening=float(state[-OTHERS - 1]),
             held=bool(achieved[4] > 0.5),
             goal=desired[:4].reshape(2, 2),
         )
+
+    @property
+    def turning(self) -> int:
+        """Place of the motor that turns the gripper, among the registers: after the arm's."""
+        return len(self.registers) - 2
+
+    @property
+    def arm(self) -> Array:
+        """Registers of the motors that bring the gripper to a place (3,) or (4,)."""
+        return self.registers[: self.turning]
 
     @property
     def object(self) -> Array:
@@ -115,4 +128,4 @@ class GraspObservation:
         """
         visible = np.concatenate([self.visible[TIP], seen])
         points = np.concatenate([self.at("tip"), target])
-        return Observation(points, visible, self.registers[:ARM], last=self.last)
+        return Observation(points, visible, self.arm, last=self.last)

@@ -16,7 +16,7 @@ from ..jacobian import Slopes
 from ..servo.image_model.mistaken import price, without_mistaken
 from ..servo.image_model.smooth_function import SmoothFunction
 from ..servo.image_model.smooth_points import SmoothPoints
-from .observation import ARM, TIP, GraspObservation
+from .observation import TIP, GraspObservation
 
 NOISIER = (1.0, 2.0, 4.0)
 """So many times what a gripper that stands still tells the noise may be. Choice: a gripper that turns hides
@@ -47,7 +47,7 @@ class Tip:
 
     def with_look(self, now: GraspObservation) -> Self:
         """The same after one more look."""
-        place, tip, seen = now.registers[:ARM], now.at("tip"), now.visible[TIP]
+        place, tip, seen = now.arm, now.at("tip"), now.visible[TIP]
         functions = (
             function.with_look(place, tip, variance, seen)
             for function, variance in zip(self.functions, self._variances, strict=True)
@@ -79,4 +79,4 @@ def known_before(estimator: Any, registers: Array) -> SmoothFunction:
     """What a servo knew of the tip before a trial; or its Jacobian at registers (m,), if that is all."""
     if isinstance(estimator, SmoothPoints):
         return estimator.before[0]
-    return SmoothPoints(ARM, Slopes.of(estimator.jacobian, registers)).before[0]
+    return SmoothPoints(len(registers), Slopes.of(estimator.jacobian, registers)).before[0]

@@ -22,10 +22,9 @@ from .lying import MOVED_PX, Lying, Target
 from .observation import ARM, OBJECT, TIP, GraspObservation
 from .orientation import turn_needed
 from .tip import Tip, known_before
-from .turning import TURNING
 
 Motions = Generator[Array, GraspObservation, Any]
-"""Yields control words (5,), is sent what is observed after them."""
+"""Yields control words (5,) or (6,), is sent what is observed after them."""
 
 OPEN = 0.95
 """Jaws that are more open than this share have not closed."""
@@ -35,7 +34,7 @@ object may be met, and with the object lifted. Choice: a tenth and a third of th
 
 
 class GraspTrial:
-    """What is known in a trial, and its motions.
+    """What is known in a trial, and its motions, of an arm of k motors, one that turns the gripper, and jaws.
 
     Attributes:
         now: What was seen last.
@@ -80,43 +79,43 @@ class GraspTrial:
         first: GraspObservation,
         findings: GraspFindings,
     ) -> None:
-        self.now = first
+        self.now, self._arm = first, first.turning
         self._reacher, self._intermediate, self._orientation = reacher, intermediate, orientation
         self._findings = findings
         self.touched = False
         self._seen, self._lying = [first], Lying(first)
-        self._from = first.registers[:ARM]
-        self._tip = Tip.of(SmoothFunction.unknown(ARM, ARM), self._seen, findings.noise_px)
+        self._from = first.arm
+        self._tip = Tip.of(SmoothFunction.unknown(self._arm, self._arm), self._seen, findings.noise_px)
         self._untouched, self._turn_stops = True, Stops(1)
         self._hangs: Array | None = None
         self._shows = self.TEST_TURN
-        self._look_at_angle(np.zeros(ARM + 1))
+        self._look_at_angle(np.zeros(self._arm + 1))
         self._in_view = InView(first)
         self._note()
 
     def move(self, words: Array | None = None, turn: float = 0.0, jaws: float = 0.0) -> Motions:
-        """Executes words (3,) of the arm, one of the wrist's turn, and one of the jaws."""
+        """Executes words (k,) of the arm, one of the wrist's turn, and one of the jaws."""
         before = self.now
         self.touched = False
-        arm = np.zeros(ARM) if words is None else words
+        arm = np.zeros(self._arm) if words is None else words
         now = yield np.concatenate([arm, [turn, jaws]])
         self.now = now = now if self._hangs is None else now.with_hidden_tip(self._hangs)
         self._seen.append(now)
         self._tip = self._tip.with_look(now)
-        executed = (now.registers - before.registers)[:ARM]
+        executed = now.arm - before.arm
         self.touched = met_something(arm, arm - executed)
         if not self.touched:
-            there = now.registers[TURNING, None]
-            self._turn_stops.learn(np.array([turn]), turn - there + before.registers[TURNING], there)
+            there = now.registers[self._arm, None]
+            self._turn_stops.learn(np.array([turn]), turn - there + before.registers[self._arm], there)
         self._untouched &= not (self.touched or jaws)
         if now.opening > OPEN:
             self._lying.look(now, self._tip.explained[1], self._untouched)
         self._in_view.look(now, bool(before.visible[TIP].all()))
         self._note()
-        self._look_at_angle((now.registers - before.registers)[: ARM + 1])
+        self._look_at_angle((now.registers - before.registers)[: self._arm + 1])
 
     def _look_at_angle(self, words: Array) -> None:
-        """Takes in by what angle the jaws must turn, after words (4,)."""
+        """Takes in by what angle the jaws must turn, after words (k + 1,)."""
         self._findings.turning = self._findings.turning.moved(words)
         angle = turn_needed(self._orientation, self.now)
         if angle is not None and self.now.opening > OPEN:
@@ -136,11 +135,11 @@ class GraspTrial:
 
     def approach(self) -> Motions:
         """To the intermediate position by the servo (3.4); on by all looks where it meets things again."""
-        findings, home, met, disturbed = self._findings.reach, self.now.registers[:ARM], 0, False
+        findings, home, met, disturbed = self._findings.reach, self.now.arm, 0, False
         procedure = self._reacher.procedure(self._view(1.0), findings)
         words = next(procedure)
         while not self.now.last:
-            tested = self.knows_turns or len(self._seen) > ARM
+            tested = self.knows_turns or len(self._seen) > self._arm
             yield from self.move(words, turn=self._turn(words) if tested else 0.0)
             try:
                 words = procedure.send(self._view(1.0))
@@ -156,7 +155,7 @@ class GraspTrial:
                 self._findings.approached = not disturbed
                 break
         self._findings.looks = [self._view(1.0, each) for each in self._seen]
-        known = known_before(self._findings.reach.estimator, self.now.registers[:ARM])
+        known = known_before(self._findings.reach.estimator, self.now.arm)
         self._tip = Tip.of(known, self._seen, self._findings.noise_px)
         for _ in range(self.GOES_ON if disturbed else 0):
             if self.left(1.0) <= self.NEAR:
@@ -165,37 +164,46 @@ class GraspTrial:
             yield from self.move(words, turn=self._turn(words))
             if self.touched:
                 yield from self._aside(home)
-        self._from = self.now.registers[:ARM]
+        self._from = self.now.arm
 
     def jump(self, registers: Array) -> Motions:
-        """Moves at once to registers (4,) of arm and turn that are recalled."""
-        words = registers - self.now.registers[: ARM + 1]
-        yield from self.move(words[:ARM], turn=float(words[TURNING]))
+        """Moves at once to registers (k + 1,) of arm and turn that are recalled."""
+        words = registers - self.now.registers[: self._arm + 1]
+        yield from self.move(words[:-1], turn=float(words[-1]))
 
     def _aside(self, home: Array) -> Motions:
-        """Half of the way to registers (3,) where nothing is in the way."""
-        yield from self.move((home - self.now.registers[:ARM]) / 2)
+        """Half of the way to registers (k,) where nothing is in the way."""
+        yield from self.move((home - self.now.arm) / 2)
 
     def _view(self, share: float, now: GraspObservation | None = None) -> Observation:
         """What a servo sees that goes to where a share of the way is left to the object."""
         now = self.now if now is None else now
-        return now.toward(*target(self._intermediate, now, share))
+        return now.toward(*target(self._intermediate, now, share * self._far))
+
+    @property
+    def _far(self) -> float:
+        """Where the intermediate position is, in gripper lengths before the object.
+
+        One, of a gripper that stays vertical; one before the nearer end, of one that may meet things end-on.
+        """
+        axis = self.now.in_gripper_lengths(self.now.between("end_2", "end_1"))
+        return 1.0 if axis is None or self._arm == ARM else 1.0 + float(min(abs(axis[2]), 2.0)) / 2
 
     def _turn(self, words: Array) -> float:
-        """The word that turns the jaws along the object, while words (3,) move the arm, and thereby the jaws.
+        """The word that turns the jaws along the object, while words (k,) move the arm, and thereby the jaws.
 
         A test word, as long as it is not known what words do (3.5). Back, where the tip got lost.
         """
         if self._in_view.lost:
-            return float(self._in_view.registers[TURNING] - self.now.registers[TURNING])
+            return float((self._in_view.registers - self.now.registers)[self._arm])
         turning, left = self._findings.turning, self._findings.turning.moved(np.append(words, 0.0)).angle
         if left is None or abs(left) < self.TURNED:
             return 0.0
-        there, stops = self.now.registers[TURNING], self._turn_stops
+        there, stops = self.now.registers[self._arm], self._turn_stops
         if not turning.known:
             test = self.TEST_TURN if there + self.TEST_TURN < stops.highest[0] else -self.TEST_TURN
             return 0.0 if turning.moved(np.append(words, test)).angle is None else test
-        turns = there + (left + np.pi * np.arange(-1, 2)) / turning.rates[TURNING]
+        turns = there + (left + np.pi * np.arange(-1, 2)) / turning.rates[-1]
         possible = turns[(turns > stops.lowest[0]) & (turns < stops.highest[0])]
         if not len(possible):
             possible = turns[1:2]
@@ -209,12 +217,12 @@ class GraspTrial:
             words = self._words(self._toward(share))
         else:
             words = self._words(points)
-            words += share * (self._from - self.now.registers[:ARM] - words)
+            words += share * (self._from - self.now.arm - words)
         yield from self.move(words, turn=self._turn(words))
 
     def turn(self) -> Motions:
         """Turns the jaws along the object, with the arm where it is."""
-        yield from self.move(turn=self._turn(np.zeros(ARM)))
+        yield from self.move(turn=self._turn(np.zeros(self._arm)))
 
     @property
     def foreseen_px(self) -> float:
@@ -222,17 +230,18 @@ class GraspTrial:
         points = self._findings.descent
         if points is None:
             return np.inf
-        there = self.now.registers[:ARM] + self._words(points)
+        there = self.now.arm + self._words(points)
         return float(np.sqrt(points.at(there).variances.max())) / IMAGE_UNIT
 
     def _toward(self, share: float) -> SmoothPoints:
         """Tip and where it is to be, over registers, by what was seen in this trial."""
-        return self._points(lambda each: target(self._intermediate, each, share))
+        far = self._far
+        return self._points(lambda each: target(self._intermediate, each, share * far))
 
     def left(self, share: float) -> float:
         """How far the tip is from there, as seen, or as expected, in gripper lengths."""
         view = self._view(share)
-        seen = view if view.visible.all() else self._toward(share).at(self.now.registers[:ARM])
+        seen = view if view.visible.all() else self._toward(share).at(self.now.arm)
         return self.now.length(seen.distance)
 
     @property
@@ -248,10 +257,10 @@ class GraspTrial:
 
     def close(self) -> Motions:
         """Closes the jaws; then reads how far they are open, and sees how what they hold hangs."""
-        self._findings.above = np.append(self._from, self.now.registers[TURNING])
+        self._findings.above = np.append(self._from, self.now.registers[self._arm])
         yield from self.move(jaws=1.0)
         function, _ = self._tip.explained
-        expected = function.at(self.now.registers[:ARM]).points
+        expected = function.at(self.now.arm).points
         tip = np.where(self.now.visible[TIP][:, None], self.now.at("tip"), expected)
         self._hangs = self.now.at("object") - tip
 
@@ -262,7 +271,7 @@ class GraspTrial:
 
     def back(self) -> Motions:
         """Back to the intermediate position: so nothing is dragged along the table."""
-        yield from self.move(self._from - self.now.registers[:ARM])
+        yield from self.move(self._from - self.now.arm)
 
     def lift(self) -> Motions:
         """To where the object is to be lifted, as it is seen to hang between the jaws.
@@ -270,8 +279,8 @@ class GraspTrial:
         Where the tip is not seen it goes on by what is expected; not seen again, back to where it was seen,
         and on by half as long words.
         """
-        here = self.now.registers[:ARM]
-        back = self._in_view.registers[:ARM] - here
+        here = self.now.arm
+        back = self._in_view.registers[: self._arm] - here
         if self._seems_left:
             words = self.SHOWN_BY * (self._from - here)
         elif self._in_view.lost and np.abs(back).max() > self.ARRIVED:
@@ -289,8 +298,8 @@ class GraspTrial:
     def _showing(self) -> float:
         """The word that turns the jaws, which hide what they hold: on and on, at a stop the other way."""
         if self.knows_turns:
-            self._shows = np.copysign(self.SHOWN / self._findings.turning.rates[TURNING], self._shows)
-        there = self.now.registers[TURNING] + self._shows
+            self._shows = np.copysign(self.SHOWN / self._findings.turning.rates[-1], self._shows)
+        there = self.now.registers[self._arm] + self._shows
         if not self._turn_stops.lowest[0] < there < self._turn_stops.highest[0]:
             self._shows = -self._shows
         return float(self._shows)
@@ -298,7 +307,7 @@ class GraspTrial:
     @property
     def lift_foreseen(self) -> bool:
         """Whether it is known surely enough how the arm gets there in one motion."""
-        points, here = self._lifting(), self.now.registers[:ARM]
+        points, here = self._lifting(), self.now.arm
         words = self._words(points, np.inf)
         return bool(points.gripper.unsure(here + words).max() <= (SURE_PX * IMAGE_UNIT) ** 2)
 
@@ -312,13 +321,15 @@ class GraspTrial:
         return self._points(lambda each: (way, np.ones(2, bool)))
 
     def _words(self, points: SmoothPoints, sure_px: float = SURE_PX) -> Array:
-        """Words (3,) to where the tip is expected to be seen at its target, or as far as that is sure.
+        """Words (k,) to where the tip is expected to be seen at its target, or as far as that is sure.
 
-        They keep the tip in both images.
+        They keep the tip in both images. The wrist stays tilted as the approach has left it: what moves less
+        is known sooner.
         """
-        here = self.now.registers[:ARM]
-        ends = np.ones(ARM)
-        found = Seeker(points, here, -ends, ends, caution=0.0).seek()
+        here = self.now.arm
+        lowest, highest = -np.ones(self._arm), np.ones(self._arm)
+        lowest[ARM:] = highest[ARM:] = here[ARM:]
+        found = Seeker(points, here, lowest, highest, caution=0.0).seek()
         words = self._in_view.shorter * (found.registers - here)
         words /= max(1.0, float(np.abs(words).max()))
         limits = np.maximum(self.BORDER, np.abs(self.now.at("tip")))

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
 from ..base.observation import Array
-from .observation import ARM
 from .orientation import quarter
 
-TURNING = ARM
-"""Place of the motor that turns the gripper: after the arm's."""
 UNKNOWN = 3.0
 """Standard deviation of a rate (rad a word) of which nothing is known. Choice: a motor's word turns its joint
 by two to five."""
@@ -33,19 +30,26 @@ AGED = 0.1
 class Turning:
     """The angle by which the jaws must turn, and what turns them: a Kalman filter.
 
+    The arm has k motors that bring the gripper to a place; one more turns it.
+
     The arm turns the gripper, too: whatever motor turns the whole arm turns the jaws against an object that
     lies still. Angles between lines are known up to half turns; some are seen quite wrongly.
 
     Attributes:
         state: The angle (rad), and the rates (rad a word) of the arm's motors and of the one that turns the
-            gripper (5,).
-        covariance: Of what is not known of them (5, 5).
+            gripper (k + 2,).
+        covariance: Of what is not known of them (k + 2, k + 2).
         surprised: Whether the last angle was a surprise.
     """
 
-    state: Array = field(default_factory=lambda: np.zeros(ARM + 2))
-    covariance: Array = field(default_factory=lambda: UNKNOWN**2 * np.eye(ARM + 2))
+    state: Array
+    covariance: Array
     surprised: bool = False
+
+    @classmethod
+    def unknown(cls, arm: int) -> Self:
+        """One of which nothing is known, of an arm of so many motors."""
+        return cls(np.zeros(arm + 2), UNKNOWN**2 * np.eye(arm + 2))
 
     @property
     def angle(self) -> float | None:
@@ -59,7 +63,7 @@ class Turning:
 
     @property
     def rates(self) -> Array:
-        """Of the arm's motors, and of the one that turns the gripper (4,)."""
+        """Of the arm's motors, and of the one that turns the gripper (k + 1,)."""
         return self.state[1:]
 
     @property
@@ -74,8 +78,8 @@ class Turning:
         return float(min(1.0, SURE / np.sqrt(variance)))
 
     def moved(self, words: Array) -> Self:
-        """The same after words (4,) were executed, and before anything was seen."""
-        step = np.eye(ARM + 2)
+        """The same after words (k + 1,) were executed, and before anything was seen."""
+        step = np.eye(len(self.state))
         step[0, 1:] = -words
         covariance = step @ self.covariance @ step.T
         covariance[0, 0] += np.square(CURVED * self.rates * words).sum()
@@ -89,7 +93,8 @@ class Turning:
         variance = column[0] + ANGLE**2
         error = quarter(angle - float(self.state[0]))
         if abs(error) > SURPRISING * np.sqrt(variance):
-            return type(self)().seen(angle) if self.surprised else replace(self, surprised=True)
+            anew = self.unknown(len(self.state) - 2)
+            return anew.seen(angle) if self.surprised else replace(self, surprised=True)
         covariance = self.covariance - np.outer(column, column) / variance
         return type(self)(self.state + column * error / variance, covariance)
 
@@ -103,6 +108,6 @@ class Turning:
     def in_new_trial(self) -> Self:
         """The same before the next trial: another object, and motors may have changed."""
         later = self._begun(0.0)
-        later.covariance[1:, 1:] += (AGED * UNKNOWN) ** 2 * np.eye(ARM + 1)
+        later.covariance[1:, 1:] += (AGED * UNKNOWN) ** 2 * np.eye(len(self.rates))
         later.covariance[0, 0] = UNKNOWN**2
         return later

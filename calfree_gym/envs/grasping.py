@@ -10,7 +10,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from calfree_gym.envs.arms.grasping_arms import HELD, GraspingArms
+from calfree_gym.envs.arms.grasping_arms import ANY, HELD, LYING, ORIENTATIONS, GraspingArms
 from calfree_gym.envs.shared import ArmShared, GoalRewards
 from calfree_gym.envs.single import ArmEnv
 from calfree_gym.envs.spaces import GOALS, Observation, action_space, pixel_box, pixels_of, unit_box
@@ -37,6 +37,9 @@ class Grasping(ArmShared):
     def _build(self, rows: int, threads: int, *, observation: str, **arguments: Any) -> None:
         check_choice("observation", observation, OBSERVATIONS)
         check_shape(arguments["shape"])
+        check_choice("orientation", arguments["orientation"], tuple(ORIENTATIONS))
+        if arguments["orientation"] == ANY and observation != "points":
+            raise ValueError(f"orientation='any' is observed by 'points' alone; found {observation!r}")
         super()._build(rows, threads, observation=observation, tell=(), **arguments)
 
     def _new_arms(self) -> GraspingArms:
@@ -58,7 +61,7 @@ class Grasping(ArmShared):
         return bool(truth["lifted_mm"] >= LIFTED_MM)
 
     def _placed(self, options: dict[str, Any] | None) -> NDArray[np.float64] | None:
-        return placed_things(options, self.arms.rows)
+        return placed_things(options, self.arms.rows, self._arguments["orientation"])
 
     def _outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
         arms, rows = self.arms, self.arms.rows
@@ -190,6 +193,7 @@ class GraspEnv(Grasping, ArmEnv):
         self,
         *,
         shape: ShapeChoice = None,
+        orientation: str = LYING,
         world: WorldChoice = "wild",
         camera_mount: str | Sequence[str] = "waist",
         observation: str = "points",
@@ -226,6 +230,7 @@ class GraspVectorEnv(Grasping, ArmVectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 0,
         shape: ShapeChoice = None,
+        orientation: str = LYING,
         world: WorldChoice | Sequence[WorldChoice] = "wild",
         camera_mount: str | Sequence[str] = "waist",
         observation: str = "points",
@@ -264,20 +269,28 @@ def make_vec(**arguments: Any) -> GraspVectorEnv:
     return GraspGoalVectorEnv(**arguments) if goals else GraspVectorEnv(**arguments)
 
 
-def placed_things(options: dict[str, Any] | None, rows: int) -> NDArray[np.float64] | None:
-    """The place of the object in reset's options (rows, 2 or 3), or None without one.
+def placed_things(
+    options: dict[str, Any] | None, rows: int, orientation: str = LYING
+) -> NDArray[np.float64] | None:
+    """The place of the object in reset's options (rows, 2, 3 or 7), or None without one.
 
     Raises:
         ValueError: It is none; says what was found and what is allowed.
     """
     if not options:
         return None
+    lying = orientation == LYING
+    allowed = "(x, y) or (x, y, angle)" if lying else "(x, y, z, qw, qx, qy, qz)"
     if not isinstance(options, Mapping) or set(options) != {"object"}:
-        raise ValueError(f"reset's options are {options!r}; allowed: {{'object': (x, y)}} or (x, y, angle)")
+        raise ValueError(f"reset's options are {options!r}; allowed: {{'object': {allowed}}}")
     try:
         place = np.asarray(options["object"], np.float64)
     except (TypeError, ValueError):
         place = np.empty(0)
-    if place.shape not in ((2,), (3,), (rows, 2), (rows, 3)) or not np.isfinite(place).all():
-        raise ValueError(f"options['object'] is {options['object']!r}; it must be (x, y) or (x, y, angle)")
+    sizes = (2, 3) if lying else (7,)
+    if (
+        place.shape not in [*((n,) for n in sizes), *((rows, n) for n in sizes)]
+        or not np.isfinite(place).all()
+    ):
+        raise ValueError(f"options['object'] is {options['object']!r}; it must be {allowed}")
     return np.broadcast_to(place, (rows, place.shape[-1]))

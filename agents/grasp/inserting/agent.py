@@ -14,6 +14,7 @@ from ...base.procedure import ProcedureAgent
 from ...servo.servo_agent import ServoAgent
 from ..agent import Reaching
 from ..findings import GraspFindings
+from ..observation import ARM
 from ..trial import GraspTrial, Motions
 from ..turning import Turning
 from .observation import WORDS, InsertObservation
@@ -52,7 +53,7 @@ class Insert(ProcedureAgent):
 
     def __init__(self, env: gym.Env[Any, Any], reacher: Any, seed: int = 0) -> None:
         super().__init__(env, seed)
-        self.reacher: ServoAgent = reacher(Reaching())
+        self.reacher: ServoAgent = reacher(Reaching(ARM))
         self.prior_knowledge = self.reacher.prior_knowledge | {PriorKnowledge.MOTOR_ORDER}
 
     def observed(self, raw: RawObservation) -> InsertObservation:
@@ -61,7 +62,7 @@ class Insert(ProcedureAgent):
 
     def new_findings(self) -> GraspFindings:
         """See `ProcedureAgent`."""
-        return GraspFindings(self.reacher.new_findings(), Turning())
+        return GraspFindings(self.reacher.new_findings(), Turning.unknown(ARM))
 
     def procedure(self, first: Any, findings: GraspFindings) -> Generator[Array, Any, None]:
         """See `ProcedureAgent`."""

@@ -22,6 +22,11 @@ class InsertObservation(GraspObservation):
     seen less noisily: as the mean of its own point and of these, where an image shows all of them.
     """
 
+    @property
+    def turning(self) -> int:
+        """See `GraspObservation`: the jaws have no word."""
+        return ARM
+
     @classmethod
     def of(cls, raw: RawObservation) -> InsertObservation:
         """Reads one environment's observation."""

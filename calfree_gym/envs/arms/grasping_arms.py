@@ -13,16 +13,24 @@ from calfree_gym.envs.arms.state import RowState
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import IMAGE_SIZE, PIXELS_PER_UNIT
 from calfree_gym.robot.grasping.gripping_arm import GrippingArm
+from calfree_gym.robot.grasping.held import HeldPlacing, HeldSimulation
 from calfree_gym.robot.grasping.in_sight import InSight
 from calfree_gym.robot.grasping.jaws import STROKE
 from calfree_gym.robot.grasping.placing import Placed, Placing
 from calfree_gym.robot.grasping.shapes import ShapeChoice
 from calfree_gym.robot.grasping.simulation import OBJECT, GraspSimulation
+from calfree_gym.robot.grasping.tilting_arm import TiltingArm
 from calfree_gym.tasks import grasp
 from calfree_gym.world import World
 
 TABLE = np.array([[-0.32, 0.92], [-0.62, 0.62]])
 """From where to where the table goes (m): x, then y."""
+LYING, ANY = "lying", "any"
+ORIENTATIONS: dict[str, tuple[type[GrippingArm], Any, type[Placing]]] = {
+    LYING: (GrippingArm, GraspSimulation, Placing),
+    ANY: (TiltingArm, HeldSimulation, HeldPlacing),
+}
+"""Of things, as they lie on the table or held in the air: the arm, the physics, and where they are."""
 GRIPPER = (0, 1)
 """Where the gripper's point stands among the image points."""
 HELD = (2 * OBJECT, 2 * OBJECT + 1)
@@ -44,6 +52,7 @@ class GraspingArms(ContactArms):
     Args:
         rows: N.
         shape: Of things, see `robot.grasping.shapes`.
+        orientation: Of things, of `ORIENTATIONS`.
         threads: Threads of the simulation; they change no number.
         camera_mount, keep_in_view, observation, image_size, **shared: See `ContactArms`.
 
@@ -64,14 +73,16 @@ class GraspingArms(ContactArms):
         camera_mount: str | tuple[str, ...],
         keep_in_view: bool,
         shape: ShapeChoice,
+        orientation: str,
         threads: int,
         observation: str = "points",
         image_size: int = IMAGE_SIZE,
         **shared: Any,
     ) -> None:
-        robot = GrippingArm()
+        arm, simulation_of, placing_of = ORIENTATIONS[orientation]
+        robot = arm()
         super().__init__(
-            GraspSimulation(rows, robot, robot.mounts(camera_mount), threads),
+            simulation_of(rows, robot, robot.mounts(camera_mount), threads),
             robot,
             camera_mount=camera_mount,
             keep_in_view=keep_in_view,
@@ -80,7 +91,7 @@ class GraspingArms(ContactArms):
             **shared,
         )
         in_sight = InSight(self.simulation) if self._sight.renders else None
-        self._placing = Placing(robot, self._workspaces, self.motors, shape, keep_in_view, in_sight)
+        self.placing = placing_of(robot, self._workspaces, self.motors, shape, keep_in_view, in_sight)
         self.jaws, self.openings = np.zeros(rows), np.ones(rows)
         self.held, self._waited = np.zeros(rows, bool), np.zeros(rows, bool)
         self.goals, self.forces, self.lifted = np.zeros((rows, 4)), np.zeros((rows, 2)), np.zeros(rows)
@@ -95,22 +106,23 @@ class GraspingArms(ContactArms):
 
     def serves(self, row: int, world: World) -> bool:
         """See `ContactArms`: things can be grasped there."""
-        return self._placing.serves(row, world)
+        return self.placing.serves(row, world)
 
     def _weigh(self, row: int, placed: Placed) -> None:
         world = self.world(row)
         self.simulation.set_thing(row, placed.thing, float(world.object_mass), float(world.object_friction))
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
-        """See `Arms`: poses (n, 4); given are places (n, 2), or with an angle (n, 3)."""
-        poses = np.empty((len(rows), 4))
+        """See `Arms`: poses (n, 4) or (n, 7); given are places (n, 2), or with an angle (n, 3), or poses."""
+        poses = []
         for i, row in enumerate(rows.tolist()):
             which = row, self._seeds[row] or 0, int(self.trials[row]), self.world(row)
-            placed = self._placing.draw(*which) if given is None else self._placing.given(*which, given[i])
+            placed = self.placing.draw(*which) if given is None else self.placing.given(*which, given[i])
             self._placed[row] = placed
             self._weigh(row, placed)
-            self.goals[row], poses[i] = np.clip(placed.goal, -1, 1), placed.pose
-        return poses
+            self.goals[row] = np.clip(placed.goal, -1, 1)
+            poses.append(placed.pose)
+        return np.array(poses)
 
     def begun(self, rows: Rows) -> None:
         """See `Arms`: the jaws are open."""

@@ -41,7 +41,8 @@ class Placed(NamedTuple):
 
     Attributes:
         thing: To be grasped.
-        pose: Where it lies (4,): x, y, z in m, and its angle about the vertical.
+        pose: Where it lies (4,): x, y, z in m, and its angle about the vertical. Held in the air,
+            where it is (7,): a quaternion instead of the angle.
         goal: The image point (4,) to which it is to be lifted, left and right.
     """
 
@@ -74,11 +75,17 @@ class Places:
         """Which points (k, 3) both cameras see (k,), with joints at (k, j)."""
         return self._workspaces.images(points, angles, np.full(len(points), row))[1]
 
-    def joints_at(self, row: int, world: World, places: Array) -> tuple[Array, Flags]:
-        """Joints (k, j) with the gripper at places (k, 3), and which of these it reaches (k,)."""
+    def joints_at(
+        self, row: int, world: World, places: Array, rest: Array | None = None
+    ) -> tuple[Array, Flags]:
+        """Joints (k, j) with the gripper at places (k, 3), and which of these it reaches (k,).
+
+        At the pitch `rest` (1,), if the arm can tilt it.
+        """
         robot, rows = self._robot, np.array([row])
+        rest = robot.rest(world.joint_zeros) if rest is None else rest
         lowest, highest = robot.stops[:, 0] + LIMIT_MARGIN, robot.stops[:, 1] - LIMIT_MARGIN
-        positions = robot.positions_at(places, robot.rest(world.joint_zeros), world.link_lengths)
+        positions = robot.positions_at(places, rest, world.link_lengths)
         angles = self._motors.angles(positions[None], rows)[0]
         there = robot.gripper_position(angles, world.link_lengths)
         reached = np.abs(there - places).max(1) < EXACT
@@ -120,7 +127,7 @@ class Placing(Places):
         for block in range(ATTEMPTS):
             poses = _poses(stream(seed, "place", trial, block).random((BLOCK, 3)), thing.height)
             for pose in self._graspable(row, world, thing, poses):
-                return Placed(thing, pose, self._goal(row, seed, trial))
+                return Placed(thing, pose, self.goal(row, seed, trial, LIFTED))
         hidden = "" if self._in_sight is None else ", hidden by nothing"
         raise ValueError(
             f"no {thing.shape} in {ATTEMPTS * BLOCK} drawn places can be reached and is in view of both "
@@ -147,7 +154,7 @@ class Placing(Places):
                 f"{where} is out of reach in this world: things can be grasped about {DISTANCE[0]} to "
                 f"{DISTANCE[1]} m from the waist's axis, within {WAIST} rad of straight ahead"
             )
-        return Placed(thing, pose, self._goal(row, seed, trial))
+        return Placed(thing, pose, self.goal(row, seed, trial, LIFTED))
 
     def serves(self, row: int, world: World) -> bool:
         """Whether enough of the table is graspable in a world, into which the row is put."""
@@ -189,15 +196,15 @@ class Placing(Places):
             back = -AXIS * axis
         return reached, seen, angles
 
-    def _goal(self, row: int, seed: int, trial: int) -> Array:
-        """An image point (4,) of the gripper above the table."""
+    def goal(self, row: int, seed: int, trial: int, height: float) -> Array:
+        """An image point (4,) of the gripper, which is higher than that above the table (m)."""
         one = np.array([row])
         for block in range(ATTEMPTS):
             draws = stream(seed, "lifted", trial, block).random((1, BLOCK, len(self._robot.motors)))
             at = self._workspaces.candidates(draws, one)
-            good = (at.seen & at.reached & (at.points[..., 2] > LIFTED))[0]
+            good = (at.seen & at.reached & (at.points[..., 2] > height))[0]
             if not self._keep_in_view:
-                good = (at.within & at.reached & (at.points[..., 2] > LIFTED))[0]
+                good = (at.within & at.reached & (at.points[..., 2] > height))[0]
             if good.any():
                 first = good.argmax()
                 angles = self._motors.angles(at.positions[:, first], one)

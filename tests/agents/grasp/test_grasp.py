@@ -52,7 +52,7 @@ def test_it_grasps_what_it_sees(opengl):
 def test_rates_of_turning_are_told_though_the_arm_turns_the_jaws_too(rates, size, sign, ways):
     """Angles are known up to half turns; the words of the turning motor grow as far as that allows."""
     true = np.array([*rates[:3], sign * size])
-    known, angle = Turning().seen(0.3), 0.3
+    known, angle = Turning.unknown(ARM).seen(0.3), 0.3
     for place, way in enumerate(ways):
         turn = known.longest if known.known else 0.1
         words = np.array([*way, (-1) ** place * min(turn, 0.7)])
@@ -64,7 +64,7 @@ def test_rates_of_turning_are_told_though_the_arm_turns_the_jaws_too(rates, size
 
 
 def test_a_reversed_motor_is_noticed():
-    rng, known, left = np.random.default_rng(0), Turning(), []
+    rng, known, left = np.random.default_rng(0), Turning.unknown(ARM), []
     for rate in [3.0] * 6 + [-3.0] * 6:
         angle = rng.uniform(-1.4, 1.4)
         known = known.in_new_trial().seen(angle)
@@ -79,7 +79,7 @@ def test_a_reversed_motor_is_noticed():
 
 
 def test_an_angle_that_is_seen_wrongly_once_turns_nothing():
-    known = Turning().seen(0.2)
+    known = Turning.unknown(ARM).seen(0.2)
     for word in (0.15, -0.15, 0.1):
         known = known.moved(np.array([0, 0, 0, word])).seen(0.2 - 3.0 * word)
         known = known.moved(np.array([0, 0, 0, -word])).seen(0.2)

@@ -98,7 +98,7 @@ def lifted(turn=0.0, **seen):
     """The words (5,) of a gripper that lifts: it began at home, and its wrist has turned by that word."""
     first = gripper(np.random.default_rng(0).normal(size=(4, 3)))
     reach = SimpleNamespace(filter=SimpleNamespace(noise=SimpleNamespace(px=0.7)))
-    trial = GraspTrial(None, "along_axis", "least_squares", first, GraspFindings(reach, Turning()))
+    trial = GraspTrial(None, "along_axis", "least_squares", first, GraspFindings(reach, Turning.unknown(ARM)))
     trial.now = replace(first, registers=np.array([0.4, 0.2, -0.1, turn, 1.0]), opening=0.3, **seen)
     return next(trial.lift())
 

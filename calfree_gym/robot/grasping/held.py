@@ -1,0 +1,125 @@
+"""Things that are held in the air at any orientation: their physics, and where they are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.geometry import Array, Rows, rotation_matrix
+from calfree_gym.robot.arms.movemaster import DISTANCE, WAIST
+from calfree_gym.robot.arms.robot import Mounts
+from calfree_gym.robot.grasping.jaws import AXIS
+from calfree_gym.robot.grasping.orientations import Way, ways_to_hold
+from calfree_gym.robot.grasping.placing import LEAST_GRASPABLE, Placed, Placing
+from calfree_gym.robot.grasping.shapes import Thing, draw_thing
+from calfree_gym.robot.grasping.simulation import GraspSimulation
+from calfree_gym.robot.grasping.tilting_arm import HOLDER, TiltingArm
+from calfree_gym.robot.workspace import ATTEMPTS
+from calfree_gym.streams import stream
+
+if TYPE_CHECKING:
+    from calfree_gym.world import World
+
+HEIGHT = (0.10, 0.13)
+"""Things are held at these heights (m). Choice: clear of the table, and lifted they are still in view."""
+RAISED = 0.11
+"""They are to be lifted by so much (m) at least. Derived: 50 mm, and what 24 pixels are."""
+CLEAR = 0.06
+"""A wrist and a tip so high above the table are clear of it (m). Derived: the hand is 55 mm to a side."""
+PITCHES = np.radians(np.arange(-165.0, 61.0, 7.5))
+"""Of the gripper, that are tried (rad); -90 degrees points straight down."""
+CHECKED = 24
+"""So many things tell whether a world serves. Choice: it takes a tenth of a second."""
+
+
+class HeldSimulation(GraspSimulation):
+    """N arms that grasp things which are held in the air, and let go as soon as jaws have closed on them."""
+
+    state_names: ClassVar[tuple[str, ...]] = (*GraspSimulation.state_names, "_holder")
+
+    def __init__(self, rows: int, robot: TiltingArm, mounts: Mounts, threads: int) -> None:
+        super().__init__(rows, robot, mounts, threads)
+        self._holder = self._batch.expand("dof_frictionloss")
+
+    def _put(self, rows: Rows, objects: Array) -> None:
+        """Puts things at their poses (n, 7): a place in m, and a quaternion."""
+        self._all_qpos[rows, self._free : self._free + 7] = objects
+        self._holder[rows, self._dof : self._dof + 6] = HOLDER
+
+    def wait(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+        """See `GraspSimulation`: with something between the jaws; so the holder lets go."""
+        self._holder[rows, self._dof : self._dof + 6] = 0.0
+        return super().wait(rows)
+
+
+class HeldPlacing(Placing):
+    """Draws things that are held in the air, each at any orientation in which it can be grasped."""
+
+    def draw(self, row: int, seed: int, trial: int, world: World) -> Placed:
+        """See `Placing`: a pose is (7,), a place in m and a quaternion."""
+        thing = draw_thing(self._shape, stream(seed, "thing", trial))
+        for attempt in range(ATTEMPTS):
+            pose = drawn_pose(stream(seed, "place", trial, attempt))
+            if self._in_view(row, thing, pose) and self.ways(row, world, thing, pose):
+                return Placed(thing, pose, self.goal(row, seed, trial, pose[2] + RAISED))
+        raise ValueError(
+            f"no {thing.shape} in {ATTEMPTS} drawn poses can be grasped and is in view of both cameras, in "
+            f"row {row}, trial {trial}: see its world"
+        )
+
+    def given(self, row: int, seed: int, trial: int, world: World, place: Array) -> Placed:
+        """See `Placing`: with the thing at a given pose (7,), whether it can be grasped or not.
+
+        Raises:
+            ValueError: Its quaternion is none.
+        """
+        if not np.isclose(size := float(np.linalg.norm(place[3:])), 1.0, atol=1e-3):
+            raise ValueError(f"the object's quaternion has length {size:.3f}; it must be 1")
+        pose = np.concatenate([place[:3], place[3:] / size])
+        thing = draw_thing(self._shape, stream(seed, "thing", trial))
+        return Placed(thing, pose, self.goal(row, seed, trial, pose[2] + RAISED))
+
+    def serves(self, row: int, world: World) -> bool:
+        """See `Placing`."""
+        rng = np.random.default_rng(0)
+        thing, poses = draw_thing("sphere", rng), [drawn_pose(rng) for _ in range(CHECKED)]
+        good = [self._in_view(row, thing, each) and self.ways(row, world, thing, each) for each in poses]
+        return sum(map(bool, good)) >= LEAST_GRASPABLE * CHECKED
+
+    def ways(self, row: int, world: World, thing: Thing, pose: Array) -> list[Way]:
+        """How the jaws can hold a thing at a pose (7,), as geometry tells; the surest first."""
+        place, turned, found = pose[None, :3], rotation_matrix(pose[3:]), list[Way]()
+        for pitch in PITCHES:
+            axis, reached = np.zeros((1, 3)), True
+            for back in (0.0, AXIS):  # at the thing, then before it
+                there = place - back * axis
+                angles, reaches = self.joints_at(row, world, there, np.array([pitch]))
+                axis = self._robot.axis(angles)
+                wrist = there - world.link_lengths[-1] * axis
+                reached &= bool(reaches[0] and min(wrist[0, 2], there[0, 2]) > CLEAR)
+                if reached and self._keep_in_view:
+                    reached = all(
+                        self.seen_from(row, each, angles)[0] for each in (there, there - AXIS * axis)
+                    )
+                if not reached:
+                    break
+            else:
+                found += ways_to_hold(thing, turned, pitch, float(angles[0, 0]), float(world.object_friction))
+        return sorted(found, key=lambda way: -way.square)
+
+    def _in_view(self, row: int, thing: Thing, pose: Array) -> bool:
+        if not self._keep_in_view:
+            return True
+        ahead = rotation_matrix(pose[3:]) @ thing.axis
+        return bool(self.seen_from_home(row, pose[:3] + np.outer([0, 1, -1], ahead)).all())
+
+
+def drawn_pose(rng: np.random.Generator) -> Array:
+    """A pose (7,) before the arm: a place in m, and a quaternion, all orientations alike."""
+    shares, quaternion = rng.random(3), rng.normal(size=4)
+    far, around = DISTANCE[0] + shares[0] * (DISTANCE[1] - DISTANCE[0]), (2 * shares[1] - 1) * WAIST
+    height = HEIGHT[0] + shares[2] * (HEIGHT[1] - HEIGHT[0])
+    place = [far * np.cos(around), far * np.sin(around), height]
+    return np.concatenate([place, quaternion / np.linalg.norm(quaternion)])
