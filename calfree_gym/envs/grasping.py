@@ -125,6 +125,9 @@ class GraspEnv(Grasping, ArmEnv):
     | 3 | wrist_turn | turns the gripper about its axis (J5), by unknown sign and size |
     | 4 | jaws | + closes: register 0 is open, 1 closed |
 
+    With `orientation="any"` there are six: 3 is wrist_tilt (J4), 4 wrist_turn, 5 jaws. Nothing then keeps the
+    gripper vertical.
+
     One step is one motion. Its targets travel with least jerk, and the gripper at 0.4 m/s at most. An arm
     that presses with more than 12 N goes back half of the way that it has come: registers tell where it
     stands. With something between its jaws it waits for a second after each motion.
@@ -136,10 +139,10 @@ class GraspEnv(Grasping, ArmEnv):
     |---|---|---|
     | achieved_goal | (5,) | the object's sensor vector: (xa, ya, xb, yb); 1 where it is held |
     | desired_goal | (5,) | the sensor vector to which it is to be lifted, fixed in the images; 1 |
-    | observation | (56,) | see below |
+    | observation | (56,), with six words (57,) | see below |
 
     `observation`: 18 flags, 1 where a point is seen now, left and right of: gripper point, gripper base,
-    lower ends of jaw 1 and 2, edges 1 and 2, object, ends 1 and 2 of its main axis; 5 registers; how far the
+    lower ends of jaw 1 and 2, edges 1 and 2, object, ends 1 and 2 of its main axis; registers; how far the
     jaws are open, 0 to 1; and 16 image points (x, y), as the flags but without the object's.
     With "points" they are where projection puts them, nothing hides them, and an upright cylinder's and a
     sphere's main axis is upright. With "vision" a `GraspTracker` finds them in images of 512 pixels: it sees
@@ -161,6 +164,10 @@ class GraspEnv(Grasping, ArmEnv):
     from k; `reset()` places the next object in the same world. `reset(options={"object": (x, y)})` places it
     there (m), `(x, y, angle)` also at an angle (rad) about the vertical.
 
+    With `orientation="any"` the object is held in the air, 10 to 13 cm above the table, at any orientation at
+    which the gripper can grasp it. What holds it gives way to 5 N and 0.2 N m, and lets go when jaws have
+    closed on it. `reset(options={"object": (x, y, z, qw, qx, qy, qz)})` gives its pose.
+
     ## Episode end
     Terminated with the object held at its place, unless `terminate_on_success=False`. Truncated after
     `max_episode_steps` (60) motions, where the object has left the table, and where the physics diverged.
@@ -174,6 +181,8 @@ class GraspEnv(Grasping, ArmEnv):
     Args:
         shape: "cylinder", "sphere", "box", "bar" or "l_shape"; a mapping of `shape` and all its sizes in m,
             such as {"shape": "sphere", "radius": 0.02}; or None: any.
+        orientation: "lying": things lie or stand on the table; "any": they are held in the air (paper, 3.5),
+            and `observation` is "points".
         world, camera_mount, perturbations, redraw: As for `StereoArmEnv`.
         terminate_on_success, keep_in_view, truth, reward: As for `StereoArmEnv`.
         render_mode, width, height: As for `StereoArmEnv`.

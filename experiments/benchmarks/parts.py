@@ -13,10 +13,10 @@ from experiments.benchmarks import (
     changes,
     controllers,
     coverage,
-    insert,
     priors,
 )
 from experiments.benchmarks.arms import first_motions, rendezvous
+from experiments.benchmarks.contact import insert, orientations
 from experiments.benchmarks.knowledge import study as knowledge
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.benchmarks.speed import grasping, pictures
@@ -40,6 +40,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "pictures": pictures.pictures,
     "grasping": grasping.grasping,
     "insert": insert.insert,
+    "orientations": orientations.orientations,
     "safe_start": first_motions.safe_start,
 }
 """All but `speed`, which alone has peers."""

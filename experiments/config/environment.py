@@ -26,9 +26,9 @@ GRASP, GRASP_TOLERANCE_PX = "CalFree/Grasp", 24.0
 """Beginning of the ids of environments whose task is to grasp, and what they tolerate by default."""
 SAFE = "CalFree/SafeReach"
 """Of those in which an arm can have an accident: always in full physics."""
-OF_REACHING, OF_GRASPING = frozenset({"arm", "dynamics", "occlusion"}), frozenset({"shape"})
+OF_REACHING, OF_GRASPING = frozenset({"arm", "dynamics", "occlusion"}), frozenset({"shape", "orientation"})
 """Arguments that only one of the tasks has."""
-LATER = frozenset({"observation", "occlusion", "shape"})
+LATER = frozenset({"observation", "occlusion", "shape", "orientation"})
 """Arguments of which older kept results know nothing."""
 
 
@@ -42,6 +42,7 @@ class EnvironmentConfig(Model):
     observation: Literal["points", "vision"] = "points"
     occlusion: bool = False
     shape: str | dict[str, Any] | None = None
+    orientation: Literal["lying", "any"] = "lying"
     tolerance_px: float = Field(4.0, gt=0, lt=IMAGE_SIZE)
     dynamics: Literal["physics", "kinematic"] = "physics"
     max_episode_steps: int = Field(60, gt=0)
@@ -57,14 +58,16 @@ class EnvironmentConfig(Model):
             raise ValueError(
                 f"{data['id']} is run by `python -m experiments benchmark insert`; suites reach and grasp"
             )
-        if isinstance(data, dict) and str(data.get("id")).startswith(GRASP):
-            usual = {key: cls.model_fields[key].default for key in OF_REACHING}
-            if found := sorted(key for key in usual if data.get(key, usual[key]) != usual[key]):
-                raise ValueError(f"{', '.join(found)} is of reaching; {data['id']} has none")
+        if not isinstance(data, dict):
+            return data
+        grasps = str(data.get("id")).startswith(GRASP)
+        others, task = (OF_REACHING, "reaching") if grasps else (OF_GRASPING, "grasping")
+        usual = {key: cls.model_fields[key].default for key in others}
+        if found := sorted(key for key in usual if data.get(key, usual[key]) != usual[key]):
+            raise ValueError(f"{', '.join(found)} is of {task}; {data.get('id')} has none")
+        if grasps:
             return {"tolerance_px": GRASP_TOLERANCE_PX, **data}
-        if isinstance(data, dict) and data.get("shape") is not None:
-            raise ValueError(f"shape is of grasping; {data.get('id')} has none")
-        dynamics = data.get("dynamics", "physics") if isinstance(data, dict) else "physics"
+        dynamics = data.get("dynamics", "physics")
         if dynamics != "physics" and str(data.get("id")).startswith(SAFE):
             raise ValueError(f"dynamics is {dynamics!r}; {data['id']} is always in full physics")
         return data

@@ -63,7 +63,7 @@ class GraspingArms(ContactArms):
     shown_points: ClassVar[tuple[int, int, int, int]] = (*GRIPPER, *HELD)
     state_names: ClassVar[tuple[str, ...]] = (
         *ContactArms.state_names,
-        *("jaws", "openings", "held", "goals", "forces", "lifted", "_placed", "_waited"),
+        *("jaws", "openings", "held", "goals", "forces", "lifted", "placed", "_waited"),
     )
 
     def __init__(
@@ -95,13 +95,13 @@ class GraspingArms(ContactArms):
         self.jaws, self.openings = np.zeros(rows), np.ones(rows)
         self.held, self._waited = np.zeros(rows, bool), np.zeros(rows, bool)
         self.goals, self.forces, self.lifted = np.zeros((rows, 4)), np.zeros((rows, 2)), np.zeros(rows)
-        self._placed: list[Placed | None] = [None] * rows
+        self.placed: list[Placed | None] = [None] * rows
         self.delivered: Seen = (self.points, self.visible, self.held, *self._sight.images)
 
     def enter(self, row: int, world: World) -> None:
         """See `Arms`: a thing keeps its shape, and gets the mass and the friction of the world."""
         super().enter(row, world)
-        if (placed := self._placed[row]) is not None:
+        if (placed := self.placed[row]) is not None:
             self._weigh(row, placed)
 
     def serves(self, row: int, world: World) -> bool:
@@ -118,7 +118,7 @@ class GraspingArms(ContactArms):
         for i, row in enumerate(rows.tolist()):
             which = row, self._seeds[row] or 0, int(self.trials[row]), self.world(row)
             placed = self.placing.draw(*which) if given is None else self.placing.given(*which, given[i])
-            self._placed[row] = placed
+            self.placed[row] = placed
             self._weigh(row, placed)
             self.goals[row] = np.clip(placed.goal, -1, 1)
             poses.append(placed.pose)
@@ -147,7 +147,7 @@ class GraspingArms(ContactArms):
             self.openings[holding] = simulation.openings()[holding] / STROKE
             self._waited[holding] = True
         for row in indices.tolist():
-            placed = self._placed[row]
+            placed = self.placed[row]
             self.lifted[row] = 0.0 if placed is None else heights[row] - placed.pose[2]
         return seconds + self._waited[rows]
 
@@ -167,7 +167,7 @@ class GraspingArms(ContactArms):
     def set_state(self, row: int, state: RowState) -> None:
         """See `Arms`."""
         super().set_state(row, state)
-        if (placed := self._placed[row]) is not None:
+        if (placed := self.placed[row]) is not None:
             self._weigh(row, placed)
 
     def shown(self, row: int) -> tuple[Array, Flags, Array]:

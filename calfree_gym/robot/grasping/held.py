@@ -62,7 +62,7 @@ class HeldPlacing(Placing):
         thing = draw_thing(self._shape, stream(seed, "thing", trial))
         for attempt in range(ATTEMPTS):
             pose = drawn_pose(stream(seed, "place", trial, attempt))
-            if self._in_view(row, thing, pose) and self.ways(row, world, thing, pose):
+            if self.in_view(row, thing, pose) and self.ways(row, world, thing, pose):
                 return Placed(thing, pose, self.goal(row, seed, trial, pose[2] + RAISED))
         raise ValueError(
             f"no {thing.shape} in {ATTEMPTS} drawn poses can be grasped and is in view of both cameras, in "
@@ -85,31 +85,39 @@ class HeldPlacing(Placing):
         """See `Placing`."""
         rng = np.random.default_rng(0)
         thing, poses = draw_thing("sphere", rng), [drawn_pose(rng) for _ in range(CHECKED)]
-        good = [self._in_view(row, thing, each) and self.ways(row, world, thing, each) for each in poses]
+        good = [self.in_view(row, thing, each) and self.ways(row, world, thing, each) for each in poses]
         return sum(map(bool, good)) >= LEAST_GRASPABLE * CHECKED
 
     def ways(self, row: int, world: World, thing: Thing, pose: Array) -> list[Way]:
         """How the jaws can hold a thing at a pose (7,), as geometry tells; the surest first."""
-        place, turned, found = pose[None, :3], rotation_matrix(pose[3:]), list[Way]()
+        turned, found = rotation_matrix(pose[3:]), list[Way]()
         for pitch in PITCHES:
-            axis, reached = np.zeros((1, 3)), True
-            for back in (0.0, AXIS):  # at the thing, then before it
-                there = place - back * axis
-                angles, reaches = self.joints_at(row, world, there, np.array([pitch]))
-                axis = self._robot.axis(angles)
-                wrist = there - world.link_lengths[-1] * axis
-                reached &= bool(reaches[0] and min(wrist[0, 2], there[0, 2]) > CLEAR)
-                if reached and self._keep_in_view:
-                    reached = all(
-                        self.seen_from(row, each, angles)[0] for each in (there, there - AXIS * axis)
-                    )
-                if not reached:
-                    break
-            else:
-                found += ways_to_hold(thing, turned, pitch, float(angles[0, 0]), float(world.object_friction))
+            if (postures := self.postures(row, world, pose[:3], pitch)) is not None:
+                waist, friction = float(postures[0][0]), float(world.object_friction)
+                found += ways_to_hold(thing, turned, pitch, waist, friction)
         return sorted(found, key=lambda way: -way.square)
 
-    def _in_view(self, row: int, thing: Thing, pose: Array) -> bool:
+    def postures(self, row: int, world: World, place: Array, pitch: float) -> tuple[Array, Array] | None:
+        """Joints (5,) with the gripper at a place (3,), and one gripper length before it, at a pitch (rad).
+
+        None where it does not get there, or the cameras do not see it.
+        """
+        axis, found = np.zeros((1, 3)), []
+        for back in (0.0, AXIS):
+            there = place[None] - back * axis
+            angles, reached = self.joints_at(row, world, there, np.array([pitch]))
+            axis = self._robot.axis(angles)
+            wrist = there - world.link_lengths[-1] * axis
+            if not reached[0] or min(wrist[0, 2], there[0, 2]) < CLEAR:
+                return None
+            both = np.concatenate([there, there - AXIS * axis])
+            if self._keep_in_view and not self.seen_from(row, both, angles.repeat(2, 0)).all():
+                return None
+            found.append(angles[0])
+        return found[0], found[1]
+
+    def in_view(self, row: int, thing: Thing, pose: Array) -> bool:
+        """Whether both cameras see a thing at a pose (7,) from home, if they must."""
         if not self._keep_in_view:
             return True
         ahead = rotation_matrix(pose[3:]) @ thing.axis

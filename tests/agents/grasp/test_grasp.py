@@ -115,7 +115,7 @@ def test_the_intermediate_position_is_one_gripper_length_before_the_object():
     env = gym.make(GRASP, shape="box", camera_mount="stand", world="nominal").unwrapped
     env.reset(seed=1, options={"object": (0.4, 0.0)})
     arms, row = env.arms, np.array([0])
-    at = np.array([[0.4, 0.0, arms._placed[0].pose[2] + AXIS]])
+    at = np.array([[0.4, 0.0, arms.placed[0].pose[2] + AXIS]])
     rest = arms.robot.rest(arms.world(0).joint_zeros)
     registers = arms.motors.registers(arms.robot.positions_at(at, rest, arms.world(0).link_lengths)[0], 0)
     env.step(np.append(registers, 0).astype(np.float32))
@@ -141,7 +141,7 @@ def test_the_turn_that_is_needed_is_the_true_one_near_the_object(orientation, an
     env = gym.make(GRASP, shape="bar", camera_mount="stand", world="nominal").unwrapped
     env.reset(seed=1, options={"object": (0.4, 0.0, angle)})
     arms = env.arms
-    at = np.array([[0.4, 0.0, arms._placed[0].pose[2] + AXIS]])
+    at = np.array([[0.4, 0.0, arms.placed[0].pose[2] + AXIS]])
     rest = arms.robot.rest(arms.world(0).joint_zeros)
     registers = arms.motors.registers(arms.robot.positions_at(at, rest, arms.world(0).link_lengths)[0], 0)
     observation, *_ = env.step(np.append(registers, 0).astype(np.float32))
@@ -208,3 +208,17 @@ def test_what_the_arm_meets_is_no_motors_stop(words, executed, highest):
     stops, words, executed = Stops(3), np.array(words), np.array(executed)
     stops.learn(words, words - executed, executed)
     assert stops.highest.tolist() == highest
+
+
+def test_the_procedure_grasps_at_any_orientation():
+    lifted = []
+    for seed in range(1000, 1006):
+        env = gym.make(GRASP, shape=SHAPE_NAMES[seed % 5], orientation="any", camera_mount="stand")
+        agent, state, over = agents.make("grasp", env, seed=seed), None, False
+        observation, info = env.reset(seed=seed)
+        while not over:
+            words, state = agent.predict(observation, state)
+            observation, _, terminated, truncated, info = env.step(words)
+            over = terminated or truncated
+        lifted.append(env.unwrapped.is_solved(info["truth"]))
+    assert sum(lifted) >= 5

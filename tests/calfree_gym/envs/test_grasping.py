@@ -20,7 +20,7 @@ def registers_before(env, back):
     By the arm's closed form and the object's true pose.
     """
     arms, row = env.unwrapped.arms, np.array([0])
-    world, robot, placed = arms.world(0), arms.robot, arms._placed[0]
+    world, robot, placed = arms.world(0), arms.robot, arms.placed[0]
     rest, pose = robot.rest(world.joint_zeros), placed.pose
     at = robot.positions_at(pose[None, :3], rest, world.link_lengths)
     axis = robot.axis(arms.motors.angles(at[None], row)[0])

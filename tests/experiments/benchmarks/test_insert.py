@@ -1,6 +1,6 @@
 """The benchmark of inserting: a row for each agent, clearance and mount."""
 
-from experiments.benchmarks.insert import insert
+from experiments.benchmarks.contact.insert import insert
 
 
 def test_a_row_for_each_agent_clearance_and_mount():

@@ -1,0 +1,1 @@
+"""What is grasped at any orientation, and put into holes."""
