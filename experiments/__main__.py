@@ -30,6 +30,7 @@ BENCHMARKS = (
     "pictures",
     "grasping",
     "insert",
+    "orientations",
     "safe_start",
 )
 """As in `benchmarks.parts`, which is not loaded for other commands."""
