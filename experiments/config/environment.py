@@ -20,15 +20,19 @@ from calfree_gym.world import DISTRIBUTIONS
 from experiments.config.arms import as_arm, is_told
 from experiments.config.model import Model, one_of
 
-INSERT = "CalFree/Insert"
-"""Beginning of the ids of environments that suites do not run."""
-GRASP, GRASP_TOLERANCE_PX = "CalFree/Grasp", 24.0
-"""Beginning of the ids of environments whose task is to grasp, and what they tolerate by default."""
 SAFE = "CalFree/SafeReach"
-"""Of those in which an arm can have an accident: always in full physics."""
-OF_REACHING, OF_GRASPING = frozenset({"arm", "dynamics", "occlusion"}), frozenset({"shape", "orientation"})
+"""Beginning of the ids of environments in which an arm can have an accident: always in full physics."""
+TASKS = {"CalFree/Grasp": "grasp", "CalFree/Insert": "insert"}
+"""What agents are to do, by the beginning of an environment's id; in all others they reach."""
+OWN = {
+    "reach": frozenset({"arm", "dynamics", "occlusion"}),
+    "grasp": frozenset({"shape", "orientation"}),
+    "insert": frozenset({"clearance"}),
+}
 """Arguments that only one of the tasks has."""
-LATER = frozenset({"observation", "occlusion", "shape", "orientation"})
+CONTACT_TOLERANCE_PX = 24.0
+"""What tasks tolerate by default in which the gripper touches something."""
+LATER = frozenset({"observation", "occlusion", "shape", "orientation", "clearance"})
 """Arguments of which older kept results know nothing."""
 
 
@@ -43,6 +47,7 @@ class EnvironmentConfig(Model):
     occlusion: bool = False
     shape: str | dict[str, Any] | None = None
     orientation: Literal["lying", "any"] = "lying"
+    clearance: float = Field(2.0, gt=0)
     tolerance_px: float = Field(4.0, gt=0, lt=IMAGE_SIZE)
     dynamics: Literal["physics", "kinematic"] = "physics"
     max_episode_steps: int = Field(60, gt=0)
@@ -54,19 +59,15 @@ class EnvironmentConfig(Model):
     @classmethod
     def _of_its_task(cls, data: Any) -> Any:
         """The tolerance of its task, where none is given."""
-        if isinstance(data, dict) and str(data.get("id")).startswith(INSERT):
-            raise ValueError(
-                f"{data['id']} is run by `python -m experiments benchmark insert`; suites reach and grasp"
-            )
         if not isinstance(data, dict):
             return data
-        grasps = str(data.get("id")).startswith(GRASP)
-        others, task = (OF_REACHING, "reaching") if grasps else (OF_GRASPING, "grasping")
-        usual = {key: cls.model_fields[key].default for key in others}
-        if found := sorted(key for key in usual if data.get(key, usual[key]) != usual[key]):
-            raise ValueError(f"{', '.join(found)} is of {task}; {data.get('id')} has none")
-        if grasps:
-            return {"tolerance_px": GRASP_TOLERANCE_PX, **data}
+        task = _task_of(str(data.get("id")))
+        for other in OWN.keys() - {task}:
+            usual = {key: cls.model_fields[key].default for key in OWN[other]}
+            if found := sorted(key for key in usual if data.get(key, usual[key]) != usual[key]):
+                raise ValueError(f"{', '.join(found)} is of {other}ing; {data.get('id')} has none")
+        if task != "reach":
+            return {"tolerance_px": CONTACT_TOLERANCE_PX, **data}
         dynamics = data.get("dynamics", "physics")
         if dynamics != "physics" and str(data.get("id")).startswith(SAFE):
             raise ValueError(f"dynamics is {dynamics!r}; {data['id']} is always in full physics")
@@ -136,11 +137,16 @@ class EnvironmentConfig(Model):
 
     @property
     def task(self) -> str:
-        """What agents are to do in it: "reach" or "grasp"."""
-        return "grasp" if self.id.startswith(GRASP) else "reach"
+        """What agents are to do in it: a key of `OWN`."""
+        return _task_of(self.id)
 
     def _arguments(self, tell: tuple[str, ...]) -> dict[str, Any]:
-        if self.task == "grasp":
-            return self.model_dump(exclude={"id", *OF_REACHING})
-        others = {"dynamics"} if self.id.startswith(SAFE) else set()
-        return {**self.model_dump(exclude={"id", *OF_GRASPING, *others}), "tell": tell}
+        others = {key for task in OWN.keys() - {self.task} for key in OWN[task]}
+        if self.id.startswith(SAFE):
+            others.add("dynamics")
+        arguments = self.model_dump(exclude={"id", *others})
+        return {**arguments, "tell": tell} if self.task == "reach" else arguments
+
+
+def _task_of(env_id: str) -> str:
+    return next((task for begin, task in TASKS.items() if env_id.startswith(begin)), "reach")

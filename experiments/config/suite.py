@@ -9,7 +9,7 @@ import agents
 from calfree_gym.errors import near_misses
 from calfree_gym.perturbations import TYPES, parse_perturbation
 from experiments.config.claims import Claim, TrialsOf
-from experiments.config.environment import EnvironmentConfig
+from experiments.config.environment import OWN, EnvironmentConfig
 from experiments.config.model import Model, Name, distinct, one_of
 from experiments.config.schedule import check_reached
 
@@ -142,7 +142,7 @@ class AgentConfig(Model):
     @field_validator("name")
     @classmethod
     def _known_name(cls, value: str) -> str:
-        return one_of(value, tuple(dict.fromkeys([*agents.names(), *agents.names("grasp")])))
+        return one_of(value, tuple(dict.fromkeys(name for task in OWN for name in agents.names(task))))
 
 
 class Suite(Model):

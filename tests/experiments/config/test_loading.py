@@ -47,6 +47,8 @@ ENV = ("scenarios", 0, "env")
         ((*ENV, "id"), "CalFree/Reach-v9", "scenarios.0.env.id", "CalFree/Reach-v0"),
         ((*ENV, "shape"), "bar", "scenarios.0.env", "shape is of grasping"),
         ((*ENV, "id"), "CalFree/Grasp-v0", "scenarios.0.env", "dynamics is of reaching"),
+        ((*ENV, "clearance"), 1.0, "scenarios.0.env", "clearance is of inserting"),
+        ((*ENV, "orientation"), "any", "scenarios.0.env", "orientation is of grasping"),
         ((*ENV, "dynamics"), "magic", "scenarios.0.env.dynamics", "'physics' or 'kinematic'"),
         ((*ENV, "tolerance_px"), -1.0, "scenarios.0.env.tolerance_px", "greater than 0"),
         ((*ENV, "tolerance_px"), 900.0, "scenarios.0.env.tolerance_px", "less than 512"),
@@ -113,6 +115,17 @@ def test_grasping_has_a_tolerance_of_its_own_and_nothing_of_reaching(suite_data,
         load(write_config(suite_data))
     suite_data["scenarios"][0]["env"] = env | {"dynamics": "kinematic"}
     with pytest.raises(ConfigError, match="dynamics is of reaching"):
+        load(write_config(suite_data))
+
+
+def test_inserting_has_a_clearance_and_agents_of_its_own(suite_data, write_config):
+    suite_data["scenarios"][0]["env"] = {"id": "CalFree/Insert-v0", "world": "wild", "clearance": 3.0}
+    suite_data["agents"] = ["random", "insert"]
+    made = load(write_config(suite_data)).scenarios[0].env.make()
+    assert made.unwrapped.clearance == 3.0
+    made.close()
+    suite_data["agents"] = ["grasp"]
+    with pytest.raises(ConfigError, match="'grasp' cannot insert"):
         load(write_config(suite_data))
 
 
