@@ -40,8 +40,8 @@ class Way(NamedTuple):
 def ways_to_hold(thing: Thing, turned: Array, pitch: float, waist: float, friction: float) -> list[Way]:
     """All rolls in which jaws at a pitch (rad), and before a waist (rad), hold a thing.
 
-    Two flat jaws hold what they press on within the angle of friction (Nguyen 1988), what fits between them
-    when open, and what leaves room for the palm.
+    Two flat jaws hold what they press on within the angle of friction (Nguyen 1988) once it has turned flush,
+    what fits between them when open, and what leaves room for the palm.
 
     Args:
         thing: The thing, the gripper point at its origin.
@@ -60,25 +60,27 @@ def ways_to_hold(thing: Thing, turned: Array, pitch: float, waist: float, fricti
     for roll in ROLLS:
         edge = np.cos(roll) * side + np.sin(roll) * other
         line = np.cross(axis, edge)
-        square = squareness(thing, turned.T @ line)
-        if square >= least and _fits(ahead, points @ edge, points @ line):
+        square, flush = pressed(thing, turned.T @ line)
+        if flush >= least and _fits(ahead, points @ edge, points @ line):
             found.append(Way(float(pitch), float(roll), square))
     return found
 
 
-def squareness(thing: Thing, line: Array) -> float:
-    """How squarely jaws press that close along a line (3,), in the thing's own frame: a cosine.
+def pressed(thing: Thing, line: Array) -> tuple[float, float]:
+    """How squarely jaws press that close along a line (3,), in the thing's own frame: cosines.
 
-    On the pair of faces on which they do so best, of those that are not too far apart.
+    On the pair of faces on which they do so best, of those that are not too far apart: first as the thing is,
+    then after it has turned between the jaws until such faces lie flush, as what is loose does.
     """
     part = thing.parts[0]
     if part.kind == SPHERE:
-        return 1.0
+        return 1.0, 1.0
     if part.kind == CYLINDER:
-        round_, flat = float(np.hypot(line[0], line[1])), abs(float(line[2]))
-        return max(round_, flat) if 2 * part.size[1] <= LARGEST * OPENING else round_
-    narrow = 2 * part.size <= LARGEST * OPENING
-    return float(np.abs(line[narrow]).max(initial=0.0))
+        apart, along = 2 * part.size[:2], np.array([np.hypot(line[0], line[1]), abs(line[2])])
+    else:
+        apart, along = 2 * part.size, np.abs(line)
+    along = along[apart <= LARGEST * OPENING]
+    return float(along.max(initial=0.0)), float(np.linalg.norm(along))
 
 
 def _fits(ahead: Array, along: Array, across: Array) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calfree_gym.geometry import rotation_matrix
-from calfree_gym.robot.grasping.orientations import squareness, surface, ways_to_hold
+from calfree_gym.robot.grasping.orientations import pressed, surface, ways_to_hold
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES, thing_of
 
 GRASP = "CalFree/Grasp-v0"
@@ -68,20 +68,21 @@ def test_postures_are_where_mujoco_has_the_gripper():
 
 
 @pytest.mark.parametrize(
-    ("thing", "line", "square"),
+    ("thing", "line", "square", "flush"),
     [
-        (BAR, [0, 1, 0], 1.0),
-        (BAR, [1, 0, 0], 0.0),  # its ends are too far apart
-        (BAR, [0, np.sqrt(0.5), np.sqrt(0.5)], np.sqrt(0.5)),
-        (BOX, [1, 0, 0], 1.0),
-        (CYLINDER, [0.6, 0.8, 0], 1.0),
-        (CYLINDER, [0, 0, 1], 1.0),
-        (CYLINDER, [0, 0.6, 0.8], 0.8),
-        ({"shape": "sphere", "radius": 0.02}, [0.6, 0, 0.8], 1.0),
+        (BAR, [0, 1, 0], 1, 1),
+        (BAR, [1, 0, 0], 0, 0),  # its ends are too far apart
+        (BAR, [0, 0.6, 0.8], 0.8, 1),
+        (BAR, [0.6, 0, 0.8], 0.8, 0.8),
+        (BOX, [0.6, 0, 0.8], 0.8, 1),
+        (CYLINDER, [0.6, 0.8, 0], 1, 1),
+        (CYLINDER, [0, 0.6, 0.8], 0.8, 1),
+        (CYLINDER | {"half_height": 0.05}, [0, 0.6, 0.8], 0.6, 0.6),
+        ({"shape": "sphere", "radius": 0.02}, [0.6, 0, 0.8], 1, 1),
     ],
 )
-def test_jaws_press_squarely_along_normals_of_faces_that_fit_between_them(thing, line, square):
-    assert squareness(thing_of(thing), np.array(line)) == pytest.approx(square)
+def test_jaws_press_along_normals_of_faces_that_fit_between_them(thing, line, square, flush):
+    assert pressed(thing_of(thing), np.array(line)) == pytest.approx((square, flush))
 
 
 def test_a_thing_is_held_across_and_not_where_it_is_too_wide_or_in_the_way_of_the_palm():
