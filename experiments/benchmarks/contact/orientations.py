@@ -31,6 +31,8 @@ EACH = 20
 """Things in a world, for the map."""
 SLANTS = (0, 30, 60, 90)
 DOWN = -np.pi / 2
+COLUMNS = ("map", "straight down", "squarely", "search", "agree", "grasped", "required")
+"""Shares."""
 UP = np.array([0.0, 0.0, 0.06])
 """The search lifts things by so much (m), or draws them back where the arm cannot."""
 HANGS = 0.03
@@ -68,7 +70,7 @@ def orientations(worlds: int = WORLDS, mounts: tuple[str, ...] = MOUNTS) -> Iter
         "Map: geometry and friction say that five joints can grasp it; straight down: by a gripper that "
         "points down; squarely: by jaws within 15 degrees of a face's normal."
     )
-    shares = dict.fromkeys(("map", "straight down", "squarely", "search", "agree", "required"), ".0%")
+    shares = dict.fromkeys(COLUMNS, ".0%")
     rows = [row for shape in SHAPE_NAMES for row in _map(shape, mounts[0], worlds)]
     title = "Which orientations five joints can grasp"
     note = f"{EACH} things of a shape in each of {drawn}. Slant: of the main axis, from the vertical. {told}"
