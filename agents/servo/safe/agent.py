@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.checks import checked_array
-from ...base.observation import Array, Observation
+from ...base.observation import POINTS, Array, Observation
 from ...base.procedure import Procedure, RunningTrial
 from ...jacobian import Slopes
 from ..servo_agent import Servo, ServoAgent
@@ -19,6 +19,7 @@ from ..trial import Findings
 from .first_motions import FirstMotions
 from .leash import Leash, equal_units, in_units
 from .linear_view import LinearView
+from .straight_way import StraightWay
 
 
 @dataclass
@@ -69,23 +70,25 @@ class SafeStart(ServoAgent):
             motions = FirstMotions(now, findings.filter)
             yield from motions.run()
             now, view = motions.now, motions.view
-            tested = np.maximum(motions.tested, FirstMotions.FIRST_WORD)
+            findings.tested = np.maximum(motions.tested, FirstMotions.FIRST_WORD)
             if now.last:
                 return
             findings.gave_up = _hopeless(motions)
             if findings.gave_up:
                 return
-            units = equal_units(view.jacobian, tested)
-            variances = np.tile(view.variances * np.outer(units, units), (4, 1, 1))
-            start = Slopes.of(view.jacobian * units, now.registers / units, variances)
-            findings.estimator = self.servo.new_estimator(self.motors, start)
-            findings.units, findings.tested = units, tested
+            findings.units = equal_units(view.jacobian, findings.tested)
         else:
             view.jacobian = self.slopes.jacobian / findings.units
-        leash = Leash(view, findings.tested, findings.filter, findings.units)
+            view.variances = self.slopes.variances.mean(0) / np.outer(findings.units, findings.units)
+        leash = Leash(now, view, findings.tested, findings.filter, findings.units)
+        way = StraightWay(view, findings.units)
+        findings.gave_up = yield from leash.hold(way.go(in_units(now, findings.units)), whole=False)
+        findings.estimator = self.servo.new_estimator(self.motors, _slopes(view, findings, leash.now))
         findings.handed_over = True
-        servo = self.servo(in_units(now, findings.units), findings)
-        findings.gave_up = yield from leash.hold(servo, now)
+        if findings.gave_up or leash.now.last:
+            return
+        servo = self.servo(in_units(leash.now, findings.units), findings)
+        findings.gave_up = yield from leash.hold(servo)
 
     def learn_trial(self, findings: Any, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. A trial that ended before the servo went on teaches nothing but noise."""
@@ -115,6 +118,13 @@ class SafeStart(ServoAgent):
     def kind(self) -> str:
         """See `ProcedureAgent`."""
         return f"safe_start over {super().kind}"
+
+
+def _slopes(view: LinearView, findings: SafeFindings, now: Observation) -> Slopes:
+    """The Jacobian as a servo begins with it, in its units."""
+    units = findings.units
+    variances = np.tile(view.variances * np.outer(units, units), (POINTS, 1, 1))
+    return Slopes.of(view.jacobian * units, now.registers / units, variances)
 
 
 def _hopeless(motions: FirstMotions) -> str:

@@ -140,7 +140,7 @@ def _usual() -> dict[str, Place]:
 
     fetched, stand = fetched_arms(), {"camera_mount": "stand"}
     return {
-        "movemaster": Place(400, {}),
-        "so101": Place(200, {"arm": fetched["so101"], "force_bound": 20.0, **stand}),
-        "panda": Place(50, {"arm": fetched["panda"], **stand}),
+        "movemaster": Place(500, {}),
+        "so101": Place(300, {"arm": fetched["so101"], "force_bound": 20.0, **stand}),
+        "panda": Place(200, {"arm": fetched["panda"], **stand}),
     }

@@ -13,6 +13,7 @@ from agents.perception import ObservationFilter
 from agents.servo.safe.first_motions import FirstMotions
 from agents.servo.safe.leash import Leash, equal_units
 from agents.servo.safe.linear_view import LinearView
+from agents.servo.safe.straight_way import StraightWay
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents.linear_arm import LinearArm
 
@@ -122,14 +123,14 @@ def test_a_servo_stays_on_its_leash(start, asked):
     arm.registers = 0.01 * np.array(start)
     view = LinearView(3)
     view.jacobian = arm.jacobian.copy()
-    leash = Leash(view, np.full(3, 0.05), ObservationFilter(), np.ones(3))
+    now = arm.observed()
+    leash = Leash(now, view, np.full(3, 0.05), ObservationFilter(), np.ones(3))
 
     def servo():
         for words in asked:
             yield np.array(words)
 
-    now = arm.observed()
-    run = leash.hold(servo(), now)
+    run = leash.hold(servo())
     words = next(run, None)
     while words is not None:
         longest, before = leash.length_px, now
@@ -148,11 +149,61 @@ def test_the_leash_shrinks_where_images_do_otherwise_and_grows_where_they_do_as_
     for factor, grows in ((1.0, True), (-1.0, False)):
         view = LinearView(3)
         view.jacobian = factor * arm.jacobian
-        leash = Leash(view, np.full(3, 0.05), ObservationFilter(), np.ones(3))
         words, before = np.array([0.05, 0.03, 0.0]), arm.observed()
+        leash = Leash(before, view, np.full(3, 0.05), ObservationFilter(), np.ones(3))
         leash.learn(words, before, arm.observed(words))
         assert (leash.length_px > Leash.FIRST_PX) == grows
         assert (leash.length_px < Leash.FIRST_PX) == (not grows)
+
+
+def test_motions_near_the_object_are_short():
+    arm = LinearArm((400, 400, 400))
+    view = LinearView(3)
+    view.jacobian = arm.jacobian.copy()
+    words, far = np.array([0.5, 0.0, 0.0]), arm.observed()
+    for px in (100.0, 40.0, 4.0):
+        points = np.vstack([far.points[:2], far.points[:2] + px * IMAGE_UNIT * np.eye(2)])
+        leash = Leash(replace(far, points=points), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
+        moved_px = view.moved_px(leash.allowed(words, np.zeros(3)))
+        assert moved_px == pytest.approx(min(Leash.FIRST_PX, max(Leash.OF_DISTANCE * px, Leash.NEAR_PX)))
+
+
+def test_it_goes_straight_in_registers_though_images_hardly_show_one_way():
+    arm = LinearArm((1, 1, 1))
+    ways = np.array([[300, 0, 0, 40], [0, 300, 40, 0], [0, 40, 0, 0]])
+    arm.jacobian = np.zeros((8, 3))
+    arm.jacobian[:4] = IMAGE_UNIT * ways.T
+    there = np.array([0.3, -0.2, 0.4])
+    arm.home = np.vstack([np.zeros((2, 2)), (arm.jacobian[:4] @ there).reshape(2, 2)])
+    view = LinearView(3)
+    view.jacobian, view.variances = arm.jacobian.copy(), 1e-8 * np.eye(3)
+    leash = Leash(arm.observed(), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
+    run = leash.hold(StraightWay(view, np.ones(3)).go(leash.now), whole=False)
+    words, places = next(run, None), []
+    while words is not None:
+        now = arm.observed(words)
+        places.append(now.registers)
+        try:
+            words = run.send(now)
+        except StopIteration:
+            words = None
+    assert len(places) > 2, "on a leash"
+    for place in places:
+        assert np.linalg.norm(np.cross(place, there)) < 0.02 * np.linalg.norm(there) ** 2
+    assert leash.now.distance_px < StraightWay.NEAR_PX
+
+
+def test_it_does_not_trust_what_noise_may_tell_of_a_motor():
+    arm = LinearArm((1, 1, 1))
+    arm.home = 0.003 * arm.home
+    arm.jacobian = np.zeros((8, 3))
+    arm.jacobian[[0, 1, 2], [0, 1, 2]] = IMAGE_UNIT * np.array([300.0, 300.0, 1.0])
+    view, unsure = LinearView(3), LinearView(3)
+    view.jacobian = unsure.jacobian = arm.jacobian
+    unsure.variances = (5 * IMAGE_UNIT) ** 2 * np.eye(3)
+    known, doubted = (StraightWay(each, np.ones(3)).words(arm.observed()) for each in (view, unsure))
+    assert abs(doubted[2]) < 0.1 * abs(known[2])
+    np.testing.assert_allclose(doubted[:2], known[:2], rtol=0.01)
 
 
 def test_units_make_all_motors_alike():
