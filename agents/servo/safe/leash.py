@@ -118,7 +118,7 @@ class Leash:
             self.length_px = max(self.length_px / self.GROWTH, self.LEAST_PX)
         elif expected_px > self.length_px / self.GROWTH:
             self.length_px = min(self.length_px * self.GROWTH, self.MOST_PX)
-        self._view.correct(executed, before, after)
+        self._view.correct(executed, before, after, self._filter.noise.px)
         self.now = after
         self._tested = np.maximum(self._tested, np.abs(after.registers))
         return well

@@ -42,15 +42,18 @@ class LinearView:
         inverse = np.linalg.pinv(equations.T @ equations, hermitian=True)
         self.variances[np.ix_(moved, moved)] = (noise_px * IMAGE_UNIT) ** 2 * inverse[1:, 1:]
 
-    def correct(self, words: Array, before: Observation, after: Observation) -> None:
-        """Changes the Jacobian by the least that explains a motion of words (m,), motors alike (Broyden)."""
-        lengths = np.sqrt(np.square(self.jacobian).sum(0))
-        scaled = words * lengths**2
-        if (square := float(scaled @ words)) > 0:
-            seen = np.repeat(before.visible & after.visible, 2)
-            moved = (after.points - before.points).reshape(-1)
-            error = np.where(seen, moved - self.jacobian @ words, 0.0)
-            self.jacobian = self.jacobian + np.outer(error, scaled) / square
+    def correct(self, words: Array, before: Observation, after: Observation, noise_px: float) -> None:
+        """Changes the Jacobian by the least that explains a motion of words (m,), motors alike (Broyden).
+
+        The less the motion should show above noise, the less it changes: as a Kalman filter does for which
+        each column is unsure by its own length.
+        """
+        scaled = words * np.square(self.jacobian).sum(0)
+        of_noise = 2 * len(self.jacobian) * (noise_px * IMAGE_UNIT) ** 2
+        seen = np.repeat(before.visible & after.visible, 2)
+        moved = (after.points - before.points).reshape(-1)
+        error = np.where(seen, moved - self.jacobian @ words, 0.0)
+        self.jacobian = self.jacobian + np.outer(error, scaled) / (scaled @ words + of_noise)
 
     def moved_px(self, words: Array) -> float:
         """How far words (m,) should move the image point that goes farthest, in pixels."""

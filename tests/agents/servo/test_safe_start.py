@@ -5,7 +5,7 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import agents
@@ -116,6 +116,7 @@ def test_where_nothing_can_be_done_it_says_why_and_stands_still(arm, why):
 
 
 @given(WORDS, st.lists(WORDS, min_size=1, max_size=8))
+@example([0.0, 1.0, 0.0], [[0.0, 0.0, 2.28e-124], [0.0, 0.0, 1.0]])  # a motion that shows nothing
 @settings(max_examples=60, deadline=None)
 def test_a_servo_stays_on_its_leash(start, asked):
     """Whatever words it sends, no motion is expected to move the images farther than the leash is long."""
@@ -154,6 +155,18 @@ def test_the_leash_shrinks_where_images_do_otherwise_and_grows_where_they_do_as_
         leash.learn(words, before, arm.observed(words))
         assert (leash.length_px > Leash.FIRST_PX) == grows
         assert (leash.length_px < Leash.FIRST_PX) == (not grows)
+
+
+@pytest.mark.parametrize(("word", "learned"), [(1e-9, 0.0), (1e-4, 0.01), (0.1, 0.9)])
+def test_it_learns_from_a_motion_as_much_as_that_shows_above_noise(word, learned):
+    arm = LinearArm((400, 400, 400))
+    view = LinearView(3)
+    view.jacobian = 1.5 * arm.jacobian
+    before, words = arm.observed(), np.array([word, 0.0, 0.0])
+    view.correct(words, before, arm.observed(words), noise_px=0.5)
+    share = (1.5 * arm.jacobian - view.jacobian)[:, 0].sum() / (0.5 * arm.jacobian)[:, 0].sum()
+    assert share == pytest.approx(learned, abs=0.1)
+    np.testing.assert_array_equal(view.jacobian[:, 1:], 1.5 * arm.jacobian[:, 1:])
 
 
 def test_motions_near_the_object_are_short():
