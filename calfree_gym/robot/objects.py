@@ -12,7 +12,7 @@ from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.line_of_sight import LinesOfSight
 from calfree_gym.robot.motors import MotorMap
-from calfree_gym.robot.workspace import ATTEMPTS, Candidates, Workspaces
+from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, Candidates, Workspaces, judging_draws
 from calfree_gym.streams import CounterStreams, Key, key
 
 if TYPE_CHECKING:
@@ -81,13 +81,7 @@ class ObjectDraws:
             for i, row in enumerate(rows[open_]):
                 self._streams.go_to(self._keys[row], int(trials[row]), block)
                 self._streams.generator.random(out=draws[i])
-            at = self._workspaces.candidates(draws, rows[open_])
-            good = at.seen & at.reached & (at.apart > self._apart[rows[open_]])
-            if not self._keep_in_view:
-                good |= at.within & at.reached & ~at.seen
-            in_sight = self._lines if self._keep_in_view else None
-            if in_sight is not None or self._way_is_free is not None:
-                good = self._first_good(in_sight, rows[open_], at, good)
+            at, good = self._judged(draws, rows[open_])
             found = good.any(1)
             first = good[found].argmax(1)
             objects[open_[found]] = at.points[found, first]
@@ -101,6 +95,22 @@ class ObjectDraws:
             f"no object in {ATTEMPTS * BLOCK} candidates is within reach and in view of both "
             f"cameras{hidden}, in row {rows[open_[0]]}, trial {trials[rows[open_[0]]]}: see its world"
         )
+
+    def exists(self, row: int) -> bool:
+        """Whether one of the candidates by which a world is judged can be an object in `row`."""
+        _, good = self._judged(judging_draws(CHECKED, self._count), np.array([row]))
+        return bool(good.any())
+
+    def _judged(self, draws: Array, rows: NDArray[np.intp]) -> tuple[Candidates, Flags]:
+        """Candidates of draws (n, k, m), and which of them (n, k) are good: at least the first of a row."""
+        at = self._workspaces.candidates(draws, rows)
+        good = at.seen & at.reached & (at.apart > self._apart[rows])
+        if not self._keep_in_view:
+            good |= at.within & at.reached & ~at.seen
+        in_sight = self._lines if self._keep_in_view else None
+        if in_sight is not None or self._way_is_free is not None:
+            good = self._first_good(in_sight, rows, at, good)
+        return at, good
 
     def _first_good(
         self, lines: LinesOfSight | None, rows: NDArray[np.intp], at: Candidates, good: Flags

@@ -134,7 +134,7 @@ class Workspaces:
     def judged(self, row: int) -> tuple[Flags, Flags]:
         """Of the `CHECKED` candidates by which a world is judged: which are reached, and which also seen."""
         robot = self._robot
-        found = self.candidates(_draws(robot.candidates, len(robot.motors)), np.array([row]))
+        found = self.candidates(judging_draws(robot.candidates, len(robot.motors)), np.array([row]))
         return found.reached[found.within][:CHECKED], (found.seen & found.reached)[found.within][:CHECKED]
 
     def _inverse_of(self, row: int) -> InverseKinematics:
@@ -228,7 +228,7 @@ def check_near(objects: Array, robot: Robot) -> None:
 
 
 @lru_cache(maxsize=8)
-def _draws(count: int, motors: int) -> Array:
+def judging_draws(count: int, motors: int) -> Array:
     """The draws (1, count, m) by which all worlds are judged."""
     return np.random.default_rng(0).random((1, count, motors))
 

@@ -13,7 +13,7 @@ from calfree_gym.geometry import Array, Rows
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.objects import ObjectDraws
 from calfree_gym.robot.touching.simulation import TouchingSimulation
-from calfree_gym.robot.workspace import check_in_view
+from calfree_gym.robot.workspace import ATTEMPTS, check_in_view
 from calfree_gym.streams import stream
 from calfree_gym.world import World, WorldDistribution, log_uniform
 
@@ -61,10 +61,20 @@ class TouchingArms(StereoArms):
         return ObjectDraws(self._workspaces, self.motors, tolerance, keep_in_view, self._lines, free)
 
     def _draw_world(self, distribution: WorldDistribution, row: int, seed: int, trial: int) -> World:
-        """See `Arms`: then the motors get weaker or stronger, by a factor each."""
+        """See `Arms`: then each motor gets weaker or stronger, and still there is an object to reach."""
         world = super()._draw_world(distribution, row, seed, trial)
-        factors = log_uniform(stream(seed, "world_strength", trial), *self._gains, len(self.robot.motors))
-        return replace(world, motor_gain=world.motor_gain * factors)
+        strengths = stream(seed, "world_strength", trial)
+        for _ in range(ATTEMPTS):
+            factors = log_uniform(strengths, *self._gains, len(self.robot.motors))
+            drawn = replace(world, motor_gain=world.motor_gain * factors)
+            self.enter(row, drawn)
+            if self._objects.exists(row):
+                return drawn
+        raise ValueError(
+            f"motors of a {distribution.name} world are too weak with gains {list(self._gains)}: in "
+            f"{ATTEMPTS} draws none left an object within reach, in view of both cameras, with nothing in "
+            "the way to it"
+        )
 
     def _check_in_view(self, world: World) -> None:
         """See `Arms`: what is seen does not depend on how strong motors are."""

@@ -181,3 +181,12 @@ def test_an_arm_that_touches_at_home_is_refused():
 
     with pytest.raises(ValueError, match="touches table or walls at home; give it another home"):
         gym.make(ID, arm=ARMS["gantry"])
+
+
+def test_weak_motors_of_a_drawn_world_leave_an_object_to_reach():
+    env = gym.make(ID, gains=(0.05, 0.4))
+    for seed in range(12):
+        env.reset(seed=seed)
+        env.reset()
+    with pytest.raises(ValueError, match=r"too weak with gains \[0.02, 0.02\]"):
+        gym.make(ID, gains=(0.02, 0.02)).reset(seed=0)
