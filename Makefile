@@ -35,7 +35,7 @@ docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # Every kept result anew, training and tuning apart. Started again, it goes on where it was.
-SUITES := paper arms others rivals learning robustness estimators grasp grasp-neural six-dimensions open-questions
+SUITES := paper arms others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions
 BENCHMARKS := coverage sensitivity speed
 
 results: venv $(if $(filter arms,$(SUITES)),arms)
