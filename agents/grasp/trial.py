@@ -86,7 +86,7 @@ class GraspTrial:
         self._seen, self._lying = [first], Lying(first)
         self._from = first.arm
         self._tip = Tip.of(SmoothFunction.unknown(self._arm, self._arm), self._seen, findings.noise_px)
-        self._untouched, self._turn_stops = True, Stops(1)
+        self._untouched, self._turn_stops = True, Stops(np.zeros(1))
         self._hangs: Array | None = None
         self._shows = self.TEST_TURN
         self._look_at_angle(np.zeros(self._arm + 1))

@@ -53,24 +53,25 @@ class Stops:
     """Where motors are known to stop.
 
     Attributes:
-        lowest, highest: Registers (m,) there; at first the ends of what registers can be.
+        lowest, highest: Registers (m,) there; at first the ends of what registers can be. A motor always
+            stands between them.
 
     Args:
-        motors: m.
+        registers: Where motors stand (m,).
     """
 
     STOPPED = 1e-4
     """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
 
-    def __init__(self, motors: int) -> None:
-        self.lowest = np.full(motors, -1.0)
-        self.highest = np.full(motors, 1.0)
+    def __init__(self, registers: Array) -> None:
+        self.lowest, self.highest = np.minimum(registers, -1.0), np.maximum(registers, 1.0)
 
     def learn(self, words: Array, short: Array, registers: Array) -> None:
         """Motors whose words (m,) were executed but for `short` (m,) have met a stop at `registers` (m,).
 
         Where several were, all but for the same share, the arm has met something: that is no motor's stop.
         """
+        self.lowest, self.highest = np.minimum(self.lowest, registers), np.maximum(self.highest, registers)
         if met_something(words, short):
             return
         self.highest = np.where(short > self.STOPPED, registers, self.highest)
@@ -127,7 +128,7 @@ class Trial:
         self.known = np.tile(self.estimator.jacobian.any(0), (POINTS, 1))
         self.test_words = np.full(motors, first_word)
         self.still = np.zeros(motors, bool)
-        self.stops = Stops(motors)
+        self.stops = Stops(first.registers)
         self.object_jumped = False
         self._seen_at = np.tile(first.registers, (POINTS, 1))
         self._tested = np.zeros(motors)

@@ -38,7 +38,7 @@ class StraightWay:
 
     def __init__(self, view: LinearView, units: Array) -> None:
         self._view, self._units = view, units
-        self._stops = Stops(len(units))
+        self._stops = Stops(np.zeros(len(units)))
         self._stops.lowest, self._stops.highest = -1.0 / units, 1.0 / units
 
     def go(self, now: Observation) -> Procedure:

@@ -205,7 +205,7 @@ def test_what_cannot_be_is_named(name, env_id, settings, message):
     ],
 )
 def test_what_the_arm_meets_is_no_motors_stop(words, executed, highest):
-    stops, words, executed = Stops(3), np.array(words), np.array(executed)
+    stops, words, executed = Stops(np.zeros(3)), np.array(words), np.array(executed)
     stops.learn(words, words - executed, executed)
     assert stops.highest.tolist() == highest
 

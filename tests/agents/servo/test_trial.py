@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from agents.jacobian import Kalman, Slopes, TestMotions
-from agents.servo.trial import Findings, Trial, half_way_back
+from agents.servo.trial import Findings, Stops, Trial, half_way_back
 from calfree_gym.image import lengths_px
 from tests.agents.linear_arm import LinearArm
 
@@ -100,3 +103,16 @@ def test_half_of_the_way_back_is_half():
     arm = LinearArm([400.0] * 3)
     before, now = arm.observed(), arm.observed(np.array([0.2, -0.1, 0.0]))
     np.testing.assert_allclose(half_way_back(before, now), [-0.1, 0.05, 0.0])
+
+
+@given(
+    arrays(float, 3, elements=st.floats(-9, 9)),
+    st.lists(arrays(float, (2, 3), elements=st.floats(-2, 2)), max_size=6),
+)
+def test_a_motor_always_stands_between_its_stops(registers, motions):
+    stops = Stops(registers)
+    for words, executed in motions:
+        registers = registers + executed
+        stops.learn(words, words - executed, registers)
+        assert (stops.lowest <= registers).all()
+        assert (registers <= stops.highest).all()
