@@ -31,11 +31,13 @@ class Findings(Generic[E]):
         estimator: What is known of the Jacobian.
         filter: What is known of observations.
         trusted: The observations that passed the filter, none of their points merely predicted.
+        stops: Where motors are known to stop, if that is known beforehand.
     """
 
     estimator: E
     filter: ObservationFilter = field(default_factory=ObservationFilter)
     trusted: list[Observation] = field(default_factory=list)
+    stops: Stops | None = None
 
 
 ALIKE = 0.1
@@ -65,6 +67,12 @@ class Stops:
 
     def __init__(self, registers: Array) -> None:
         self.lowest, self.highest = np.minimum(registers, -1.0), np.maximum(registers, 1.0)
+
+    def of(self, units: Array) -> Stops:
+        """The same, of registers in these units (m,)."""
+        stops = Stops(np.zeros(len(units)))
+        stops.lowest, stops.highest = self.lowest / units, self.highest / units
+        return stops
 
     def learn(self, words: Array, short: Array, registers: Array) -> None:
         """Motors whose words (m,) were executed but for `short` (m,) have met a stop at `registers` (m,).
@@ -128,7 +136,7 @@ class Trial:
         self.known = np.tile(self.estimator.jacobian.any(0), (POINTS, 1))
         self.test_words = np.full(motors, first_word)
         self.still = np.zeros(motors, bool)
-        self.stops = Stops(first.registers)
+        self.stops = findings.stops or Stops(first.registers)
         self.object_jumped = False
         self._seen_at = np.tile(first.registers, (POINTS, 1))
         self._tested = np.zeros(motors)

@@ -102,7 +102,7 @@ class Reach:
         self.now = first
         self.points = findings.estimator
         self.filter = findings.filter
-        self.stops = Stops(first.registers)
+        self.stops = findings.stops or Stops(first.registers)
         self._servo = servo
         self._caution = 1.0 if self.points.remembers else servo.caution
         self._trusted = findings.trusted

@@ -81,14 +81,15 @@ class SafeStart(ServoAgent):
             view.jacobian = self.slopes.jacobian / findings.units
             view.variances = self.slopes.variances.mean(0) / np.outer(findings.units, findings.units)
         leash = Leash(now, view, findings.tested, findings.filter, findings.units)
-        way = StraightWay(view, findings.units)
+        way = StraightWay(view, leash.stops, findings.units)
         findings.gave_up = yield from leash.hold(way.go(in_units(now, findings.units)), whole=False)
         findings.estimator = self.servo.new_estimator(self.motors, _slopes(view, findings, leash.now))
         findings.handed_over = True
         if findings.gave_up or leash.now.last:
             return
-        servo = self.servo(in_units(leash.now, findings.units), findings)
-        findings.gave_up = yield from leash.hold(servo)
+        now = in_units(leash.now, findings.units)
+        findings.stops = leash.stops.of(findings.units)
+        findings.gave_up = yield from leash.hold(self.servo(now, findings))
 
     def learn_trial(self, findings: Any, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. A trial that ended before the servo went on teaches nothing but noise."""

@@ -43,6 +43,7 @@ class Leash:
         length_px: How far a motion may move the images, far from the object.
         now: The last look.
         contacts: How often the arm has met something.
+        stops: Where motors are known to stop.
 
     Args:
         now: The last look.
@@ -88,7 +89,7 @@ class Leash:
     ) -> None:
         self._units = units
         self.now, self.length_px = now, self.FIRST_PX
-        self.contacts = 0
+        self.contacts, self.stops = 0, Stops(now.registers)
         self._view, self._tested, self._filter = view, tested, filter_
 
     def allowed(self, words: Array, registers: Array) -> Array:
@@ -109,6 +110,7 @@ class Leash:
         executed = after.registers - before.registers
         met = met_something(words, words - executed)
         self.contacts += met
+        self.stops.learn(words, words - executed, after.registers)
         expected_px = self._view.moved_px(executed)
         off_px = self._view.error_px(executed, before, after)
         lost = bool((before.visible & ~after.visible).any())

@@ -24,6 +24,7 @@ class StraightWay:
 
     Args:
         view: What is known of the Jacobian; others correct it.
+        stops: Where motors are known to stop, in registers; others learn it.
         units: Words of 1, of each motor (m,), see `Leash`.
     """
 
@@ -36,10 +37,8 @@ class StraightWay:
     MOTIONS = 20
     """At most (a guard)."""
 
-    def __init__(self, view: LinearView, units: Array) -> None:
-        self._view, self._units = view, units
-        self._stops = Stops(np.zeros(len(units)))
-        self._stops.lowest, self._stops.highest = -1.0 / units, 1.0 / units
+    def __init__(self, view: LinearView, stops: Stops, units: Array) -> None:
+        self._view, self._stops, self._units = view, stops, units
 
     def go(self, now: Observation) -> Procedure:
         """Goes from `now` on; back, where a point is lost."""
@@ -55,7 +54,6 @@ class StraightWay:
             before, jacobian = now, distance_jacobian(self._view.jacobian) * self._units
             now = yield words
             executed = now.registers - before.registers
-            self._stops.learn(words, words - executed, now.registers)
             if before.visible.all():
                 far, left = np.linalg.norm(before.distance), np.linalg.norm(now.distance)
                 expected = far - np.linalg.norm(before.distance + jacobian @ executed)
@@ -67,7 +65,7 @@ class StraightWay:
         jacobian = distance_jacobian(self._view.jacobian) * units
         unsure = 2 * len(now.distance) * self._view.variances * np.outer(units, units)
         free = np.ones(len(units), bool)
-        lowest, highest = self._stops.lowest, self._stops.highest
+        lowest, highest = self._stops.lowest / units, self._stops.highest / units
         while True:
             columns = jacobian * free
             square = columns.T @ columns + unsure * np.outer(free, free)

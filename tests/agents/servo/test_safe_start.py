@@ -14,6 +14,7 @@ from agents.servo.safe.first_motions import FirstMotions
 from agents.servo.safe.leash import Leash, equal_units
 from agents.servo.safe.linear_view import LinearView
 from agents.servo.safe.straight_way import StraightWay
+from agents.servo.trial import Stops
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents.linear_arm import LinearArm
 
@@ -191,7 +192,7 @@ def test_it_goes_straight_in_registers_though_images_hardly_show_one_way():
     view = LinearView(3)
     view.jacobian, view.variances = arm.jacobian.copy(), 1e-8 * np.eye(3)
     leash = Leash(arm.observed(), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
-    run = leash.hold(StraightWay(view, np.ones(3)).go(leash.now), whole=False)
+    run = leash.hold(StraightWay(view, leash.stops, np.ones(3)).go(leash.now), whole=False)
     words, places = next(run, None), []
     while words is not None:
         now = arm.observed(words)
@@ -206,6 +207,26 @@ def test_it_goes_straight_in_registers_though_images_hardly_show_one_way():
     assert leash.now.distance_px < StraightWay.NEAR_PX
 
 
+def test_what_the_leash_holds_back_is_no_stop():
+    arm = LinearArm((400, 400, 400), highest=np.array([1.0, 1.0, 0.03]))
+    arm.jacobian = np.zeros((8, 3))
+    arm.jacobian[[0, 1, 0], [0, 1, 2]] = IMAGE_UNIT * np.array([300, 300, 150])
+    there = np.array([0.3, 0.3, 0.0])
+    arm.home = np.vstack([np.zeros((2, 2)), (arm.jacobian[:4] @ there).reshape(2, 2)])
+    view = LinearView(3)
+    view.jacobian, view.variances = arm.jacobian.copy(), 1e-8 * np.eye(3)
+    leash = Leash(arm.observed(), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
+    run = leash.hold(StraightWay(view, leash.stops, np.ones(3)).go(leash.now), whole=False)
+    words = next(run, None)
+    while words is not None:
+        try:
+            words = run.send(arm.observed(words))
+        except StopIteration:
+            words = None
+    assert leash.stops.highest.tolist() == [1.0, 1.0, 0.03]
+    assert leash.now.distance_px < StraightWay.NEAR_PX
+
+
 def test_it_does_not_trust_what_noise_may_tell_of_a_motor():
     arm = LinearArm((1, 1, 1))
     arm.home = 0.003 * arm.home
@@ -214,7 +235,8 @@ def test_it_does_not_trust_what_noise_may_tell_of_a_motor():
     view, unsure = LinearView(3), LinearView(3)
     view.jacobian = unsure.jacobian = arm.jacobian
     unsure.variances = (5 * IMAGE_UNIT) ** 2 * np.eye(3)
-    known, doubted = (StraightWay(each, np.ones(3)).words(arm.observed()) for each in (view, unsure))
+    stops = Stops(np.zeros(3))
+    known, doubted = (StraightWay(each, stops, np.ones(3)).words(arm.observed()) for each in (view, unsure))
     assert abs(doubted[2]) < 0.1 * abs(known[2])
     np.testing.assert_allclose(doubted[:2], known[:2], rtol=0.01)
 
