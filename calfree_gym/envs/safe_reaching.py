@@ -77,8 +77,8 @@ class SafeReachEnv(SafeReaching, ArmEnv):
     10218-1, reduced speed); a short motion takes 0.35 s, so short motions are slow ones. A drive that meets
     12 N trips: 10 ms later the arm is held, and goes back half of the way that it has come. That is all that
     a controller can
-    tell of a contact: registers show that words were executed in part, all by the same share. Joints never
-    pass their stops.
+    tell of a contact: registers show that words were executed in part, all by nearly the same share (the
+    same in joints). Joints never pass their stops.
 
     ## Episode end
     Terminated at the rendezvous, unless `terminate_on_success=False`. Truncated after `max_episode_steps`

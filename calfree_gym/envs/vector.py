@@ -105,7 +105,8 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
         self.arms.simulation.refresh()
         *_, success = self._outcome()
         moved = self.arms.motions_of_trial > 0
-        self._over = moved & (success & self._ends | (self.arms.motions_of_trial >= self._max_episode_steps))
+        late = self.arms.motions_of_trial >= self._max_episode_steps
+        self._over = moved & (success & self._ends | late | self._cut_short())
         self._applied = []
 
     def reset(

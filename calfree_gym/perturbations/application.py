@@ -35,14 +35,23 @@ class PerturbationScheduler:
         robot: Their arm.
         mounts: Where the cameras are fixed.
         keep_in_view: Whether worlds that the cameras do not see are drawn again, and drifts turn back.
+        as_seen: A world as it is judged whether they do.
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("_drifts", "_undoable")
 
-    def __init__(self, rows: int, schedule: Any, robot: Robot, mounts: Mounts, keep_in_view: bool) -> None:
+    def __init__(
+        self,
+        rows: int,
+        schedule: Any,
+        robot: Robot,
+        mounts: Mounts,
+        keep_in_view: bool,
+        as_seen: Callable[[World], World] = lambda world: world,
+    ) -> None:
         events = tuple(enumerate(parse_schedule(schedule)))
         self.events = {clock: [(i, event) for i, event in events if event.clock == clock] for clock in CLOCKS}
-        self._robot, self._mounts = robot, mounts
+        self._robot, self._mounts, self._as_seen = robot, mounts, as_seen
         for _, event in events:
             if not isinstance(event.perturbation, Undo):
                 event.perturbation.check_fits(robot)
@@ -101,7 +110,7 @@ class PerturbationScheduler:
         if not self._keep_in_view:
             return perturbed(0), drawn
         what = f"the world after {perturbation.to_dict()}"
-        return first_in_view(perturbed, self._robot, self._mounts, what), drawn
+        return first_in_view(perturbed, self._robot, self._mounts, what, as_seen=self._as_seen), drawn
 
     def _changed(self, perturbation: Perturbation, world: World, change: Callable[..., World]) -> World:
         """The world after a change, which is told where the cameras are at home if it must know."""
@@ -111,9 +120,12 @@ class PerturbationScheduler:
         there = change(replace(world, camera_position=positions), robot=self._robot)
         return replace(there, camera_position=world.camera_position)
 
+    def _in_view(self, world: World) -> bool:
+        return in_view(self._as_seen(world), self._robot, self._mounts)
+
     def _undo(self, undo: Undo, row: int, world: World) -> World:
         there = undone(world, *self._undoable[row][undo.event])
-        if self._keep_in_view and not in_view(there, self._robot, self._mounts):
+        if self._keep_in_view and not self._in_view(there):
             raise ValueError(f"the world after {undo.to_dict()} is not in view: {there.to_dict()}")
         return there
 
@@ -132,7 +144,7 @@ class PerturbationScheduler:
                 there = self._changed(step, world, partial(step.drift, back=way))
             except ValueError:  # a quantity is at the end of its range
                 continue
-            if not self._keep_in_view or in_view(there, self._robot, self._mounts):
+            if not self._keep_in_view or self._in_view(there):
                 drifts[place] = step, way
                 world = there
                 break

@@ -33,6 +33,7 @@ class MotorErrors:
         self._deviation = np.zeros((rows, motors))
         self._sent, self._joint, self._noise = (np.zeros((rows, motors)) for _ in range(3))
         self._numbers = MotionNumbers(rows, "repeatability", (motors,), normal=True)
+        self._before = self._joint, self._noise
         self._exact = True
 
     def seed(self, row: int, seed: int) -> None:
@@ -43,6 +44,20 @@ class MotorErrors:
         """Gives `row` the errors of `world`."""
         self._half_gap[row], self._deviation[row] = world.backlash / 2, world.repeatability
         self._exact = not (self._half_gap.any() or self._deviation.any())
+
+    def stopped(self, row: int, positions: Array, share: float) -> None:
+        """The motors of `row` came no farther in the last motion than this share of their way.
+
+        Args:
+            row: The row.
+            positions: Where they would have been sent (m,) to stand there.
+            share: Of the way.
+        """
+        if self._exact:
+            return
+        self._sent[row] = positions
+        for part, before in zip((self._joint, self._noise), self._before, strict=True):
+            part[row] = before[row] + share * (part[row] - before[row])
 
     def at_home(
         self, rows: Rows, positions: Array, trials: NDArray[np.int64], motions: NDArray[np.int64]
@@ -74,6 +89,7 @@ class MotorErrors:
         """
         if self._exact:
             return positions
+        self._before = self._joint.copy(), self._noise.copy()
         half_gap, moved = self._half_gap[rows], positions != self._sent[rows]
         self._sent[rows] = positions
         self._joint[rows] = np.clip(self._joint[rows], positions - half_gap, positions + half_gap)

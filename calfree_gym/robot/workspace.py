@@ -245,15 +245,16 @@ def first_in_view(
     what: str,
     whole: bool = False,
     also: Callable[[World], bool] | None = None,
+    as_seen: Callable[[World], World] = lambda world: world,
 ) -> World:
-    """The first of `draw(0)`, `draw(1)`, ... that is in view, and of which `also` says yes.
+    """The first of `draw(0)`, `draw(1)`, ... that is in view `as_seen`, and of which `also` says yes.
 
     Raises:
         ValueError: None of `ATTEMPTS` draws of `what` is.
     """
     for attempt in range(ATTEMPTS):
         world = draw(attempt)
-        if in_view(world, robot, mounts, whole) and (also is None or also(world)):
+        if in_view(as_seen(world), robot, mounts, whole) and (also is None or also(world)):
             return world
     raise ValueError(
         f"{what} is never in view on {robot.mount_name(mounts)}: in {ATTEMPTS} draws no world had the "

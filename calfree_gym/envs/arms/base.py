@@ -84,7 +84,9 @@ class Arms(ABC):
         self.motors = MotorMap(rows, robot)
         self._motor_errors = MotorErrors(rows, motors)
         self._workspaces = Workspaces(rows, robot, self.mounts, points // 2)
-        self._scheduler = PerturbationScheduler(rows, perturbations, robot, self.mounts, keep_in_view)
+        self._scheduler = PerturbationScheduler(
+            rows, perturbations, robot, self.mounts, keep_in_view, self.as_seen
+        )
         self._choices = world_choices(world, rows)
         self._redraws = redraw == "trial"
         self._keep_in_view = keep_in_view
@@ -179,6 +181,10 @@ class Arms(ABC):
             also=self.also_in_view(row),
         )
 
+    def as_seen(self, world: World) -> World:
+        """A world as it is judged whether it is in view."""
+        return world
+
     def also_in_view(self, row: int) -> Callable[[World], bool] | None:
         """What a drawn world must fulfil besides, if anything."""
         return None
@@ -250,6 +256,20 @@ class Arms(ABC):
         positions = self._motor_errors.after_a_motion(rows, positions, self.trials, self.motions_of_trial)
         return motors.angles(positions, rows)
 
+    def stopped_short(self, row: int, before: Array, share: float) -> None:
+        """An arm stopped at this share of its way in joint positions: registers are of where it stands.
+
+        Args:
+            row: The row.
+            before: Its registers (m,) before the motion.
+            share: Of the way.
+        """
+        rows = np.array([row, row])
+        start, end = self.motors.positions(np.stack([before, self.registers[row]]), rows)
+        self.registers[row] = self.motors.registers(start + share * (end - start), row)
+        here = self.motors.positions(self.registers[row, None], rows[:1])[0]
+        self._motor_errors.stopped(row, here, share)
+
     @property
     def motions_of_trial(self) -> NDArray[np.int64]:
         """Motions of the present trial (N,)."""
@@ -295,7 +315,7 @@ class Arms(ABC):
     def _check_in_view(self, world: World) -> None:
         world.check_fits(self.robot)
         if self._keep_in_view:
-            check_in_view(world, self.robot, self.mounts)
+            check_in_view(self.as_seen(world), self.robot, self.mounts)
 
     def _apply_due(self, clock: str, counts: NDArray[np.int64], rows: Rows) -> list[Applied]:
         """Applies the events that are due in `rows`; the stops of these arms may move."""

@@ -94,16 +94,13 @@ class ContactArms(Arms):
         """
         indices, simulation = self._all[rows], self.simulation
         self._moved[rows] = True
-        before = self.motors.positions(self.registers[rows], rows)
+        before = self.registers[rows].copy()
         joints = self.targets(rows, words)
         seconds = simulation.travel(rows, joints)
         motion = simulation.move(indices, joints, openings)
         simulation.recover()
         for i in np.flatnonzero(motion.shares < 1).tolist():
-            row = int(indices[i])
-            there = self.motors.positions(self.registers[row, None], indices[i, None])[0]
-            stopped = before[i] + motion.shares[i] * (there - before[i])
-            self.registers[row] = self.motors.registers(stopped, row)
+            self.stopped_short(int(indices[i]), before[i], motion.shares[i])
         return seconds, motion
 
     def look(self) -> tuple[Array, Flags, tuple[NDArray[Any], ...]]:

@@ -7,13 +7,14 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.stereo_arms import StereoArms
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.objects import ObjectDraws
-from calfree_gym.robot.touching.simulation import TouchingSimulation
-from calfree_gym.robot.workspace import ATTEMPTS, check_in_view
+from calfree_gym.robot.touching.simulation import CLEARANCE, TouchingSimulation
+from calfree_gym.robot.workspace import ATTEMPTS
 from calfree_gym.streams import stream
 from calfree_gym.world import World, WorldDistribution, log_uniform
 
@@ -76,12 +77,9 @@ class TouchingArms(StereoArms):
             "the way to it"
         )
 
-    def _check_in_view(self, world: World) -> None:
+    def as_seen(self, world: World) -> World:
         """See `Arms`: what is seen does not depend on how strong motors are."""
-        world.check_fits(self.robot)
-        if self._keep_in_view:
-            same = replace(world, motor_gain=np.full(len(self.robot.motors), SEEN_WITH))
-            check_in_view(same, self.robot, self.mounts)
+        return replace(world, motor_gain=np.full(len(self.robot.motors), SEEN_WITH))
 
     def also_in_view(self, row: int) -> Callable[[World], bool]:
         """See `Arms`: nothing is touched at home."""
@@ -94,6 +92,21 @@ class TouchingArms(StereoArms):
             return self.simulation.is_free(row, home) and (also is None or also(world))
 
         return serves
+
+    def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
+        """See `Arms`.
+
+        Raises:
+            ValueError: An arm touches something at home; or there is no object.
+        """
+        homes = self.motors.joints(np.zeros((len(rows), len(self.robot.motors))), rows)
+        for row, home in zip(rows.tolist(), homes, strict=True):
+            if not self.simulation.is_free(row, home):
+                raise ValueError(
+                    f"the arm of row {row} touches itself at home, or is nearer to table or walls than "
+                    f"{CLEARANCE * self.robot.rig.scale:.3f} m: see its world"
+                )
+        return super().next_objects(rows, given)
 
     def begun(self, rows: Rows) -> None:
         """See `Arms`."""
@@ -109,11 +122,7 @@ class TouchingArms(StereoArms):
         touched = self.simulation.touched
         for row, start in zip(self._all[rows].tolist(), before, strict=True):
             if (share := touched.shares[row]) < 1:
-                one = np.array([row])
-                ends = self.motors.positions(np.stack([start, self.registers[row]]), np.array([row, row]))
-                self.registers[row] = self.motors.registers(
-                    ends[0] + share * (ends[1] - ends[0]), int(one[0])
-                )
+                self.stopped_short(row, start, share)
         self.total_travel[rows] += touched.travel[rows]
         self.harmed[rows] |= touched.force[rows] > self.force_bound
         return seconds

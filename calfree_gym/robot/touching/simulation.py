@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import mujoco
 import numpy as np
@@ -74,9 +74,6 @@ class TouchingSimulation(ReachSimulation):
     Servos are those of `ReachSimulation`. Their targets travel with least jerk, the gripper at no more than
     `SPEED`. A drive that trips holds the arm where it is, and takes it back by half of the way.
 
-    Attributes:
-        touched: What became of the last motion of all rows.
-
     Args:
         rows, robot, mounts, threads: See `Simulation`.
 
@@ -84,17 +81,21 @@ class TouchingSimulation(ReachSimulation):
         ValueError: The arm touches table or walls at home.
     """
 
+    state_names: ClassVar[tuple[str, ...]] = (*ReachSimulation.state_names, "_touched")
+
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, mounts, "physics", threads, furniture(robot))
         self._lengths = np.tile(robot.lengths, (rows, 1))
         self._touch = int(self._model.sensor(SENSOR).adr[0])
         self._joints = np.atleast_1d(np.arange(self._model.nq)[self._qpos])
-        self.touched = Touched(*(np.zeros(rows) for _ in Touched._fields))
+        self._touched = np.zeros((rows, len(Touched._fields)))
         self._picture = self.picture()
         model = self._picture[0]
         for geom in range(model.ngeom):
             if model.geom(geom).name.startswith(ROOM):
                 model.geom_margin[geom] = CLEARANCE * robot.rig.scale
+                body = model.geom_bodyid[geom]  # else bodies are not compared that are farther apart
+                model.body_margin[body] = model.geom_margin[geom]
 
     def set_world(self, row: int, world: World) -> None:
         """See `Simulation`."""
@@ -128,9 +129,13 @@ class TouchingSimulation(ReachSimulation):
                     )
                 found.force[i], found.contacts[i] = each.forces.max(), each.contacts.max()
                 found.travel[i] = np.abs(each.joints - home[i]).max()
-        for part, of_rows in zip(self.touched, found, strict=True):
-            part[which] = of_rows
+        self._touched[which] = np.stack(found, 1)
         return travel
+
+    @property
+    def touched(self) -> Touched:
+        """What became of the last motion of all rows; writable."""
+        return Touched(*self._touched.T)
 
     def _stopped(
         self, row: NDArray[np.intp], control: Array, before: Array, way: Array, share: float

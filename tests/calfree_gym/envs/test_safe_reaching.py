@@ -1,5 +1,8 @@
 """SafeReach: contacts as MuJoCo alone has them, arms that stop short, and what ends a trial."""
 
+import copy
+from dataclasses import replace
+
 import gymnasium as gym
 import mujoco
 import numpy as np
@@ -8,7 +11,15 @@ import pytest
 import calfree_gym
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.touching.furniture import SENSOR
-from calfree_gym.robot.touching.simulation import LEAST, REACTION, RETREAT, TRIP, TouchingSimulation, ramp
+from calfree_gym.robot.touching.simulation import (
+    CLEARANCE,
+    LEAST,
+    REACTION,
+    RETREAT,
+    TRIP,
+    TouchingSimulation,
+    ramp,
+)
 
 ID = "CalFree/SafeReach-v0"
 DOWN = np.radians([0.0, -35.0, 0.0, 35.0, 0.0])
@@ -190,3 +201,70 @@ def test_weak_motors_of_a_drawn_world_leave_an_object_to_reach():
         env.reset()
     with pytest.raises(ValueError, match=r"too weak with gains \[0.02, 0.02\]"):
         gym.make(ID, gains=(0.02, 0.02)).reset(seed=0)
+
+
+def test_a_place_that_is_free_is_so_by_mujocos_distances():
+    arms = gym.make(ID, world="nominal").unwrapped.arms
+    arms.seed(0, 0)
+    simulation = arms.simulation
+    picture, rng = simulation.picture(), np.random.default_rng(0)
+    model = picture[0]
+    room = [g for g in range(model.ngeom) if model.geom(g).name.startswith("calfree room")]
+    moves = model.body_weldid[model.geom_bodyid] != 0
+    arm = [g for g in range(model.ngeom) if model.geom_contype[g] and moves[g]]
+    nearest = []
+    for registers in rng.uniform(-1, 1, (600, 1, 3)):
+        joints = arms.motors.joints(registers, np.array([0]))[0]
+        model, data = simulation.show(0, picture, joints)
+        way = [mujoco.mj_geomDistance(model, data, a, r, 1.0, None) for a in arm for r in room]
+        near = min(way)
+        nearest.append(near)
+        if simulation.is_free(0, joints):
+            assert near >= CLEARANCE - 1e-6
+    assert sum(0 < near < CLEARANCE for near in nearest) > 3
+
+
+def test_copies_and_states_know_of_contacts():
+    rows = gym.make_vec(ID, num_envs=2, world="nominal", force_bound=20.0, autoreset_mode="Disabled")
+    rows.reset(seed=0)
+    *_, infos = rows.step(np.tile([[0.0, -0.3, 0.0]], (2, 1)).astype(np.float32))
+    assert infos["harmed"].all()
+    copied = copy.deepcopy(rows)
+    for each in (rows, copied):
+        _, infos = each.reset(options={"reset_mask": np.array([True, False])})
+        assert infos["peak_force"][1] > 20
+        assert infos["joint_travel"][1] > 0
+    state = rows.get_state()
+    rows.set_state(state)
+    with pytest.raises(gym.error.ResetNeeded):
+        rows.step(np.zeros((2, 3), np.float32))
+
+
+def test_a_stopped_arm_stays_where_it_is():
+    world = replace(calfree_gym.nominal(), backlash=np.full(3, np.radians(2)))
+    env = gym.make(ID, world=world, force_bound=1e6)
+    env.reset(seed=0)
+    *_, info = env.step([0.0, -0.3, 0.0])
+    assert info["contacts"]
+    *_, info = env.step([0.0, 0.0, 0.0])
+    assert info["joint_travel"] < np.radians(0.1)
+
+
+def test_worlds_of_weak_motors_can_be_perturbed():
+    drifts = [{"drift": {"per": "trial"}, "do": {"type": "camera_roll", "camera": "left", "degrees": 0.5}}]
+    env = gym.make(ID, gains=(0.2, 0.2), perturbations=drifts)
+    for seed in range(8):
+        env.reset(seed=seed)
+        before = env.unwrapped.world
+        env.reset()
+        assert env.unwrapped.world != before, f"seed {seed}"
+
+
+def test_a_world_in_which_the_arm_touches_at_home_is_named():
+    nominal = calfree_gym.nominal()
+    down = replace(nominal, joint_zeros=np.radians([0.0, -35.0, 0.0, 0.0]))
+    env = gym.make(ID, world=down, keep_in_view=False)
+    with pytest.raises(
+        ValueError, match=r"touches itself at home, or is nearer to table or walls than 0\.030 m"
+    ):
+        env.reset(seed=0)
