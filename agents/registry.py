@@ -335,12 +335,12 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     knows = name not in ("insert", "safe_start") and (name != "grasp" or chosen["knowledge"] is not None)
     for setting, known in (("servo", SERVOS), ("knowledge", KNOWLEDGE))[: 1 + knows]:
         if chosen[setting] not in known:
-            hint = near_misses(chosen[setting], known)
-            allowed = ", ".join(known)
+            hint, allowed = near_misses(chosen[setting], known), ", ".join(known)
             raise ValueError(f"agent {name!r}: {setting} is {chosen[setting]!r}{hint}; allowed: {allowed}")
     if not knows:
         return named | _fields(chosen["servo"])
-    over = named_settings(_memory if chosen["knowledge"] == "memory" else _table)
+    table = _grasp if chosen.get("direction") else _table
+    over = named_settings(_memory if chosen["knowledge"] == "memory" else table)
     settings = named | {setting: over[setting] for setting in over if setting not in ("seed", "knowledge")}
     return settings | _own_settings(chosen["knowledge"]) | _fields(chosen["servo"])
 

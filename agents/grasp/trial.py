@@ -135,10 +135,10 @@ class GraspTrial:
 
     def approach(self) -> Motions:
         """To the intermediate position by the servo (3.4); on by all looks where it meets things again."""
-        findings, home, met, disturbed = self._findings.reach, self.now.arm, 0, False
+        findings, home, met, disturbed = self._findings.reach, self._seen[0].arm, 0, False
         procedure = self._reacher.procedure(self._view(1.0), findings)
-        words = next(procedure)
-        while not self.now.last:
+        words = next(procedure, None)
+        while words is not None and not self.now.last:
             tested = self.knows_turns or len(self._seen) > self._arm
             yield from self.move(words, turn=self._turn(words) if tested else 0.0)
             try:
@@ -150,7 +150,7 @@ class GraspTrial:
             if self.touched:
                 yield from self._aside(home)
                 procedure = self._reacher.servo(self._view(1.0), findings)
-                words = next(procedure)
+                words = next(procedure, None)
             if tested and (disturbed or self.left(1.0) <= self.NEAR):
                 self._findings.approached = not disturbed
                 break
@@ -186,8 +186,10 @@ class GraspTrial:
 
         One, of a gripper that stays vertical; one before the nearer end, of one that may meet things end-on.
         """
+        if self._arm == ARM:
+            return 1.0
         axis = self.now.in_gripper_lengths(self.now.between("end_2", "end_1"))
-        return 1.0 if axis is None or self._arm == ARM else 1.0 + float(min(abs(axis[2]), 2.0)) / 2
+        return 1.0 if axis is None else 1.0 + float(min(abs(axis[2]), 2.0)) / 2
 
     def _turn(self, words: Array) -> float:
         """The word that turns the jaws along the object, while words (k,) move the arm, and thereby the jaws.

@@ -10,6 +10,7 @@ import agents
 from agents.grasp.intermediate import target
 from agents.grasp.observation import ARM, GraspObservation
 from agents.grasp.orientation import turn_needed
+from agents.grasp.trial import GraspTrial
 from agents.grasp.turning import Turning
 from agents.servo.trial import Stops
 from calfree_gym.robot.grasping.jaws import AXIS
@@ -222,3 +223,32 @@ def test_the_procedure_grasps_at_any_orientation():
             over = terminated or truncated
         lifted.append(env.unwrapped.is_solved(info["truth"]))
     assert sum(lifted) >= 5
+
+
+def test_a_servo_that_ends_as_the_arm_goes_aside_ends_no_trial(monkeypatch):
+    def nothing(*_):
+        return
+        yield
+
+    def touching(trial, *words, **others):
+        yield from moved(trial, *words, **others)
+        trial.touched = True
+
+    moved = GraspTrial.move
+    monkeypatch.setattr(GraspTrial, "move", touching)
+    env = gym.make(GRASP, shape="bar", camera_mount="stand")
+    agent, state = agents.make("grasp", env), None
+    monkeypatch.setattr(type(agent.reacher.servo), "__call__", nothing)
+    observation, _ = env.reset(seed=0)
+    for _ in range(12):
+        words, state = agent.predict(observation, state)
+        observation, *_ = env.step(words)
+
+
+@pytest.mark.parametrize("knowledge", ["grid_table", "factored_table"])
+def test_its_settings_are_those_that_it_takes(knowledge):
+    env = gym.make(GRASP, shape="bar", camera_mount="stand")
+    settings = agents.default_settings("grasp", direction=True, knowledge=knowledge)
+    assert agents.make("grasp", env, **settings).table is not None
+    with pytest.raises(ValueError, match="agent 'grasp' has no setting 'every_look'"):
+        agents.make("grasp", env, **settings, every_look=True)
