@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -62,7 +63,7 @@ class HeldPlacing(Placing):
         thing = draw_thing(self._shape, stream(seed, "thing", trial))
         for attempt in range(ATTEMPTS):
             pose = drawn_pose(stream(seed, "place", trial, attempt))
-            if self.in_view(row, thing, pose) and self.ways(row, world, thing, pose):
+            if self.in_view(row, thing, pose) and any(self.ways(row, world, thing, pose)):
                 return Placed(thing, pose, self.goal(row, seed, trial, pose[2] + RAISED))
         raise ValueError(
             f"no {thing.shape} in {ATTEMPTS} drawn poses can be grasped and is in view of both cameras, in "
@@ -73,8 +74,16 @@ class HeldPlacing(Placing):
         """See `Placing`: with the thing at a given pose (7,), whether it can be grasped or not.
 
         Raises:
-            ValueError: Its quaternion is none.
+            ValueError: Its quaternion is none, or it is where no thing is held.
         """
+        far, around = float(np.hypot(*place[:2])), float(np.arctan2(place[1], place[0]))
+        within = DISTANCE[0] <= far <= DISTANCE[1] and abs(around) <= WAIST
+        if not (within and HEIGHT[0] <= place[2] <= HEIGHT[1]):
+            raise ValueError(
+                f"the object at {place[:3].tolist()} is where no thing is held: they are {DISTANCE[0]} to "
+                f"{DISTANCE[1]} m from the waist's axis, within {WAIST} rad of straight ahead, and "
+                f"{HEIGHT[0]} to {HEIGHT[1]} m above the table"
+            )
         if not np.isclose(size := float(np.linalg.norm(place[3:])), 1.0, atol=1e-3):
             raise ValueError(f"the object's quaternion has length {size:.3f}; it must be 1")
         pose = np.concatenate([place[:3], place[3:] / size])
@@ -85,17 +94,16 @@ class HeldPlacing(Placing):
         """See `Placing`."""
         rng = np.random.default_rng(0)
         thing, poses = draw_thing("sphere", rng), [drawn_pose(rng) for _ in range(CHECKED)]
-        good = [self.in_view(row, thing, each) and self.ways(row, world, thing, each) for each in poses]
-        return sum(map(bool, good)) >= LEAST_GRASPABLE * CHECKED
+        good = [self.in_view(row, thing, each) and any(self.ways(row, world, thing, each)) for each in poses]
+        return sum(good) >= LEAST_GRASPABLE * CHECKED
 
-    def ways(self, row: int, world: World, thing: Thing, pose: Array) -> list[Way]:
-        """How the jaws can hold a thing at a pose (7,), as geometry tells; the surest first."""
-        turned, found = rotation_matrix(pose[3:]), list[Way]()
+    def ways(self, row: int, world: World, thing: Thing, pose: Array) -> Iterator[Way]:
+        """How the jaws can hold a thing at a pose (7,), as geometry tells."""
+        turned = rotation_matrix(pose[3:])
         for pitch in PITCHES:
             if (postures := self.postures(row, world, pose[:3], pitch)) is not None:
                 waist, friction = float(postures[0][0]), float(world.object_friction)
-                found += ways_to_hold(thing, turned, pitch, waist, friction)
-        return sorted(found, key=lambda way: -way.square)
+                yield from ways_to_hold(thing, turned, pitch, waist, friction)
 
     def postures(self, row: int, world: World, place: Array, pitch: float) -> tuple[Array, Array] | None:
         """Joints (5,) with the gripper at a place (3,), and one gripper length before it, at a pitch (rad).

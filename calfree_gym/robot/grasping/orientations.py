@@ -103,4 +103,6 @@ def _filled(part: Part) -> Array:
     curved = {SPHERE: 3, CYLINDER: 2, BOX: 0}[part.kind]
     ticks = [np.linspace(-side, side, max(3, int(2 * side / SPACING))) for side in sides[part.kind]]
     points = np.stack(np.meshgrid(*ticks, indexing="ij"), -1).reshape(-1, 3)
-    return points[np.linalg.norm(points[:, :curved], axis=1) <= radius]
+    far = np.linalg.norm(points[:, :curved], axis=1, keepdims=True)
+    points[:, :curved] *= radius / np.maximum(far, radius)  # what lies beyond is brought to the surface
+    return points

@@ -74,7 +74,7 @@ class Holes(Places):
         """
         turns = stream(seed, "hole", trial).random((1, 3))
         reached, _, poses = self._reached(row, world, place[None], turns)
-        if not reached[0]:
+        if not reached[0] or place[2] < HEIGHT[0]:
             raise ValueError(
                 f"the hole at {place.tolist()} is out of reach in this world: pegs go in about {DISTANCE[0]} "
                 f"to {DISTANCE[1]} m from the waist's axis, within {WAIST} rad of straight ahead, "

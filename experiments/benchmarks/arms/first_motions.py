@@ -65,7 +65,7 @@ def safe_start(places: Mapping[str, Place] | None = None) -> Iterator[Table]:
     """A table for each arm: what its first trials came to, by agent.
 
     Args:
-        places: By the arm's name; by default the RV-M2, and two that `make arms` has fetched.
+        places: By the arm's name; by default the RV-M2, and two where `make arms` has fetched them.
     """
     for arm, place in (places or _usual()).items():
         env = gym.make(SAFE, **place.arguments)
@@ -138,9 +138,9 @@ def _usual() -> dict[str, Place]:
     """Arms of which two stand in `build/arms` alone; of small force, where the arm is small."""
     from tests.arms.fetched import fetched_arms
 
-    fetched, stand = fetched_arms(), {"camera_mount": "stand"}
-    return {
-        "movemaster": Place(500, {}),
-        "so101": Place(300, {"arm": fetched["so101"], "force_bound": 20.0, **stand}),
-        "panda": Place(200, {"arm": fetched["panda"], **stand}),
+    small = {"so101": Place(300, {"force_bound": 20.0}), "panda": Place(200, {})}
+    there = {name: arm for name, arm in fetched_arms().items() if name in small}
+    return {"movemaster": Place(500, {})} | {
+        name: Place(small[name].worlds, {"arm": arm, "camera_mount": "stand", **small[name].arguments})
+        for name, arm in there.items()
     }

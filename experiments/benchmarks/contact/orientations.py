@@ -110,7 +110,8 @@ def _searched(shape: str, mount: str, worlds: int) -> dict[str, Any]:
         arms: Any = env.unwrapped.arms  # type: ignore[attr-defined]
         pose = _pose(arms, np.random.default_rng(seed))
         told = _told(arms, pose)
-        found.append((told.map, told.down, told.squarely, search(arms, pose), _grasped(env, seed, pose)))
+        lifted = search(arms, pose)
+        found.append((*told[1:], lifted, lifted and _grasped(env, seed, pose)))
     env.close()
     mapped, down, squarely, searched, grasped = np.array(found).T
     return {
@@ -141,7 +142,7 @@ def _pose(arms: Any, rng: np.random.Generator) -> Array:
 
 def _told(arms: Any, pose: Array) -> Told:
     thing = arms.placed[0].thing
-    ways = arms.placing.ways(0, arms.world(0), thing, pose)
+    ways = list(arms.placing.ways(0, arms.world(0), thing, pose))
     upwards = (rotation_matrix(pose[3:]) @ thing.axis)[2] / np.linalg.norm(thing.axis)
     return Told(
         slant=float(np.degrees(np.arccos(min(abs(upwards), 1.0)))),

@@ -9,7 +9,7 @@ import pytest
 
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.robot.grasping.orientations import pressed, surface, ways_to_hold
-from calfree_gym.robot.grasping.shapes import SHAPE_NAMES, thing_of
+from calfree_gym.robot.grasping.shapes import SHAPE_NAMES, draw_thing, thing_of
 
 GRASP = "CalFree/Grasp-v0"
 TILT, TURN, JAWS = 3, 4, 5
@@ -53,7 +53,7 @@ def test_postures_are_where_mujoco_has_the_gripper():
     env.reset(seed=3)
     arms = env.unwrapped.arms
     world, place = arms.world(0), arms.placed[0].pose[:3]
-    pitch = arms.placing.ways(0, world, arms.placed[0].thing, arms.placed[0].pose)[0].pitch
+    pitch = next(arms.placing.ways(0, world, arms.placed[0].thing, arms.placed[0].pose)).pitch
     at, before = arms.placing.postures(0, world, place, pitch)
     points = []
     for joints in (at, before):
@@ -118,6 +118,19 @@ def test_sampled_points_lie_in_the_thing_that_mujoco_has_and_reach_its_ends(shap
     assert np.abs(points @ thing.axis).max() >= 0.9 * thing.axis @ thing.axis
 
 
+def test_sampled_points_reach_as_far_as_the_thing_itself():
+    rng = np.random.default_rng(0)
+    for shape in ("cylinder", "sphere"):
+        thing = draw_thing(shape, rng)
+        radius, half, _ = thing.parts[0].size
+        points = surface(thing)
+        for direction in rng.normal(size=(20, 3)):
+            direction = direction / np.linalg.norm(direction)
+            across = np.hypot(*direction[:2])
+            far = radius if shape == "sphere" else radius * across + half * abs(direction[2])
+            assert far - 0.001 < (points @ direction).max() <= far + 1e-12
+
+
 def test_a_given_pose_is_where_the_thing_is():
     env, pose = new(shape="box"), np.array([0.4, 0.05, 0.12, 0.5, 0.5, -0.5, 0.5])
     env.reset(seed=8, options={"object": pose})
@@ -131,6 +144,7 @@ def test_a_given_pose_is_where_the_thing_is():
         ({"observation": "vision"}, None, "observed by 'points' alone; found 'vision'"),
         ({}, {"object": (0.4, 0.0)}, r"must be \(x, y, z, qw, qx, qy, qz\)"),
         ({}, {"object": (0.4, 0.0, 0.1, 2.0, 0, 0, 0)}, "quaternion has length 2.000"),
+        ({}, {"object": (0.4, 0.0, -0.1, 1, 0, 0, 0)}, "is where no thing is held: they are 0.3 to 0.5 m"),
     ],
 )
 def test_bad_input_says_what_is_allowed(arguments, options, words):
@@ -162,4 +176,4 @@ def test_a_thing_out_of_reach_has_no_ways():
     env.reset(seed=7)
     arms = env.unwrapped.arms
     far = np.array([0.9, 0.0, 0.12, 1, 0, 0, 0])
-    assert not arms.placing.ways(0, arms.world(0), arms.placed[0].thing, far)
+    assert not any(arms.placing.ways(0, arms.world(0), arms.placed[0].thing, far))
