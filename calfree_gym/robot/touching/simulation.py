@@ -102,14 +102,9 @@ class TouchingSimulation(ReachSimulation):
         super().set_world(row, world)
         self._lengths[row] = world.link_lengths
 
-    def travel(self, rows: Rows, joints: Array) -> Array:
-        """See `Simulation`: as long as targets travel."""
-        which = np.arange(self.rows)[rows]
-        here = self._all_ctrl[which][:, self._ctrl]
-        return self._substeps(which, here, joints - here) * self._model.opt.timestep
-
     def move(self, rows: Rows, joints: Array) -> Array:
         """See `ReachSimulation`; where the drive trips, the arm stops short. `touched` tells."""
+        travel = self.travel(rows, joints)
         which = np.arange(self.rows)[rows]
         before = self._all_ctrl[which].copy()
         way = np.zeros_like(before)
@@ -135,7 +130,7 @@ class TouchingSimulation(ReachSimulation):
                 found.force[i], found.contacts[i] = each.forces.max(), each.contacts.max()
                 found.travel[i] = np.abs(each.joints - home[i]).max()
         self._touched[which] = np.stack(found, 1)
-        return long * self._model.opt.timestep
+        return travel
 
     @property
     def touched(self) -> Touched:
