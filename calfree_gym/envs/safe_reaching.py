@@ -87,10 +87,10 @@ class SafeReachEnv(SafeReaching, ArmEnv):
     does not count as terminated: see `compute_terminated`.)
 
     ## Information
-    As in `StereoArmEnv`; besides, of the last motion: `contacts`, at how many points the arm touched
-    something, at most; `peak_force` (N), the largest force of one of them; `joint_travel`, how far the joint
-    that went farthest was from where it began, in rad (m where it slides). Of the trial: `total_travel`, the
-    sum of these; `harmed`.
+    As in `StereoArmEnv`, whose speeds `robot_seconds` counts with, not with these slower motions; besides, of
+    the last motion: `contacts`, at how many points the arm touched something, at most; `peak_force` (N), the
+    largest force of one of them; `joint_travel`, how far the joint that went farthest was from where it
+    began, in rad (m where it slides). Of the trial: `total_travel`, the sum of these; `harmed`.
 
     Args:
         gains: The least and the largest factor of the motors' gains, where worlds are drawn. A given world
