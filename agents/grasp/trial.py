@@ -186,9 +186,7 @@ class GraspTrial:
 
         One, of a gripper that stays vertical; one before the nearer end, of one that may meet things end-on.
         """
-        if self._arm == ARM:
-            return 1.0
-        axis = self.now.in_gripper_lengths(self.now.between("end_2", "end_1"))
+        axis = None if self._arm == ARM else self.now.in_gripper_lengths(self.now.between("end_2", "end_1"))
         return 1.0 if axis is None else 1.0 + float(min(abs(axis[2]), 2.0)) / 2
 
     def _turn(self, words: Array) -> float:
