@@ -242,8 +242,8 @@ def _write(rows: list[dict[str, Any]], about: dict[str, Any], target: Path) -> N
     with pq.ParquetWriter(
         partial,
         table.schema,
-        compression="zstd",
-        compression_level=19,
+        compression="brotli",
+        compression_level=11,
         use_dictionary=[name for name in SCHEMA.names if name not in _COUNTERS],
         column_encoding=dict.fromkeys(_COUNTERS, "DELTA_BINARY_PACKED"),
         store_schema=False,
