@@ -74,16 +74,20 @@ class Stops:
         stops.lowest, stops.highest = self.lowest / units, self.highest / units
         return stops
 
-    def learn(self, words: Array, short: Array, registers: Array) -> None:
+    def learn(self, words: Array, short: Array, registers: Array) -> bool:
         """Motors whose words (m,) were executed but for `short` (m,) have met a stop at `registers` (m,).
 
         Where several were, all but for the same share, the arm has met something: that is no motor's stop.
+
+        Returns:
+            Whether it has.
         """
         self.lowest, self.highest = np.minimum(self.lowest, registers), np.maximum(self.highest, registers)
         if met_something(words, short):
-            return
+            return True
         self.highest = np.where(short > self.STOPPED, registers, self.highest)
         self.lowest = np.where(short < -self.STOPPED, registers, self.lowest)
+        return False
 
 
 class Trial:

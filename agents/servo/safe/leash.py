@@ -108,9 +108,8 @@ class Leash:
     def learn(self, words: Array, before: Observation, after: Observation) -> bool:
         """Takes in what words (m,) did; whether all went as expected."""
         executed = after.registers - before.registers
-        met = met_something(words, words - executed)
+        met = self.stops.learn(words, words - executed, after.registers)
         self.contacts += met
-        self.stops.learn(words, words - executed, after.registers)
         expected_px = self._view.moved_px(executed)
         off_px = self._view.error_px(executed, before, after)
         lost = bool((before.visible & ~after.visible).any())

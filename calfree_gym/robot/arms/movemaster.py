@@ -34,6 +34,8 @@ DISTANCE = (0.30, 0.50)
 """Objects lie between these distances from the waist's axis (m)."""
 WAIST = 0.9
 """Objects lie within this angle of straight ahead (rad)."""
+BEFORE_IT = f"{DISTANCE[0]} to {DISTANCE[1]} m from the waist's axis, within {WAIST} rad of straight ahead"
+"""Both, as errors have it."""
 LIMIT_MARGIN = 0.1
 """No object needs a joint nearer than this to its limit (rad)."""
 _WRIST_LOWEST, _WRIST_HIGHEST = JOINT_LIMITS[3].tolist()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Rows, rotation_matrix
-from calfree_gym.robot.arms.movemaster import DISTANCE, WAIST
+from calfree_gym.robot.arms.movemaster import BEFORE_IT, DISTANCE, WAIST
 from calfree_gym.robot.arms.robot import Mounts
 from calfree_gym.robot.grasping.jaws import AXIS
 from calfree_gym.robot.grasping.orientations import Way, ways_to_hold
@@ -80,8 +80,7 @@ class HeldPlacing(Placing):
         within = DISTANCE[0] <= far <= DISTANCE[1] and abs(around) <= WAIST
         if not (within and HEIGHT[0] <= place[2] <= HEIGHT[1]):
             raise ValueError(
-                f"the object at {place[:3].tolist()} is where no thing is held: they are {DISTANCE[0]} to "
-                f"{DISTANCE[1]} m from the waist's axis, within {WAIST} rad of straight ahead, and "
+                f"the object at {place[:3].tolist()} is where no thing is held: they are {BEFORE_IT}, and "
                 f"{HEIGHT[0]} to {HEIGHT[1]} m above the table"
             )
         if not np.isclose(size := float(np.linalg.norm(place[3:])), 1.0, atol=1e-3):

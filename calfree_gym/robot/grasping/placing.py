@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from calfree_gym.geometry import Array, Flags
-from calfree_gym.robot.arms.movemaster import DISTANCE, LIMIT_MARGIN, WAIST
+from calfree_gym.robot.arms.movemaster import BEFORE_IT, DISTANCE, LIMIT_MARGIN, WAIST
 from calfree_gym.robot.grasping.gripping_arm import GrippingArm
 from calfree_gym.robot.grasping.in_sight import InSight
 from calfree_gym.robot.grasping.jaws import AXIS
@@ -151,8 +151,7 @@ class Placing(Places):
         reached, _, _ = self._judged(row, world, thing, pose[None])
         if not reached[0]:
             raise ValueError(
-                f"{where} is out of reach in this world: things can be grasped about {DISTANCE[0]} to "
-                f"{DISTANCE[1]} m from the waist's axis, within {WAIST} rad of straight ahead"
+                f"{where} is out of reach in this world: things can be grasped about {BEFORE_IT}"
             )
         return Placed(thing, pose, self.goal(row, seed, trial, LIFTED))
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calfree_gym.geometry import Array, Flags, quaternion_of
-from calfree_gym.robot.arms.movemaster import DISTANCE, WAIST
+from calfree_gym.robot.arms.movemaster import BEFORE_IT, DISTANCE, WAIST
 from calfree_gym.robot.grasping.gripping_arm import GrippingArm
 from calfree_gym.robot.grasping.jaws import AXIS
 from calfree_gym.robot.grasping.placing import BLOCK, LEAST_GRASPABLE, Places
@@ -76,8 +76,7 @@ class Holes(Places):
         reached, _, poses = self._reached(row, world, place[None], turns)
         if not reached[0] or place[2] < HEIGHT[0]:
             raise ValueError(
-                f"the hole at {place.tolist()} is out of reach in this world: pegs go in about {DISTANCE[0]} "
-                f"to {DISTANCE[1]} m from the waist's axis, within {WAIST} rad of straight ahead, "
+                f"the hole at {place.tolist()} is out of reach in this world: pegs go in about {BEFORE_IT}, "
                 f"{HEIGHT[0]} to {HEIGHT[1]} m above the table, and {CLEAR} m below the peg at home"
             )
         return poses[0]

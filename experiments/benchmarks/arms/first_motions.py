@@ -138,9 +138,9 @@ def _usual() -> dict[str, Place]:
     """Arms of which two stand in `build/arms` alone; of small force, where the arm is small."""
     from tests.arms.fetched import fetched_arms
 
-    small = {"so101": Place(300, {"force_bound": 20.0}), "panda": Place(200, {})}
-    there = {name: arm for name, arm in fetched_arms().items() if name in small}
+    others = {"so101": Place(300, {"force_bound": 20.0}), "panda": Place(200, {})}
+    there = {name: arm for name, arm in fetched_arms().items() if name in others}
     return {"movemaster": Place(500, {})} | {
-        name: Place(small[name].worlds, {"arm": arm, "camera_mount": "stand", **small[name].arguments})
+        name: Place(others[name].worlds, {"arm": arm, "camera_mount": "stand", **others[name].arguments})
         for name, arm in there.items()
     }
