@@ -25,7 +25,7 @@ def pinhole(points: Array, position: Array, rotation: Array) -> tuple[Array, Arr
         position: Optical centres (..., 3).
         rotation: Camera axes as columns (..., 3, 3).
     """
-    seen = ((points - position)[..., None] * rotation).sum(-2)
+    seen = np.add.reduce((points - position)[..., None] * rotation, -2)
     depth = -seen[..., 2]
     safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
     return seen[..., :2] * [1.0, -1.0] / safe[..., None], depth

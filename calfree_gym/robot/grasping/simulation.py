@@ -15,7 +15,7 @@ from calfree_gym.robot.grasping.gripping_arm import SENSORS, GrippingArm
 from calfree_gym.robot.grasping.jaws import JAWS
 from calfree_gym.robot.grasping.ramp import CHUNK, LEAST_CHUNKS, Ramp, onward, turning_back
 from calfree_gym.robot.grasping.shapes import Thing
-from calfree_gym.robot.simulation import Picture, Simulation
+from calfree_gym.robot.simulation import Picture, Simulation, columns
 from calfree_gym.vision.cameras import pinhole
 
 if TYPE_CHECKING:
@@ -80,6 +80,7 @@ class GraspSimulation(Simulation):
         self._camera_places, self._camera_axes = self._batch.bind("cam_xpos"), self._batch.bind("cam_xmat")
         self._focal = np.ones((rows, 2, 1))
         self._site = [model.site(name).id for name in self.seen]
+        self._in_view, self._both = np.array(self._site), columns(np.array(self._cameras))
         self._jaw = int(model.joint(JAWS[0]).qposadr[0])
         self._gripper = [int(model.joint(name).qposadr[0]) for name in (*JAWS, "wrist_spring")]
         self._body = int(model.body("object").id)
@@ -144,19 +145,21 @@ class GraspSimulation(Simulation):
         Targets travel with least jerk, and not faster than `SPEED`. An arm that presses goes back half of the
         way that it has come; its jaws go on.
         """
-        before = self._all_ctrl[rows].copy()
-        way = np.column_stack([joints, openings]) - before
+        before = self._all_ctrl[rows]
+        way = np.empty_like(before)
+        way[:, :-1], way[:, -1] = joints, openings
+        way -= before
         chunks = self._chunks(rows, before[:, :-1], way[:, :-1])
         start, pressed = self._physics[rows], self._pressing[rows]
         passed = len(self.way or ())
         ramp = onward(chunks)
         executed, (largest, pressing) = ramp.executed, self._follow(rows, before, way, ramp)
-        turns = _turns(pressing, np.minimum(pressed, self.pinned))
-        if (back := np.flatnonzero(turns >= 0)).size:
+        back, turns = _turns(pressing, np.minimum(pressed, self.pinned))
+        if len(back):
             self._physics[rows[back]] = start[back]
-            if self.way is not None and turns[0] >= 0:
+            if self.way is not None and back[0] == 0:
                 del self.way[passed:]
-            ramp = turning_back(chunks[back], turns[back])
+            ramp = turning_back(chunks[back], turns)
             executed[back] = ramp.executed
             largest[back], _ = self._follow(rows[back], before[back], way[back], ramp)
         self.diverged[rows] |= ~np.isfinite(self._all_qpos[rows]).all(1)
@@ -176,9 +179,8 @@ class GraspSimulation(Simulation):
 
     def _follow(self, rows: NDArray[np.intp], before: Array, way: Array, ramp: Ramp) -> tuple[Array, Array]:
         """Moves `rows` along their ways (n, nu) from where controls were before: see `_step`."""
-        control = np.repeat(ramp.arms[..., None], way.shape[1], 2)
-        control[..., -1] = ramp.jaws
-        control *= way[:, None]
+        control = ramp.arms[..., None] * way[:, None]
+        control[..., -1] = ramp.jaws * way[:, -1:]
         control += before[:, None]
         return self._step(rows, control, ramp.substeps)
 
@@ -194,7 +196,7 @@ class GraspSimulation(Simulation):
         largest, pressing = np.zeros((len(rows), 2)), np.zeros((len(rows), control.shape[1] // CHUNK))
         since = 0
         for until in sorted(set(substeps.tolist())):
-            on = np.flatnonzero(substeps >= until)
+            on = (substeps >= until).nonzero()[0]
             recorded = self._batch.rollout(
                 until - since, control[on, since:until], record=fields, ids=rows[on]
             )
@@ -222,7 +224,7 @@ class GraspSimulation(Simulation):
         """Puts rows whose physics has diverged at rest at home, the object out of the way: all is finite."""
         if not self.diverged.any():
             return
-        rows = np.flatnonzero(self.diverged & ~np.isfinite(self._physics).all(1))
+        rows = (self.diverged & ~np.isfinite(self._physics).all(1)).nonzero()[0]
         self._physics[rows] = self._at_rest
 
     def openings(self) -> Array:
@@ -235,8 +237,8 @@ class GraspSimulation(Simulation):
 
     def pinhole_pixels(self) -> tuple[Array, Array]:
         """See `Simulation`: of all `POINTS`."""
-        points = self._sites[:, self._site][:, :, None]
-        places, axes = self._camera_places[:, self._cameras], self._camera_axes[:, self._cameras]
+        points = self._sites.take(self._in_view, 1)[:, :, None]
+        places, axes = self._camera_places[:, self._both], self._camera_axes[:, self._both]
         flat, depth = pinhole(points, places[:, None], axes.reshape(-1, 1, 2, 3, 3))
         pixels = flat * self._focal[:, None] + PIXELS_PER_UNIT
         return pixels.reshape(self.rows, -1, 2), depth.reshape(self.rows, -1)
@@ -256,17 +258,18 @@ class GraspSimulation(Simulation):
             data.qpos[self._free : self._free + 3] = object_
 
 
-def _turns(pressing: Array, pressed: Array) -> NDArray[np.int64]:
-    """In which chunk (n,) the guard stops an arm, -1 where in none.
+def _turns(pressing: Array, pressed: Array) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+    """Which arms (b,) of n the guard stops, and in which chunk (b,).
 
     Args:
         pressing: With what force (n, chunks) the arms press at the end of each chunk, in N.
         pressed: With what they did before (n,), as far as it counts.
     """
-    most = GUARD + pressed
-    before = np.column_stack([pressed, pressing[:, :-1]])
-    stops = (pressing > most[:, None]) & (pressing > before + RISES)
-    return np.where(stops.any(1), stops.argmax(1), -1)
+    least = np.empty_like(pressing)
+    least[:, 0], least[:, 1:] = pressed, pressing[:, :-1]
+    stops = (pressing > GUARD + pressed[:, None]) & (pressing > least + RISES)
+    back = stops.any(1).nonzero()[0]
+    return back, stops[back].argmax(1)
 
 
 def _alone(thing: Thing, mass: float) -> mujoco.MjModel:
