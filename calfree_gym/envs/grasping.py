@@ -11,9 +11,17 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.grasping_arms import ANY, HELD, LYING, ORIENTATIONS, GraspingArms
-from calfree_gym.envs.shared import ArmShared, GoalRewards
+from calfree_gym.envs.shared import ArmShared, Events, GoalRewards
 from calfree_gym.envs.single import ArmEnv
-from calfree_gym.envs.spaces import GOALS, Observation, action_space, pixel_box, pixels_of, unit_box
+from calfree_gym.envs.spaces import (
+    GOALS,
+    Observation,
+    action_space,
+    joined,
+    pixel_box,
+    pixels_of,
+    unit_box,
+)
 from calfree_gym.envs.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.robot.grasping.shapes import ShapeChoice, check_shape
@@ -22,7 +30,7 @@ from calfree_gym.tasks import grasp
 from calfree_gym.world import WorldChoice
 
 OBSERVATIONS = (*GOALS, "pixels")
-_OTHERS = [place for place in range(2 * len(POINTS)) if place not in HELD]
+_BEFORE, _AFTER = slice(HELD.start), slice(HELD.stop, None)
 """Image points other than the object's, which is a goal of its own."""
 MM = 1000.0
 LIFTED_MM = 50.0
@@ -47,7 +55,7 @@ class Grasping(ArmShared):
 
     def _spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
         registers = len(self.arms.robot.motors) + 1
-        felt, seen = registers + 1, 2 * len(POINTS) + 2 * len(_OTHERS)
+        felt, seen = registers + 1, 2 * len(POINTS) + 2 * (2 * len(POINTS) - 2)
         boxes: dict[str, spaces.Space[Any]]
         if self._kind in GOALS:
             boxes = {key: unit_box(5) for key in ("achieved_goal", "desired_goal")}
@@ -66,21 +74,23 @@ class Grasping(ArmShared):
     def _outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
         arms, rows = self.arms, self.arms.rows
         points, visible, held, *images = arms.delivered
-        achieved = np.concatenate([points[:, HELD].reshape(rows, 4), held[:, None]], 1).astype(np.float32)
-        desired = np.concatenate([arms.goals, np.ones((rows, 1))], 1).astype(np.float32)
+        achieved = joined(points[:, HELD].reshape(rows, 4), held[:, None])
+        desired = joined(arms.goals, np.ones((rows, 1)))
         observed: Observation = {}
-        felt = [arms.registers, arms.jaws[:, None], np.clip(arms.openings, 0, 1)[:, None]]
+        openings = np.minimum(np.maximum(arms.openings, 0.0), 1.0)
+        felt = [arms.registers, arms.jaws[:, None], openings[:, None]]
         if self._kind in GOALS:
-            state = [visible, *felt, points[:, _OTHERS].reshape(rows, -1)]
+            others = (points[:, part].reshape(rows, -1) for part in (_BEFORE, _AFTER))
+            state = [visible, *felt, *others]
             observed |= {"achieved_goal": achieved, "desired_goal": desired}
         else:
             state, observed["pixels"] = felt, pixels_of(images[0])
-        observed["observation"] = np.concatenate(state, 1).astype(np.float32)
+        observed["observation"] = joined(*state)
         return observed, *self._judged(achieved, desired)
 
     def _judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:
         distances = grasp.place_distances(achieved, desired)
-        return distances, grasp.lifted(achieved, desired, self.arms.tolerance)
+        return distances, grasp.lifted(distances, achieved, desired, self.arms.tolerance)
 
     def _truth(self) -> dict[str, Any]:
         arms = self.arms
@@ -95,7 +105,7 @@ class Grasping(ArmShared):
             "joints": arms.simulation.joints(),
         }
 
-    def _events(self) -> dict[str, NDArray[Any]]:
+    def _events(self) -> Events:
         arms = self.arms
         return {
             "force_table": arms.forces[:, 0].copy(),
@@ -104,8 +114,8 @@ class Grasping(ArmShared):
             "diverged": arms.simulation.diverged.copy(),
         }
 
-    def _cut_short(self) -> NDArray[np.bool_]:
-        return self.arms.off_table | self.arms.simulation.diverged
+    def _cut_short(self, events: Events) -> NDArray[np.bool_]:
+        return events["off_table"] | events["diverged"]
 
 
 class GraspEnv(Grasping, ArmEnv):

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.inserting_arms import BASE, HOLE, TIP, InsertingArms
 from calfree_gym.envs.reaching import placed_objects
-from calfree_gym.envs.shared import ArmShared, GoalRewards
+from calfree_gym.envs.shared import ArmShared, Events, GoalRewards
 from calfree_gym.envs.single import ArmEnv
-from calfree_gym.envs.spaces import Observation, action_space, unit_box
+from calfree_gym.envs.spaces import Observation, action_space, joined, unit_box
 from calfree_gym.envs.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.image import IMAGE_SIZE
@@ -79,13 +79,12 @@ class Inserting(GoalRewards, ArmShared):
         seen = np.asarray(visible[:, [*TIP, *BASE, *HOLE]].all(1))
         depth = insert.depth_told(tip, base, hole, seen)
         wanted = np.full((rows, 1), insert.DEPTH)
-        achieved = np.concatenate([tip.reshape(rows, 4), depth[:, None]], 1).astype(np.float32)
-        desired = np.concatenate([hole.reshape(rows, 4), wanted], 1).astype(np.float32)
-        state = [visible, arms.registers, points[:, _OTHERS].reshape(rows, -1)]
+        achieved = joined(tip.reshape(rows, 4), depth[:, None])
+        desired = joined(hole.reshape(rows, 4), wanted)
         observed: Observation = {
             "achieved_goal": achieved,
             "desired_goal": desired,
-            "observation": np.concatenate(state, 1).astype(np.float32),
+            "observation": joined(visible, arms.registers, points[:, _OTHERS].reshape(rows, -1)),
         }
         return observed, *self._judged(achieved, desired)
 
@@ -109,7 +108,7 @@ class Inserting(GoalRewards, ArmShared):
             "joints": arms.simulation.joints(),
         }
 
-    def _events(self) -> dict[str, NDArray[Any]]:
+    def _events(self) -> Events:
         arms = self.arms
         return {
             "force_table": arms.forces[:, 0].copy(),
@@ -117,8 +116,8 @@ class Inserting(GoalRewards, ArmShared):
             "diverged": arms.simulation.diverged.copy(),
         }
 
-    def _cut_short(self) -> NDArray[np.bool_]:
-        return self.arms.simulation.diverged
+    def _cut_short(self, events: Events) -> NDArray[np.bool_]:
+        return events["diverged"]
 
 
 class InsertEnv(Inserting, ArmEnv):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.touching_arms import TouchingArms
 from calfree_gym.envs.reaching import Reaching
-from calfree_gym.envs.shared import GoalRewards
+from calfree_gym.envs.shared import Events, GoalRewards
 from calfree_gym.envs.single import ArmEnv
 from calfree_gym.envs.spaces import GOALS
 from calfree_gym.envs.vector import ArmVectorEnv
@@ -46,7 +46,7 @@ class SafeReaching(Reaching):
         arguments = {name: value for name, value in self._arguments.items() if name != "dynamics"}
         return TouchingArms(robot=robot_of(arguments.pop("arm")), observation=self._kind, **arguments)
 
-    def _events(self) -> dict[str, NDArray[Any]]:
+    def _events(self) -> Events:
         arms, touched = self.arms, self.arms.simulation.touched
         return {
             "contacts": touched.contacts.astype(np.int64),
@@ -56,8 +56,8 @@ class SafeReaching(Reaching):
             "harmed": arms.harmed.copy(),
         }
 
-    def _cut_short(self) -> NDArray[np.bool_]:
-        return self.arms.harmed
+    def _cut_short(self, events: Events) -> NDArray[np.bool_]:
+        return events["harmed"]
 
 
 class SafeReachEnv(SafeReaching, ArmEnv):

@@ -27,6 +27,7 @@ from calfree_gym.tasks import goals
 from calfree_gym.world import WorldDistribution
 
 REWARDS = {"sparse": goals.sparse_reward, "dense": goals.dense_reward}
+Events = dict[str, NDArray[Any]]
 RENDER_MODES = ("rgb_array", "human")
 REDRAWS = ("never", "trial")
 SMALLEST_IMAGE, LARGEST_IMAGE = 16, 1024
@@ -118,12 +119,12 @@ class ArmShared(Copyable, ABC):
     def _truth(self) -> dict[str, Any]:
         """What is true of all rows: arrays (N, ...)."""
 
-    def _events(self) -> dict[str, NDArray[Any]]:
+    def _events(self) -> Events:
         """What else infos tell of the last motion: arrays (N,)."""
         return {}
 
-    def _cut_short(self) -> NDArray[np.bool_]:
-        """Where (N,) the trial cannot go on."""
+    def _cut_short(self, events: Events) -> NDArray[np.bool_]:
+        """Where (N,) the trial cannot go on, by what `_events` tells."""
         return np.zeros(self.arms.rows, bool)
 
     def _frame(self, row: int) -> NDArray[np.uint8] | None:

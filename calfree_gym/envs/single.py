@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.state import RowState
 from calfree_gym.envs.reaching import Reaching
-from calfree_gym.envs.shared import RENDER_MODES, ArmShared, GoalRewards
+from calfree_gym.envs.shared import RENDER_MODES, ArmShared, Events, GoalRewards
 from calfree_gym.envs.spaces import GOALS, Observation, control_words
 from calfree_gym.errors import known_arguments
 from calfree_gym.perturbations.application import Applied
@@ -85,21 +85,21 @@ class ArmEnv(ArmShared, gym.Env[Any, Any]):
         applied = self.arms.begin_trial(slice(None), self._placed(options))
         self.arms.observe()
         observation, _, success = self._outcome()
-        return {key: value[0] for key, value in observation.items()}, self._info(
-            success, np.float64(0.0), applied
-        )
+        info = self._info(success, np.float64(0.0), applied, self._events())
+        return {key: value[0] for key, value in observation.items()}, info
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Executes one motion, see the class."""
         seconds, applied = self.arms.move(slice(None), control_words(action, self._action_shape))
         self.arms.observe()
         observation, distances, success = self._outcome()
+        events = self._events()
         return (
             {key: value[0] for key, value in observation.items()},
             float(self._reward(distances, success)[0]),
             self._ends and bool(success[0]),
-            bool(self._cut_short()[0]),
-            self._info(success, seconds[0], applied),
+            bool(self._cut_short(events)[0]),
+            self._info(success, seconds[0], applied, events),
         )
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -114,13 +114,15 @@ class ArmEnv(ArmShared, gym.Env[Any, Any]):
         """
         return self._frame(0)
 
-    def _info(self, success: Any, seconds: np.float64, applied: list[Applied]) -> dict[str, Any]:
+    def _info(
+        self, success: Any, seconds: np.float64, applied: list[Applied], events: Events
+    ) -> dict[str, Any]:
         self.applied = [perturbation for _, perturbation in applied]
         info: dict[str, Any] = {
             "is_success": np.array(success[0]),  # a numpy.bool would become an object in vector infos
             "robot_seconds": seconds,
             "perturbed": np.int64(len(applied)),
-        } | {key: value[0] for key, value in self._events().items()}
+        } | {key: value[0] for key, value in events.items()}
         if self._gives_truth:
             info["truth"] = {key: value[0] for key, value in self._truth().items()}
         return info

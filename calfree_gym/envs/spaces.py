@@ -65,6 +65,11 @@ def pixels_of(stereo: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.concatenate([stereo[:, 0], stereo[:, 1]], -1)
 
 
+def joined(*parts: NDArray[Any]) -> NDArray[np.float32]:
+    """Numbers (N, ...) of all rows side by side."""
+    return np.concatenate(parts, 1, dtype=np.float32)
+
+
 def observations(kind: str, tell: Sequence[str], arms: StereoArms) -> Observation:
     """What all rows deliver now, batched."""
     registers = arms.registers.astype(np.float32)

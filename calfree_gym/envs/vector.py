@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calfree_gym.envs.arms.state import RowState
 from calfree_gym.envs.reaching import Reaching
 from calfree_gym.envs.row import HasRows
-from calfree_gym.envs.shared import RENDER_MODES, ArmShared, GoalRewards
+from calfree_gym.envs.shared import RENDER_MODES, ArmShared, Events, GoalRewards
 from calfree_gym.envs.spaces import GOALS, Observation, control_words
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.perturbations.application import Applied
@@ -106,7 +106,7 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
         *_, success = self._outcome()
         moved = self.arms.motions_of_trial > 0
         late = self.arms.motions_of_trial >= self._max_episode_steps
-        self._over = moved & (success & self._ends | late | self._cut_short())
+        self._over = moved & (success & self._ends | late | self._cut_short(self._events()))
         self._applied = []
 
     def reset(
@@ -132,7 +132,7 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
         self._applied = self._begin(rows, None if objects is None else objects[rows])
         self.arms.observe()
         observation, _, success = self._outcome()
-        return observation, self._infos(success, np.zeros(self.num_envs), self._applied)
+        return observation, self._infos(success, np.zeros(self.num_envs), self._applied, self._events())
 
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
         """Executes one motion in every row whose trial is not over.
@@ -157,12 +157,13 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
             )
         self.arms.observe()
         observation, distances, success = self._outcome()
+        events = self._events()
         rewards = np.where(over, 0.0, self._reward(distances, success))
         terminated = success & ~over if self._ends else np.zeros(self.num_envs, bool)
-        truncated = (self.arms.motions_of_trial >= self._max_episode_steps) | self._cut_short() & ~over
+        truncated = (self.arms.motions_of_trial >= self._max_episode_steps) | self._cut_short(events) & ~over
         self._over = terminated | truncated
         self._applied = applied
-        infos = self._infos(success, seconds, applied)
+        infos = self._infos(success, seconds, applied, events)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             observation, infos = self._begin_at_once(observation, infos)
         return observation, rewards, terminated, truncated, infos
@@ -180,7 +181,8 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
         self._applied = [*self._applied, *applied]
         self.arms.observe()
         observation, _, success = self._outcome()
-        infos = self._infos(success, np.where(over, 0.0, final_infos["robot_seconds"]), applied)
+        seconds = np.where(over, 0.0, final_infos["robot_seconds"])
+        infos = self._infos(success, seconds, applied, self._events())
         return observation, infos | {
             "final_obs": final,
             "_final_obs": over,
@@ -215,10 +217,10 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
             raise ValueError("options['reset_mask'] is False everywhere; at least one row must begin")
         return np.flatnonzero(mask)
 
-    def _infos(self, success: Any, seconds: Any, applied: list[Applied]) -> dict[str, Any]:
+    def _infos(self, success: Any, seconds: Any, applied: list[Applied], events: Events) -> dict[str, Any]:
         every = np.ones(self.num_envs, bool)
         perturbed = np.bincount([row for row, _ in applied], minlength=self.num_envs)
-        infos = {"is_success": success, "robot_seconds": seconds, "perturbed": perturbed} | self._events()
+        infos = {"is_success": success, "robot_seconds": seconds, "perturbed": perturbed} | events
         if self._gives_truth:
             truth = self._truth()
             infos["truth"] = truth | {"_" + key: every for key in truth}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.image import IMAGE_UNIT, lengths
-from calfree_gym.tasks.goals import Floats
+from calfree_gym.tasks.goals import Floats, image_distances
 
 BLOCKED = 0.06
 """Jaws that stay open by this share more than they were told have something between them. Choice: on nothing
@@ -37,8 +37,8 @@ def held(blocked: Floats, before: Floats, gripper_way: Floats, object_way: Float
         object_way: Of the object's (N, 2, 2).
         seen: Whether (N,) all four were seen before and after.
     """
-    far = lengths(gripper_way).max(-1)
-    apart = lengths(object_way - gripper_way).max(-1)
+    far = np.maximum.reduce(lengths(gripper_way), -1)
+    apart = np.maximum.reduce(lengths(object_way - gripper_way), -1)
     return blocked & np.where(seen & (far > MOVED), apart < ALIKE * far, before)
 
 
@@ -49,11 +49,19 @@ def place_distances(achieved: Floats, desired: Floats) -> Floats:
         achieved: The object's sensor vector, and whether it is held (..., 5).
         desired: The wanted one, and 1 (..., 5).
     """
-    d = (achieved - desired)[..., :4]
-    return lengths(d.reshape(*d.shape[:-1], 2, 2))
+    return image_distances(achieved[..., :4], desired[..., :4])
 
 
-def lifted(achieved: Floats, desired: Floats, tolerance: float | np.float32) -> NDArray[Any]:
-    """Whether (...) the object is held, within `tolerance` of the wanted place in both images."""
-    near = np.maximum.reduce(place_distances(achieved, desired), axis=-1) <= tolerance
-    return near & (np.abs((achieved - desired)[..., 4]) < 0.5)
+def lifted(
+    distances: Floats, achieved: Floats, desired: Floats, tolerance: float | np.float32
+) -> NDArray[Any]:
+    """Whether (...) the object is held, within `tolerance` of the wanted place in both images.
+
+    Args:
+        distances: What `place_distances` tells (..., 2).
+        achieved: See `place_distances`.
+        desired: See `place_distances`.
+        tolerance: In image units.
+    """
+    near = np.maximum.reduce(distances, axis=-1) <= tolerance
+    return near & (np.abs(achieved[..., 4] - desired[..., 4]) < 0.5)

@@ -99,7 +99,7 @@ class ContactArms(Arms):
         seconds = simulation.travel(rows, joints)
         motion = simulation.move(indices, joints, openings)
         simulation.recover()
-        for i in np.flatnonzero(motion.shares < 1).tolist():
+        for i in (motion.shares < 1).nonzero()[0].tolist():
             self.stopped_short(int(indices[i]), before[i], motion.shares[i])
         return seconds, motion
 

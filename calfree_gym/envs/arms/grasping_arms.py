@@ -23,18 +23,16 @@ from calfree_gym.robot.grasping.tilting_arm import TiltingArm
 from calfree_gym.tasks import grasp
 from calfree_gym.world import World
 
-TABLE = np.array([[-0.32, 0.92], [-0.62, 0.62]])
-"""From where to where the table goes (m): x, then y."""
+TABLE = np.array([[-0.32, -0.62], [0.92, 0.62]])
+"""From where to where the table goes (m): (x, y)."""
 LYING, ANY = "lying", "any"
 ORIENTATIONS: dict[str, tuple[type[GrippingArm], Any, type[Placing]]] = {
     LYING: (GrippingArm, GraspSimulation, Placing),
     ANY: (TiltingArm, HeldSimulation, HeldPlacing),
 }
 """Of things, as they lie on the table or held in the air: the arm, the physics, and where they are."""
-GRIPPER = (0, 1)
-"""Where the gripper's point stands among the image points."""
-HELD = (2 * OBJECT, 2 * OBJECT + 1)
-"""Where the object's does."""
+GRIPPER, HELD = slice(0, 2), slice(2 * OBJECT, 2 * OBJECT + 2)
+"""Where the points of the gripper and of the object stand among the image points."""
 
 
 class GraspingArms(ContactArms):
@@ -60,10 +58,10 @@ class GraspingArms(ContactArms):
         ValueError: See `Arms`.
     """
 
-    shown_points: ClassVar[tuple[int, int, int, int]] = (*GRIPPER, *HELD)
+    shown_points: ClassVar[tuple[int, int, int, int]] = (0, 1, 2 * OBJECT, 2 * OBJECT + 1)
     state_names: ClassVar[tuple[str, ...]] = (
         *ContactArms.state_names,
-        *("jaws", "openings", "held", "goals", "forces", "lifted", "placed", "_waited"),
+        *("jaws", "openings", "held", "goals", "forces", "lifted", "placed", "_lay", "_waited"),
     )
 
     def __init__(
@@ -96,6 +94,7 @@ class GraspingArms(ContactArms):
         self.held, self._waited = np.zeros(rows, bool), np.zeros(rows, bool)
         self.goals, self.forces, self.lifted = np.zeros((rows, 4)), np.zeros((rows, 2)), np.zeros(rows)
         self.placed: list[Placed | None] = [None] * rows
+        self._lay = np.zeros(rows)  # the height of what was placed
         self.delivered: Seen = (self.points, self.visible, self.held, *self._sight.images)
 
     def enter(self, row: int, world: World) -> None:
@@ -120,7 +119,7 @@ class GraspingArms(ContactArms):
             placed = self.placing.draw(*which) if given is None else self.placing.given(*which, given[i])
             self.placed[row] = placed
             self._weigh(row, placed)
-            self.goals[row] = np.clip(placed.goal, -1, 1)
+            self.goals[row], self._lay[row] = np.clip(placed.goal, -1, 1), placed.pose[2]
             poses.append(placed.pose)
         return np.array(poses)
 
@@ -134,21 +133,19 @@ class GraspingArms(ContactArms):
         """See `Arms`: with something between its jaws, an arm waits for a second after each motion."""
         indices, simulation = self._all[rows], self.simulation
         words = np.atleast_2d(words)
-        self.jaws[rows] = np.clip(self.jaws[rows] + words[:, -1], 0.0, 1.0)
-        seconds, motion = self.travelled(rows, words[:, :-1], STROKE * (1 - self.jaws[rows]))
+        self.jaws[rows] = jaws = np.minimum(np.maximum(self.jaws[rows] + words[:, -1], 0.0), 1.0)
+        seconds, motion = self.travelled(rows, words[:, :-1], STROKE * (1 - jaws))
         self.forces[rows] = motion.forces
         self.openings[rows] = simulation.openings()[rows] / STROKE
         self._waited[rows] = False
         heights = simulation.heights()
-        holding = indices[grasp.blocked(self.openings[rows], self.jaws[rows]) & ~simulation.diverged[rows]]
+        holding = indices[grasp.blocked(self.openings[rows], jaws) & ~simulation.diverged[rows]]
         if len(holding):
             forces, heights[holding] = simulation.wait(holding)
             self.forces[holding] = np.maximum(self.forces[holding], forces)
             self.openings[holding] = simulation.openings()[holding] / STROKE
             self._waited[holding] = True
-        for row in indices.tolist():
-            placed = self.placed[row]
-            self.lifted[row] = 0.0 if placed is None else heights[row] - placed.pose[2]
+        self.lifted[rows] = heights[rows] - self._lay[rows]
         return seconds + self._waited[rows]
 
     def observe(self) -> None:
@@ -159,7 +156,7 @@ class GraspingArms(ContactArms):
             self.held,
             way[:, GRIPPER],
             way[:, HELD],
-            np.asarray(both[:, self.shown_points].all(1)),
+            np.logical_and.reduce(both[:, self.shown_points], 1),
         )
         seen_now = self.points, self.visible, self.held, *images
         self.delivered = self._latency.deliver(self.motions_of_trial, *seen_now)
@@ -177,10 +174,9 @@ class GraspingArms(ContactArms):
     @property
     def off_table(self) -> Flags:
         """Whether the object of a row has left the table (N,)."""
-        place = self.simulation.positions()[1]
-        level = place[:, :2]
-        outside = ((level < TABLE[:, 0]) | (level > TABLE[:, 1])).any(1)
-        return np.asarray(outside)
+        place = self.simulation.positions()[1][:, :2]
+        outside = (place < TABLE[0]) | (place > TABLE[1])
+        return outside[:, 0] | outside[:, 1]
 
     def error_px(self) -> Array:
         """Noise-free image distances (N,) in pixels of objects from where they are to be lifted to."""

@@ -201,10 +201,11 @@ class GraspSimulation(Simulation):
                 until - since, control[on, since:until], record=fields, ids=rows[on]
             )
             forces = recorded["sensordata"].reshape(len(on), until - since, len(SENSORS), 3)
-            told = forces[:, :, self.told]
-            largest[on] = np.maximum(largest[on], np.sqrt(np.einsum("nkfc,nkfc->nkf", told, told).max(1)))
-            net = forces[:, CHUNK - 1 :: CHUNK, 2:].sum(2)
-            pressing[on, since // CHUNK : until // CHUNK] = np.sqrt(np.square(net).sum(-1))
+            told, ends = forces[:, :, self.told], forces[:, CHUNK - 1 :: CHUNK]
+            squares = np.einsum("nkfc,nkfc->nfk", told, told, order="C")
+            largest[on] = np.maximum(largest[on], np.sqrt(np.maximum.reduce(squares, -1)))
+            net = ends[:, :, 2] + ends[:, :, 3]
+            pressing[on, since // CHUNK : until // CHUNK] = np.sqrt(np.add.reduce(net * net, -1))
             if self.way is not None and on[0] == 0:
                 self.way.extend(recorded["qpos"][0, CHUNK - 1 :: CHUNK])
             since = until
@@ -213,11 +214,12 @@ class GraspSimulation(Simulation):
 
     def _chunks(self, rows: NDArray[np.intp], joints: Array, way: Array) -> NDArray[np.int64]:
         """How many chunks a ramp takes (n,)."""
-        there, here = self._robot.gripper_position(np.stack([joints + way, joints]), self._lengths[rows])
+        ends = np.empty((2, *way.shape))
+        ends[0], ends[1] = joints + way, joints
+        there, here = self._robot.gripper_position(ends, self._lengths[rows])
         apart = there - here
-        seconds = np.maximum(np.sqrt(np.square(apart).sum(-1)) / SPEED, np.abs(way).max(-1) / TURNING) * (
-            PEAK / (CHUNK * self._model.opt.timestep)
-        )
+        far, turn = np.sqrt(np.add.reduce(apart * apart, -1)), np.maximum.reduce(np.abs(way), -1)
+        seconds = np.maximum(far / SPEED, turn / TURNING) * (PEAK / (CHUNK * self._model.opt.timestep))
         return np.maximum(np.ceil(seconds), LEAST_CHUNKS).astype(np.int64)
 
     def recover(self) -> None:
