@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 MOUNTS = ("waist", "stand")
 """Where the cameras are fixed: on the arm's first link, turning with it, or in the room."""
+_RIGHT_DOWN = np.array([1.0, -1.0])
+"""An image's directions in a camera's axes, of which the second points up."""
 
 
 def pinhole(points: Array, position: Array, rotation: Array) -> tuple[Array, Array]:
@@ -28,7 +30,7 @@ def pinhole(points: Array, position: Array, rotation: Array) -> tuple[Array, Arr
     seen = np.add.reduce((points - position)[..., None] * rotation, -2)
     depth = -seen[..., 2]
     safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
-    return seen[..., :2] * [1.0, -1.0] / safe[..., None], depth
+    return seen[..., :2] * _RIGHT_DOWN / safe[..., None], depth
 
 
 def undistort(distorted: Array, k1: float) -> tuple[Array, Flags]:

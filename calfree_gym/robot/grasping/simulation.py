@@ -214,10 +214,9 @@ class GraspSimulation(Simulation):
 
     def _chunks(self, rows: NDArray[np.intp], joints: Array, way: Array) -> NDArray[np.int64]:
         """How many chunks a ramp takes (n,)."""
-        ends = np.empty((2, *way.shape))
-        ends[0], ends[1] = joints + way, joints
-        there, here = self._robot.gripper_position(ends, self._lengths[rows])
-        apart = there - here
+        lengths, both = self._lengths[rows], np.concatenate([joints + way, joints])
+        places = self._robot.gripper_position(both, np.concatenate([lengths, lengths]))
+        apart = places[: len(rows)] - places[len(rows) :]
         far, turn = np.sqrt(np.add.reduce(apart * apart, -1)), np.maximum.reduce(np.abs(way), -1)
         seconds = np.maximum(far / SPEED, turn / TURNING) * (PEAK / (CHUNK * self._model.opt.timestep))
         return np.maximum(np.ceil(seconds), LEAST_CHUNKS).astype(np.int64)
