@@ -132,7 +132,7 @@ class GraspingArms(ContactArms):
     def execute(self, rows: Rows, words: Array) -> Array:
         """See `Arms`: with something between its jaws, an arm waits for a second after each motion."""
         indices, simulation = self._all[rows], self.simulation
-        words = np.atleast_2d(words)
+        words = words.reshape(len(indices), -1)
         self.jaws[rows] = jaws = np.minimum(np.maximum(self.jaws[rows] + words[:, -1], 0.0), 1.0)
         seconds, motion = self.travelled(rows, words[:, :-1], STROKE * (1 - jaws))
         self.forces[rows] = motion.forces

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import mujoco
@@ -42,6 +43,10 @@ _OF_BODIES = (
     *("body_mass", "body_subtreemass", "body_inertia", "body_ipos", "body_iquat", "body_invweight0"),
 )
 _OF_DOFS = ("dof_invweight0", "dof_M0", "dof_length")
+
+
+Control = Callable[[NDArray[np.intp], slice], Array]
+"""Of the arms at some places (m,) of those that move, in some substeps: (m, k, nu)."""
 
 
 class Motion(NamedTuple):
@@ -162,7 +167,7 @@ class GraspSimulation(Simulation):
             ramp = turning_back(chunks[back], turns)
             executed[back] = ramp.executed
             largest[back], _ = self._follow(rows[back], before[back], way[back], ramp)
-        self.diverged[rows] |= ~np.isfinite(self._all_qpos[rows]).all(1)
+        self._see_diverged(rows)
         return Motion(executed, largest)
 
     def wait(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -171,35 +176,43 @@ class GraspSimulation(Simulation):
         Returns:
             Largest forces (n, 2) as in `Motion`, and the lowest height (n,) of the objects meanwhile, in m.
         """
-        control = np.repeat(self._all_ctrl[rows][:, None], SECOND, 1)
         before = self.heights()[rows]
-        largest, _ = self._step(rows, control, np.full(len(rows), SECOND))
-        self.diverged[rows] |= ~np.isfinite(self._all_qpos[rows]).all(1)
+        largest, _ = self._step(rows, np.full(len(rows), SECOND))
+        self._see_diverged(rows)
         return largest, np.minimum(before, self.heights()[rows])
 
     def _follow(self, rows: NDArray[np.intp], before: Array, way: Array, ramp: Ramp) -> tuple[Array, Array]:
         """Moves `rows` along their ways (n, nu) from where controls were before: see `_step`."""
-        control = ramp.arms[..., None] * way[:, None]
-        control[..., -1] = ramp.jaws * way[:, -1:]
-        control += before[:, None]
-        return self._step(rows, control, ramp.substeps)
+
+        def control(on: NDArray[np.intp], when: slice) -> Array:
+            there = ramp.arms[on, when, None] * way[on, None]
+            there[..., -1] = ramp.jaws[on, when] * way[on, -1:]
+            there += before[on, None]
+            return there
+
+        return self._step(rows, ramp.substeps, control)
 
     def _step(
-        self, rows: NDArray[np.intp], control: Array, substeps: NDArray[np.int64]
+        self, rows: NDArray[np.intp], substeps: NDArray[np.int64], control: Control | None = None
     ) -> tuple[Array, Array]:
-        """Steps `rows` under control (n, k, nu), each by its number (n,) of substeps.
+        """Steps `rows`, each by its number (n,) of substeps.
+
+        Args:
+            rows: Which (n,).
+            substeps: Of each.
+            control: Of some of these rows in some of the substeps; None leaves it as it is.
 
         Returns:
             Largest forces (n, 2) as in `Motion`, and what the arms press with (n, chunks) after each chunk.
         """
         fields = ("sensordata",) if self.way is None else ("sensordata", "qpos")
-        largest, pressing = np.zeros((len(rows), 2)), np.zeros((len(rows), control.shape[1] // CHUNK))
+        largest, pressing = np.zeros((len(rows), 2)), np.zeros((len(rows), int(substeps.max()) // CHUNK))
         since = 0
         for until in sorted(set(substeps.tolist())):
             on = (substeps >= until).nonzero()[0]
-            recorded = self._batch.rollout(
-                until - since, control[on, since:until], record=fields, ids=rows[on]
-            )
+            ids = None if len(on) == self.rows else rows[on]
+            controls = None if control is None else control(on, slice(since, until))
+            recorded = self._batch.rollout(until - since, controls, record=fields, ids=ids)
             forces = recorded["sensordata"].reshape(len(on), until - since, len(SENSORS), 3)
             told, ends = forces[:, :, self.told], forces[:, CHUNK - 1 :: CHUNK]
             squares = np.einsum("nkfc,nkfc->nfk", told, told, order="C")
@@ -220,6 +233,9 @@ class GraspSimulation(Simulation):
         far, turn = np.sqrt(np.add.reduce(apart * apart, -1)), np.maximum.reduce(np.abs(way), -1)
         seconds = np.maximum(far / SPEED, turn / TURNING) * (PEAK / (CHUNK * self._model.opt.timestep))
         return np.maximum(np.ceil(seconds), LEAST_CHUNKS).astype(np.int64)
+
+    def _see_diverged(self, rows: NDArray[np.intp]) -> None:
+        self.diverged[rows] |= ~np.logical_and.reduce(np.isfinite(self._all_qpos[rows]), 1)
 
     def recover(self) -> None:
         """Puts rows whose physics has diverged at rest at home, the object out of the way: all is finite."""
@@ -269,7 +285,7 @@ def _turns(pressing: Array, pressed: Array) -> tuple[NDArray[np.intp], NDArray[n
     least = np.empty_like(pressing)
     least[:, 0], least[:, 1:] = pressed, pressing[:, :-1]
     stops = (pressing > GUARD + pressed[:, None]) & (pressing > least + RISES)
-    back = stops.any(1).nonzero()[0]
+    back = np.logical_or.reduce(stops, 1).nonzero()[0]
     return back, stops[back].argmax(1)
 
 
