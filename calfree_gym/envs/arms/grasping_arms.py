@@ -150,16 +150,17 @@ class GraspingArms(ContactArms):
 
     def observe(self) -> None:
         """See `Arms`."""
+        motions = self.motions_of_trial
         way, both, images = self.look()
         self.held = grasp.held(
-            grasp.blocked(self.openings, self.jaws) & (self.motions_of_trial > 0),
+            grasp.blocked(self.openings, self.jaws) & (motions > 0),
             self.held,
             way[:, GRIPPER],
             way[:, HELD],
             np.logical_and.reduce(both[:, self.shown_points], 1),
         )
         seen_now = self.points, self.visible, self.held, *images
-        self.delivered = self._latency.deliver(self.motions_of_trial, *seen_now)
+        self.delivered = self._latency.deliver(motions, *seen_now)
 
     def set_state(self, row: int, state: RowState) -> None:
         """See `Arms`."""

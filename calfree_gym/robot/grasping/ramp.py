@@ -54,7 +54,7 @@ def turning_back(chunks: NDArray[np.int64], turns: NDArray[np.int64]) -> Ramp:
 
 def _shares(chunks: NDArray[np.int64], substeps: NDArray[np.int64]) -> Array:
     """Of ways that take so many chunks (n,), as far as the longest lasts (n, k)."""
-    count = np.arange(1.0, substeps.max() + 1)
+    count = np.arange(1.0, np.maximum.reduce(substeps) + 1)
     return smooth(np.minimum(count / (CHUNK * chunks[:, None]), 1.0))
 
 

@@ -45,7 +45,7 @@ _OF_BODIES = (
 _OF_DOFS = ("dof_invweight0", "dof_M0", "dof_length")
 
 
-Control = Callable[[NDArray[np.intp], slice], Array]
+Control = Callable[[Rows, slice], Array]
 """Of the arms at some places (m,) of those that move, in some substeps: (m, k, nu)."""
 
 
@@ -184,7 +184,7 @@ class GraspSimulation(Simulation):
     def _follow(self, rows: NDArray[np.intp], before: Array, way: Array, ramp: Ramp) -> tuple[Array, Array]:
         """Moves `rows` along their ways (n, nu) from where controls were before: see `_step`."""
 
-        def control(on: NDArray[np.intp], when: slice) -> Array:
+        def control(on: Rows, when: slice) -> Array:
             there = ramp.arms[on, when, None] * way[on, None]
             there[..., -1] = ramp.jaws[on, when] * way[on, -1:]
             there += before[on, None]
@@ -209,17 +209,21 @@ class GraspSimulation(Simulation):
         largest, pressing = np.zeros((len(rows), 2)), np.zeros((len(rows), int(substeps.max()) // CHUNK))
         since = 0
         for until in sorted(set(substeps.tolist())):
-            on = (substeps >= until).nonzero()[0]
-            ids = None if len(on) == self.rows else rows[on]
-            controls = None if control is None else control(on, slice(since, until))
-            recorded = self._batch.rollout(until - since, controls, record=fields, ids=ids)
-            forces = recorded["sensordata"].reshape(len(on), until - since, len(SENSORS), 3)
+            on: Rows = (substeps >= until).nonzero()[0] if since else slice(None)
+            ids = rows[on]
+            recorded = self._batch.rollout(
+                until - since,
+                None if control is None else control(on, slice(since, until)),
+                record=fields,
+                ids=None if len(ids) == self.rows else ids,
+            )
+            forces = recorded["sensordata"].reshape(len(ids), until - since, len(SENSORS), 3)
             told, ends = forces[:, :, self.told], forces[:, CHUNK - 1 :: CHUNK]
             squares = np.einsum("nkfc,nkfc->nfk", told, told, order="C")
             largest[on] = np.maximum(largest[on], np.sqrt(np.maximum.reduce(squares, -1)))
             net = ends[:, :, 2] + ends[:, :, 3]
             pressing[on, since // CHUNK : until // CHUNK] = np.sqrt(np.add.reduce(net * net, -1))
-            if self.way is not None and on[0] == 0:
+            if self.way is not None and substeps[0] >= until:
                 self.way.extend(recorded["qpos"][0, CHUNK - 1 :: CHUNK])
             since = until
         self._pressing[rows] = pressing[np.arange(len(rows)), substeps // CHUNK - 1]
@@ -235,6 +239,7 @@ class GraspSimulation(Simulation):
         return np.maximum(np.ceil(seconds), LEAST_CHUNKS).astype(np.int64)
 
     def _see_diverged(self, rows: NDArray[np.intp]) -> None:
+        """Notes which of `rows` have diverged."""
         self.diverged[rows] |= ~np.logical_and.reduce(np.isfinite(self._all_qpos[rows]), 1)
 
     def recover(self) -> None:
