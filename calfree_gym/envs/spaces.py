@@ -66,7 +66,7 @@ def pixels_of(stereo: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def joined(*parts: NDArray[Any]) -> NDArray[np.float32]:
-    """Numbers (N, ...) of all rows side by side."""
+    """Numbers (N, k) of all rows side by side, in single precision."""
     return np.concatenate(parts, 1, dtype=np.float32)
 
 

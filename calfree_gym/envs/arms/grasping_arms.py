@@ -157,7 +157,7 @@ class GraspingArms(ContactArms):
             self.held,
             way[:, GRIPPER],
             way[:, HELD],
-            np.logical_and.reduce(both[:, self.shown_points], 1),
+            np.logical_and.reduce(both[:, GRIPPER] & both[:, HELD], 1),
         )
         seen_now = self.points, self.visible, self.held, *images
         self.delivered = self._latency.deliver(motions, *seen_now)

@@ -287,9 +287,9 @@ def _turns(pressing: Array, pressed: Array) -> tuple[NDArray[np.intp], NDArray[n
         pressing: With what force (n, chunks) the arms press at the end of each chunk, in N.
         pressed: With what they did before (n,), as far as it counts.
     """
-    least = np.empty_like(pressing)
-    least[:, 0], least[:, 1:] = pressed, pressing[:, :-1]
-    stops = (pressing > GUARD + pressed[:, None]) & (pressing > least + RISES)
+    before = np.empty_like(pressing)
+    before[:, 0], before[:, 1:] = pressed, pressing[:, :-1]
+    stops = (pressing > GUARD + pressed[:, None]) & (pressing > before + RISES)
     back = np.logical_or.reduce(stops, 1).nonzero()[0]
     return back, stops[back].argmax(1)
 
