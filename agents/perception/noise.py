@@ -49,9 +49,9 @@ class NoiseEstimate:
         self._at_once, self._of_homes = np.empty(0), np.empty(0)
 
     @property
-    def needs_samples(self) -> bool:
-        """Whether it is worth observing again only to learn how noisy image points are."""
-        return self.px > self.NOISY_PX and len(self._at_once) < self.ENOUGH
+    def measured(self) -> bool:
+        """Whether enough points were seen twice in a row at one place."""
+        return len(self._at_once) >= self.ENOUGH
 
     def add(self, difference: Array) -> None:
         """Learns from the difference (k, 2), in image units, of points seen twice in a row at one place."""
@@ -71,7 +71,7 @@ class NoiseEstimate:
     def restore(self, at_once: Array, of_homes: Array) -> None:
         """Estimates it by differences (n,) that are known."""
         self._at_once, self._of_homes = at_once, of_homes
-        pool = (at_once if len(at_once) >= self.ENOUGH else of_homes) / np.sqrt(2)
+        pool = (at_once if self.measured else of_homes) / np.sqrt(2)
         if len(pool) < self.ENOUGH:
             return
         noise = np.quantile(pool, self.QUANTILE) / self.QUANTILE_OF_NORMAL

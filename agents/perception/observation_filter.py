@@ -49,6 +49,10 @@ class ObservationFilter:
     LIKELY = 0.1
     """Where one of four points is mistaken more often, the first are seen twice. Derived: that costs a
     motion, and to begin with a mistaken point about ten."""
+    MISSES = 2.5
+    """Where half of the latest points miss by so many of their standard deviations, noise is larger than it
+    was thought to be. Derived: of right points one in 23 does (exp(-2.5² / 2)); a servo's expectations are
+    too sure for several of a dozen, not for half of them."""
 
     def __init__(self) -> None:
         self.noise = NoiseEstimate()
@@ -58,6 +62,7 @@ class ObservationFilter:
         self.inconsistent = np.zeros(POINTS, bool)
         self.home = np.full((2, 2), np.nan)
         self._last: Observation | None = None
+        self._misses = np.empty(0)
 
     @property
     def lost(self) -> Flags:
@@ -68,6 +73,15 @@ class ObservationFilter:
     def often_mistaken(self) -> bool:
         """Whether so many points are mistaken that one of the four is in more than `LIKELY` of the looks."""
         return POINTS * self.gating.mistaken > self.LIKELY
+
+    @property
+    def needs_samples(self) -> bool:
+        """Whether it is worth observing again only to learn how noisy image points are."""
+        if self.noise.measured or self._last is None or not self._last.visible.any():
+            return False
+        enough = len(self._misses) == self.noise.ENOUGH
+        missed = enough and float(np.median(self._misses)) > self.MISSES
+        return missed or self.noise.px > self.noise.NOISY_PX
 
     def for_next_trial(self) -> ObservationFilter:
         """One that knows what lasts."""
@@ -158,6 +172,17 @@ class ObservationFilter:
         Returns:
             An observation with estimated points; not visible where there was nothing to believe.
         """
+        settled = yield from self._settled(observation, before, expected, deviations_px)
+        if (settled.registers != before.registers).any():
+            misses = lengths_px(settled.points - expected) / np.hypot(deviations_px, self.noise.px)
+            new = misses[settled.visible & ~self.inconsistent]
+            self._misses = np.concatenate([self._misses, new])[-self.noise.ENOUGH :]
+        return settled
+
+    def _settled(
+        self, observation: Observation, before: Observation, expected: Array, deviations_px: Array
+    ) -> Observing:
+        """`settle`, without a thought of how noisy points are."""
         self._take_in(observation)
         radii = self.gating.radii(deviations_px, self.noise.px)
         if self._as_expected(observation, expected, radii):

@@ -172,7 +172,7 @@ class Trial:
         Where observations are noisy, and it is not known how noisy, it then observes until it is.
         """
         executed, moved = yield from self._move(words)
-        while self.filter.noise.needs_samples:
+        while self.filter.needs_samples:
             yield from self._move(np.zeros_like(words))
         return executed, moved
 

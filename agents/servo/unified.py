@@ -69,7 +69,7 @@ class UnifiedServo:
         yield from reach.begin()
         while not reach.now.last:
             yield from reach.move(reach.words())
-            while reach.filter.noise.needs_samples:
+            while reach.filter.needs_samples:
                 yield from reach.move(np.zeros_like(first.registers))
             if reach.blind:
                 yield from reach.back()

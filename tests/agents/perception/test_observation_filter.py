@@ -1,5 +1,6 @@
 """The filter of observations: made-up ones whose truth is known, and worlds that delay points."""
 
+import contextlib
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -130,6 +131,34 @@ def test_noise_is_learned_from_observations_at_one_place(observe, noise_px, mist
                 running = None
         found.append(filter_.noise.px)
     assert np.median(found) == pytest.approx(noise_px, rel=0.35)
+
+
+@pytest.mark.parametrize(("noise_px", "wanted"), [(0.7, 0), (3.0, 1)])
+def test_observations_are_made_to_learn_the_noise_where_points_miss_by_far_more_than_they_should(
+    observe, noise_px, wanted
+):
+    rng, found = np.random.default_rng(0), []
+    for _ in range(40):
+        filter_, before = ObservationFilter(), observe(PLACES)
+        settled(filter_, [observe(places(MOVED_PX), -THERE)], known=False)  # which comes in time
+        for step in range(1, 4):
+            px = MOVED_PX * step
+            seen = observe(places(px + rng.normal(scale=noise_px, size=(4, 2))), step * THERE)
+            with contextlib.suppress(StopIteration):
+                next(filter_.settle(seen, before, places(px), np.full(4, 0.5)))
+                raise AssertionError("it wants to observe again at once")
+            before = seen
+        found.append(filter_.needs_samples)
+    assert np.mean(found) == pytest.approx(wanted, abs=0.1)
+
+
+def test_nothing_is_learned_of_noise_where_nothing_is_seen(observe):
+    filter_ = ObservationFilter()
+    filter_.noise.px = 20.0
+    for seen in (True, False):
+        for _ in filter_.first(observe(PLACES, THERE, (seen,) * 4)):
+            break
+        assert filter_.needs_samples == seen
 
 
 @pytest.mark.parametrize("motions", [0, 1])

@@ -49,11 +49,11 @@ def test_homes_tell_the_noise_until_some_is_seen_in_a_row():
     for _ in range(30):
         noise.add_homes(rng.normal(scale=60 * IMAGE_UNIT, size=(4, 2)))
     assert noise.px > NoiseEstimate.NOISY_PX
-    assert noise.needs_samples
+    assert not noise.measured
     for _ in range(10):
         noise.add(np.diff(rng.normal(scale=2 * IMAGE_UNIT, size=(2, 4, 2)), axis=0)[0])
     assert noise.px == pytest.approx(2, rel=0.2)
-    assert not noise.needs_samples
+    assert noise.measured
 
 
 def test_gates_end_where_a_point_is_as_likely_to_be_mistaken_as_right():

@@ -13,6 +13,7 @@ HARD = {
     "outliers": ({"type": "point_outliers", "share": 0.4}, 120, 4.0, 0.97),
     "dropout": ({"type": "point_dropout", "share": 0.3}, 60, 4.0, 0.985),
     "latency": ({"type": "latency", "motions": 1}, 60, 4.0, 0.985),
+    "some noise": ({"type": "point_noise", "px": 4.0}, 60, 2.5, 0.95),
     "noise": ({"type": "point_noise", "px": 20.0}, 60, 14.5, 0.85),
 }
 """What is done to image points, motions, the true error that is asked for, and in which share of worlds."""
@@ -53,7 +54,7 @@ def test_the_servo_arrives_and_stays_whatever_observations_are_like(trouble, mou
     assert share_reached(mount, do, motions, error_px, worlds=600) >= least
 
 
-@pytest.mark.parametrize("trouble", [pytest.param("outliers", marks=pytest.mark.slow), "dropout"])
-def test_the_servo_arrives_among_mistaken_and_missing_points(trouble):
+@pytest.mark.parametrize("trouble", [pytest.param("outliers", marks=pytest.mark.slow), "dropout", "some noise"])
+def test_the_servo_arrives_among_mistaken_missing_and_noisy_points(trouble):
     do, motions, error_px, _ = HARD[trouble]
     assert share_reached("stand", do, motions, error_px, worlds=30) >= 0.9
