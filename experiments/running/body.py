@@ -8,15 +8,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
+from experiments.running.results_folder import ENDED
 from experiments.running.versions import REPOSITORY
 
 _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
 )
-
-
-ENDED = "\0ended "
-"""In what a `Template` prints, before the exit code of a body that has ended."""
 
 
 class Template:

@@ -12,11 +12,10 @@ from typing import Any
 import agents
 from experiments.config.requirements import requirements
 from experiments.evaluation import TrialRecord, evaluate
-from experiments.running.body import ENDED
 from experiments.running.cpu_time import CPU, CpuTimes, TimedPredictor
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import LifetimeRun, SweepRun, parse_run
-from experiments.running.results_folder import DONE, SPEC, TIMINGS, write_json
+from experiments.running.results_folder import DONE, ENDED, SPEC, TIMINGS, write_json
 from experiments.running.rows import RowsRecorder
 from experiments.running.sweep_trials import run_sweep
 from experiments.running.tensorboard_curves import Curves
@@ -189,7 +188,8 @@ def serve() -> None:
         if not body:
             threading.Thread(target=end_with_the_parent, daemon=True).start()
             main(Path(line.rstrip("\n")))
-            return
+            sys.stdout.flush()
+            os._exit(0)  # all is written; to take a copy apart takes longer than a short run
         _, status = os.waitpid(body, 0)
         print(f"{ENDED}{os.waitstatus_to_exitcode(status)}", flush=True)
 
