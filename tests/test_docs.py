@@ -24,8 +24,8 @@ from calfree_gym.robot.arms.movemaster import MOTORS, MOVEMASTER
 from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config
+from experiments.reporting import results_file
 from experiments.reporting.documents.kept_tables import _MAKERS, tables_named
-from experiments.running import trial_log as records
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -213,7 +213,7 @@ def test_configuration_page_names_every_key_and_column_and_its_example_is_valid(
     ):
         for key in model.model_fields:
             assert f"`{key}`" in text, key
-    for column in records.SCHEMA.names:
+    for column in results_file.SCHEMA.names:
         assert f"`{column}`" in text, column
     (example,) = re.findall(r"^```yaml\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
     (tmp_path / "knocked.yaml").write_text(example)

@@ -94,8 +94,9 @@ class Prediction:
 
     def _in_mount_frame(self, model: RobotModel, joints: Array, objects: Array) -> Array:
         """Places (..., n, 2, 3) of gripper and object in the frame of the cameras' mount."""
-        both = np.broadcast_arrays(model.gripper(joints), objects[..., self._trial, :])
-        return model.in_mount_frame(np.stack(both, -2), joints[..., None, :])
+        both = np.empty((*joints.shape[:-1], 2, 3))
+        both[..., 0, :], both[..., 1, :] = model.gripper(joints), objects[..., self._trial, :]
+        return model.in_mount_frame(both, joints[..., None, :])
 
 
 class StereoPair:
@@ -129,9 +130,14 @@ class StereoPair:
     @property
     def by_turn(self) -> Array:
         """Derivatives (..., cameras, n, 2, 3) by small turns of the camera about its own axes, in rad."""
-        x, y = self._flat[..., 0], self._flat[..., 1]
-        direction = np.stack([x, -y, -np.ones_like(x)], -1)
-        return np.cross(self._by_direction, direction[..., None, :])
+        x, y = self._flat[..., None, 0], self._flat[..., None, 1]
+        by = self._by_direction
+        by_x, by_y, by_depth = by[..., 0], by[..., 1], by[..., 2]
+        by_turn = np.empty_like(by)  # by × (x, -y, -1), for which np.cross takes twice the time
+        by_turn[..., 0] = by_depth * y - by_y
+        by_turn[..., 1] = by_depth * x + by_x
+        by_turn[..., 2] = -by_x * y - by_y * x
+        return by_turn
 
     @property
     def by_k1(self) -> Array:
@@ -146,7 +152,10 @@ class StereoPair:
         radial = self._focal[..., None] * 2 * k1[..., None, None] * flat[..., :, None] * flat[..., None, :]
         by_flat = straight + radial
         outwards = self._focal * (1 + 3 * k1 * self._squared_radius)[..., None] * flat
-        return np.stack([by_flat[..., 0], -by_flat[..., 1], outwards], -1)
+        by_direction = np.empty((*outwards.shape, 3))
+        by_direction[..., 0], by_direction[..., 1] = by_flat[..., 0], -by_flat[..., 1]
+        by_direction[..., 2] = outwards
+        return by_direction
 
     @cached_property
     def _squared_radius(self) -> Array:

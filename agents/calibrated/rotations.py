@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..base.observation import Array
@@ -9,7 +11,8 @@ from ..base.observation import Array
 
 def rotation(angles: Array) -> Array:
     """Rotation matrices (..., 3, 3) of angles (..., 3) in rad: the product of those about x, y and z."""
-    (cx, cy, cz), (sx, sy, sz) = (np.moveaxis(f(angles), -1, 0) for f in (np.cos, np.sin))
+    c, s = np.cos(angles), np.sin(angles)
+    cx, cy, cz, sx, sy, sz = (each[..., i] for each in (c, s) for i in range(3))
     rows = [
         [cy * cz, -cy * sz, sy],
         [cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy],
@@ -20,12 +23,15 @@ def rotation(angles: Array) -> Array:
 
 def rotation_axes(angles: Array) -> Array:
     """Axes (..., 3, 3) about which each of the angles (..., 3) turns, as columns, in the turned frame."""
-    (_, cy, cz), (_, sy, sz) = (np.moveaxis(f(angles), -1, 0) for f in (np.cos, np.sin))
-    none = np.zeros_like(cy)
-    return _matrix([[cy * cz, sz, none], [-cy * sz, cz, none], [sy, none, none + 1]])
+    c, s = np.cos(angles), np.sin(angles)
+    cy, cz, sy, sz = (each[..., i] for each in (c, s) for i in (1, 2))
+    return _matrix([[cy * cz, sz, 0.0], [-cy * sz, cz, 0.0], [sy, 0.0, 1.0]])
 
 
-def _matrix(rows: list[list[Array]]) -> Array:
-    """Matrices (..., 3, 3) from their entries (...)."""
-    entries = np.stack([entry for row in rows for entry in row], -1)
-    return entries.reshape(*entries.shape[:-1], 3, 3)
+def _matrix(rows: Sequence[Sequence[Array | float]]) -> Array:
+    """Matrices (..., 3, 3) from their entries (...), of which the first is an array."""
+    matrix = np.empty((*np.shape(rows[0][0]), 3, 3))
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            matrix[..., i, j] = entry
+    return matrix

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from experiments.errors import ConfigError
 from experiments.execution.orders import begin, is_wanted, place, target_of
-from experiments.running.body import start_body
+from experiments.running.body import template
 from experiments.running.results_folder import LOG, SPEC, VERSIONS, is_done, read_json
 from experiments.running.versions import versions
 
@@ -40,11 +40,12 @@ def attempt(order: str) -> int:
     exit_code = LOST
     try:
         folder = begin(Path(order))
-        if other := _other_versions(folder):
+        here = versions()
+        if other := _other_versions(folder, here):
             log = f"{socket.gethostname()} has other versions: {other}\n"
             (folder / LOG).write_text(log, encoding="utf-8")
             return _FAILED
-        exit_code = _follow(folder)
+        exit_code = _follow(folder, here)
         if exit_code == 0 and is_done(folder):
             place(folder)
     except FileNotFoundError:
@@ -53,33 +54,27 @@ def attempt(order: str) -> int:
     return 0 if is_done(target_of(Path(order))) else exit_code or LOST
 
 
-def _other_versions(folder: Path) -> str:
-    ordered, here = read_json(folder / VERSIONS), versions()
+def _other_versions(folder: Path, here: dict[str, str]) -> str:
+    ordered = read_json(folder / VERSIONS)
     return "; ".join(
         f"{key} {here[key]}, ordered {ordered.get(key)}" for key in here if here[key] != ordered.get(key)
     )
 
 
-def _follow(folder: Path) -> int:
-    """Lets the body do its work, writes down what it prints, and kills it when it is not wanted any more."""
-    process = start_body(folder)
+def _follow(folder: Path, here: dict[str, str]) -> int:
+    """Lets a body do its work, writes down what it prints, and ends it when it is not wanted any more."""
     over = threading.Event()
+    with template(here) as made_by, (folder / LOG).open("w", encoding="utf-8") as log:
 
-    def kill_unwanted() -> None:
-        while not over.wait(_LOOK_EVERY):
-            if not is_wanted(folder):
-                process.kill()
+        def end_unwanted() -> None:
+            while not over.wait(_LOOK_EVERY):
+                if not is_wanted(folder):
+                    made_by.kill()
 
-    threading.Thread(target=kill_unwanted, daemon=True).start()
-    assert process.stdout is not None
-    try:
-        with process, (folder / LOG).open("w", encoding="utf-8") as log:
-            for line in process.stdout:
-                log.write(line)
-                log.flush()
-            return process.wait()
-    except BaseException:
-        process.kill()
-        raise
-    finally:
-        over.set()
+        watch = threading.Thread(target=end_unwanted, daemon=True)
+        watch.start()
+        try:
+            return made_by.make(folder, log)
+        finally:
+            over.set()
+            watch.join()

@@ -5,6 +5,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from experiments.execution.attempt import attempt
+from experiments.running.body import end_templates
 
 
 class Local:
@@ -31,3 +32,4 @@ class Local:
     def close(self) -> None:
         """See `Executor`: waits until the last body has ended."""
         self._pool.shutdown(cancel_futures=True)
+        end_templates()

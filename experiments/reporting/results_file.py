@@ -24,6 +24,7 @@ from calfree_gym.perturbations.undo import Undo
 from experiments.config.arms import as_told
 from experiments.config.suite import ScenarioConfig, Suite
 from experiments.errors import ConfigError
+from experiments.evaluation import THRESHOLDS_PX
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.running.cpu_time import CPU
 from experiments.running.plan import LifetimeRun, Run, runs_of
@@ -39,10 +40,32 @@ from experiments.running.results_folder import (
     refuse_foreign,
     write_whole,
 )
-from experiments.running.trial_log import SCHEMA, TRIALS
+from experiments.running.trial_log import TRIALS
 from experiments.running.versions import commit_of
 
 RESULTS, TIMES = "results.parquet", "timings.csv"
+SCHEMA = pa.schema(
+    [
+        ("run", pa.string()),
+        ("scenario", pa.string()),
+        ("agent", pa.string()),
+        ("world", pa.int64()),
+        ("phase", pa.string()),  # "train": the agent's own trials; "eval": held-out ones; "sweep"
+        ("value", pa.float64()),  # of what a sweep varies; null elsewhere
+        ("in_view", pa.bool_()),  # of a sweep's trials; null elsewhere
+        ("lifetime_motions", pa.int64()),
+        ("motions_since_perturbation", pa.int64()),  # null before the first one
+        ("trial", pa.int64()),
+        ("motions", pa.int64()),
+        ("robot_seconds", pa.float64()),
+        ("success", pa.bool_()),  # true error within the tolerance
+        ("rendezvous", pa.bool_()),  # as observed
+        ("error_px", pa.float64()),
+        ("distance_mm", pa.float64()),
+        *((f"motions_to_{threshold}", pa.int64()) for threshold in THRESHOLDS_PX),
+        ("expected_px", pa.float64()),  # after the first motion, as told before; null where nothing is told
+    ]
+)
 FIRST_OWN_TRIALS, MOST_OWN_TRIALS = 100, 2_000
 """Of a lifetime counted in motions: the first are all kept, and of more than the second every k-th. They are
 drawn, in means of many trials, and stand in no table but those of claims, which look at the first ones;

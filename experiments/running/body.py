@@ -3,9 +3,12 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
+from experiments.running.results_folder import ENDED
 from experiments.running.versions import REPOSITORY
 
 _ONE_THREAD = dict.fromkeys(
@@ -13,25 +16,100 @@ _ONE_THREAD = dict.fromkeys(
 )
 
 
-def start_body(folder: Path) -> subprocess.Popen[str]:
-    """Starts the body of the run that `folder` describes; it ends when the process that started it ends.
+class Template:
+    """A process that has imported what a run needs. The body of each run is a copy of it, one at a time.
 
-    Returns:
-        The process; what it prints, errors too, is to be read from its `stdout`.
+    It ends, and the body with it, when the process that started it ends.
+
+    Args:
+        versions: What it is made of.
     """
-    return start_module("experiments.running.worker", str(folder.resolve()), errors=subprocess.STDOUT)
+
+    def __init__(self, versions: Mapping[str, str]):
+        self.versions = versions
+        self._process = start_module("experiments.running.worker", errors=subprocess.STDOUT)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it can make another run."""
+        return self._process.poll() is None
+
+    def make(self, folder: Path, log: IO[str]) -> int:
+        """Makes the run that `folder` describes, and writes what is printed, errors too.
+
+        Returns:
+            The exit code of the body, or of this process where it has ended.
+        """
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        with suppress(BrokenPipeError):
+            self._process.stdin.write(f"{folder.resolve()}\n")
+            self._process.stdin.flush()
+        for line in self._process.stdout:
+            printed, ended, exit_code = line.partition(ENDED)
+            log.write(printed)
+            log.flush()
+            if ended:
+                return int(exit_code)
+        return self._process.wait()
+
+    def kill(self) -> None:
+        """Ends it; the body ends as its input does."""
+        assert self._process.stdin is not None
+        self._process.kill()
+        with suppress(BrokenPipeError):
+            self._process.stdin.close()
+
+    def end(self) -> None:
+        """Ends it, and waits until it has ended."""
+        self.kill()
+        with self._process:
+            pass
 
 
-def start_module(module: str, *arguments: str, errors: int | IO[str]) -> subprocess.Popen[str]:
+_idle: list[Template] = []
+
+
+@contextmanager
+def template(versions: Mapping[str, str]) -> Iterator[Template]:
+    """A process made of these versions, to make one run: one that has made others, or a new one."""
+    lent = _idle_of(versions) or Template(versions)
+    try:
+        yield lent
+    except BaseException:
+        lent.end()
+        raise
+    if lent.is_alive:
+        _idle.append(lent)
+    else:
+        lent.end()
+
+
+def _idle_of(versions: Mapping[str, str]) -> Template | None:
+    """An idle one; those made of other versions are ended."""
+    with suppress(IndexError):  # several threads take from the same list
+        while (found := _idle.pop()).versions != versions:
+            found.end()
+        return found
+    return None
+
+
+def end_templates() -> None:
+    """Ends those that make no run."""
+    with suppress(IndexError):
+        while True:
+            _idle.pop().end()
+
+
+def start_module(module: str, errors: int | IO[str]) -> subprocess.Popen[str]:
     """Starts a module in a fresh process with one thread, whose input and output are pipes.
 
     Args:
         module: By its dotted name; it watches its input, and ends where that ends.
-        *arguments: Of the command line.
         errors: Where what it prints as errors goes, as `subprocess` takes it.
     """
     return subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
+        [sys.executable, "-m", module],
         cwd=REPOSITORY,
         env={**os.environ, **_ONE_THREAD, "PYTHONHASHSEED": "0"},
         stdin=subprocess.PIPE,

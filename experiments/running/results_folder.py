@@ -23,6 +23,8 @@ LOG = "log.txt"
 DONE = "DONE.json"
 TIMINGS = "timings.json"
 FAILED = "FAILED.json"
+ENDED = "\0ended "
+"""In what bodies print one after the other: before the exit code of one that has ended."""
 
 PATIENCE = 10.0
 """Seconds in which a runner that was killed has let go of the folder."""

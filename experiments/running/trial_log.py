@@ -1,4 +1,4 @@
-"""One row a trial, written line by line as JSON; a suite's rows are gathered into one Parquet file."""
+"""One row a trial, written line by line as JSON."""
 
 import json
 import os
@@ -6,34 +6,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import pyarrow as pa
-
-from experiments.evaluation import THRESHOLDS_PX, TrialRecord
+from experiments.evaluation import TrialRecord
 
 TRIALS = "trials.jsonl"
-
-SCHEMA = pa.schema(
-    [
-        ("run", pa.string()),
-        ("scenario", pa.string()),
-        ("agent", pa.string()),
-        ("world", pa.int64()),
-        ("phase", pa.string()),  # "train": the agent's own trials; "eval": held-out ones; "sweep"
-        ("value", pa.float64()),  # of what a sweep varies; null elsewhere
-        ("in_view", pa.bool_()),  # of a sweep's trials; null elsewhere
-        ("lifetime_motions", pa.int64()),
-        ("motions_since_perturbation", pa.int64()),  # null before the first one
-        ("trial", pa.int64()),
-        ("motions", pa.int64()),
-        ("robot_seconds", pa.float64()),
-        ("success", pa.bool_()),  # true error within the tolerance
-        ("rendezvous", pa.bool_()),  # as observed
-        ("error_px", pa.float64()),
-        ("distance_mm", pa.float64()),
-        *((f"motions_to_{threshold}", pa.int64()) for threshold in THRESHOLDS_PX),
-        ("expected_px", pa.float64()),  # after the first motion, as told before; null where nothing is told
-    ]
-)
 
 
 class TrialLog:

@@ -1,4 +1,4 @@
-"""The body of one run, in a process of its own: `python -m experiments.running.worker FOLDER`."""
+"""The bodies of runs, each in a process of its own: `python -m experiments.running.worker`."""
 
 import os
 import sys
@@ -15,7 +15,7 @@ from experiments.evaluation import TrialRecord, evaluate
 from experiments.running.cpu_time import CPU, CpuTimes, TimedPredictor
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import LifetimeRun, SweepRun, parse_run
-from experiments.running.results_folder import DONE, SPEC, TIMINGS, write_json
+from experiments.running.results_folder import DONE, ENDED, SPEC, TIMINGS, write_json
 from experiments.running.rows import RowsRecorder
 from experiments.running.sweep_trials import run_sweep
 from experiments.running.tensorboard_curves import Curves
@@ -177,6 +177,22 @@ def end_with_the_parent() -> None:
     os._exit(1)
 
 
+def serve() -> None:
+    """Makes the runs whose folders stand on the lines of its input, each in a copy of this process.
+
+    So what they need is imported once. Where copies of processes are not as good as fresh ones (macOS), or
+    there are none (Windows), this process makes one run itself, and ends.
+    """
+    for line in sys.stdin:
+        body = os.fork() if sys.platform == "linux" else 0
+        if not body:
+            threading.Thread(target=end_with_the_parent, daemon=True).start()
+            main(Path(line.rstrip("\n")))
+            sys.stdout.flush()
+            os._exit(0)  # all is written; to take a copy apart takes longer than a short run
+        _, status = os.waitpid(body, 0)
+        print(f"{ENDED}{os.waitstatus_to_exitcode(status)}", flush=True)
+
+
 if __name__ == "__main__":
-    threading.Thread(target=end_with_the_parent, daemon=True).start()
-    main(Path(sys.argv[1]))
+    serve()

@@ -51,19 +51,19 @@ def start(config, out):
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
+        env={**os.environ, "RESULTS_IN": str(out)},  # by which all that it starts is known
     )
 
 
 def workers(out):
-    """Processes that still work in the folder."""
+    """Processes that were started to work in the folder, and still run."""
     found = []
-    for entry in Path("/proc").glob("[0-9]*/cmdline"):
+    for entry in Path("/proc").glob("[0-9]*/environ"):
         try:
-            words = entry.read_bytes().split(b"\0")
+            if f"RESULTS_IN={out}".encode() in entry.read_bytes():
+                found.append(int(entry.parent.name))
         except OSError:
             continue
-        if b"experiments.running.worker" in words and any(str(out).encode() in word for word in words):
-            found.append(int(entry.parent.name))
     return found
 
 

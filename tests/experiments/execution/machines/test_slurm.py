@@ -12,14 +12,15 @@ HERE = ("--slurm", "--slurm-option", "cluster=local", "--slurm-option", "array_p
 
 
 def processes(word, out):
-    """Ids of processes whose command line holds a word and the folder."""
+    """Ids of processes whose command line holds a word, and that or the name of an open file the folder."""
     found = []
     for entry in Path("/proc").glob("[0-9]*/cmdline"):
         try:
             line = entry.read_bytes().decode(errors="replace")
+            files = [os.readlink(file) for file in (entry.parent / "fd").iterdir()]
         except OSError:
             continue
-        if word in line and str(out) in line:
+        if word in line and any(str(out) in name for name in (line, *files)):
             found.append(int(entry.parent.name))
     return found
 
