@@ -54,7 +54,9 @@ def test_the_servo_arrives_and_stays_whatever_observations_are_like(trouble, mou
     assert share_reached(mount, do, motions, error_px, worlds=600) >= least
 
 
-@pytest.mark.parametrize("trouble", [pytest.param("outliers", marks=pytest.mark.slow), "dropout", "some noise"])
+@pytest.mark.parametrize(
+    "trouble", [pytest.param("outliers", marks=pytest.mark.slow), "dropout", "some noise"]
+)
 def test_the_servo_arrives_among_mistaken_missing_and_noisy_points(trouble):
     do, motions, error_px, _ = HARD[trouble]
     assert share_reached("stand", do, motions, error_px, worlds=30) >= 0.9
