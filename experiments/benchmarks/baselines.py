@@ -40,7 +40,7 @@ def servo(worlds: int = 200) -> Iterator[Table]:
         records: list[TrialRecord] = []
         for seed in range(worlds):
             env = gym.make(REACH, camera_mount=mount, max_episode_steps=50)
-            agent = agents.make("unified_servo", env, estimator="test_motions")
+            agent = agents.make("paper_servo", env)
             records += evaluate(agent, env, trials=1, seed=seed)
         motions = np.array([r.motions_per_reach(50) for r in records])
         rows.append(
@@ -59,7 +59,7 @@ def servo(worlds: int = 200) -> Iterator[Table]:
         )
     yield Table(
         "servo",
-        f"unified_servo with test motions, wild worlds 0-{worlds - 1}, one trial each, at most 50 motions",
+        f"paper_servo, wild worlds 0-{worlds - 1}, one trial each, at most 50 motions",
         pd.DataFrame(rows),
         {
             **dict.fromkeys(("rendezvous", "success", "required rendezvous"), ".1%"),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from experiments.benchmarks import controllers
+from experiments.benchmarks import baselines, controllers
 from experiments.benchmarks.trials import each_alone
 from experiments.evaluation import TrialRecord
 
@@ -68,3 +68,17 @@ def test_robustness_is_the_share_within_the_error_of_each_trouble(monkeypatch):
     assert shares["40 % outliers"].tolist() == [0.25]
     required = table.frame.set_index(["trouble", "mount"])["required share"]
     assert required["20 px noise"].to_dict() == pytest.approx({"waist": 0.95, "stand": 0.85})
+
+
+def test_every_controller_can_be_made_and_makes_its_trials():
+    first, later, rolled = controllers.controllers(worlds=1)
+    assert first.frame["trials"].tolist() == [1] * 2 * len(controllers.SERVOS)
+    assert later.frame["trials"].tolist() == [3] * 2 * len(controllers.LASTING)
+    assert set(rolled.frame["agent"]) == set(controllers.ROLLED)
+
+
+def test_baselines_and_troubles_are_measured_of_agents_that_there_are():
+    (servo,) = baselines.servo(worlds=1)
+    (robust,) = controllers.robust(worlds=1)
+    assert len(servo.frame) == 2
+    assert set(robust.frame["agent"]) == set(controllers.LASTING)
