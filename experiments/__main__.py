@@ -28,6 +28,7 @@ BENCHMARKS = (
     "coverage",
     "arms",
     "pictures",
+    "pixels",
     "grasping",
     "insert",
     "orientations",

@@ -13,6 +13,7 @@ from experiments.benchmarks import (
     changes,
     controllers,
     coverage,
+    pixels,
     priors,
 )
 from experiments.benchmarks.arms import first_motions, rendezvous
@@ -38,6 +39,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "coverage": coverage.coverage,
     "arms": rendezvous.arms,
     "pictures": pictures.pictures,
+    "pixels": pixels.pixels,
     "grasping": grasping.grasping,
     "insert": insert.insert,
     "orientations": orientations.orientations,
