@@ -36,10 +36,16 @@ def make_sb3_env(
 
     Raises:
         ImportError: stable-baselines3 is not installed.
+        TypeError: `num_envs` or `autoreset_mode` is among the arguments.
         ValueError: An argument is not allowed.
     """
     import calfree_gym
 
+    for name in arguments.keys() & {"num_envs", "autoreset_mode"}:
+        raise TypeError(
+            f"make_sb3_env() got an unexpected keyword argument {name!r}; n_envs says how many, and trials "
+            "begin as stable-baselines3 wants them to"
+        )
     env_id = env_id.removeprefix("calfree_gym:")
     if env_id not in calfree_gym.ENV_IDS:
         raise ValueError(f"unknown env_id {env_id!r}; allowed: {', '.join(calfree_gym.ENV_IDS)}")

@@ -89,3 +89,9 @@ def test_rows_have_attributes_and_methods_of_their_own():
 def test_unknown_ids_are_named():
     with pytest.raises(ValueError, match=r"'CalFree/Reach-v1'.*CalFree/Reach-v0"):
         make_sb3_env("CalFree/Reach-v1")
+
+
+@pytest.mark.parametrize("name", ["num_envs", "autoreset_mode"])
+def test_arguments_of_make_vec_that_have_another_name_here_are_refused(name):
+    with pytest.raises(TypeError, match=f"{name!r}; n_envs says how many"):
+        make_sb3_env(**{name: 2})
