@@ -3,7 +3,8 @@ BIN := .venv/bin
 STAMP := .venv/up-to-date
 JOBS ?= 2
 
-.PHONY: venv lint test test-all mutants arms compare docs results results-tables
+.PHONY: venv lint test test-all mutants arms compare docs results results-suites results-tables
+.NOTPARALLEL:
 
 venv: $(STAMP)
 
@@ -36,22 +37,23 @@ docs: venv
 
 # Every kept result anew, training and tuning apart. Started again, it goes on where it was.
 SUITES := paper arms others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions
-BENCHMARKS := coverage sensitivity speed
+BENCHMARKS := coverage controllers sensitivity speed
+parts_of_controllers := controllers models robust servo table
 
-results: venv $(if $(filter arms,$(SUITES)),arms)
+results: results-suites $(BENCHMARKS:%=benchmark-%)
+	$(BIN)/python -m experiments results-tables
+
+results-suites: venv $(if $(filter arms,$(SUITES)),arms)
 	for suite in $(SUITES); do \
 		$(BIN)/python -m experiments run configs/$$suite.yaml --out build/results/$$suite --jobs $(JOBS) \
 		&& $(BIN)/python -m experiments keep build/results/$$suite || exit 1; \
 	done
+
+benchmark-%: venv
 	commit=$$($(BIN)/python -c 'from experiments.running.versions import commit; print(commit())') && \
-	for part in $(BENCHMARKS); do \
-		grep -qs "\"commit\": \"$$commit\"" build/results/$$part.json \
-		|| $(BIN)/python -m experiments benchmark $$part --out build/results/$$part.json || exit 1; \
-	done
-	cp build/results/coverage.json experiments/results/coverage/coverage.json
-	cp build/results/sensitivity.json experiments/results/sensitivity/constants.json
-	cp build/results/speed.json experiments/results/speed/two_cores.json
-	$(BIN)/python -m experiments results-tables
+	grep -qs "\"commit\": \"$$commit\"" build/results/$*.json \
+	|| $(BIN)/python -m experiments benchmark $(or $(parts_of_$*),$*) --out build/results/$*.json
+	cp build/results/$*.json experiments/results/$*/$*.json
 
 # Tables between markers in README.md and docs/, from the kept results in experiments/results.
 results-tables: venv
