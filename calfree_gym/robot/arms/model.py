@@ -76,7 +76,6 @@ class ArmModel(Robot):
         self._motors, self._links = parts.motors, parts.links
         self.motors = tuple(parts.joints[joint] for joint in self._motors)
         self.slides: Flags = model.jnt_type[self._motors] == SLIDE
-        self.stops = np.array([parts.stops(joint) for joint in self._motors])
         self.links = tuple(parts.bodies[body] for body in self._links)
         self.lengths = np.linalg.norm(model.body_pos[self._links], axis=1)
         self.home_qpos = parts.home(home)
@@ -85,6 +84,7 @@ class ArmModel(Robot):
         if home is None:
             self.home_qpos[self.qpos_of_motors] = self._best_posture()
         self.home = self.home_qpos[self.qpos_of_motors]
+        self.stops = np.array(list(map(parts.stops, self._motors, self.home)))
         self.joints = self.motors
         self.span = np.maximum(self.home - self.stops[:, 0], self.stops[:, 1] - self.home)
         self.stop_margin = np.where(self.slides, SLIDE_MARGIN * self.span, HINGE_MARGIN)
@@ -193,7 +193,7 @@ class ArmModel(Robot):
         Each motor's effect is that of its range, and counts less near a stop: so home is where the gripper
         can go anywhere, and no motor is near its end.
         """
-        low, high = self.stops.T
+        low, high = np.array([self.parts.stops(joint) for joint in self._motors]).T
         shares = np.random.default_rng(0).uniform(0.15, 0.85, (draws, len(low)))
         joints, step = low + shares * (high - low), 1e-4 * (high - low)
         at = self.gripper_position(joints, self.lengths)

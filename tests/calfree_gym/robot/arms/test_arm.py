@@ -184,3 +184,37 @@ def test_joints_and_bodies_without_names_are_called_by_their_places():
     arm = Arm(model=text, gripper="tip", motors=["lift", "tilt", "turn", "joint_6"], home="about")
     assert arm.robot.links[-2] == "body_4"
     assert arm.robot.home == pytest.approx(all_kinds().robot.home)
+
+
+def wide(joint, limits="-60 60"):
+    """An arm whose first hinge, `turn`, has this as its range."""
+    return (
+        f'<mujoco><worldbody><body><joint name="turn" axis="0 0 1" {joint}/><geom size="0.02"/>'
+        f'<body pos="0 0 0.1"><joint name="lift" axis="0 1 0" range="{limits}"/><geom size="0.02"/>'
+        f'<body pos="0.2 0 0"><joint name="bend" axis="0 1 0" range="{limits}"/><geom size="0.02"/>'
+        '<site name="tip" pos="0.2 0 0"/></body></body></body></worldbody></mujoco>'
+    )
+
+
+@pytest.mark.parametrize("range_", ["", 'range="-360 360"', 'range="-3000 3600"', 'range="-180 179.9"'])
+@pytest.mark.parametrize("home", [None, {"turn": 1.0}])
+def test_a_hinge_that_goes_once_round_is_used_half_a_turn_either_way_from_home(range_, home):
+    arm = Arm(wide(range_), "tip", home=home)
+    assert arm.robot.span[0] == pytest.approx(np.pi, abs=1e-6)
+    low, high = arm.robot.stops[0]
+    assert low <= arm.robot.home[0] <= high
+    assert high - low <= 2 * np.pi + 1e-9
+    again = pickle.loads(pickle.dumps(arm))
+    assert (again.robot.stops == arm.robot.stops).all()
+
+
+def test_a_hinge_that_does_not_go_once_round_is_used_from_stop_to_stop():
+    arm = Arm(wide('range="-20 320"'), "tip", home={"turn": 0.0})
+    assert np.rad2deg(arm.robot.stops[0]) == pytest.approx([-20, 320])
+
+
+@pytest.mark.parametrize(("range_", "highest"), [("", 5 + np.pi), ('range="-360 360"', 2 * np.pi)])
+def test_home_may_be_anywhere_on_a_hinge_that_goes_once_round(range_, highest):
+    robot = Arm(wide(range_), "tip", home={"turn": 5.0}).robot
+    assert robot.home[0] == 5.0
+    assert robot.stops[0] == pytest.approx([5 - np.pi, highest], abs=1e-6)
