@@ -218,3 +218,39 @@ def test_home_may_be_anywhere_on_a_hinge_that_goes_once_round(range_, highest):
     robot = Arm(wide(range_), "tip", home={"turn": 5.0}).robot
     assert robot.home[0] == 5.0
     assert robot.stops[0] == pytest.approx([5 - np.pi, highest], abs=1e-6)
+
+
+URDF = (
+    '<robot name="small"><link name="base"/>'
+    + "".join(
+        f'<link name="{name}"><inertial><mass value="1"/>'
+        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for name in ("column", "arm", "hand", "tip")
+    )
+    + "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{at}"/><axis xyz="{axis}"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for name, kind, parent, child, at, axis in (
+            ("turn", "continuous", "base", "column", "0 0 0", "0 0 1"),
+            ("lift", "revolute", "column", "arm", "0 0 0.2", "0 1 0"),
+            ("bend", "revolute", "arm", "hand", "0.3 0 0", "0 1 0"),
+            ("flange", "fixed", "hand", "tip", "0.2 0 0", "0 0 1"),
+        )
+    )
+    + "</robot>"
+)
+LEAN = wide("").replace("<mujoco>", '<mujoco><compiler discardvisual="true" fusestatic="true"/>')
+
+
+@pytest.mark.parametrize("text", [URDF, LEAN], ids=["URDF", "MJCF that drops visual geoms"])
+@pytest.mark.parametrize("in_file", [False, True])
+def test_urdf_and_models_that_drop_what_touches_nothing(text, in_file, tmp_path):
+    model = tmp_path / "arm.xml"
+    model.write_text(text)
+    arm = Arm(model if in_file else text, "tip")
+    assert arm.motors == ("turn", "lift", "bend")
+    env = gym.make(ID, arm=arm)
+    env.reset(seed=0)
+    observation, *_ = env.step(env.action_space.sample())
+    assert all(np.isfinite(values).all() for values in observation.values())
