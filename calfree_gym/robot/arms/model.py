@@ -31,6 +31,8 @@ POSTURES = 500
 """So many drawn postures tell where the work space is."""
 MARK_POSTURES = 40
 """So many of them tell where the gripper's marks are seen best."""
+SMALLEST = 1e-6
+"""Root mean square distance (m) of objects from their middle, below which motors do not move the gripper."""
 MOVEMASTER_SIZE = 0.23
 """Root mean square distance (m) of the RV-M2's objects from their middle."""
 
@@ -177,6 +179,12 @@ class ArmModel(Robot):
         reached = self.gripper_position(self.postures(shares), self.lengths)
         target = np.median(reached, axis=0)
         size = float(np.sqrt(np.square(reached - target).sum(-1).mean()))
+        if size < SMALLEST:
+            kind, name = self.parts.gripper
+            raise ValueError(
+                f"the motors {', '.join(self.motors)} turn the {kind} {name!r} and do not move it; gripper= "
+                "names a site or body that is away from their axes"
+            )
         base = self.frames(self.parts.base, self.home, self.lengths)[0]
         ahead = (target - base) * [1, 1, 0]
         far = float(np.linalg.norm(ahead))
