@@ -43,6 +43,7 @@ def read(source: Source) -> tuple[str, dict[str, str]]:
     if what == TEXT and (written_out or not files):
         return str(source), assets
     spec.meshdir, spec.texturedir = str(meshes), str(textures)
+    _keep_all(spec)
     try:
         spec.compile()
         return spec.to_xml(), assets
@@ -57,6 +58,7 @@ def compiled(text: str) -> tuple[Any, mujoco.MjModel]:
         ValueError: It cannot be compiled.
     """
     spec = mujoco.MjSpec.from_string(text)
+    _keep_all(spec)
     for kind, elements in (("body", spec.bodies[1:]), ("joint", spec.joints)):
         for i, element in enumerate(elements):
             element.name = element.name or f"{kind}_{i}"
@@ -64,6 +66,11 @@ def compiled(text: str) -> tuple[Any, mujoco.MjModel]:
         return spec, spec.compile()
     except ValueError as error:
         raise ValueError(f"{TEXT} cannot be compiled by MuJoCo: {error}") from error
+
+
+def _keep_all(spec: Any) -> None:
+    """Keeps geoms that touch nothing, as marks do, and bodies without a joint: URDF drops both by default."""
+    spec.compiler.discardvisual = spec.compiler.fusestatic = False
 
 
 def _spec(source: Source) -> tuple[Any, str, Path]:

@@ -31,6 +31,8 @@ POSTURES = 500
 """So many drawn postures tell where the work space is."""
 MARK_POSTURES = 40
 """So many of them tell where the gripper's marks are seen best."""
+SMALLEST = 1e-6
+"""Root mean square distance (m) of objects from their middle, below which motors do not move the gripper."""
 MOVEMASTER_SIZE = 0.23
 """Root mean square distance (m) of the RV-M2's objects from their middle."""
 
@@ -76,7 +78,6 @@ class ArmModel(Robot):
         self._motors, self._links = parts.motors, parts.links
         self.motors = tuple(parts.joints[joint] for joint in self._motors)
         self.slides: Flags = model.jnt_type[self._motors] == SLIDE
-        self.stops = np.array([parts.stops(joint) for joint in self._motors])
         self.links = tuple(parts.bodies[body] for body in self._links)
         self.lengths = np.linalg.norm(model.body_pos[self._links], axis=1)
         self.home_qpos = parts.home(home)
@@ -85,6 +86,7 @@ class ArmModel(Robot):
         if home is None:
             self.home_qpos[self.qpos_of_motors] = self._best_posture()
         self.home = self.home_qpos[self.qpos_of_motors]
+        self.stops = np.array(list(map(parts.stops, self._motors, self.home)))
         self.joints = self.motors
         self.span = np.maximum(self.home - self.stops[:, 0], self.stops[:, 1] - self.home)
         self.stop_margin = np.where(self.slides, SLIDE_MARGIN * self.span, HINGE_MARGIN)
@@ -177,6 +179,12 @@ class ArmModel(Robot):
         reached = self.gripper_position(self.postures(shares), self.lengths)
         target = np.median(reached, axis=0)
         size = float(np.sqrt(np.square(reached - target).sum(-1).mean()))
+        if size < SMALLEST:
+            kind, name = self.parts.gripper
+            raise ValueError(
+                f"the motors {', '.join(self.motors)} turn the {kind} {name!r} and do not move it; gripper= "
+                "names a site or body that is away from their axes"
+            )
         base = self.frames(self.parts.base, self.home, self.lengths)[0]
         ahead = (target - base) * [1, 1, 0]
         far = float(np.linalg.norm(ahead))
@@ -193,7 +201,7 @@ class ArmModel(Robot):
         Each motor's effect is that of its range, and counts less near a stop: so home is where the gripper
         can go anywhere, and no motor is near its end.
         """
-        low, high = self.stops.T
+        low, high = np.array([self.parts.stops(joint) for joint in self._motors]).T
         shares = np.random.default_rng(0).uniform(0.15, 0.85, (draws, len(low)))
         joints, step = low + shares * (high - low), 1e-4 * (high - low)
         at = self.gripper_position(joints, self.lengths)

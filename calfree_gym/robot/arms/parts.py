@@ -13,8 +13,8 @@ from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE, path_to
 
 FEWEST, MOST = 3, 7
 """Motors of an arm."""
-NO_RANGE = np.pi
-"""A hinge without limits turns this far (rad) from zero, either way."""
+TURN = 2 * np.pi
+"""So much (rad) of a hinge is used at most: beyond, the arm is where it was before."""
 
 
 class Parts:
@@ -56,8 +56,8 @@ class Parts:
         kinds = self._model.jnt_type
         return [name for joint, name in enumerate(self.joints) if kinds[joint] in (HINGE, SLIDE)]
 
-    def stops(self, joint: int) -> tuple[float, float]:
-        """Lowest and highest position of a motor's joint, in rad or m."""
+    def range(self, joint: int) -> tuple[float, float]:
+        """Lowest and highest position of a motor's joint, in rad or m; infinite of a hinge without limits."""
         model, name = self._model, self.joints[joint]
         if model.jnt_limited[joint]:
             low, high = (float(stop) for stop in model.jnt_range[joint])
@@ -65,8 +65,25 @@ class Parts:
                 return low, high
             raise ValueError(f"the motor {name!r} ranges from {low:g} to {high:g}; it cannot move")
         if model.jnt_type[joint] == SLIDE:
-            raise ValueError(f"the motor {name!r} slides without limits; give its joint a range")
-        return -NO_RANGE, NO_RANGE
+            raise ValueError(
+                f"the motor {name!r} slides without limits; give its joint a range, or choose other motors "
+                "by motors= or base="
+            )
+        return -np.inf, np.inf
+
+    def stops(self, joint: int, home: float | None = None) -> tuple[float, float]:
+        """The same, of what is used of it: of a hinge that goes round more than once, one turn in its range.
+
+        That is as far to both sides of `home` as the range allows. By default home is the middle of the
+        range, and zero where there is no range.
+        """
+        low, high = self.range(joint)
+        if self._model.jnt_type[joint] == SLIDE or high - low <= TURN:
+            return low, high
+        if home is None:
+            home = (low + high) / 2 if np.isfinite(low) else 0.0
+        low = float(np.clip(home - TURN / 2, low, high - TURN))
+        return low, low + TURN
 
     def home(self, home: str | Mapping[str, float] | None) -> Array:
         """Positions of all joints (nq,) at a keyframe, or by name; within their ranges where not given."""
@@ -88,7 +105,7 @@ class Parts:
                     )
                 qpos[model.joint(name).qposadr[0]] = value
         for joint in self.motors if home is not None else ():
-            name, value, (low, high) = self.joints[joint], qpos[model.jnt_qposadr[joint]], self.stops(joint)
+            name, value, (low, high) = self.joints[joint], qpos[model.jnt_qposadr[joint]], self.range(joint)
             if not low <= value <= high:
                 raise ValueError(f"home has {name!r} at {value:g}; its range is {low:g} to {high:g}")
         return qpos

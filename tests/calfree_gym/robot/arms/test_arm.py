@@ -184,3 +184,75 @@ def test_joints_and_bodies_without_names_are_called_by_their_places():
     arm = Arm(model=text, gripper="tip", motors=["lift", "tilt", "turn", "joint_6"], home="about")
     assert arm.robot.links[-2] == "body_4"
     assert arm.robot.home == pytest.approx(all_kinds().robot.home)
+
+
+def wide(joint, limits="-60 60"):
+    """An arm whose first hinge, `turn`, has this as its range."""
+    return (
+        f'<mujoco><worldbody><body><joint name="turn" axis="0 0 1" {joint}/><geom size="0.02"/>'
+        f'<body pos="0 0 0.1"><joint name="lift" axis="0 1 0" range="{limits}"/><geom size="0.02"/>'
+        f'<body pos="0.2 0 0"><joint name="bend" axis="0 1 0" range="{limits}"/><geom size="0.02"/>'
+        '<site name="tip" pos="0.2 0 0"/></body></body></body></worldbody></mujoco>'
+    )
+
+
+@pytest.mark.parametrize("range_", ["", 'range="-360 360"', 'range="-3000 3600"'])
+@pytest.mark.parametrize("home", [None, {"turn": 1.0}])
+def test_of_a_hinge_that_goes_round_more_than_once_one_turn_about_home_is_used(range_, home):
+    arm = Arm(wide(range_), "tip", home=home)
+    assert arm.robot.stops[0] - arm.robot.home[0] == pytest.approx([-np.pi, np.pi])
+    again = pickle.loads(pickle.dumps(arm))
+    assert (again.robot.stops == arm.robot.stops).all()
+
+
+@pytest.mark.parametrize(
+    ("range_", "home", "stops"),
+    [
+        ("-20 320", 0, (-20, 320)),
+        ("-180 180", 30, (-180, 180)),
+        ("-200 200", 30, (-160, 200)),
+        ("-360 360", 300, (0, 360)),
+        ("-360 360", -190, (-360, 0)),
+    ],
+)
+def test_a_hinge_loses_no_posture_by_that(range_, home, stops):
+    """Where its range is no longer than a turn it is used whole; else a whole turn is."""
+    robot = Arm(wide(f'range="{range_}"'), "tip", home={"turn": np.radians(home)}).robot
+    assert np.rad2deg(robot.stops[0]) == pytest.approx(stops)
+    assert robot.home[0] == pytest.approx(np.radians(home))
+
+
+URDF = (
+    '<robot name="small"><link name="base"/>'
+    + "".join(
+        f'<link name="{name}"><inertial><mass value="1"/>'
+        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for name in ("column", "arm", "hand", "tip")
+    )
+    + "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{at}"/><axis xyz="{axis}"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for name, kind, parent, child, at, axis in (
+            ("turn", "continuous", "base", "column", "0 0 0", "0 0 1"),
+            ("lift", "revolute", "column", "arm", "0 0 0.2", "0 1 0"),
+            ("bend", "revolute", "arm", "hand", "0.3 0 0", "0 1 0"),
+            ("flange", "fixed", "hand", "tip", "0.2 0 0", "0 0 1"),
+        )
+    )
+    + "</robot>"
+)
+LEAN = wide("").replace("<mujoco>", '<mujoco><compiler discardvisual="true" fusestatic="true"/>')
+
+
+@pytest.mark.parametrize("text", [URDF, LEAN], ids=["URDF", "MJCF that drops visual geoms"])
+@pytest.mark.parametrize("in_file", [False, True])
+def test_urdf_and_models_that_drop_what_touches_nothing(text, in_file, tmp_path):
+    model = tmp_path / "arm.xml"
+    model.write_text(text)
+    arm = Arm(model if in_file else text, "tip")
+    assert arm.motors == ("turn", "lift", "bend")
+    env = gym.make(ID, arm=arm)
+    env.reset(seed=0)
+    observation, *_ = env.step(env.action_space.sample())
+    assert all(np.isfinite(values).all() for values in observation.values())

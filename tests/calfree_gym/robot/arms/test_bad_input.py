@@ -14,6 +14,7 @@ from tests.arms.every import arm_named
 from tests.arms.own import ARMS, MODELS
 from tests.calfree_gym.robot.arms.test_chain import ALL_KINDS
 
+AXES = ("0 0 1", "0 1 0", "1 0 0")
 ID = "calfree_gym:CalFree/Reach-v0"
 
 
@@ -192,6 +193,16 @@ def test_ranges_that_cannot_be():
     still = text.replace('axis="1 0 0" range="-0.6 0.6"', 'axis="1 0 0" range="0.6 0.6" limited="true"')
     refused(
         "the motor 'x' ranges from 0.6 to 0.6; it cannot move|cannot be compiled", model=still, gripper="hook"
+    )
+
+
+def test_a_gripper_that_motors_only_turn():
+    still = '<mujoco><worldbody><body>{}<geom size="0.03"/><site name="tip"/></body></worldbody></mujoco>'
+    joints = "".join(f'<joint name="{name}" axis="{axis}"/>' for name, axis in zip("abc", AXES, strict=True))
+    refused(
+        "the motors a, b, c turn the site 'tip' and do not move it; gripper= names",
+        model=still.format(joints),
+        gripper="tip",
     )
 
 
