@@ -127,9 +127,9 @@ class Reach:
         before = self.now
         observation = yield words
         self.stops.learn(words, words - (observation.registers - before.registers), observation.registers)
-        expected = self.points.at(observation.registers)
-        deviations_px = np.sqrt(expected.variances) / IMAGE_UNIT
-        self.now = yield from self.filter.settle(observation, before, expected.points, deviations_px)
+        expected = self.points.at(observation.registers).points
+        deviations_px = np.sqrt(self.points.unsure(observation.registers)) / IMAGE_UNIT
+        self.now = yield from self.filter.settle(observation, before, expected, deviations_px)
         self._trusted.append(self.now)
         look = self.points.look_anew if self.filter.inconsistent.any() else self.points.look
         look(self.now, self.filter.noise.px)

@@ -79,17 +79,16 @@ class Seeker:
         self._too_much = max(LEFT**2 * self._left(apart), certain)
 
     def seek(self) -> LeastDistance:
-        """From here; where that ends far off, also from where the gripper was seen nearest to the object.
+        """From here; where that ends far off, also from other places, until an end is near.
 
-        As long as it is sure that too much is left, also from other such places, and from anywhere.
+        First from where the gripper was seen nearest to the object, then from anywhere. If none is, an end
+        that may do is better than one that surely leaves too much.
         """
         found = self._from(self._here)
         for start in islice(self._starts(), STARTS):
             if not found.far:
                 break
             found = min(found, self._from(start), key=lambda each: (each.hopeless, each.square))
-            if not found.hopeless:
-                break
         return found
 
     def _starts(self) -> Iterator[Array]:

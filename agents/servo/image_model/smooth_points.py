@@ -242,6 +242,11 @@ class SmoothPoints:
             yield left[0]
             left = left[gripper.alike(left[0], left) < self.ALIKE]
 
+    def unsure(self, registers: Array) -> Array:
+        """Variances (4,) of the points' coordinates at registers (m,), over all lengths that may be."""
+        place = self._place(registers)
+        return np.concatenate([self.gripper.unsure(registers), self.object.unsure(place)])
+
     def at(self, registers: Array) -> ExpectedPoints:
         """What should be seen at registers (m,)."""
         key = registers.tobytes()

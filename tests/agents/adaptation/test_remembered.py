@@ -131,10 +131,9 @@ def test_a_saved_one_goes_on_bit_for_bit_alike():
             each.learn(pairs)
 
 
-def test_it_knows_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_where_not(make_env, mount):
-    """At rendezvous, after some trials of its own; by MuJoCo's derivatives."""
-    env = make_env(mount)
-    env.reset(seed=7)
+def jacobian_errors(env, seed):
+    """Of the columns (3,) at a rendezvous after some trials in one world, by MuJoCo's derivatives."""
+    env.reset(seed=seed)
     agent = agents.make("memory", env)
     agent.learn(150)
     observation, _ = env.reset()
@@ -147,8 +146,14 @@ def test_it_knows_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_where_
     points = agent.adaptation.known.points(home, 0.5)
     jacobian = points.at(Observation.of(observation).registers).distance_jacobian
     truth = distance_jacobian(env)
-    off = np.linalg.norm(jacobian - truth, axis=0) / np.linalg.norm(truth, axis=0)
-    assert (off < 0.15).all()
+    return np.linalg.norm(jacobian - truth, axis=0) / np.linalg.norm(truth, axis=0)
+
+
+def test_it_knows_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_where_not(make_env, mount):
+    """In most of seven worlds; in one in ten a column is off by more than 15 %."""
+    env = make_env(mount)
+    errors = np.array([jacobian_errors(env, seed) for seed in range(7, 14)])
+    assert (np.median(errors, axis=0) < 0.1).all()
 
 
 def test_a_few_dozen_reaches_make_nearly_every_further_one_a_single_motion(live, make_env, mount):
