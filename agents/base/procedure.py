@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from . import storage
 from .agent import Agent, Callback
+from .checks import check_number
 from .observation import Array, Observation, RawObservation
 from .trials import begins_trial
 
@@ -131,6 +132,7 @@ class ProcedureAgent(Agent):
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
         """See `Agent`."""
+        check_number("total_timesteps", total_timesteps, least=0, whole=True)
         target = self.num_timesteps + total_timesteps
         go_on = True
         while go_on and self.num_timesteps < target:
