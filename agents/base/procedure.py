@@ -165,17 +165,23 @@ class ProcedureAgent(Agent):
         findings = self.new_findings()
         return RunningTrial(self.procedure(first, findings), findings)
 
+    @property
+    def _motors(self) -> int:
+        return int(self.env.action_space.shape[-1])  # type: ignore[index]
+
     def save(self, path: str | Path) -> None:
         """See `Agent`."""
-        storage.save(path, self.kind, self.arrays(), self.num_timesteps)
+        storage.save(path, self.kind, self.arrays(), self.num_timesteps, self._motors)
 
     def load(self, path: str | Path) -> Self:
         """See `Agent`.
 
         Raises:
-            ValueError: The file is damaged, no saved agent, or of another kind or other settings.
+            ValueError: The file is damaged, no saved agent, of another kind or other settings, or of an arm
+                of other motors.
+            FileNotFoundError: There is no such file.
         """
-        arrays, motions = storage.load(path, self.kind, self.present_kind)
+        arrays, motions = storage.load(path, self.kind, self._motors, self.present_kind)
         before = self.arrays()
         try:
             self.restore(arrays)
