@@ -25,7 +25,7 @@ from .calibrated.self_calibrating import SelfCalibrating
 from .grasp.agent import Grasp
 from .grasp.inserting.agent import Insert
 from .grasp.inserting.yoshimi_allen import YoshimiAllen
-from .grasp.task import task_of
+from .grasp.task import TASKS, task_of
 from .grasp.trial import SURE_PX
 from .knowledge.factored_table import FactoredTable
 from .knowledge.grid_table import GridTable
@@ -216,7 +216,12 @@ ARM_MOTORS = 3
 
 
 def names(task: str = "reach") -> tuple[str, ...]:
-    """The names that `make` knows of agents that do a task, "reach", "grasp" or "insert"."""
+    """The names that `make` knows of agents that do a task, "reach", "grasp" or "insert".
+
+    Raises:
+        ValueError: There is no such task.
+    """
+    check_one_of("task", task, TASKS)
     return OF_TASK.get(task) or tuple(name for name in _MAKERS if name not in _OF_OTHER_TASKS)
 
 
@@ -231,10 +236,14 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
 
     Raises:
         ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
-        ValueError: An unknown name, with the near misses, a setting that is not allowed, or an arm that the
-            agent does not know, with the agents that act on any.
+        ValueError: An unknown name, with the near misses, a setting that is not allowed, an arm that the
+            agent does not know, with the agents that act on any, or no environment with image points.
     """
     _check_name(name)
+    try:
+        task = task_of(env)
+    except ValueError as error:
+        raise ValueError(f"agent {name!r}: {error}") from None
     shape = getattr(env.action_space, "shape", None)
     if shape is None or (len(shape) != 1 and _MAKERS[name] is not _sb3):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
@@ -248,7 +257,7 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
                 raise ValueError(
                     f"agent {name!r} has no setting {setting!r}{hint}; allowed: {', '.join(allowed)}"
                 )
-        if name not in names(task := task_of(env)):
+        if name not in names(task):
             raise ValueError(
                 f"agent {name!r} cannot {task}, as this environment asks; allowed: {', '.join(names(task))}"
             )
@@ -334,7 +343,7 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
         chosen["knowledge"] = name
     knows = name not in ("insert", "safe_start") and (name != "grasp" or chosen["knowledge"] is not None)
     for setting, known in (("servo", SERVOS), ("knowledge", KNOWLEDGE))[: 1 + knows]:
-        if chosen[setting] not in known:
+        if chosen[setting] not in tuple(known):
             hint, allowed = near_misses(chosen[setting], known), ", ".join(known)
             raise ValueError(f"agent {name!r}: {setting} is {chosen[setting]!r}{hint}; allowed: {allowed}")
     if not knows:

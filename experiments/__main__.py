@@ -35,6 +35,8 @@ BENCHMARKS = (
     "safe_start",
 )
 """As in `benchmarks.parts`, which is not loaded for other commands."""
+FILL_FOLDERS = ("run", "tune", "film", "merge", "report")
+"""Commands whose --out is a folder."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -45,6 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
+        _check_folder(options)
         done: int = options.does(options)
         return done
     except ConfigError as error:
@@ -57,6 +60,13 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted; started again, finished runs are skipped", file=sys.stderr)
         return 130
+
+
+def _check_folder(options: argparse.Namespace) -> None:
+    """Raises ConfigError where a command that makes a folder would find a file there."""
+    out = getattr(options, "out", None)
+    if options.command in FILL_FOLDERS and out is not None and out.exists() and not out.is_dir():
+        raise ConfigError(f"--out: {out} is a file; allowed: a folder, which need not be there yet")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -279,6 +289,8 @@ def _check_arm(options: argparse.Namespace) -> int:
     given = {name: getattr(options, name) for name in ("model", "gripper", "motors", "home", "base")}
     mount = options.camera_mount
     try:
+        if options.out:
+            ArmCheck.check_picture(options.out)
         if options.home_degrees:
             given["home_degrees"] = dict(options.home_degrees)
         check = ArmCheck(as_arm(given), mount[0] if len(mount) == 1 else tuple(mount))

@@ -47,6 +47,12 @@ class ArmCheck:
         self._mounts: Mounts = self._robot.mounts(camera_mount)
         self.problems: list[str] = []
 
+    @staticmethod
+    def check_picture(path: Path) -> None:
+        """Raises ValueError where no picture can be written to a file with such a suffix."""
+        if not (path.suffix and cv2.haveImageWriter(str(path))):
+            raise ValueError(f"{path}: no image is written as {path.suffix!r}; allowed: such as arm.png")
+
     def tables(self) -> Iterator[Table]:
         """Each as soon as it is there."""
         yield self._motors()

@@ -5,7 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import gymnasium
+from gymnasium.vector import VectorEnv
 
+from agents.base.checks import check_number
+from agents.base.observation import STANDARD_KEYS
 from agents.base.random_state import random_state_preserved
 from calfree_gym.envs.arms.base import LOOK_SECONDS
 
@@ -128,9 +131,37 @@ def evaluate(agent: Predictor, env: gymnasium.Env[Any, Any], trials: int, seed: 
 
     Returns:
         One record a trial, in order.
+
+    Raises:
+        ValueError: `trials` is no whole number, or `env` is a batched one, tells no truth, or is not like the
+            one that the agent was made for; says what differs.
     """
+    check_number("trials", trials, least=0, whole=True)
+    _check_environment(agent, env)
     with random_state_preserved():
         return [_make_trial(agent, env, trial, seed if trial == 0 else None) for trial in range(trials)]
+
+
+def _check_environment(agent: Predictor, env: Any) -> None:
+    if isinstance(env, VectorEnv):
+        raise ValueError(f"evaluate makes trials in one environment; this is a batch of {env.num_envs}")
+    own = getattr(agent, "env", None)
+    if own is None:
+        return
+    made_for, here = _shapes(own), _shapes(env)
+    names = ("action", *STANDARD_KEYS, *getattr(agent, "privileged", ()))
+    differing = [name for name in names if made_for.get(name) != here.get(name)]
+    if differing:
+        listed = ", ".join(f"{name} is {here.get(name)}, not {made_for.get(name)}" for name in differing)
+        raise ValueError(f"the agent was made for an environment of other shapes; in this one {listed}")
+
+
+def _shapes(env: Any) -> dict[str, Any]:
+    """Shapes of an action and of what is observed, of one arm where `env` is a batch."""
+    action = getattr(env, "single_action_space", env.action_space)
+    observed = getattr(env, "single_observation_space", env.observation_space)
+    spaces = {"action": action, **getattr(observed, "spaces", {})}
+    return {name: space.shape for name, space in spaces.items()}
 
 
 def _make_trial(agent: Predictor, env: gymnasium.Env[Any, Any], trial: int, seed: int | None) -> TrialRecord:

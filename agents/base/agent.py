@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from .checks import check_number
 from .observation import RawObservation
 from .prior_knowledge import PriorKnowledge
 
@@ -46,7 +47,7 @@ class Agent(ABC):
                 f"it requires {', '.join(missing)}: make its environment with tell={self.privileged}"
             )
         self.env = env
-        self.seed = seed
+        self.seed = check_number("seed", seed, least=0, whole=True)
         self.num_timesteps = 0
 
     @abstractmethod
@@ -71,7 +72,11 @@ class Agent(ABC):
 
     @abstractmethod
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
-        """Makes `total_timesteps` more motions and learns from them, beginning with a new trial."""
+        """Makes `total_timesteps` more motions and learns from them, beginning with a new trial.
+
+        Raises:
+            ValueError: `total_timesteps` is no whole number, or negative.
+        """
 
     @abstractmethod
     def save(self, path: str | Path) -> None:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from . import storage
 from .agent import Agent, Callback
+from .checks import check_number
 from .observation import Array, Observation, RawObservation
 from .trials import begins_trial
 
@@ -131,6 +132,7 @@ class ProcedureAgent(Agent):
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
         """See `Agent`."""
+        check_number("total_timesteps", total_timesteps, least=0, whole=True)
         target = self.num_timesteps + total_timesteps
         go_on = True
         while go_on and self.num_timesteps < target:
@@ -163,17 +165,23 @@ class ProcedureAgent(Agent):
         findings = self.new_findings()
         return RunningTrial(self.procedure(first, findings), findings)
 
+    @property
+    def _motors(self) -> int:
+        return int(self.env.action_space.shape[-1])  # type: ignore[index]
+
     def save(self, path: str | Path) -> None:
         """See `Agent`."""
-        storage.save(path, self.kind, self.arrays(), self.num_timesteps)
+        storage.save(path, self.kind, self.arrays(), self.num_timesteps, self._motors)
 
     def load(self, path: str | Path) -> Self:
         """See `Agent`.
 
         Raises:
-            ValueError: The file is damaged, no saved agent, or of another kind or other settings.
+            ValueError: The file is damaged, no saved agent, of another kind or other settings, or of an arm
+                of other motors.
+            FileNotFoundError: There is no such file.
         """
-        arrays, motions = storage.load(path, self.kind, self.present_kind)
+        arrays, motions = storage.load(path, self.kind, self._motors, self.present_kind)
         before = self.arrays()
         try:
             self.restore(arrays)

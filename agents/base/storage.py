@@ -15,41 +15,47 @@ _HEADER = "calfree.json"
 _VERSION = 1
 
 
-def save(path: str | Path, kind: str, arrays: Mapping[str, NDArray[Any]], motions: int) -> None:
-    """Writes what an agent knows, how many motions it has made, and `kind`: what it is, settings and all."""
-    header = json.dumps({"calfree": _VERSION, "kind": kind, "num_timesteps": motions})
+def save(path: str | Path, kind: str, arrays: Mapping[str, NDArray[Any]], motions: int, motors: int) -> None:
+    """Writes what an agent knows, its motions and motors, and `kind`: what it is, settings and all."""
+    header = json.dumps({"calfree": _VERSION, "kind": kind, "num_timesteps": motions, "motors": motors})
     with Path(path).open("wb") as file:
         np.savez_compressed(file, **{_HEADER: np.array(header)}, **arrays)  # type: ignore[arg-type]
 
 
 def load(
-    path: str | Path, kind: str, present_kind: Callable[[str], str] = lambda saved: saved
+    path: str | Path, kind: str, motors: int, present_kind: Callable[[str], str] = lambda saved: saved
 ) -> tuple[dict[str, NDArray[Any]], int]:
     """Reads the arrays and the number of motions that `save` wrote for an agent of the same `kind`.
 
     Args:
         path: The file.
         kind: What this agent is, with all settings.
+        motors: Of this agent; a file of an earlier version does not tell its own.
         present_kind: From what a file of an earlier version calls itself to what that is called now; such a
             file loads with a warning.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is damaged, no saved agent, or of another kind or other settings; says which.
+        ValueError: The file is damaged, no saved agent, of another kind or other settings, or of an arm of
+            other motors; says which.
     """
     try:
         with np.load(Path(path), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
             header = json.loads(str(arrays.pop(_HEADER)))
     except FileNotFoundError:
-        raise
+        raise FileNotFoundError(f"{path}: there is no such file") from None
     except Exception as error:  # what NumPy raises on a damaged file depends on where the damage is
-        raise ValueError(f"{path} is damaged or no saved agent: {error!r}") from error
+        raise ValueError(
+            f"{path} is damaged or no saved agent; allowed: a file that save of such an agent wrote, {kind}"
+        ) from error
     if header["calfree"] != _VERSION or kind not in (header["kind"], present_kind(header["kind"])):
         raise ValueError(
             f"{path} holds {header['kind']} (version {header['calfree']}); "
             f"this agent is {kind} (version {_VERSION})"
         )
+    if (saved := header.get("motors", motors)) != motors:
+        raise ValueError(f"{path} was saved for {saved} motors; this agent's environment has {motors}")
     if header["kind"] != kind:
         warnings.warn(f"{path} names {header['kind']}, which is now {kind}", stacklevel=3)
     return arrays, int(header["num_timesteps"])

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -15,6 +15,32 @@ from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
 from experiments.errors import ConfigError
 
 Config = TypeVar("Config", bound=BaseModel)
+
+
+_OF_YAML = {
+    "tuple_type": "it must be a list",
+    "dict_type": "it must be a mapping",
+    "model_type": "it must be a mapping",
+}
+"""What types are called in YAML, by pydantic's names of errors."""
+
+
+class Kind(NamedTuple):
+    """A kind of file: the keys that only it has, the model that is read from it, and who takes it."""
+
+    keys: tuple[str, ...]
+    model: str
+    what: str
+    taken_by: str
+
+
+KINDS = (
+    Kind(("question",), "Suite", "a suite", "the commands run and validate take"),
+    Kind(("agent",), "FilmConfig", "what is filmed", "the command film takes"),
+    Kind(("tries",), "TuningConfig", "what is tuned", "the command tune takes"),
+    Kind(("words", "criteria"), "Claim", "claims", "a suite names under its key claims"),
+)
+"""Told apart before a file is checked key by key."""
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -59,6 +85,7 @@ def load_as(
     Raises:
         ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
     """
+    _check_kind(model, path)
     data = read_mapping(path)
     data = with_overrides(_with_other_files(data, path.parent), overrides)
     try:
@@ -70,6 +97,15 @@ def load_as(
     if wrong:
         raise ConfigError("\n".join([f"{path}:", *(f"  {line}" for line in wrong)]))
     return config
+
+
+def _check_kind(model: type[BaseModel], path: Path) -> None:
+    """Raises ConfigError where a file has the keys of another kind of file than `model` is read from."""
+    data = read_yaml(path)
+    entry = data[0] if isinstance(data, list) and data else data
+    kind = next((kind for kind in KINDS if isinstance(entry, dict) and {*kind.keys} <= {*entry}), None)
+    if kind is not None and kind.model != model.__name__:
+        raise ConfigError(f"{path}: holds {kind.what}, which {kind.taken_by}")
 
 
 def read_mapping(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
@@ -212,6 +248,7 @@ def _describe(error: dict[str, Any], config: type[BaseModel]) -> str:
         return f"{where}: unknown key{hint}; allowed: {', '.join(allowed)}"
     if message.startswith(f"{error['loc'][-1]}."):  # it has a path of its own, further in
         return ".".join([*map(str, error["loc"][:-1]), message])
+    message = _OF_YAML.get(error["type"], message)
     return f"{where}: found {_short(error['input'])}: {message}"
 
 

@@ -137,6 +137,8 @@ class AgentConfig(Model):
             return {"label": data, "name": data}
         if isinstance(data, dict) and "name" in data:
             return {"label": data["name"], **data}
+        if not isinstance(data, dict | cls):
+            raise ValueError("it must be a name or a mapping")
         return data
 
     @field_validator("name")

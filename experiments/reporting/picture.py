@@ -50,8 +50,10 @@ def load_table(source: Path) -> GridTable:
         kind = json.loads(str(arrays["calfree.json"]))["kind"]
     except FileNotFoundError:
         raise ConfigError(f"{source}: there is no such file") from None
-    except Exception as error:  # what NumPy raises on a damaged file depends on where the damage is
-        raise ConfigError(f"{source} is damaged or no saved agent: {error!r}") from None
+    except Exception:  # what NumPy raises on a damaged file depends on where the damage is
+        raise ConfigError(
+            f"{source} is damaged or no saved agent; allowed: a file that grid_table.save wrote"
+        ) from None
     if not kind.startswith("GridTable("):
         raise ConfigError(f"{source} holds {kind}; only a saved grid_table can be drawn")
     try:

@@ -92,3 +92,69 @@ def test_agents_that_know_one_arm_refuse_others_and_name_those_that_act_on_any(a
     env.reset(seed=0)
     for name in set(of_any) - {*agents.NEURAL}:
         assert agents.make(name, env).learn(3).num_timesteps == 3
+
+
+@pytest.mark.parametrize("name", ["memory", "unified_servo", "random", "self_supervised", "grasp", "sac"])
+@pytest.mark.parametrize("task", ["Reach", "Grasp"])
+def test_images_instead_of_image_points_are_refused(name, task):
+    env = gym.make(f"CalFree/{task}-v0", observation="pixels")
+    with pytest.raises(
+        ValueError,
+        match=rf"agent '{name}': it needs image points \(achieved_goal, desired_goal\); this environment's "
+        r"observation has only (observation|pixels), (observation|pixels); make it with observation='points'",
+    ):
+        agents.make(name, env)
+
+
+@pytest.mark.parametrize(
+    ("env", "said"),
+    [
+        ("CalFree/Reach-v0", r"needs an environment, such as gymnasium\.make.*found 'CalFree/Reach-v0'"),
+        (gym.make("Pendulum-v1"), r"needs an environment of calfree_gym; .* observation is Box"),
+        (gym.make("CartPole-v1"), r"needs an environment of calfree_gym; .* observation is Box"),
+    ],
+)
+def test_what_is_no_environment_of_ours_is_refused(env, said):
+    with pytest.raises(ValueError, match=f"agent 'memory': it {said}"):
+        agents.make("memory", env)
+
+
+def test_goals_of_another_size_are_refused(make_env):
+    class Elsewhere(gym.Wrapper):
+        """In space, as the goals of other environments."""
+
+        observation_space = gym.spaces.Dict(
+            dict.fromkeys(("achieved_goal", "desired_goal", "observation"), gym.spaces.Box(-1, 1, (3,)))
+        )
+
+    with pytest.raises(ValueError, match=r"4 or 5 numbers; this environment's has shape \(3,\)"):
+        agents.make("memory", Elsewhere(make_env()))
+
+
+def test_agents_of_an_unknown_task():
+    with pytest.raises(ValueError, match=r"task is 'grip'.*allowed: reach, grasp, insert"):
+        agents.names("grip")
+
+
+@pytest.mark.parametrize("setting", ["servo", "knowledge"])
+def test_a_list_is_no_name(make_env, setting):
+    with pytest.raises(ValueError, match=rf"{setting} is \['x'\]; allowed: "):
+        agents.make("learning_servo", make_env(), **{setting: ["x"]})
+
+
+@pytest.mark.parametrize("seed", ["a", -1, 1.5, None])
+@pytest.mark.parametrize("name", ["memory", "sac"])
+def test_a_seed_is_a_whole_number(make_env, name, seed):
+    with pytest.raises(
+        ValueError, match=f"agent '{name}': seed is {seed!r}; it must be a whole number, 0 or"
+    ):
+        agents.make(name, make_env(), seed=seed)
+
+
+@pytest.mark.parametrize("motions", [-1, 10.5, "5"])
+@pytest.mark.parametrize("name", ["memory", "self_supervised", "recurrent_servo", "sac"])
+def test_motions_to_learn_by_are_a_whole_number(make_env, name, motions):
+    agent = agents.make(name, make_env())
+    with pytest.raises(ValueError, match=f"total_timesteps is {motions!r}; it must be a whole number, 0 or"):
+        agent.learn(motions)
+    assert agent.num_timesteps == 0

@@ -85,6 +85,14 @@ def test_a_picture_shows_the_arm_with_both_images(tmp_path, capsys):
     ("arguments", "said"),
     [
         (["nowhere.xml", "--gripper", "tip"], "nowhere.xml: there is no such MJCF file"),
+        (
+            [HOBBY, "--gripper", "tip", "--out", "arm.xyz"],
+            "arm.xyz: no image is written as '.xyz'; allowed: such",
+        ),
+        (
+            [HOBBY, "--gripper", "tip", "--out", "arm"],
+            "arm: no image is written as ''; allowed: such as arm.png",
+        ),
         ([HOBBY, "--gripper", "tipp"], "did you mean tip?"),
         ([HOBBY, "--gripper", "tip", "--motors", "turn"], "it must have 3 to 7"),
         ([HOBBY, "--gripper", "tip", "--base", "stant"], "did you mean stand?"),

@@ -7,6 +7,7 @@ import pytest
 
 import agents
 from experiments.evaluation import LOOK_SECONDS, evaluate, robot_seconds_at
+from tests.arms.own import ARMS
 from tests.experiments.fakes import CountdownEnv, Halver
 
 
@@ -116,3 +117,48 @@ def test_what_an_agent_expects_is_asked_before_it_moves():
     first, _ = env.reset(seed=7)
     assert [r.expected_px for r in evaluate(Expecting(), env, 3, 7)] == [7.0 + len(first)] * 3
     assert evaluate(Halver(), env, 1, 7)[0].expected_px is None
+
+
+@pytest.mark.parametrize("trials", [-1, 1.5, "3"])
+def test_trials_are_a_whole_number(trials):
+    with pytest.raises(ValueError, match=f"trials is {trials!r}; it must be a whole number, 0 or more"):
+        evaluate(Halver(), CountdownEnv(), trials, seed=0)
+
+
+def test_a_batch_is_no_environment_to_evaluate_in():
+    batch = gym.make_vec("CalFree/Reach-v0", num_envs=3, dynamics="kinematic")
+    with pytest.raises(ValueError, match="trials in one environment; this is a batch of 3"):
+        evaluate(Halver(), batch, trials=1, seed=0)
+
+
+@pytest.mark.parametrize(
+    ("name", "other", "said"),
+    [
+        (
+            "memory",
+            {"arm": ARMS["scara"]},
+            r"action is \(4,\), not \(3,\), observation is \(8,\), not \(7,\)",
+        ),
+        ("random", {"id": "CalFree/Grasp-v0"}, r"achieved_goal is \(5,\), not \(4,\)"),
+        ("memory", {"observation": "pixels"}, r"achieved_goal is None, not \(4,\)"),
+        ("oracle", {}, r"object_registers is None, not \(3,\)$"),
+    ],
+)
+def test_an_agent_of_another_arm_or_task_is_told_what_differs(name, other, said):
+    agent = agents.make(name, gym.make("CalFree/Reach-v0", tell=("object_registers",)))
+    with pytest.raises(
+        ValueError, match=f"was made for an environment of other shapes; in this one .*{said}"
+    ):
+        evaluate(agent, gym.make(**{"id": "CalFree/Reach-v0", **other}), trials=1, seed=0)
+
+
+def test_an_agent_that_learned_in_a_batch_is_evaluated_in_one_environment():
+    batch = gym.make_vec(
+        "CalFree/Reach-v0",
+        num_envs=2,
+        dynamics="kinematic",
+        autoreset_mode=gym.vector.AutoresetMode.SAME_STEP,
+    )
+    agent = agents.make("sac", batch)
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", max_episode_steps=3)
+    assert len(evaluate(agent, env, trials=1, seed=0)) == 1

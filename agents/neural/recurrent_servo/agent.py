@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from ...base.agent import Agent, Callback
+from ...base.checks import check_number
 from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.trials import begins_trial
@@ -90,6 +91,7 @@ class RecurrentServo(Agent):
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
         """Makes motions, trial after trial, and learns nothing from them. See `Agent`."""
+        check_number("total_timesteps", total_timesteps, least=0, whole=True)
         target = self.num_timesteps + total_timesteps
         go_on, over, state = True, True, None
         while go_on and self.num_timesteps < target:

@@ -159,6 +159,7 @@ class Sb3Agent(Agent):
             ValueError: Fewer motions than the environment has rows.
         """
         rows = self._model.n_envs
+        check_number("total_timesteps", total_timesteps, least=0, whole=True)
         if total_timesteps < rows:
             raise ValueError(f"learn got {total_timesteps} motions; its {rows} rows make {rows} at once")
         total_timesteps -= total_timesteps % rows

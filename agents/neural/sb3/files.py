@@ -61,7 +61,7 @@ def read(path: str | Path, trusted: bool = False) -> Saved:
         with ZipFile(path) as archive:
             entries = {name: archive.read(name) for name in archive.namelist()}
     except FileNotFoundError:
-        raise
+        raise FileNotFoundError(f"{path}: there is no such file") from None
     except Exception as error:  # what is raised on a damaged file depends on where the damage is
         raise ValueError(f"{path} is damaged or no saved learner: {error!r}") from error
     header = _header(path, entries)

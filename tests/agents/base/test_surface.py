@@ -12,6 +12,7 @@ import pytest
 import agents
 from calfree_gym.envs.arms.privileged import PRIVILEGED
 from tests.agents.neural.quick import QUICK
+from tests.arms.own import ARMS
 
 NAMES = agents.names()
 
@@ -155,7 +156,7 @@ def test_damaged_and_foreign_files(tmp_path):
         saved.write_bytes(damaged)
         with pytest.raises(ValueError, match="damaged"):
             table.load(saved)
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.npz: there is no such file"):
         table.load(tmp_path / "nowhere.npz")
     with pytest.raises(ValueError, match=r"holds UnifiedServo.*this agent is WorkPlaneServo"):
         make("work_plane_servo")[0].load(tmp_path / "servo.npz")
@@ -164,6 +165,30 @@ def test_damaged_and_foreign_files(tmp_path):
         make("grid_table", cells=4)[0].load(tmp_path / "eight.npz")
     with pytest.raises(ValueError, match=r"probe_px=16.0.*probe_px=9"):
         make("unified_servo", probe_px=9)[0].load(tmp_path / "servo.npz")
+
+
+@pytest.mark.parametrize("trained", ["text", "sac"])
+def test_what_no_agent_like_this_saved_is_told_without_the_words_of_libraries(trained, tmp_path):
+    """Neither NumPy's advice to unpickle, nor what a parser of JSON missed."""
+    path = tmp_path / "saved"
+    path.write_text("no archive")
+    if trained == "sac":
+        make("sac")[0].save(path)
+    with pytest.raises(
+        ValueError, match=r"damaged or no saved agent; allowed: a file that save of such an agent"
+    ) as found:
+        make("memory")[0].load(path)
+    assert not any(word in str(found.value) for word in ("pickle", "JSON", "Error"))
+
+
+@pytest.mark.parametrize("name", ["memory", "unified_servo", "random"])
+def test_what_was_saved_for_an_arm_of_other_motors_says_so(name, tmp_path):
+    make(name)[0].save(tmp_path / "three.npz")
+    four = agents.make(name, gym.make("CalFree/Reach-v0", arm=ARMS["scara"]))
+    with pytest.raises(
+        ValueError, match=r"three\.npz was saved for 3 motors; this agent's environment has 4"
+    ):
+        four.load(tmp_path / "three.npz")
 
 
 @pytest.mark.parametrize("patience", [6, 2])

@@ -180,7 +180,7 @@ def test_what_it_has_measured_and_identified_is_saved_and_loaded(learned, tmp_pa
 
 def test_files_of_version_0_1_load_with_a_warning(learned, tmp_path):
     """They go on as if they had been saved today: same arrays, same words."""
-    storage.save(tmp_path / "old.npz", learned.kind, in_version_0_1(learned.arrays()), 12)
+    storage.save(tmp_path / "old.npz", learned.kind, in_version_0_1(learned.arrays()), 12, 3)
     robot = agents.make("self_calibrating", learned.env)
     with pytest.warns(UserWarning, match=r"version 0\.1"):
         robot.load(tmp_path / "old.npz")
@@ -192,7 +192,7 @@ def test_files_of_version_0_1_load_with_a_warning(learned, tmp_path):
 
 
 def test_files_from_before_there_were_kinds_of_models_load_with_a_warning(learned, tmp_path):
-    storage.save(tmp_path / "old.npz", "SelfCalibrating(camera_mount='waist')", learned.arrays(), 12)
+    storage.save(tmp_path / "old.npz", "SelfCalibrating(camera_mount='waist')", learned.arrays(), 12, 3)
     with pytest.warns(UserWarning, match=r"motor_curve='cubic', lens='radial'\)"):
         agents.make("self_calibrating", learned.env).load(tmp_path / "old.npz")
     with pytest.raises(ValueError, match=r"this agent is .*motor_curve='linear'"):
@@ -231,7 +231,7 @@ def test_a_model_that_is_wrong_in_kind_lacks_curvature_and_distortion():
 def test_damaged_files_are_errors_that_say_what_is_wrong(learned, tmp_path, change, error):
     arrays = learned.arrays()
     arrays = {name: array for name, array in {**arrays, **change}.items() if array is not None}
-    storage.save(tmp_path / "damaged.npz", learned.kind, arrays, 12)
+    storage.save(tmp_path / "damaged.npz", learned.kind, arrays, 12, 3)
     robot = agents.make("self_calibrating", learned.env)
     with pytest.raises(ValueError, match=f"damaged.npz is damaged: .*{error}"):
         robot.load(tmp_path / "damaged.npz")

@@ -6,6 +6,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from experiments.__main__ import main
 from experiments.config.loading import load
 from experiments.errors import ConfigError
 
@@ -58,7 +59,11 @@ ENV = ("scenarios", 0, "env")
         (("sead",), 5, "sead", "allowed: name, question, seed"),
         (("agents", 1, "name"), "unified_serwo", "agents.1.name", "did you mean unified_servo"),
         (("agents", 1), {"name": "random"}, "agents", "label random stands twice"),
-        (("agents", 1), 7, "agents.1", "found 7"),
+        (("agents", 1), 7, "agents.1", "found 7: it must be a name or a mapping"),
+        (("agents",), [None], "agents.0", "found None: it must be a name or a mapping"),
+        (("agents",), "memory", "agents", "found 'memory': it must be a list"),
+        (("scenarios",), "aimed", "scenarios", "found 'aimed': it must be a list"),
+        (("scenarios", 0), None, "scenarios.0", "found None: it must be a mapping"),
         (("agents", 1), "randm", "agents.1.name", "did you mean random?"),
         (("evaluation", "every"), 91, "evaluation.every is 91", "scenario 'aimed' has 90 motions"),
         ((*ENV, "tell"), ["joint_angles"], "scenarios.0.env.tell: unknown key", "allowed: id, world"),
@@ -294,3 +299,20 @@ def test_a_scenario_whose_own_evaluation_comes_too_late(suite_data, write_config
     suite_data["scenarios"][0]["evaluation"] = {"every": 91, "trials": 2}
     with pytest.raises(ConfigError, match=r"evaluation\.every is 91"):
         load(write_config(suite_data))
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "said"),
+    [
+        ("validate", "film.yaml", "holds what is filmed, which the command film takes"),
+        ("validate", "tuning.yaml", "holds what is tuned, which the command tune takes"),
+        ("run", "claims.yaml", "holds claims, which a suite names under its key claims"),
+        ("film", "quick.yaml", "holds a suite, which the commands run and validate take"),
+        ("tune", "quick.yaml", "holds a suite, which the commands run and validate take"),
+        ("tune", "film.yaml", "holds what is filmed, which the command film takes"),
+    ],
+)
+def test_a_file_of_another_kind_is_one_message(command, name, said, tmp_path, capsys):
+    out = [] if command == "validate" else ["--out", str(tmp_path / "out")]
+    assert main([command, str(CONFIGS / name), *out]) == 2
+    assert capsys.readouterr().err == f"error: {CONFIGS / name}: {said}\n"

@@ -223,6 +223,17 @@ def test_a_folder_that_cannot_be_written_is_one_message(suite_data, write_config
     assert capsys.readouterr().err.startswith("error: Not a directory")
 
 
+@pytest.mark.parametrize("command", [["run"], ["tune"], ["film"], ["merge"], ["report"]])
+def test_a_file_in_place_of_a_folder_is_told_first(command, tmp_path, capsys):
+    file = tmp_path / "file"
+    file.write_text("")
+    assert main([*command, "nowhere", "--out", str(file)]) == 2
+    assert (
+        capsys.readouterr().err
+        == f"error: --out: {file} is a file; allowed: a folder, which need not be there yet\n"
+    )
+
+
 @pytest.mark.slow
 def test_a_full_disk_loses_nothing(suite_data, write_config, tmp_path, capsys, monkeypatch):
     config, out = write_config(suite_data), tmp_path / "out"
