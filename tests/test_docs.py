@@ -25,6 +25,7 @@ from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config
 from experiments.reporting import results_file
+from experiments.reporting.by_arm.section import BY_ARM
 from experiments.reporting.documents.kept_tables import _MAKERS, tables_named
 
 ROOT = Path(__file__).parents[1]
@@ -227,7 +228,7 @@ def test_configuration_page_names_every_command_and_every_table_of_a_summary():
     for name in commands.choices:
         assert f"`python -m experiments {name}" in text, name
     (tables,) = re.findall(r"`table` \((.*?)\)", text)
-    assert {f"`{name}`" for name in (*_MAKERS, "claims")} == set(tables.split(", "))
+    assert {f"`{name}`" for name in (*_MAKERS, BY_ARM, "claims")} == set(tables.split(", "))
     assert "`extends`" in text
 
 
