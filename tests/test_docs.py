@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from markdown.extensions.toc import slugify
 
 import agents
 import calfree_gym
@@ -276,8 +277,24 @@ def test_readme_comparison_is_valid(tmp_path):
 @pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md"])
 def test_links_of_a_page_lead_somewhere(page):
     for link in re.findall(r"\]\(([^)\s]+)\)", (ROOT / page).read_text()):
-        if not re.match("https?:|#", link):
-            assert ((ROOT / page).parent / link.partition("#")[0]).exists(), link
+        if not re.match("https?:", link):
+            path, _, anchor = link.partition("#")
+            target = (ROOT / page).parent / path if path else ROOT / page
+            assert target.exists(), link
+            assert not anchor or anchor in anchors(target.read_text()), link
+
+
+def anchors(text):
+    """The anchors of a page's headings, as mkdocs and GitHub make them."""
+    headings = re.findall(
+        r"^#+ (.+?)$", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE), re.MULTILINE
+    )
+    return {slugify(re.sub(r"\[(.*?)\]\(.*?\)", r"\1", heading), "-") for heading in headings}
+
+
+def test_an_anchor_is_that_of_a_heading():
+    text = "# Seeing\n\n## `memory`, *and* [more](x.md)\n\n```\n# none\n```\n"
+    assert anchors(text) == {"seeing", "memory-and-more"}
 
 
 @pytest.mark.parametrize("page", PAGES)
