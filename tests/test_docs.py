@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from markdown.extensions.toc import slugify
 
 import agents
 import calfree_gym
@@ -25,6 +26,7 @@ from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config
 from experiments.reporting import results_file
+from experiments.reporting.by_arm.section import BY_ARM
 from experiments.reporting.documents.kept_tables import _MAKERS, tables_named
 
 ROOT = Path(__file__).parents[1]
@@ -227,7 +229,7 @@ def test_configuration_page_names_every_command_and_every_table_of_a_summary():
     for name in commands.choices:
         assert f"`python -m experiments {name}" in text, name
     (tables,) = re.findall(r"`table` \((.*?)\)", text)
-    assert {f"`{name}`" for name in (*_MAKERS, "claims")} == set(tables.split(", "))
+    assert {f"`{name}`" for name in (*_MAKERS, BY_ARM, "claims")} == set(tables.split(", "))
     assert "`extends`" in text
 
 
@@ -275,8 +277,24 @@ def test_readme_comparison_is_valid(tmp_path):
 @pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md"])
 def test_links_of_a_page_lead_somewhere(page):
     for link in re.findall(r"\]\(([^)\s]+)\)", (ROOT / page).read_text()):
-        if not re.match("https?:|#", link):
-            assert ((ROOT / page).parent / link.partition("#")[0]).exists(), link
+        if not re.match("https?:", link):
+            path, _, anchor = link.partition("#")
+            target = (ROOT / page).parent / path if path else ROOT / page
+            assert target.exists(), link
+            assert not anchor or anchor in anchors(target.read_text()), link
+
+
+def anchors(text):
+    """The anchors of a page's headings, as mkdocs and GitHub make them."""
+    headings = re.findall(
+        r"^#+ (.+?)$", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE), re.MULTILINE
+    )
+    return {slugify(re.sub(r"\[(.*?)\]\(.*?\)", r"\1", heading), "-") for heading in headings}
+
+
+def test_an_anchor_is_that_of_a_heading():
+    text = "# Seeing\n\n## `memory`, *and* [more](x.md)\n\n```\n# none\n```\n"
+    assert anchors(text) == {"seeing", "memory-and-more"}
 
 
 @pytest.mark.parametrize("page", PAGES)
