@@ -8,17 +8,11 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.benchmarks import (
-    baselines,
-    changes,
-    controllers,
-    coverage,
-    pixels,
-    priors,
-)
+from experiments.benchmarks import changes, coverage, priors
 from experiments.benchmarks.arms import first_motions, rendezvous
 from experiments.benchmarks.contact import insert, orientations
 from experiments.benchmarks.knowledge import study as knowledge
+from experiments.benchmarks.reaching import baselines, controllers, pixels
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.benchmarks.speed import grasping, pictures
 from experiments.benchmarks.speed import rates as speed

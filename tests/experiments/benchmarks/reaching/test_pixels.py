@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments.benchmarks import pixels
+from experiments.benchmarks.reaching import pixels
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from experiments.benchmarks import baselines, controllers
+from experiments.benchmarks.reaching import baselines, controllers
 from experiments.benchmarks.trials import each_alone
 from experiments.evaluation import TrialRecord
 
