@@ -33,13 +33,10 @@ from .knowledge.support_points import SupportPoints
 from .learning_servo import LearningServo
 from .reference.oracle import Oracle
 from .reference.random_agent import RandomAgent
-from .servo.jacobian_servo import JacobianServo
 from .servo.joint_space import JointSpaceServo
-from .servo.paper import PaperServo
+from .servo.named import SERVOS, make_servo
 from .servo.safe.agent import SafeStart
-from .servo.servo_agent import Servo, ServoAgent
-from .servo.unified import UnifiedServo
-from .servo.work_plane import WorkPlaneServo
+from .servo.servo_agent import ServoAgent
 
 Environment = gym.Env[Any, Any]
 
@@ -50,15 +47,6 @@ def _servo_agent(env: Environment, seed: int = 0, *, servo: str, **settings: Any
 
 def _safe_start(env: Environment, seed: int = 0, servo: str = "unified_servo", **settings: Any) -> Agent:
     return SafeStart(env, make_servo(servo, settings), seed)
-
-
-def make_servo(name: str, settings: Mapping[str, Any]) -> Servo:
-    """Makes a servo by its name in `SERVOS`.
-
-    Raises:
-        ValueError: A setting is not allowed.
-    """
-    return SERVOS[name](**settings)
 
 
 def _learning_servo(env: Environment, seed: int = 0, knowledge: str = "memory", **settings: Any) -> Agent:
@@ -162,13 +150,6 @@ KNOWLEDGE: dict[str, Callable[..., Any]] = {
 """Knowledge bases by name; `memory` is the best of them."""
 SIX_DIMENSIONS = ("grid_table", "factored_table")
 """Those whose keys the object's direction can join."""
-SERVOS: dict[str, type[PaperServo | JacobianServo | UnifiedServo | WorkPlaneServo]] = {
-    "paper_servo": PaperServo,
-    "jacobian_servo": JacobianServo,
-    "unified_servo": UnifiedServo,
-    "work_plane_servo": WorkPlaneServo,
-}
-"""The servos that knowledge can be laid over."""
 DEFAULTS: dict[str, dict[str, Any]] = {
     "grid_table": {"every_look": False, "servo": "paper_servo", "jump_px": math.inf},
 }
