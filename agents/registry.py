@@ -33,8 +33,8 @@ from .knowledge.support_points import SupportPoints
 from .learning_servo import LearningServo
 from .reference.oracle import Oracle
 from .reference.random_agent import RandomAgent
+from .servo import SERVOS, make_servo
 from .servo.joint_space import JointSpaceServo
-from .servo.named import SERVOS, make_servo
 from .servo.safe.agent import SafeStart
 from .servo.servo_agent import ServoAgent
 
