@@ -7,6 +7,7 @@ from pathlib import Path
 
 from calfree_gym.vision.marks import MARK_NAMES
 from calfree_gym.vision.pick import pick
+from calfree_gym.vision.tracking.balls import LARGEST_RADIUS, LEAST_RADIUS
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -47,7 +48,10 @@ def _pick(options: argparse.Namespace) -> int:
         f"saturation {mark.saturation:.2f}; written to {options.out}"
     )
     if learned.found is None:
-        print(f"the tracker does not find {options.mark} in {options.image}: is it a round ball, well lit?")
+        print(
+            f"the tracker does not find {options.mark} in {options.image}: is it a round ball, well lit, "
+            f"with a radius of {LEAST_RADIUS[1]:.1%} to {LARGEST_RADIUS:.0%} of the image's shorter side?"
+        )
         return 1
     x, y, radius = learned.found
     place = f"at ({x:.1f}, {y:.1f}) px, radius {radius:.1f} px"

@@ -76,7 +76,9 @@ def test_what_is_no_ball_is_learned_but_not_found(picture, capsys):
     image[150:250, 10:120] = (30, 20, 210)
     cv2.imwrite(str(picture), image)
     assert pick(picture, "object", where=["20", "160", "50", "50"]) == 1
-    assert "the tracker does not find object" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "the tracker does not find object" in printed
+    assert "a radius of 0.5% to 9% of the image's shorter side" in printed
 
 
 def test_another_thing_of_the_colour_is_told(picture, capsys):
