@@ -21,9 +21,13 @@ os.environ.update(ONE_THREAD)  # before numpy is imported, and for all that test
 import gymnasium as gym  # noqa: E402
 import pytest  # noqa: E402
 from gymnasium.utils import seeding  # noqa: E402
+from hypothesis import settings  # noqa: E402
 
 import calfree_gym  # noqa: E402, F401
 from calfree_gym.envs.rendering.gl import gl_context  # noqa: E402
+
+settings.register_profile("of any speed", deadline=None)  # a test asserts nothing of how fast it is
+settings.load_profile("of any speed")
 
 
 @pytest.fixture(autouse=True)

@@ -17,7 +17,7 @@ from calfree_gym.vision.cameras import image_points, undistort
 from calfree_gym.world import FOCAL_LENGTH
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.sampled_from(sorted(DISTRIBUTIONS)), st.integers(0, 2**31), st.integers(0, 3))
 def test_a_world_goes_to_a_dict_and_back_exactly(name, seed, attempt):
     world = WorldDistribution(name).sample(seed, attempt)
@@ -186,7 +186,7 @@ def test_nominal_worlds_are_in_view_and_backward_cameras_are_not(mount):
     assert not in_view(replace(nominal(), camera_orientation=turned), MOVEMASTER, MOVEMASTER.mounts(mount))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.floats(-0.45, 0.45), st.lists(st.floats(-1, 1), min_size=2, max_size=9))
 def test_motor_curve_is_monotone_and_inverts(curvature, registers):
     registers = np.sort(np.array(registers))
@@ -214,7 +214,7 @@ def test_the_wrist_is_vertical_where_joint_zeros_are_right_and_tilts_by_their_su
         np.testing.assert_allclose(tilt, sum(zeros[1:]), atol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.floats(-0.08, 0.08), st.tuples(st.floats(-1.4, 1.4), st.floats(-1.4, 1.4)))
 def test_undistort_inverts_the_lens_wherever_it_shows_anything(k1, point):
     shown_at, shown = image_points(np.array(point), np.ones(1), np.zeros(2), np.array(k1))

@@ -29,7 +29,7 @@ def turned(points, roll=0.0, tilt=0.0, pan=0.0, zoom=1.0, focus=1.2):
     return zoom * focus * rays[:, :2] / rays[:, 2:]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.floats(-np.pi, np.pi), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(0.8, 1.25))
 def test_a_turned_and_zoomed_camera_is_fitted_from_a_dozen_points(roll, tilt, pan, zoom):
     """Against the homography of a pinhole camera, at places that were not fitted."""
@@ -67,7 +67,7 @@ def test_two_mistaken_points_hardly_change_the_fit():
     assert change.map.rotation == pytest.approx(0.3, abs=0.03)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.sampled_from([-1.0, 1.0]), st.floats(0.7, 1.4), st.floats(-0.1, 0.1))
 def test_an_arm_of_another_sign_gain_and_zero_is_fitted(sign, gain, zero):
     """Registers that led to `once` are now once * scale + offset."""

@@ -45,7 +45,7 @@ def test_the_model_of_a_world_is_the_simulation(mount, seed):
 unit = st.floats(-1.0, 1.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(MOUNTS), st.integers(0, 4), st.tuples(unit, unit, unit))
 def test_triangulation_undoes_the_cameras_and_inverse_kinematics_the_arm(mount, seed, place):
     world = calfree_gym.WorldDistribution("wild").sample(seed)

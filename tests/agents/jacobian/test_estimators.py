@@ -125,7 +125,7 @@ def independent(entries, size):
     return size * left @ np.diag([1.0, 0.5, 0.25]) @ right
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @pytest.mark.parametrize("estimator", EXACT)
 @given(jacobian=matrices(8, 3), entries=matrices(3, 3), size=st.floats(0.05, 0.3))
 def test_in_a_linear_world_as_many_independent_motions_as_motors_give_j(estimator, jacobian, entries, size):
@@ -135,7 +135,7 @@ def test_in_a_linear_world_as_many_independent_motions_as_motors_give_j(estimato
     np.testing.assert_allclose(found.jacobian, jacobian, atol=5e-3)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @pytest.mark.parametrize("estimator", ["test_motions", "broyden", "trust_region"])
 @given(jacobian=matrices(8, 3), entries=matrices(3, 3), size=st.floats(0.05, 0.3))
 def test_in_a_linear_world_orthogonal_motions_give_rank_one_updates_j(estimator, jacobian, entries, size):
@@ -155,7 +155,7 @@ def test_a_test_motion_forth_or_back_measures_the_same_column(word):
     np.testing.assert_allclose(found.jacobian[:, 1], jacobian[:, 1])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(start=matrices(8, 3), words=matrices(3, low=0.0625), moved=matrices(8), other=matrices(3))
 def test_broyden_explains_the_last_motion_by_the_least_change(start, words, moved, other):
     found = EVERY["broyden"](3, Slopes.of(start))

@@ -24,7 +24,7 @@ def test_so_few_records():
     assert FactoredTable(3, cells=4).records.shape == (4 * 5 + 4 * 25, 3)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(POINT, st.integers(1, 9))
 def test_the_tables_interpolate(sensors, cells):
     """Records that are linear in a coordinate, or in both, sum to what is linear in all."""

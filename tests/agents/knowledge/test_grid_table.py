@@ -13,7 +13,7 @@ CORNERS = np.array(list(np.ndindex(9, 9, 9, 9))) / 4 - 1
 REGISTERS = st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3).map(np.array)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(POINT, REGISTERS)
 def test_the_first_success_fills_all_sixteen_corners_of_its_cell_and_no_more(sensors, registers):
     table = GridTable(3)
@@ -29,7 +29,7 @@ def test_the_first_success_fills_all_sixteen_corners_of_its_cell_and_no_more(sen
     np.testing.assert_allclose(table.recall(sensors).registers, registers, atol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(POINT, REGISTERS, REGISTERS, st.floats(0.1, 1.0))
 def test_a_success_corrects_the_recall_by_its_rate(sensors, first, second, rate):
     table = GridTable(3, rate=rate)

@@ -45,7 +45,7 @@ def test_nothing_is_recalled_from_nothing(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.floats(-0.4, 0.4), min_size=3, max_size=3).map(np.array))
 def test_what_was_learned_is_recalled_at_its_place(name, registers):
     knowledge = agents.KNOWLEDGE[name](3)

@@ -46,7 +46,7 @@ def test_a_jacobian_is_implied_where_enough_is_known():
     assert flat.jacobian(np.zeros(3)) is None
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.floats(-0.3, 0.3), min_size=3, max_size=3).map(np.array), st.floats(0.02, 0.15))
 def test_a_fit_to_a_plane_is_the_plane(centre, apart):
     registers = centre + apart * np.array([[0, 0, 0], *np.eye(3), *-np.eye(3), [1, 1, 1]])

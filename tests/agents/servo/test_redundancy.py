@@ -24,7 +24,7 @@ def left_null(jacobian):
     return np.array(minors) / np.linalg.norm(minors)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @pytest.mark.parametrize("redundancy", REDUNDANCIES)
 @given(entries=numbers(4, 3), words=numbers(3))
 def test_where_the_four_equations_agree_every_use_of_them_solves_all(redundancy, entries, words):
@@ -33,7 +33,7 @@ def test_where_the_four_equations_agree_every_use_of_them_solves_all(redundancy,
     np.testing.assert_allclose(solve(*equations, 0.0), words, atol=1e-6)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(numbers(4, 3), numbers(4))
 def test_omit_keeps_the_three_equations_with_the_largest_least_singular_value(entries, distance):
     jacobian, kept = omit(well_conditioned(entries), distance)
@@ -47,7 +47,7 @@ def test_omit_keeps_the_three_equations_with_the_largest_least_singular_value(en
     assert {(*row, d) for row, d in zip(jacobian.tolist(), kept.tolist(), strict=True)} <= pairs
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(numbers(4, 3), numbers(4))
 def test_transform_leaves_out_just_what_no_words_can_change(entries, distance):
     jacobian = well_conditioned(entries)
@@ -78,7 +78,7 @@ def test_weighted_leaves_out_a_contradicting_coordinate_better_than_plain_least_
     assert np.mean(robust < plain) > 0.95
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(numbers(4, 3), numbers(3), st.floats(-50, 50))
 def test_the_fault_is_what_contradicts_in_pixels_and_nothing_else(entries, words, pixels):
     jacobian = well_conditioned(entries)
@@ -88,7 +88,7 @@ def test_the_fault_is_what_contradicts_in_pixels_and_nothing_else(entries, words
     assert fault_px(jacobian, faulty) == pytest.approx(abs(pixels), abs=1e-6)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(numbers(4, 3), numbers(4))
 def test_the_fault_is_the_residual_of_least_squares(entries, distance):
     jacobian = well_conditioned(entries)
@@ -96,7 +96,7 @@ def test_the_fault_is_the_residual_of_least_squares(entries, distance):
     assert fault_px(jacobian, distance) == pytest.approx(float(np.sqrt(residual[0])) / IMAGE_UNIT, abs=1e-5)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(numbers(4, 3), numbers(4), numbers(3, low=0.01, high=100.0), st.floats(0, 0.5))
 def test_a_word_has_no_unit_damped_solutions_change_with_it(entries, distance, units, damping):
     jacobian = well_conditioned(entries)
@@ -106,7 +106,7 @@ def test_a_word_has_no_unit_damped_solutions_change_with_it(entries, distance, u
     )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(numbers(4, 3), numbers(4), st.integers(0, 2))
 def test_a_motor_of_which_nothing_is_known_gets_a_zero_word(entries, distance, motor):
     jacobian = well_conditioned(entries)
@@ -118,7 +118,7 @@ def test_a_motor_of_which_nothing_is_known_gets_a_zero_word(entries, distance, m
     np.testing.assert_allclose(words[others], best, atol=1e-6)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(numbers(4, 3), numbers(4), numbers(3, low=0.01, high=0.5))
 @example(  # held back one after the other, motors would end further away
     np.array([[-0.9375] * 3] * 3 + [[0, -0.9375, -0.9375]]),

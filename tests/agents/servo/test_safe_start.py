@@ -118,7 +118,7 @@ def test_where_nothing_can_be_done_it_says_why_and_stands_still(arm, why):
 
 @given(WORDS, st.lists(WORDS, min_size=1, max_size=8))
 @example([0.0, 1.0, 0.0], [[0.0, 0.0, 2.28e-124], [0.0, 0.0, 1.0]])  # a motion that shows nothing
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_servo_stays_on_its_leash(start, asked):
     """Whatever words it sends, no motion is expected to move the images farther than the leash is long."""
     arm = LinearArm((400, 900, 200))

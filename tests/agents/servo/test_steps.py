@@ -26,7 +26,7 @@ def steps_in(jacobian, points):
     return Steps(trial, STEP_PX, STEP_WORD, BORDER)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(numbers(8, 3, most=3.0), numbers(4, 2, most=0.8), numbers(3))
 def test_a_step_keeps_its_direction_and_all_bounds(jacobian, points, words):
     made = steps_in(jacobian, points).bounded(words)
@@ -39,7 +39,7 @@ def test_a_step_keeps_its_direction_and_all_bounds(jacobian, points, words):
     assert not out.any() or np.linalg.norm(made) <= Steps.LEAST_SHARE * np.linalg.norm(words) + 1e-12
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(numbers(8, 3, most=0.1), numbers(4, 2, most=0.5), numbers(3, most=0.4))
 def test_a_step_that_meets_no_bound_is_made_as_it_is(jacobian, points, words):
     np.testing.assert_array_equal(steps_in(jacobian, points).bounded(words), words)

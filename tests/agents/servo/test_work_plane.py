@@ -68,7 +68,7 @@ def test_both_cameras_give_the_same_words_in_the_work_plane_and_only_there(noise
             assert (disparity_px(jacobian, now.distance) < 0.1) == in_plane
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(numbers(4, 3), numbers(4))
 def test_turn_and_motion_in_plane_are_the_least_squares_solution_of_all_four_equations(entries, distance):
     jacobian = well_conditioned(entries)
@@ -79,7 +79,7 @@ def test_turn_and_motion_in_plane_are_the_least_squares_solution_of_all_four_equ
     np.testing.assert_allclose([word, *motion], best, atol=1e-6)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(numbers(4, 3), numbers(4))
 def test_a_disparity_is_as_long_as_the_distance_that_motors_2_and_3_must_leave(entries, distance):
     jacobian = well_conditioned(entries)

@@ -69,7 +69,7 @@ def test_what_is_told_keeps_to_its_bounds_where_joints_turn_often_and_the_arm_st
     )
     env = gym.make(
         ID,
-        arm={"model": text, "gripper": "tip"},
+        arm={"model": text, "gripper": "tip", "home": {"roll": 12.0}},
         tell=("joint_angles", "gripper_position"),
         dynamics="kinematic",
     )

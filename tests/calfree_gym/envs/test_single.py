@@ -171,7 +171,7 @@ def test_lost_points_keep_their_last_value_and_their_flag_falls():
     assert lost
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=8), st.integers(0, 3))
 def test_registers_are_executed_sums_within_their_ends(words, seed):
     env = gym.make("CalFree/Reach-v0", dynamics="kinematic", terminate_on_success=False).unwrapped

@@ -52,7 +52,7 @@ def remade(env, make=gym.make):
     return made
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     world=st.sampled_from(WORLDS),
     perturbations=st.sampled_from(SCHEDULES),

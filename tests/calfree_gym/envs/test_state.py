@@ -38,7 +38,7 @@ COPIES = {
 }
 moments = st.integers(0, 16)
 dynamics = st.sampled_from(["physics", "kinematic"])
-few = settings(max_examples=8, deadline=None)
+few = settings(max_examples=8)
 
 
 def made(**arguments):

@@ -145,7 +145,7 @@ whens = st.one_of(
 dos = st.sampled_from(sorted(TYPES)).map(lambda name: {"do": {"type": name}})
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.lists(st.builds(lambda when, do: {**when, **do}, whens, dos), max_size=4),
     st.integers(0, 100),

@@ -12,7 +12,7 @@ coordinates = st.floats(-1, 1, width=32)
 nearby = st.sampled_from([0.0, 1e-6, -1e-4, 0.5, 0.7, 1.0, -1.0])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     arrays(np.float64, (3, 2, 2), elements=coordinates),
     arrays(np.float64, (3, 2, 2), elements=nearby),

@@ -4,7 +4,7 @@ import cv2
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from calfree_gym.image import PIXELS_PER_UNIT
@@ -200,7 +200,6 @@ def test_a_thing_that_moves_is_laid_over_what_shows_of_it_beside_the_gripper(tur
     np.testing.assert_allclose(points[OBJECT, 0], middle + 0.5, atol=1.5)
 
 
-@settings(deadline=None)
 @given(st.floats(-1.2, 1.2), st.floats(0.5, 1.9), st.floats(0, 6), st.sampled_from(["edge_1", "edge_2"]))
 def test_right_angles_tell_an_edge_that_is_hidden(turn, tilt, roll, hidden):
     """Whatever the camera; of two ways round the one that was seen before."""
@@ -213,7 +212,6 @@ def test_right_angles_tell_an_edge_that_is_hidden(turn, tilt, roll, hidden):
     np.testing.assert_allclose(scale * (fit.points + 1), wanted_of_gripper(**gripper), atol=2.5)
 
 
-@settings(deadline=None)
 @given(st.floats(-1.2, 1.2), st.floats(0.6, 1.2), st.floats(0, 6))
 def test_jaws_are_seen_by_their_surface(turn, tilt, roll):
     """It lies on the camera's side of the axis, and so ahead in the image of a gripper seen from behind."""

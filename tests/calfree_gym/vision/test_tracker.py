@@ -208,7 +208,7 @@ def test_images_of_another_channel_order_are_lost_points_and_no_error():
     assert not visible.any()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     seed=st.integers(0, 2**32 - 1),
     height=st.integers(16, 100),
@@ -229,7 +229,7 @@ def test_no_image_raises_and_every_point_is_in_its_image(seed, height, width, le
     assert (points[~visible] == 0).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     first=st.tuples(*[st.floats(-0.2, 0.2)] * 2, st.floats(0.3, 1)),
     second=st.tuples(*[st.floats(-0.2, 0.2)] * 2, st.floats(0.3, 1)),
@@ -242,7 +242,7 @@ def test_the_gripper_point_is_the_image_of_the_midpoint_in_space(first, second, 
     np.testing.assert_allclose(gripper_point(balls), focal * middle[:2] / middle[2], atol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     angle=st.floats(0, 2 * np.pi),
     cut=st.floats(-0.1, 0.8),

@@ -218,7 +218,7 @@ def leaves(value, path=()):
         yield path
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_damage_gets_an_error_that_names_its_place(suite_data, write_config, data):
     """A key dropped, misspelled or given a value of a kind that it never has."""
@@ -250,7 +250,7 @@ OPTIONAL = {"seed", "camera_mount", "tolerance_px", "dynamics", "max_episode_ste
 """Keys that may be left out of a configuration, or drawn."""
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cut=st.integers(1, 500))
 def test_a_file_that_was_cut_off_is_answered_in_one_message(suite_data, write_config, cut):
     text = yaml.safe_dump(suite_data)
