@@ -61,7 +61,7 @@ class GraspingArms(ContactArms):
     shown_points: ClassVar[tuple[int, int, int, int]] = (0, 1, 2 * OBJECT, 2 * OBJECT + 1)
     state_names: ClassVar[tuple[str, ...]] = (
         *ContactArms.state_names,
-        *("jaws", "openings", "held", "goals", "forces", "lifted", "placed", "_lay", "_waited"),
+        *("jaws", "openings", "held", "goals", "forces", "lifted", "placed", "_waited"),
     )
 
     def __init__(
@@ -110,6 +110,7 @@ class GraspingArms(ContactArms):
     def _weigh(self, row: int, placed: Placed) -> None:
         world = self.world(row)
         self.simulation.set_thing(row, placed.thing, float(world.object_mass), float(world.object_friction))
+        self._lay[row] = placed.pose[2]
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """See `Arms`: poses (n, 4) or (n, 7); given are places (n, 2), or with an angle (n, 3), or poses."""
@@ -119,7 +120,7 @@ class GraspingArms(ContactArms):
             placed = self.placing.draw(*which) if given is None else self.placing.given(*which, given[i])
             self.placed[row] = placed
             self._weigh(row, placed)
-            self.goals[row], self._lay[row] = np.clip(placed.goal, -1, 1), placed.pose[2]
+            self.goals[row] = np.clip(placed.goal, -1, 1)
             poses.append(placed.pose)
         return np.array(poses)
 
