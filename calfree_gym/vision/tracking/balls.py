@@ -68,6 +68,11 @@ class Ball:
     roundness: float
     seen: float
 
+    @property
+    def is_sure(self) -> bool:
+        """Whether it needs no further proof: it is round, and not small."""
+        return _is_sure(self.roundness, self.area)
+
 
 def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
     """The ball that a blob is, or None where it is none.
@@ -96,8 +101,7 @@ def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
     least_roundness = np.interp(clear, (0.5, 1), LEAST_ROUNDNESS)
     if circle.roundness < least_roundness or seen < LEAST_SEEN or circle.radius > largest:
         return None
-    sure = circle.roundness >= SURE_ROUNDNESS and clear >= SURE_SIZE
-    if not sure and not _stands_alone(blob, shares, mark, colour):
+    if not _is_sure(circle.roundness, area) and not _stands_alone(blob, shares, mark, colour):
         return None
     if np.quantile(-circle.beyond, 0.9) <= WHOLE[0] + WHOLE[1] * circle.radius:
         return Ball(centroid + corner, area, circle.roundness, seen)
@@ -105,6 +109,10 @@ def measure_ball(blob: Blob, mark: Mark, size: tuple[int, int]) -> Ball | None:
     if (centre < 0).any() or (centre > size).any():
         return None
     return Ball(centre, disc, circle.roundness, seen)
+
+
+def _is_sure(roundness: float, area: float) -> bool:
+    return roundness >= SURE_ROUNDNESS and area >= np.pi * (SURE_SIZE * CLEAR_RADIUS) ** 2
 
 
 def covered(blob: Blob, shares: Opacity) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -18,6 +18,9 @@ LARGEST_BLOB = 0.2
 blur."""
 CANDIDATES = 4
 """Blobs of a colour that are looked at, the largest first. Choice: more cost time, and are specks."""
+LEAST_FILLED = 0.2
+"""Share that a blob covers of the square about it. Choice: half of a disc covers 0.39; what covers less than
+this is an edge, or clutter."""
 SLIVER = 5
 """Width of the widest sliver, in px. Choice: the blend of two things under a blur of 1 px."""
 _SQUARE = np.ones((3, 3), np.uint8)
@@ -38,13 +41,21 @@ class Blob:
     mask: Image
 
 
-def find_blobs(image: Image, table: ColourTable, largest: float = LARGEST_BLOB) -> dict[str, list[Blob]]:
-    """The blobs of each mark's colour in an image, the largest first.
+def find_blobs(
+    image: Image,
+    table: ColourTable,
+    names: Collection[str],
+    largest: float = LARGEST_BLOB,
+    filled: float = LEAST_FILLED,
+) -> dict[str, list[Blob]]:
+    """The blobs of marks' colours in an image, the largest first.
 
     Args:
         image: (h, w, 3).
         table: Of the marks' colours.
+        names: Of the marks that are sought.
         largest: Width or height of a blob at most, as a share of the image's.
+        filled: Share that a blob covers at least of the square about it.
     """
     height, width = image.shape[:2]
     factor = max(1, min(height, width) // COARSE_SIZE)
@@ -52,27 +63,29 @@ def find_blobs(image: Image, table: ColourTable, largest: float = LARGEST_BLOB) 
     coarse = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if factor > 1 else image
     codes = table.look_up(cv2.GaussianBlur(coarse, (3, 3), 0.6))
     scale = (width / size[0], height / size[1])
-    return {
-        name: list(_blobs(image, cv2.inRange(codes, code, code), table, code, scale, largest))
-        for code, name in enumerate(table.names, 1)
-    }
+    blobs = {}
+    for name in names:
+        code = 1 + table.names.index(name)
+        shapes = _shapes(cv2.inRange(codes, code, code), largest, filled)
+        blobs[name] = [_full_blob(image, shape, at, table, code, scale) for shape, at in shapes]
+    return blobs
 
 
-def _blobs(
-    image: Image, found: Image, table: ColourTable, code: int, scale: tuple[float, float], largest: float
-) -> Iterator[Blob]:
+def _shapes(found: Image, largest: float, filled: float) -> Iterator[tuple[Image, tuple[int, int]]]:
+    """The connected parts (h, w) of what was found in the small copy, each with its left and upper border."""
     left, top, width, height = cv2.boundingRect(found)
     if width == 0:
         return
     part = found[top : top + height, left : left + width]
     part = cv2.morphologyEx(part, cv2.MORPH_CLOSE, _SQUARE)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(part)
-    most = largest * min(found.shape)
-    small = [i for i in range(1, len(stats)) if max(stats[i, 2], stats[i, 3]) <= most]
-    for i in sorted(small, key=lambda i: -stats[i, cv2.CC_STAT_AREA])[:CANDIDATES]:
+    longer = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(1)
+    areas = stats[:, cv2.CC_STAT_AREA]
+    allowed = (longer <= largest * min(found.shape)) & (areas >= filled * longer**2)
+    for i in sorted(np.flatnonzero(allowed[1:]) + 1, key=lambda i: -areas[i])[:CANDIDATES]:
         x, y, w, h = (int(v) for v in stats[i, :4])
         shape = labels[y : y + h, x : x + w] == i
-        yield _full_blob(image, shape.astype(np.uint8), (left + x, top + y), table, code, scale)
+        yield shape.astype(np.uint8), (left + x, top + y)
 
 
 def _full_blob(

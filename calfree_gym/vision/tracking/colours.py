@@ -38,10 +38,15 @@ class ColourTable:
 
     Attributes:
         names: Of the marks.
+
+    Args:
+        marks: The marks.
+        share: Of the difference in hue and in saturation that a pixel may have from its mark, in (0, 1].
     """
 
-    def __init__(self, marks: MarkSet) -> None:
+    def __init__(self, marks: MarkSet, share: float = 1.0) -> None:
         self.names = marks.names()
+        self._share = share
         self._marks = [getattr(marks, name) for name in self.names]
         code = np.arange(1 << 16)
         channels = np.stack([code >> 11, code >> 5 & 63, code & 31], -1)
@@ -53,9 +58,10 @@ class ColourTable:
         gaps = np.stack([np.abs((hue - mark.hue + 180) % 360 - 180) for mark in self._marks])
         vivid = np.ptp(np.asarray(rgb, float), -1) >= LEAST_CHROMA
         nearest = gaps.argmin(0)
+        least = 1 - self._share * (1 - SATURATION_SHARE)
         found = np.zeros(hue.shape, np.uint8)
         for i, mark in enumerate(self._marks):
-            fits = (gaps[i] <= mark.hue_tolerance) & (saturation >= SATURATION_SHARE * mark.saturation)
+            fits = (gaps[i] <= self._share * mark.hue_tolerance) & (saturation >= least * mark.saturation)
             found[vivid & fits & (nearest == i)] = i + 1
         return found
 

@@ -111,7 +111,7 @@ class GraspTracker:
         """What is seen of the marks in one camera's image."""
         size, areas = (image.shape[1], image.shape[0]), self._areas[camera]
         parts = {}
-        for name, blobs in find_blobs(image, self._table, LARGEST).items():
+        for name, blobs in find_blobs(image, self._table, self._table.names, LARGEST, filled=0.0).items():
             found = find_parts(blobs, getattr(self.marks, name), size)
             area, last = sum(part.area for part in found), areas.get(name, ())
             areas[name] = (*last[1 - LOOKS :], area)

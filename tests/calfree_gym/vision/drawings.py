@@ -9,8 +9,12 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from calfree_gym.vision.marks import Marks
+from calfree_gym.vision.tracking.tracker import BallFinder, gripper_point
+
 COLOURS = {"gripper_1": (242, 13, 140), "gripper_2": (13, 13, 242), "object": (13, 242, 13)}
 NAMES = tuple(COLOURS)
+SIZES = [(512, 512), (256, 256), (480, 640)]
 
 
 @dataclass
@@ -157,7 +161,30 @@ def through_jpeg(image, quality):
     return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
 
 
-def random_frame(rng, size=(512, 512), hide=0.0, occlude=0.0, kinds=("disc", "sphere", "jagged"), **options):
+def cut_out(photograph):
+    """As `background`, of a part of a photograph (h, w, 3), at times mirrored."""
+
+    def behind(rng, h, w):
+        height, width = photograph.shape[:2]
+        part = np.array([h, w]) * rng.uniform(0.4, 1) * min(height / h, width / w)
+        tall, wide = part.astype(int)
+        y, x = rng.integers(0, height - tall + 1), rng.integers(0, width - wide + 1)
+        found = photograph[y : y + tall, x : x + wide][:, :: rng.choice([1, -1])]
+        how = cv2.INTER_AREA if tall > h else cv2.INTER_CUBIC
+        return cv2.resize(np.ascontiguousarray(found, np.float32), (w, h), interpolation=how).clip(0, 255)
+
+    return behind
+
+
+def random_frame(
+    rng,
+    size=(512, 512),
+    hide=0.0,
+    occlude=0.0,
+    kinds=("disc", "sphere", "jagged"),
+    behind=background,
+    **options,
+):
     """A frame of random balls.
 
     Args:
@@ -166,11 +193,12 @@ def random_frame(rng, size=(512, 512), hide=0.0, occlude=0.0, kinds=("disc", "sp
         hide: Share of balls that are left out.
         occlude: Share of balls that have something dull before them.
         kinds: Kinds of balls, see `Canvas.ball`.
+        behind: What is behind them: a function as `background`.
         **options: For `camera`.
     """
     h, w = size
     scale = min(h, w) / 512
-    canvas, frame = Canvas(background(rng, h, w)), Frame(image=np.zeros(0))
+    canvas, frame = Canvas(behind(rng, h, w)), Frame(image=np.zeros(0))
     unit = np.exp(rng.uniform(np.log(4.5), np.log(26))) * scale
     kind = rng.choice(kinds)
     while True:
@@ -207,3 +235,23 @@ def occluder(canvas, place, radius, rng, colour=None):
     end = start + (4 * radius if rng.uniform() < 0.7 else rng.uniform(0.2, 0.8) * radius)
     corners = [place + s * 4 * radius * d + e * n for s, e in ((-1, start), (1, start), (1, end), (-1, end))]
     canvas.polygon(corners, dull(rng) if colour is None else colour)
+
+
+def drawn(seed, count, **options):
+    """So many random frames, of three sizes."""
+    return [random_frame(np.random.default_rng([seed, i]), SIZES[i % 3], **options) for i in range(count)]
+
+
+def compared(frames):
+    """Visible share, error in px of a 512 image (nan where not found), per ball; and the gripper's errors."""
+    finder, rows, gripper = BallFinder(Marks()), [], []
+    for frame in frames:
+        finder.reset()
+        balls, scale = finder(frame.image), 512 / min(frame.image.shape[:2])
+        for name in NAMES:
+            error = np.hypot(*(balls[name].centre - frame.centre[name])) * scale if name in balls else np.nan
+            rows.append((frame.visible[name], error))
+        if min(frame.visible[name] for name in NAMES[:2]) > 0.95 and gripper_point(balls) is not None:
+            (p, z1), (q, z2) = ((frame.centre[n], 1 / frame.radius[n]) for n in NAMES[:2])
+            gripper.append(np.hypot(*(gripper_point(balls) - (z1 * p + z2 * q) / (z1 + z2))) * scale)
+    return np.array(rows), np.array(gripper)

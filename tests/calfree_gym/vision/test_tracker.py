@@ -15,28 +15,15 @@ from calfree_gym.vision.tracking.balls import Ball
 from calfree_gym.vision.tracking.circles import fit_circle
 from calfree_gym.vision.tracking.outline import RAYS
 from calfree_gym.vision.tracking.tracker import BallFinder, StereoTracker, gripper_point
-from tests.calfree_gym.vision.drawings import COLOURS, Canvas, background, camera, random_frame, through_jpeg
-
-SIZES = [(512, 512), (256, 256), (480, 640)]
-
-
-def drawn(seed, count, **options):
-    return [random_frame(np.random.default_rng([seed, i]), SIZES[i % 3], **options) for i in range(count)]
-
-
-def compared(frames):
-    """Visible share, error in px of a 512 image (nan where not found), per ball; and the gripper's errors."""
-    finder, rows, gripper = BallFinder(Marks()), [], []
-    for frame in frames:
-        finder.reset()
-        balls, scale = finder(frame.image), 512 / min(frame.image.shape[:2])
-        for name in MARK_NAMES:
-            error = np.hypot(*(balls[name].centre - frame.centre[name])) * scale if name in balls else np.nan
-            rows.append((frame.visible[name], error))
-        if min(frame.visible[name] for name in MARK_NAMES[:2]) > 0.95 and gripper_point(balls) is not None:
-            (p, z1), (q, z2) = ((frame.centre[n], 1 / frame.radius[n]) for n in MARK_NAMES[:2])
-            gripper.append(np.hypot(*(gripper_point(balls) - (z1 * p + z2 * q) / (z1 + z2))) * scale)
-    return np.array(rows), np.array(gripper)
+from tests.calfree_gym.vision.drawings import (
+    COLOURS,
+    Canvas,
+    background,
+    camera,
+    compared,
+    drawn,
+    through_jpeg,
+)
 
 
 def test_balls_that_nothing_hides_are_found_within_a_pixel():
