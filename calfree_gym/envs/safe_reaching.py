@@ -102,7 +102,7 @@ class SafeReachEnv(SafeReaching, ArmEnv):
         render_mode, width, height: As for `StereoArmEnv`.
 
     Raises:
-        ValueError: As for `StereoArmEnv`; or the arm touches table or walls at home.
+        ValueError: As for `StereoArmEnv`.
 
     ## Version history
     v0: first version.

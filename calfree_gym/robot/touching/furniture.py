@@ -7,6 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.chain import HINGE, SLIDE, path_to
@@ -23,9 +24,9 @@ ROOM = (ROOM_BODY, TABLE)
 GAP = 0.15
 """Walls stand so far (m) beyond the farthest places of objects, for the RV-M2. Choice: what swings out
 beyond the gripper point, wild tilts included, finds room where the gripper goes straight to an object."""
-BELOW = 0.05
-"""The table of an arm that brings none lies so far (m, for the RV-M2) below the lowest of it at home.
-Choice."""
+BESIDE = 0.05
+"""They stand at least so far (m, for the RV-M2) beyond the arm at home, and the table of an arm that brings
+none lies so far below it. Choice."""
 LOW_SHARE = 0.1
 """And below all but this share of the places that the gripper can be brought to. Choice: some cannot be
 reached."""
@@ -55,11 +56,7 @@ class Furniture:
         self._robot = robot
 
     def __call__(self, spec: Any) -> None:
-        """Furnishes the spec of a bare arm, see `Robot.scene`.
-
-        Raises:
-            ValueError: The arm touches table or walls at home.
-        """
+        """Furnishes the spec of a bare arm, see `Robot.scene`."""
         first = spec.body(self._robot.bodies[0])
         spec.option.disableflags &= ~_CONTACT
         _let_touch(spec)
@@ -72,7 +69,7 @@ class Furniture:
             objtype=mujoco.mjtObj.mjOBJ_XBODY,
         )
         sensor.intprm = [_COUNT_AND_FORCE, _LARGEST, 1]
-        self._forgive_what_is_built_so(spec, first.name)
+        self._forgive_what_is_built_so(spec)
 
     def _add_room(self, spec: Any) -> None:
         """Table and walls; in front of the arm, and at its sides."""
@@ -101,45 +98,30 @@ class Furniture:
             )
 
         wide, gap = 6 * scale * GAP, scale * GAP
-        bottom = 0.0 if spec.geom(TABLE) is not None else self._add_table(spec, points, add, wide)
+        model, data = at_home(spec, robot)
+        first = model.body(robot.bodies[0]).id
+        of_arm = np.array([first in path_to(model, body) for body in model.geom_bodyid])
+        beside = scale * BESIDE
+        bottom = 0.0
+        if spec.geom(TABLE) is None:
+            lowest = -_farthest(model, data, -up, model.body_weldid[model.geom_bodyid] > 0) - beside
+            bottom = min(lowest, float(np.quantile(points[:, 2], LOW_SHARE)))
+            add("table", robot.rig.target * [1, 1, 0] + [0, 0, bottom - HALF], np.array([wide, wide, HALF]))
         middle = robot.rig.target * [1, 1, 0] + (bottom + wide) * up
         for name, way, flat in (
             ("front", ahead, [HALF, wide, wide]),
             ("left", aside, [wide, HALF, wide]),
             ("right", -aside, [wide, HALF, wide]),
         ):
-            distance = float(((points - middle) @ way).max()) + gap + HALF
-            add(f"{name} wall", middle + distance * way, np.array(flat))
+            of_places = float((points @ way).max()) + gap
+            distance = max(of_places, _farthest(model, data, way, of_arm) + beside) + HALF
+            add(f"{name} wall", middle + (distance - float(middle @ way)) * way, np.array(flat))
 
-    def _add_table(self, spec: Any, points: Array, add: Any, wide: float) -> float:
-        """A table for an arm that brings none; how high it is."""
+    def _forgive_what_is_built_so(self, spec: Any) -> None:
         model, data = at_home(spec, self._robot)
-        axes = np.abs(data.geom_xmat.reshape(-1, 3, 3)[:, 2])
-        middles = data.geom_xpos + np.einsum(
-            "gij,gj->gi", data.geom_xmat.reshape(-1, 3, 3), model.geom_aabb[:, :3]
-        )
-        lowest = middles[:, 2] - (axes * model.geom_aabb[:, 3:]).sum(1)
-        moving = (model.body_weldid[model.geom_bodyid] > 0) & (model.geom_contype > 0)
-        scale = self._robot.rig.scale
-        top = min(float(lowest[moving].min()) - BELOW * scale, float(np.quantile(points[:, 2], LOW_SHARE)))
-        middle = self._robot.rig.target * [1, 1, 0] + [0, 0, top - HALF]
-        add("table", middle, np.array([wide, wide, HALF]))
-        return top
-
-    def _forgive_what_is_built_so(self, spec: Any, first: str) -> None:
-        model, data = at_home(spec, self._robot)
-        moved = {body for body in range(model.nbody) if model.body(first).id in path_to(model, body)}
-        touching = {
-            tuple(sorted(int(model.geom_bodyid[geom]) for geom in contact.geom)) for contact in data.contact
-        }
-        for one, other in sorted(touching):
-            names = [model.body(each).name for each in (one, other)]
-            if ROOM_BODY in names and {one, other} & moved:
-                raise ValueError(
-                    f"the arm's body {names[names[0] == ROOM_BODY]!r} touches table or walls at home; give "
-                    "it another home"
-                )
-            spec.add_exclude(bodyname1=names[0], bodyname2=names[1])
+        pairs = np.sort(model.geom_bodyid[data.contact.geom], axis=1)
+        for one, other in np.unique(pairs, axis=0):
+            spec.add_exclude(bodyname1=model.body(one).name, bodyname2=model.body(other).name)
 
 
 @lru_cache(maxsize=8)
@@ -163,6 +145,16 @@ def at_home(spec: Any, robot: Robot) -> tuple[mujoco.MjModel, mujoco.MjData]:
     data.qpos[:] = robot.home_qpos
     mujoco.mj_fwdPosition(model, data)
     return model, data
+
+
+def _farthest(model: mujoco.MjModel, data: mujoco.MjData, way: Array, geoms: NDArray[np.bool_]) -> float:
+    """How far the boxes about those of `geoms` that collide reach in a direction (3,), in m."""
+    geoms = geoms & (model.geom_contype > 0)
+    axes = data.geom_xmat.reshape(-1, 3, 3)[geoms]
+    boxes = model.geom_aabb[geoms]
+    middles = data.geom_xpos[geoms] + np.einsum("gij,gj->gi", axes, boxes[:, :3])
+    halves = (np.abs(np.einsum("i,gij->gj", way, axes)) * boxes[:, 3:]).sum(1)
+    return float((middles @ way + halves).max(initial=-np.inf))
 
 
 def _let_touch(spec: Any) -> None:

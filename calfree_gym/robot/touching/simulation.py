@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Rows
+from calfree_gym.robot.arms.chain import path_to
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.grasping.ramp import smooth
 from calfree_gym.robot.grasping.simulation import PEAK
@@ -76,9 +77,6 @@ class TouchingSimulation(ReachSimulation):
 
     Args:
         rows, robot, mounts, threads: See `Simulation`.
-
-    Raises:
-        ValueError: The arm touches table or walls at home.
     """
 
     state_names: ClassVar[tuple[str, ...]] = (*ReachSimulation.state_names, "_touched")
@@ -91,6 +89,8 @@ class TouchingSimulation(ReachSimulation):
         self._touched = np.zeros((rows, len(Touched._fields)))
         self._picture = self.picture()
         model = self._picture[0]
+        first = robot.bodies[0]
+        self._of_arm = np.array([model.body(first).id in path_to(model, body) for body in model.geom_bodyid])
         for geom in range(model.ngeom):
             if model.geom(geom).name.startswith(ROOM):
                 model.geom_margin[geom] = CLEARANCE * robot.rig.scale
@@ -175,7 +175,7 @@ class TouchingSimulation(ReachSimulation):
         """Whether the arm of a row touches nothing, nearly, with joints at (j,)."""
         model, data = self.show(row, self._picture, joints)
         mujoco.mj_collision(model, data)
-        return not data.ncon
+        return not self._of_arm[data.contact.geom].any()
 
     def way_is_free(self, row: int, joints: Array, there: Array) -> bool:
         """Whether the arm of a row touches nothing on the straight way between joints (j,) and others."""

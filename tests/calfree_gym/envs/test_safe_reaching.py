@@ -20,6 +20,7 @@ from calfree_gym.robot.touching.simulation import (
     TouchingSimulation,
     ramp,
 )
+from tests.arms.own import ARMS
 
 ID = "CalFree/SafeReach-v0"
 DOWN = np.radians([0.0, -35.0, 0.0, 35.0, 0.0])
@@ -187,11 +188,30 @@ def test_bad_input_is_named(arguments, message):
         gym.make(ID, force_bond=3.0)
 
 
-def test_an_arm_that_touches_at_home_is_refused():
-    from tests.arms.own import ARMS
+@pytest.mark.parametrize("name", ARMS)
+def test_walls_stand_beside_any_arm_at_home(name):
+    """A gantry's bridge is wider than where its hook goes."""
+    env = gym.make(ID, arm=ARMS[name], camera_mount="stand", world="nominal")
+    env.reset(seed=0)
+    arms = env.unwrapped.arms
+    home = arms.motors.joints(np.zeros((1, len(arms.robot.motors))), np.array([0]))[0]
+    assert arms.simulation.is_free(0, home)
 
-    with pytest.raises(ValueError, match="touches table or walls at home; give it another home"):
-        gym.make(ID, arm=ARMS["gantry"])
+
+def test_another_arm_that_stands_beside_a_wall_does_not_count(tmp_path):
+    arm = ARMS["hobby"]
+    room = gym.make(ID, arm=arm, camera_mount="stand", world="nominal").unwrapped.arms.simulation.picture()[0]
+    spec = mujoco.MjSpec.from_file(str(arm["model"]))
+    wall, turn = room.geom("calfree room front wall"), np.zeros(9)
+    mujoco.mju_quat2Mat(turn, wall.quat)
+    other = spec.worldbody.add_body(pos=wall.pos + (wall.size[0] + 0.04) * turn[::3])
+    other.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE)
+    other.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.03, 0, 0], mass=0.1)
+    (tmp_path / "two.xml").write_text(spec.to_xml())
+    env = gym.make(ID, arm={**arm, "model": tmp_path / "two.xml"}, camera_mount="stand", world="nominal")
+    env.reset(seed=0)
+    *_, info = env.step(np.zeros(env.action_space.shape, np.float32))
+    assert info["contacts"] == 0
 
 
 def test_weak_motors_of_a_drawn_world_leave_an_object_to_reach():
