@@ -81,7 +81,7 @@ class SafeStart(ServoAgent):
             view.jacobian = self.slopes.jacobian / findings.units
             view.variances = self.slopes.variances.mean(0) / np.outer(findings.units, findings.units)
         leash = Leash(now, view, findings.tested, findings.filter, findings.units)
-        way = StraightWay(view, leash.stops, findings.units)
+        way = StraightWay(view, leash, findings.units)
         findings.gave_up = yield from leash.hold(way.go(in_units(now, findings.units)), whole=False)
         findings.estimator = self.servo.new_estimator(self.motors, _slopes(view, findings, leash.now))
         findings.handed_over = True

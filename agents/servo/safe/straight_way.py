@@ -8,6 +8,7 @@ from ...base.observation import Array, Observation
 from ...base.procedure import Procedure
 from ...jacobian import distance_jacobian
 from ..trial import Stops
+from .leash import Leash
 from .linear_view import LinearView
 
 
@@ -20,11 +21,14 @@ class StraightWay:
     only the noise of the measured Jacobian counts: a motion goes where the square of the image distance is
     then expected to be least.
 
+    Where the arm meets something, it goes back to where it came from, and from then on nowhere in that
+    direction: it slides along what it has met, as far as the direction tells how that lies.
+
     Words and registers are in units.
 
     Args:
         view: What is known of the Jacobian; others correct it.
-        stops: Where motors are known to stop, in registers; others learn it.
+        leash: The leash that it is on.
         units: Words of 1, of each motor (m,), see `Leash`.
     """
 
@@ -37,12 +41,17 @@ class StraightWay:
     MOTIONS = 20
     """At most (a guard)."""
 
-    def __init__(self, view: LinearView, stops: Stops, units: Array) -> None:
-        self._view, self._stops, self._units = view, stops, units
+    def __init__(self, view: LinearView, leash: Leash, units: Array) -> None:
+        self._view, self._leash, self._units = view, leash, units
+        self._met: list[Array] = []
 
     def go(self, now: Observation) -> Procedure:
-        """Goes from `now` on; back, where a point is lost."""
-        seen_at, failures = now.registers, 0
+        """Goes from `now` on; back, where a point is lost.
+
+        Also where it met something: to the last place on its way; if it meets something from there too, to
+        the place before that.
+        """
+        seen_at, failures, trail = now.registers, 0, [now.registers]
         for _ in range(self.MOTIONS):
             words = seen_at - now.registers
             if now.visible.all():
@@ -52,25 +61,35 @@ class StraightWay:
             if now.last or np.abs(words).max() < Stops.STOPPED:
                 break
             before, jacobian = now, distance_jacobian(self._view.jacobian) * self._units
+            contacts = self._leash.contacts
             now = yield words
             executed = now.registers - before.registers
+            if self._leash.contacts > contacts and not now.last:
+                self._met.append(words / np.linalg.norm(words))
+                now = yield trail[-1] - now.registers
+                trail = trail[:-1] or trail
+                continue
+            trail.append(now.registers)
             if before.visible.all():
                 far, left = np.linalg.norm(before.distance), np.linalg.norm(now.distance)
                 expected = far - np.linalg.norm(before.distance + jacobian @ executed)
                 failures += not now.visible.all() or bool(far - left < self.NEARER * expected)
 
     def words(self, now: Observation) -> Array:
-        """All of the way (m,), of motors that do not press against their stops."""
-        units = self._units
+        """All of the way (m,), by words that press against no stop and in no direction that met something."""
+        units, motors = self._units, len(self._units)
         jacobian = distance_jacobian(self._view.jacobian) * units
         unsure = 2 * len(now.distance) * self._view.variances * np.outer(units, units)
-        free = np.ones(len(units), bool)
-        lowest, highest = self._stops.lowest / units, self._stops.highest / units
+        square, slope = jacobian.T @ jacobian + unsure, jacobian.T @ now.distance
+        stops = self._leash.stops.of(units)
+        unit = np.eye(motors)
+        at_stops = [*unit[now.registers >= stops.highest], *-unit[now.registers <= stops.lowest]]
+        closed = np.array([*self._met, *at_stops]).reshape(-1, motors)
+        pressed = np.zeros(len(closed), bool)
         while True:
-            columns = jacobian * free
-            square = columns.T @ columns + unsure * np.outer(free, free)
-            words = -np.linalg.pinv(square, hermitian=True) @ columns.T @ now.distance
-            presses = np.where(words > 0, now.registers >= highest, now.registers <= lowest)
-            if not (pressing := free & presses & (words != 0)).any():
-                return np.clip(now.registers + words, lowest, highest) - now.registers
-            free &= ~pressing
+            free = unit - np.linalg.pinv(closed[pressed]) @ closed[pressed]
+            words = -free @ np.linalg.pinv(free @ square @ free, hermitian=True) @ free @ slope
+            presses = closed @ words > Stops.STOPPED
+            if not (presses & ~pressed).any():
+                return np.clip(now.registers + words, stops.lowest, stops.highest) - now.registers
+            pressed |= presses

@@ -14,7 +14,6 @@ from agents.servo.safe.first_motions import FirstMotions
 from agents.servo.safe.leash import Leash, equal_units
 from agents.servo.safe.linear_view import LinearView
 from agents.servo.safe.straight_way import StraightWay
-from agents.servo.trial import Stops
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents.linear_arm import LinearArm
 
@@ -192,7 +191,7 @@ def test_it_goes_straight_in_registers_though_images_hardly_show_one_way():
     view = LinearView(3)
     view.jacobian, view.variances = arm.jacobian.copy(), 1e-8 * np.eye(3)
     leash = Leash(arm.observed(), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
-    run = leash.hold(StraightWay(view, leash.stops, np.ones(3)).go(leash.now), whole=False)
+    run = leash.hold(StraightWay(view, leash, np.ones(3)).go(leash.now), whole=False)
     words, places = next(run, None), []
     while words is not None:
         now = arm.observed(words)
@@ -216,7 +215,7 @@ def test_what_the_leash_holds_back_is_no_stop():
     view = LinearView(3)
     view.jacobian, view.variances = arm.jacobian.copy(), 1e-8 * np.eye(3)
     leash = Leash(arm.observed(), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
-    run = leash.hold(StraightWay(view, leash.stops, np.ones(3)).go(leash.now), whole=False)
+    run = leash.hold(StraightWay(view, leash, np.ones(3)).go(leash.now), whole=False)
     words = next(run, None)
     while words is not None:
         try:
@@ -227,6 +226,22 @@ def test_what_the_leash_holds_back_is_no_stop():
     assert leash.now.distance_px < StraightWay.NEAR_PX
 
 
+def test_it_goes_back_from_what_it_met_and_then_nowhere_in_that_direction():
+    arm = LinearArm((300, 300, 300))
+    view = LinearView(3)
+    view.jacobian, view.variances = arm.jacobian.copy(), 1e-8 * np.eye(3)
+    leash = Leash(arm.observed(), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
+    run = StraightWay(view, leash, np.ones(3)).go(leash.now)
+    straight = next(run)
+    met = arm.observed(0.2 * straight)
+    leash.contacts += 1
+    back = run.send(met)
+    np.testing.assert_allclose(met.registers + back, 0.0, atol=1e-12)
+    along = run.send(arm.observed(back))
+    assert np.linalg.norm(along) > 1e-3
+    assert along @ straight < 1e-9
+
+
 def test_it_does_not_trust_what_noise_may_tell_of_a_motor():
     arm = LinearArm((1, 1, 1))
     arm.home = 0.003 * arm.home
@@ -235,8 +250,11 @@ def test_it_does_not_trust_what_noise_may_tell_of_a_motor():
     view, unsure = LinearView(3), LinearView(3)
     view.jacobian = unsure.jacobian = arm.jacobian
     unsure.variances = (5 * IMAGE_UNIT) ** 2 * np.eye(3)
-    stops = Stops(np.zeros(3))
-    known, doubted = (StraightWay(each, stops, np.ones(3)).words(arm.observed()) for each in (view, unsure))
+    now, far = arm.observed(), np.full(3, 0.5)
+    known, doubted = (
+        StraightWay(each, Leash(now, each, far, ObservationFilter(), np.ones(3)), np.ones(3)).words(now)
+        for each in (view, unsure)
+    )
     assert abs(doubted[2]) < 0.1 * abs(known[2])
     np.testing.assert_allclose(doubted[:2], known[:2], rtol=0.01)
 
