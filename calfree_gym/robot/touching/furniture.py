@@ -99,8 +99,7 @@ class Furniture:
 
         wide, gap = 6 * scale * GAP, scale * GAP
         model, data = at_home(spec, robot)
-        first = model.body(robot.bodies[0]).id
-        of_arm = np.array([first in path_to(model, body) for body in model.geom_bodyid])
+        own = of_arm(model, robot)
         beside = scale * BESIDE
         bottom = 0.0
         if spec.geom(TABLE) is None:
@@ -114,7 +113,7 @@ class Furniture:
             ("right", -aside, [wide, HALF, wide]),
         ):
             of_places = float((points @ way).max()) + gap
-            distance = max(of_places, _farthest(model, data, way, of_arm) + beside) + HALF
+            distance = max(of_places, _farthest(model, data, way, own) + beside) + HALF
             add(f"{name} wall", middle + (distance - float(middle @ way)) * way, np.array(flat))
 
     def _forgive_what_is_built_so(self, spec: Any) -> None:
@@ -136,6 +135,12 @@ def places(robot: Robot) -> Array:
     angles = robot.angles(robot.postures(shares), robot.rest(np.zeros(len(robot.joints))))
     points = robot.gripper_position(angles, robot.lengths)
     return np.asarray(points[robot.within(points)])
+
+
+def of_arm(model: mujoco.MjModel, robot: Robot) -> NDArray[np.bool_]:
+    """Which geoms are of the arm, and not of what stands around it."""
+    first = model.body(robot.bodies[0]).id
+    return np.array([first in path_to(model, body) for body in model.geom_bodyid])
 
 
 def at_home(spec: Any, robot: Robot) -> tuple[mujoco.MjModel, mujoco.MjData]:

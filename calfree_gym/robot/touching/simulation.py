@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Rows
-from calfree_gym.robot.arms.chain import path_to
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.grasping.ramp import smooth
 from calfree_gym.robot.grasping.simulation import PEAK
 from calfree_gym.robot.reach_simulation import ReachSimulation
-from calfree_gym.robot.touching.furniture import ROOM, SENSOR, furniture
+from calfree_gym.robot.touching.furniture import ROOM, SENSOR, furniture, of_arm
 
 if TYPE_CHECKING:
     from calfree_gym.world import World
@@ -89,8 +88,7 @@ class TouchingSimulation(ReachSimulation):
         self._touched = np.zeros((rows, len(Touched._fields)))
         self._picture = self.picture()
         model = self._picture[0]
-        first = robot.bodies[0]
-        self._of_arm = np.array([model.body(first).id in path_to(model, body) for body in model.geom_bodyid])
+        self._of_arm = of_arm(model, robot)
         for geom in range(model.ngeom):
             if model.geom(geom).name.startswith(ROOM):
                 model.geom_margin[geom] = CLEARANCE * robot.rig.scale

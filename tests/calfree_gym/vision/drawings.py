@@ -9,9 +9,6 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from calfree_gym.vision.marks import Marks
-from calfree_gym.vision.tracking.tracker import BallFinder, gripper_point
-
 COLOURS = {"gripper_1": (242, 13, 140), "gripper_2": (13, 13, 242), "object": (13, 242, 13)}
 NAMES = tuple(COLOURS)
 SIZES = [(512, 512), (256, 256), (480, 640)]
@@ -240,18 +237,3 @@ def occluder(canvas, place, radius, rng, colour=None):
 def drawn(seed, count, **options):
     """So many random frames, of three sizes."""
     return [random_frame(np.random.default_rng([seed, i]), SIZES[i % 3], **options) for i in range(count)]
-
-
-def compared(frames):
-    """Visible share, error in px of a 512 image (nan where not found), per ball; and the gripper's errors."""
-    finder, rows, gripper = BallFinder(Marks()), [], []
-    for frame in frames:
-        finder.reset()
-        balls, scale = finder(frame.image), 512 / min(frame.image.shape[:2])
-        for name in NAMES:
-            error = np.hypot(*(balls[name].centre - frame.centre[name])) * scale if name in balls else np.nan
-            rows.append((frame.visible[name], error))
-        if min(frame.visible[name] for name in NAMES[:2]) > 0.95 and gripper_point(balls) is not None:
-            (p, z1), (q, z2) = ((frame.centre[n], 1 / frame.radius[n]) for n in NAMES[:2])
-            gripper.append(np.hypot(*(gripper_point(balls) - (z1 * p + z2 * q) / (z1 + z2))) * scale)
-    return np.array(rows), np.array(gripper)

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 
-from tests.calfree_gym.vision.drawings import compared, cut_out, drawn
+from tests.calfree_gym.vision.accuracy import compared
+from tests.calfree_gym.vision.drawings import cut_out, drawn
 
 FRAMES = 60
 

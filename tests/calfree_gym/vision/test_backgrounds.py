@@ -8,7 +8,8 @@ import pytest
 from calfree_gym.vision.marks import MARK_NAMES, Marks
 from calfree_gym.vision.tracking.colours import ColourTable
 from calfree_gym.vision.tracking.tracker import BallFinder
-from tests.calfree_gym.vision.drawings import COLOURS, Canvas, compared, cut_out, drawn
+from tests.calfree_gym.vision.accuracy import compared
+from tests.calfree_gym.vision.drawings import COLOURS, Canvas, cut_out, drawn
 
 
 def test_balls_before_a_photograph_of_much_blue_and_red():

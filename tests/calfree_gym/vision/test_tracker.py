@@ -15,12 +15,12 @@ from calfree_gym.vision.tracking.balls import Ball
 from calfree_gym.vision.tracking.circles import fit_circle
 from calfree_gym.vision.tracking.outline import RAYS
 from calfree_gym.vision.tracking.tracker import BallFinder, StereoTracker, gripper_point
+from tests.calfree_gym.vision.accuracy import compared
 from tests.calfree_gym.vision.drawings import (
     COLOURS,
     Canvas,
     background,
     camera,
-    compared,
     drawn,
     through_jpeg,
 )
