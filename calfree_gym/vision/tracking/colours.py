@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -71,9 +70,3 @@ class ColourTable:
         packed = cv2.cvtColor(image, cv2.COLOR_RGB2BGR565)
         codes = np.ascontiguousarray(packed).view(np.uint16)[..., 0]
         return self._table.take(codes)
-
-
-@lru_cache(maxsize=16)
-def colour_table(marks: MarkSet, share: float = 1.0) -> ColourTable:
-    """That of these marks; the same for the same marks."""
-    return ColourTable(marks, share)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calfree_gym.image import CAMERAS
 from calfree_gym.vision.marks import GraspMarks
 from calfree_gym.vision.tracking.blobs import find_blobs
-from calfree_gym.vision.tracking.colours import Image, colour_table
+from calfree_gym.vision.tracking.colours import ColourTable, Image
 from calfree_gym.vision.tracking.completion import completed
 from calfree_gym.vision.tracking.gripper_fit import GripperFit, GripperLayout, fit_gripper
 from calfree_gym.vision.tracking.outline import Array
@@ -51,7 +51,7 @@ class GraspTracker:
         if marks is not None and not isinstance(marks, GraspMarks):
             raise ValueError(f"marks must be GraspMarks; found {marks!r}")
         self.marks, self._layout = marks or GraspMarks(), layout or GripperLayout()
-        self._table = colour_table(self.marks)
+        self._table = ColourTable(self.marks)
         self.reset()
 
     def reset(self) -> None:

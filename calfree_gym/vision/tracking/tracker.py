@@ -12,7 +12,7 @@ from calfree_gym.image import CAMERAS
 from calfree_gym.vision.marks import MARK_NAMES, Marks
 from calfree_gym.vision.tracking.balls import Ball, measure_ball
 from calfree_gym.vision.tracking.blobs import find_blobs
-from calfree_gym.vision.tracking.colours import Image, colour_table
+from calfree_gym.vision.tracking.colours import ColourTable, Image
 from calfree_gym.vision.tracking.outline import Array
 
 LEAST_SIZE = 16
@@ -31,7 +31,7 @@ class BallFinder:
 
     def __init__(self, marks: Marks) -> None:
         self._marks = marks
-        self._tables = [colour_table(marks, share) for share in SHARES]
+        self._tables = [ColourTable(marks, share) for share in SHARES]
         self._last: dict[str, Ball] = {}
 
     def reset(self) -> None:
@@ -106,7 +106,8 @@ class StereoTracker:
         if marks is not None and not isinstance(marks, Marks):
             raise ValueError(f"marks must be Marks; found {marks!r}")
         self.marks = marks or Marks()
-        self._finders = [BallFinder(self.marks) for _ in CAMERAS]
+        finder = BallFinder(self.marks)
+        self._finders = [finder.copy() for _ in CAMERAS]
         self.reset()
 
     def reset(self) -> None:
