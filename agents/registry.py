@@ -19,6 +19,7 @@ from .adaptation.remembered import Remembered
 from .base.agent import Agent
 from .base.checks import check_flag, check_one_of
 from .base.settings import named_settings, tuned_settings
+from .body_schema.agent import BodySchema
 from .calibrated.affine_stereo import AffineStereo
 from .calibrated.model_based import ModelBased
 from .calibrated.self_calibrating import SelfCalibrating
@@ -29,8 +30,8 @@ from .grasp.task import TASKS, task_of
 from .grasp.trial import SURE_PX
 from .knowledge.factored_table import FactoredTable
 from .knowledge.grid_table import GridTable
+from .knowledge.learning_servo import LearningServo
 from .knowledge.support_points import SupportPoints
-from .learning_servo import LearningServo
 from .reference.oracle import Oracle
 from .reference.random_agent import RandomAgent
 from .servo import SERVOS, make_servo
@@ -47,6 +48,10 @@ def _servo_agent(env: Environment, seed: int = 0, *, servo: str, **settings: Any
 
 def _safe_start(env: Environment, seed: int = 0, servo: str = "unified_servo", **settings: Any) -> Agent:
     return SafeStart(env, make_servo(servo, settings), seed)
+
+
+def _body_schema(env: Environment, seed: int = 0, servo: str = "unified_servo", **settings: Any) -> Agent:
+    return BodySchema(env, make_servo(servo, settings), seed)
 
 
 def _learning_servo(env: Environment, seed: int = 0, knowledge: str = "memory", **settings: Any) -> Agent:
@@ -172,6 +177,7 @@ _MAKERS: dict[str, Callable[..., Agent]] = {
     "insert": _insert,
     "yoshimi_allen": YoshimiAllen,
     **{name: partial(_learning_servo, knowledge=name) for name in KNOWLEDGE},
+    "body_schema": _body_schema,
     "joint_space_servo": JointSpaceServo,
     "affine_stereo": AffineStereo,
     "model_based": ModelBased,
@@ -187,7 +193,7 @@ OF_TASK = {"grasp": ("random", "grasp", "sb3", *SB3), "insert": ("random", "inse
 """Agents that act in an environment whose task is another than to reach."""
 _OF_OTHER_TASKS = ("grasp", "insert", "yoshimi_allen")
 """Agents that do nothing else."""
-OVER_SERVOS = ("learning_servo", "safe_start", "grasp", "insert")
+OVER_SERVOS = ("learning_servo", "body_schema", "safe_start", "grasp", "insert")
 """Agents that are laid over a servo, whose settings they take."""
 OF_ONE_ARM = ("affine_stereo", "model_based", "self_calibrating")
 """Agents that are built on what the motors of the built-in arm do."""
@@ -322,7 +328,9 @@ def _settings_of(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     if name in KNOWLEDGE:
         named.pop("knowledge")
         chosen["knowledge"] = name
-    knows = name not in ("insert", "safe_start") and (name != "grasp" or chosen["knowledge"] is not None)
+    knows = name not in ("insert", "safe_start", "body_schema") and (
+        name != "grasp" or chosen["knowledge"] is not None
+    )
     for setting, known in (("servo", SERVOS), ("knowledge", KNOWLEDGE))[: 1 + knows]:
         if chosen[setting] not in tuple(known):
             hint, allowed = near_misses(chosen[setting], known), ", ".join(known)

@@ -35,7 +35,7 @@ LAYERS = {
         "calibrated",
         "knowledge",
         "adaptation",
-        "learning_servo",
+        "body_schema",
         "grasp",
         "reference",
         "registry",

@@ -18,6 +18,8 @@ class PriorKnowledge(StrEnum):
     """How a camera projects: pinhole, affine, lens."""
     ARM = "arm"
     """The arm's joints, links, or the form of its motors' curves."""
+    CHAIN = "chain of joints"
+    """That the arm is one, with a joint for each motor, before pinhole cameras; none of their numbers."""
     MOUNT = "mount"
     """What the cameras are fixed to."""
     MOTOR_ORDER = "which motor is which"

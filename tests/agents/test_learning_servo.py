@@ -7,7 +7,7 @@ import pytest
 
 import agents
 from agents.base.observation import Observation
-from agents.learning_servo import LearningServo
+from agents.knowledge.learning_servo import LearningServo
 from agents.servo.unified import UnifiedServo
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents import analytic

@@ -43,6 +43,7 @@ class RecurrentServo(Agent):
         {
             PriorKnowledge.TRAINING_WORLDS,
             PriorKnowledge.IMAGE_SCALE,
+            PriorKnowledge.NOISE,
             PriorKnowledge.CAMERA_MODEL,
             PriorKnowledge.WORD_LIMIT,
         }

@@ -51,7 +51,7 @@ OTHERS: dict[str, str] = {
     "agents.jacobian.rank_one": "other servos",
     "agents.jacobian.test_motions": "other servos",
     "agents.grasp": "the procedure of a grasp",
-    "agents.learning_servo": "tables over a servo",
+    "agents.knowledge.learning_servo": "tables over a servo",
     "agents.knowledge.distance": "other knowledge bases",
     "agents.knowledge.factored_table": "other knowledge bases",
     "agents.knowledge.gain": "other knowledge bases",

@@ -9,15 +9,15 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from .base.checks import check_flag, check_number, checked_array
-from .base.observation import Array, Observation, RawObservation
-from .base.procedure import Procedure
-from .base.storage import with_present_names
-from .jacobian import Slopes, distance_jacobian
-from .knowledge.interface import Knowledge, Recall
-from .servo.redundancy import solve
-from .servo.servo_agent import Servo, ServoAgent
-from .servo.trial import Findings, jump
+from ..base.checks import check_flag, check_number, checked_array
+from ..base.observation import Array, Observation, RawObservation
+from ..base.procedure import Procedure
+from ..base.storage import with_present_names
+from ..jacobian import Slopes, distance_jacobian
+from ..servo.redundancy import solve
+from ..servo.servo_agent import Servo, ServoAgent
+from ..servo.trial import Findings, jump
+from .interface import Knowledge, Recall
 
 
 class LearningServo(ServoAgent):

@@ -1,0 +1,163 @@
+"""Learns what its body is, over any servo: robotics calls that a body schema (Hoffmann et al. 2010)."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Generator, Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from ..adaptation.pairs import Pairs
+from ..base.checks import checked_array
+from ..base.observation import Array, Observation, RawObservation
+from ..base.prior_knowledge import PriorKnowledge
+from ..base.procedure import Procedure
+from ..jacobian import Slopes
+from ..servo.servo_agent import Servo, ServoAgent
+from ..servo.trial import Findings, Stops
+from .body import Body
+from .known import Known
+from .meeting import Seeker
+
+GRIPPER_POINTS = np.array([True, True, False, False])
+Going = Generator[Array, Observation, tuple[Observation, bool]]
+
+
+class BodySchema(ServoAgent):
+    """Takes its arm for a chain of joints before two cameras, and learns which one it is.
+
+    Nothing was measured: no length, no axis, no motor's gain or sign, no camera's place or focal length.
+    It takes for granted that each motor moves one joint, in order from the base, by a smooth curve, and that
+    cameras are pinholes with a lens. All that is open are numbers, and these are fitted to what is seen in
+    motions made anyway (Hersch, Sauser & Billard 2008 learn the axes of joints so; here motors and cameras
+    are unknown, too). So each look tells of all places, and after a change, of what has changed.
+
+    Where it knows too little, or is wrong, the servo goes on, with the Jacobian that follows from it.
+
+    Attributes:
+        body: What it takes its arm and cameras for.
+        stops: Where motors are known to stop.
+
+    Args:
+        env: See `Agent`.
+        servo: Reaches what its own knowledge does not.
+        seed: See `Agent`.
+    """
+
+    LEFT = 0.5
+    """It moves where it expects to leave no more than this share of the distance. Choice."""
+    NOISES = 6.0
+    """A distance is none that is within so many times the noise. Choice."""
+    MISSES = 1
+    """After more motions that left too much, the servo goes on alone. Choice."""
+
+    def __init__(self, env: gym.Env[Any, Any], servo: Servo, seed: int = 0) -> None:
+        super().__init__(env, servo, seed)
+        self.prior_knowledge |= {
+            PriorKnowledge.IMAGE_SCALE,
+            PriorKnowledge.NOISE,
+            PriorKnowledge.CHAIN,
+            PriorKnowledge.MOTOR_ORDER,
+        }
+        self.body = Body(self.motors, seed)
+        self.stops = Stops(np.zeros(self.motors))
+
+    def new_findings(self) -> Findings[Any]:
+        """See `ProcedureAgent`."""
+        findings = super().new_findings()
+        findings.stops = copy.copy(self.stops)
+        return findings
+
+    def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
+        """See `ProcedureAgent`. Goes to where they should meet, learns from what is seen there, goes on."""
+        now = yield from findings.filter.first(first)
+        findings.trusted.append(now)
+        home, known, misses = now, self.body.known, 0
+        while known is not None and now.visible.all() and not now.last:
+            noise_px = findings.filter.noise.px
+            place = Seeker(known, home.object, now, noise_px, _stops(findings)).seek()
+            slopes = Slopes.of(place.jacobian, now.registers)
+            findings.estimator = self.servo.new_estimator(self.motors, slopes)
+            enough_px = max(self.LEFT * now.distance_px, self.NOISES * noise_px)
+            if place.deviation_px > enough_px:
+                break
+            now, stopped = yield from self._go(place.registers, now, home, known, findings)
+            misses += now.distance_px > enough_px and not stopped
+            if misses > self.MISSES or findings.filter.inconsistent.any():
+                break
+            known = self.body.with_looks(self._pairs(findings))
+        yield from self.servo(now, findings)
+
+    def _go(
+        self, registers: Array, now: Observation, home: Observation, known: Known, findings: Findings[Any]
+    ) -> Going:
+        """Moves to registers (m,), and back where that loses a point from view.
+
+        Returns:
+            What is then observed, and whether a motor has met its stop.
+        """
+        after = yield registers - now.registers
+        short = registers - after.registers
+        _stops(findings).learn(registers - now.registers, short, after.registers)
+        expected, deviations_px = known.expected(after.registers, home.object)
+        settled = yield from findings.filter.settle(after, now, expected, deviations_px)
+        findings.trusted.append(settled)
+        if findings.filter.lost.any():
+            settled = yield now.registers - settled.registers
+        return settled, bool(np.abs(short).max() > Stops.STOPPED)
+
+    def _pairs(self, findings: Findings[Any]) -> Pairs:
+        looks = findings.trusted
+        if not looks[0].visible[2:].all():  # then the object's looks tell nothing of it
+            looks = [each.estimated(each.points, each.visible & GRIPPER_POINTS) for each in looks]
+        return Pairs.of_trial(looks, looks[0].object, findings.filter.noise.px, self.body.trials)
+
+    def expected_px(self, first: RawObservation) -> float | None:
+        """How far off it expects to be after its first motion, told before that motion is made.
+
+        Args:
+            first: What a trial begins with.
+
+        Returns:
+            The distance in an image, root mean square, in pixels; None where it knows nothing, or does not
+            see the object.
+        """
+        home = Observation.of(first)
+        if self.body.known is None or not home.visible.all():
+            return None
+        return (
+            Seeker(self.body.known, home.object, home, self.filter.noise.px, self.stops).seek().deviation_px
+        )
+
+    def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
+        """See `ProcedureAgent`. Every look teaches, however the trial ends."""
+        super().learn_trial(findings, last, ended)
+        self.stops = _stops(findings)
+        if findings.trusted:
+            self.body.learn(self._pairs(findings))
+
+    @property
+    def kind(self) -> str:
+        """See `ProcedureAgent`."""
+        return f"BodySchema over {self.servo!r}"
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """See `ProcedureAgent`."""
+        stops = {"lowest": self.stops.lowest, "highest": self.stops.highest}
+        return super().arrays() | self.body.arrays() | stops
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """See `ProcedureAgent`."""
+        super().restore(arrays)
+        self.body.restore(arrays)
+        self.stops.lowest, self.stops.highest = (
+            checked_array(arrays, name, (self.motors,)) for name in ("lowest", "highest")
+        )
+
+
+def _stops(findings: Findings[Any]) -> Stops:
+    assert findings.stops is not None
+    return findings.stops

@@ -1,0 +1,184 @@
+"""What a robot takes its body for, by all that it saw in earlier trials; and that it has changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..adaptation.pairs import Pairs
+from ..base.checks import checked_array
+from ..base.observation import Flags
+from ..base.storage import prefixed, under
+from .chain import Chain
+from .explanations import NOTHING, explained
+from .fitting import Fit, Gaussian
+from .known import Known
+from .mounts import likely_mounts
+from .starts import random_starts
+
+
+class Event(NamedTuple):
+    """A change of the world, as it was recognised.
+
+    Attributes:
+        trial: The first trial, counted from 0, that showed it.
+        kind: What has changed, see `Explanation`.
+    """
+
+    trial: int
+    kind: str
+
+
+class Body:
+    """What a robot takes its body for.
+
+    Each trial refits it. As long as it explains too little of what was seen, it is also sought from nothing.
+    A trial that contradicts it shows that the world has changed, or that it was wrong: what explains more.
+
+    Attributes:
+        known: What it is taken for; None before the first trial.
+        events: The changes that were recognised.
+        trials: So many have taught it.
+
+    Args:
+        motors: m.
+        seed: Of the arms that are drawn to begin with.
+    """
+
+    TRIALS, LOOKS = 40, 150
+    """So many latest trials tell what it is, and no more than so many looks. Choice: several times what seven
+    joints need; a fit takes as long as there are looks."""
+    NEWER = 10
+    """Where these no longer agree, so many do. Choice: so a drift is followed."""
+    STARTS, GO_ON_WITH = 8, 3
+    """It is sought from so many drawn arms, and on from the best of them. Choice: one in three ends right."""
+    GUESSES = 3
+    """That is done for so many guesses of which motors move the cameras. Choice."""
+    MORE = 1.3
+    """And again once so many times as much was seen. Choice, between time and motions."""
+    COARSE, COARSE_OUTLYING, COARSE_STEPS = 30.0, 5.0, 25
+    """At first as if noise were so many times as large, with outliers so many times that away, by so many
+    steps. Choice: then far places, which cost most, do not decide."""
+    STEPS = 60
+    """Of a fit (a guard: from what is known, two or three are enough)."""
+    RECENT = 5
+    """For so many trials after a change, a trial that contradicts tells more of that change. Choice."""
+
+    def __init__(self, motors: int, seed: int = 0) -> None:
+        self.motors = motors
+        self.known: Known | None = None
+        self.events: list[Event] = []
+        self.trials = 0
+        self._seed = seed
+        self._searched = 0
+        self._before_change: tuple[Known, Flags] | None = None
+
+    def learn(self, pairs: Pairs) -> None:
+        """Takes in what was seen in a trial."""
+        self.trials += 1
+        if not len(pairs):
+            return
+        if self.known is None:
+            self._search(pairs)
+            return
+        if self._before_change and self.trials > self.events[-1].trial + self.RECENT:
+            self._before_change = None
+        cameras = self.known.contradicted(pairs)
+        if not (self.known.explains and cameras.any()):
+            self._go_on(pairs)
+        elif self._before_change:
+            self.events.pop()
+            self._explain(self.known.seen + pairs, again=True)
+        else:
+            self._before_change = self.known, cameras
+            self._explain(pairs)
+
+    def with_looks(self, pairs: Pairs) -> Known | None:
+        """What it would be taken for, had these been seen as well; of a trial that goes on."""
+        return self.known and self._refitted(self.known, self.known.seen + pairs)
+
+    def _go_on(self, pairs: Pairs) -> None:
+        """Learns, where nothing has jumped."""
+        assert self.known is not None
+        explained_before = self.known.explains
+        self.known = self._refitted(self.known, self.known.seen + pairs)
+        if self.known.explains:
+            return
+        if explained_before:
+            newer = self._refitted(self.known, self.known.seen.latest(self.NEWER))
+            if newer.explains:
+                self.known = newer
+                return
+        self._search(self.known.seen)
+
+    def _refitted(self, known: Known, seen: Pairs) -> Known:
+        seen = self._latest(seen)
+        (fitted,) = Fit(known.chain, seen, known.before)(known.fitted.numbers[None], self.STEPS)
+        return Known(known.chain, known.before, seen, fitted)
+
+    def _latest(self, seen: Pairs) -> Pairs:
+        seen = seen.latest(self.TRIALS)
+        return seen.only(np.arange(len(seen)) >= len(seen) - self.LOOKS)
+
+    def _search(self, seen: Pairs) -> None:
+        """Seeks from nothing what explains it, unless as much was sought not long ago."""
+        if len(seen) < self.MORE * self._searched:
+            return
+        self._searched = len(seen)
+        random = np.random.default_rng((self._seed, self.trials))
+        found = [] if self.known is None else [self._refitted(self.known, seen)]
+        for mounts in likely_mounts(seen, self.GUESSES):
+            chain = Chain(self.motors, mounts)
+            before = Gaussian.of_any(chain)
+            fit = Fit(chain, seen, before)
+            starts = random_starts(chain, before.mean, self.STARTS, random)
+            coarse = fit(starts, self.COARSE_STEPS, self.COARSE, self.COARSE_OUTLYING)
+            best = sorted(coarse, key=lambda each: each.cost)[: self.GO_ON_WITH]
+            fine = fit(np.array([each.numbers for each in best]), self.STEPS)
+            found.append(Known(chain, before, seen, min(fine, key=lambda each: each.cost)))
+        self.known = max(found, key=lambda each: each.evidence)
+
+    def _explain(self, since: Pairs, again: bool = False) -> None:
+        """Explains what was seen since a change; `again`, where more of it was seen."""
+        assert self._before_change is not None
+        before, cameras = self._before_change
+        best = explained(before, since, cameras)
+        if best.kind == NOTHING or (not again and self._was_wrong(before, best.evidence, since)):
+            self._before_change, self.known = None, self.known if best.kind != NOTHING else before
+            self._go_on(since)
+            return
+        self.events.append(Event(int(since.trials[0]), best.kind))
+        self.known = Known(before.chain, best.before, self._latest(since), best.fitted)
+        if not self.known.explains:
+            self._searched = self._searched if again else 0
+            self._search(self.known.seen)
+
+    def _was_wrong(self, before: Known, changed: float, since: Pairs) -> bool:
+        """Whether nothing has changed, but what was known was wrong; what is right is known then."""
+        self.known, self._searched = before, 0
+        self._search(self._latest(before.seen + since))
+        return self.known.evidence > before.evidence + changed
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All that it knows, as named arrays."""
+        before, cameras = self._before_change or (None, np.zeros(2, bool))
+        return {
+            **prefixed("known", self.known.arrays() if self.known else {}),
+            **prefixed("before", before.arrays() if before else {}),
+            "changed_cameras": cameras,
+            "counts": np.array([self.trials, self._searched]),
+            "events": np.array(self.events, str).reshape(-1, 2),
+        }
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Takes over what `arrays` returned; raises ValueError where it does not fit."""
+        known, before = (under(name, arrays) for name in ("known", "before"))
+        cameras = checked_array(arrays, "changed_cameras", (2,)) > 0
+        trials, searched = checked_array(arrays, "counts", (2,))
+        self.known = Known.of(known, self.motors) if known else None
+        self._before_change = (Known.of(before, self.motors), cameras) if before else None
+        self.trials, self._searched = int(trials), int(searched)
+        self.events = [Event(int(trial), kind) for trial, kind in arrays["events"]]

@@ -1,0 +1,173 @@
+"""Fitting a chain of joints and two cameras to what was seen, by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.image import CAMERAS, IMAGE_UNIT
+
+from ..adaptation.pairs import Pairs
+from ..base.observation import POINTS, Array
+from ..base.robust import cauchy_weights
+from ..calibrated.least_squares import least_squares
+from .chain import Chain, Views
+
+MIDDLE = 1.5
+"""How far the gripper is before the left camera at home: that chooses the unit of lengths. Choice."""
+FOCAL_LENGTH = 1.2
+"""What focal lengths are about, in image units. Choice: a field of view of 80 degrees."""
+JOINT_STD = (2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 0.3, 0.3, 0.3)
+GRIPPER_STD = (1.0, 1.0, 1.0)
+CAMERA_STD = (0.35, 0.06, 2.0, 2.0, 2.0, 1.5, 1.5, 1.5)
+"""How widely numbers may differ before anything is seen: of any arm, of any camera. Choice: wide. Images
+alone leave the unit of lengths open, and shifts along axes."""
+FIXED_STD = 1e-3
+"""The room's frame is that of the left camera, and joints stand at home where they stand: by so much these
+may differ at first (a guard: it is divided by)."""
+OBJECT_NOISE = 2.0
+"""An object's point is so much less exact than the gripper's: where it should be is told from its home view,
+which is noisy, too. Choice."""
+OUTLYING = 8.0
+"""Points so many times the noise from where they should be are outliers, as for `self_calibrating`."""
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """What is known of all numbers of a chain: they are normally distributed.
+
+    Attributes:
+        mean: (p,).
+        information: The inverse of their covariance (p, p).
+        anything: Whether nothing was seen that tells of them.
+    """
+
+    mean: Array
+    information: Array
+    anything: bool = False
+
+    @classmethod
+    def of_any(cls, chain: Chain) -> Self:
+        """Of any arm before any two cameras."""
+        mean, std = np.zeros(chain.size), any_std(chain)
+        mean[chain.gripper] = 0.0, 0.0, MIDDLE
+        for camera in range(len(CAMERAS)):
+            mean[chain.camera(camera)][0] = np.log(FOCAL_LENGTH)
+        std[chain.camera(0)][2:] = FIXED_STD
+        for motor in range(chain.motors):
+            std[chain.joint(motor)][6] = FIXED_STD
+        return cls(mean, np.diag(1 / std**2), anything=True)
+
+    def but_for(self, changed: NDArray[np.bool_], std: Array) -> Self:
+        """The same, but for numbers that have changed (p,): these may differ from before by `std` (p,)."""
+        kept = ~changed
+        information = np.zeros_like(self.information)
+        across = self.information[np.ix_(kept, changed)]
+        told_by_changed = across @ np.linalg.solve(self.information[np.ix_(changed, changed)], across.T)
+        information[np.ix_(kept, kept)] = self.information[np.ix_(kept, kept)] - told_by_changed
+        information[changed, changed] = 1 / std[changed] ** 2
+        return type(self)(self.mean, (information + information.T) / 2)
+
+    @cached_property
+    def root(self) -> Array:
+        """R (p, p) with R Rᵀ the covariance: numbers are `mean` + R z of independent standard normal z."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.information)).T)
+
+    @cached_property
+    def log_density(self) -> float:
+        """Logarithm of the density at the mean, but for a constant that all have."""
+        return float(np.linalg.slogdet(self.information)[1] / 2)
+
+
+def any_std(chain: Chain) -> Array:
+    """How widely numbers (p,) may differ, those of the left camera as those of the right."""
+    return np.concatenate([np.tile(JOINT_STD, chain.motors), GRIPPER_STD, np.tile(CAMERA_STD, len(CAMERAS))])
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What explains looks best.
+
+    Attributes:
+        numbers: All numbers of the chain (p,).
+        cost: Half the sum of squares: of residuals in units of the noise, and of what was known before.
+        residuals: (n, 4, 2), in units of the noise; 0 where nothing was seen.
+    """
+
+    numbers: Array
+    cost: float
+    residuals: Array
+
+
+class Fit:
+    """Least squares on what was seen.
+
+    Args:
+        chain: Which numbers there are.
+        pairs: What was seen.
+        before: What was known of the numbers before.
+    """
+
+    def __init__(self, chain: Chain, pairs: Pairs, before: Gaussian) -> None:
+        self._chain, self._pairs, self._before = chain, pairs, before
+        self._points, self._per_noise = seen_points(pairs)
+
+    def __call__(
+        self, starts: Array, steps: int, noises: float = 1.0, outlying: float = OUTLYING
+    ) -> list[Fitted]:
+        """What comes out of each of `starts` (s, p), as if noise were so many times as large."""
+        before, root, size = self._before, self._before.root, self._chain.size
+        per_noise = self._per_noise / noises
+
+        def residuals(z: Array) -> tuple[Array, Callable[[], Array]]:
+            views = [self._views(before.mean + root @ each) for each in z]
+
+            def derivatives() -> Array:
+                by_numbers = np.array([view.derivatives()[..., :size] for view in views])
+                by_numbers *= per_noise[..., None]
+                return by_numbers.reshape(len(z), -1, size) @ root
+
+            off = np.array([(view.points - self._points) * per_noise for view in views])
+            return off.reshape(len(z), -1), derivatives
+
+        begin = np.asarray(np.linalg.solve(root, (starts - before.mean).T).T, float)
+        unit, free = np.ones(size), np.full(size, np.inf)
+        z, off, costs = least_squares(residuals, begin, np.zeros(size), unit, free, steps, outlying)
+        numbers, off = before.mean + z @ root.T, off.reshape(len(z), -1, POINTS, 2)
+        return [Fitted(*each) for each in zip(numbers, costs, off, strict=True)]
+
+    def known(self, fitted: Fitted) -> Gaussian:
+        """What is known of all numbers after that: as if images were linear in them."""
+        by_numbers = self._views(fitted.numbers).derivatives()[..., : self._chain.size]
+        weights = cauchy_weights(np.linalg.norm(fitted.residuals, axis=-1) / OUTLYING)
+        by_numbers *= (self._per_noise * np.sqrt(weights)[..., None])[..., None]
+        by_numbers = by_numbers.reshape(-1, self._chain.size)
+        return Gaussian(fitted.numbers, by_numbers.T @ by_numbers + self._before.information)
+
+    def _views(self, numbers: Array) -> Views:
+        return Views(self._chain, numbers, self._pairs.registers, self._pairs.homes)
+
+
+def log_evidence(before: Gaussian, fitted: Fitted, after: Gaussian) -> float:
+    """The logarithm of how probable it was to see that, but for a constant: Laplace's approximation.
+
+    Source: MacKay 2003, chapter 27.
+
+    Args:
+        before: What was known of all numbers before.
+        fitted: What explains best what was seen.
+        after: What is known of them then.
+    """
+    return before.log_density - fitted.cost - after.log_density
+
+
+def seen_points(pairs: Pairs) -> tuple[Array, Array]:
+    """Gripper and object points (n, 4, 2) in image units, and one by their noise; 0 where not seen."""
+    points = np.column_stack([pairs.sensors, pairs.objects]).reshape(-1, POINTS, 2)
+    noise = pairs.noise_px[:, None] * IMAGE_UNIT * np.array([1.0, 1.0, OBJECT_NOISE, OBJECT_NOISE])
+    return np.nan_to_num(points), np.isfinite(points) / noise[..., None]
