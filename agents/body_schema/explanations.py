@@ -59,8 +59,10 @@ def _all(known: Known, pairs: Pairs, cameras: Flags) -> Iterator[Explanation]:
         before = numbers.but_for(which, any_std(chain)) if changed else numbers
         fit = Fit(chain, pairs, before)
         fitted = min(fit(starts, STEPS), key=lambda each: each.cost)
+        # what images leave open, such as the unit of lengths, stays open only about the same numbers
+        after = fit.known(fitted, np.where(which, fitted.numbers, numbers.mean))
         odds = 0.0 if changed else np.log(SELDOM)
-        return Explanation(kind, before, fitted, odds + log_evidence(before, fitted, fit.known(fitted)))
+        return Explanation(kind, before, fitted, odds + log_evidence(before, fitted, after))
 
     yield explanation(NOTHING, [], numbers.mean[None])
     of_cameras = [

@@ -21,8 +21,9 @@ NOISES = 4.0
 """What is seen otherwise than expected counts as noise up to so many times that. Choice."""
 LONGEST = 0.2
 """Of such a step, in registers: so it finds what is near. Choice."""
-NEAR_PX = 4.0
-"""It ends where it expects to end up so near. Choice: a rendezvous."""
+NEAR_PX, SURE_PX = 1.0, 4.0
+"""It ends at a place that leaves no more than this by what is known, and is so sure. Choice: noise, and a
+rendezvous."""
 _DAMPING, _LESS, _MORE, _LEAST, _MOST = 1e-3, 0.2, 5.0, 1e-7, 1e3
 
 
@@ -31,11 +32,13 @@ class Meeting(NamedTuple):
 
     Attributes:
         registers: There (m,).
-        deviation_px: Standard deviation of how far from each other they are then, in an image, in pixels.
+        left_px: How far from each other they are then, root mean square of both images, in pixels.
+        deviation_px: Standard deviation of that, what is not known included.
         jacobian: Of gripper and object points there, by registers (8, m).
     """
 
     registers: Array
+    left_px: float
     deviation_px: float
     jacobian: Array
 
@@ -69,7 +72,7 @@ class Seeker:
             found = self._from(np.clip(start, lowest, highest))
             if best is None or found.deviation_px < best.deviation_px:
                 best = found
-            if best.deviation_px < NEAR_PX:
+            if best.left_px < NEAR_PX and best.deviation_px < SURE_PX:
                 break
         assert best is not None
         return best
@@ -110,5 +113,7 @@ class Seeker:
         by_numbers, by_registers = np.split(views.derivatives()[0], [self._known.chain.size], axis=-1)
         by = (by_numbers[:2] - by_numbers[2:]).reshape(POINTS, -1)
         unsure = np.einsum("cx,xy,cy->", by, self._known.covariance, by)
-        deviation = np.sqrt((apart @ apart + unsure) / 2) / IMAGE_UNIT
-        return Meeting(registers, float(deviation), by_registers.reshape(2 * POINTS, -1))
+        left, deviation = (
+            float(np.sqrt(square / 2)) / IMAGE_UNIT for square in (apart @ apart, apart @ apart + unsure)
+        )
+        return Meeting(registers, left, deviation, by_registers.reshape(2 * POINTS, -1))
