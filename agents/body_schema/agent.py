@@ -87,6 +87,7 @@ class BodySchema(ServoAgent):
             now, stopped = yield from self._go(place.registers, now, home, known, findings)
             misses += now.distance_px > enough_px and not stopped
             if misses > self.MISSES or findings.filter.inconsistent.any():
+                findings.stops = Stops(now.registers)  # a motor may have changed
                 break
             known = self.body.with_looks(self._pairs(findings))
         yield from self.servo(now, findings)
@@ -135,9 +136,11 @@ class BodySchema(ServoAgent):
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Every look teaches, however the trial ends."""
         super().learn_trial(findings, last, ended)
-        self.stops = _stops(findings)
+        self.stops, changes = _stops(findings), len(self.body.events)
         if findings.trusted:
             self.body.learn(self._pairs(findings))
+        if len(self.body.events) > changes:
+            self.stops = Stops(np.zeros(self.motors))
 
     @property
     def kind(self) -> str:

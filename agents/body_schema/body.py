@@ -90,6 +90,8 @@ class Body:
         if not (self.known.explains and cameras.any()):
             self._go_on(pairs)
         elif self._before_change:
+            before, cameras_before = self._before_change
+            self._before_change = before, cameras | cameras_before
             self.events.pop()
             self._explain(self.known.seen + pairs, again=True)
         else:
@@ -146,9 +148,12 @@ class Body:
         assert self._before_change is not None
         before, cameras = self._before_change
         best = explained(before, since, cameras)
-        if best.kind == NOTHING or (not again and self._was_wrong(before, best.evidence, since)):
-            self._before_change, self.known = None, self.known if best.kind != NOTHING else before
+        if best.kind == NOTHING:
+            self._before_change, self.known = None, before
             self._go_on(since)
+            return
+        if not again and self._was_wrong(before, best.evidence, since):
+            self._before_change = None
             return
         self.events.append(Event(int(since.trials[0]), best.kind))
         self.known = Known(before.chain, best.before, self._latest(since), best.fitted)
@@ -157,7 +162,7 @@ class Body:
             self._search(self.known.seen)
 
     def _was_wrong(self, before: Known, changed: float, since: Pairs) -> bool:
-        """Whether nothing has changed, but what was known was wrong; what is right is known then."""
+        """Whether nothing has changed, but what was known was wrong; what explains all is known then."""
         self.known, self._searched = before, 0
         self._search(self._latest(before.seen + since))
         return self.known.evidence > before.evidence + changed
