@@ -84,8 +84,8 @@ class BodySchema(ServoAgent):
             enough_px = max(self.LEFT * now.distance_px, self.NOISES * noise_px)
             if place.deviation_px > enough_px:
                 break
-            now, stopped = yield from self._go(place.registers, now, home, known, findings)
-            misses += now.distance_px > enough_px and not stopped
+            now, arrived = yield from self._go(place.registers, now, home, known, findings)
+            misses += now.distance_px > enough_px and arrived
             if misses > self.MISSES or findings.filter.inconsistent.any():
                 findings.stops = Stops(now.registers)  # a motor may have changed
                 break
@@ -98,17 +98,20 @@ class BodySchema(ServoAgent):
         """Moves to registers (m,), and back where that loses a point from view.
 
         Returns:
-            What is then observed, and whether a motor has met its stop.
+            What is then observed, and whether it got there: words are no longer than one, and motors stop.
         """
-        after = yield registers - now.registers
-        short = registers - after.registers
-        _stops(findings).learn(registers - now.registers, short, after.registers)
+        words = registers - now.registers
+        words = words / max(1.0, float(np.abs(words).max()))
+        after = yield words
+        short = words - (after.registers - now.registers)
+        _stops(findings).learn(words, short, after.registers)
         expected, deviations_px = known.expected(after.registers, home.object)
         settled = yield from findings.filter.settle(after, now, expected, deviations_px)
         findings.trusted.append(settled)
         if findings.filter.lost.any():
             settled = yield now.registers - settled.registers
-        return settled, bool(np.abs(short).max() > Stops.STOPPED)
+        arrived = np.abs(registers - after.registers).max() <= Stops.STOPPED
+        return settled, bool(arrived or not (after.registers != now.registers).any())
 
     def _pairs(self, findings: Findings[Any]) -> Pairs:
         looks = findings.trusted

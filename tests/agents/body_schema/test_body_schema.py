@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 
 import agents
-from tests.agents.body_schema.chains import MODELS
+from agents.base.observation import Observation
+from agents.body_schema.chain import Views
+from tests.agents.body_schema.chains import MODELS, Arm
 
 
-def arm(file, site, **more):
+def arm_file(file, site, **more):
     return {"arm": {"model": str(MODELS / file), "gripper": site, **more}}
 
 
@@ -16,10 +18,12 @@ def arm(file, site, **more):
     "options",
     [
         {"mount": "waist"},
-        {"mount": "stand", **arm("scara.xml", "tip")},
-        pytest.param({"mount": "stand", **arm("redundant.xml", "tool", home="home")}, marks=pytest.mark.slow),
+        {"mount": "stand", **arm_file("scara.xml", "tip")},
         pytest.param(
-            {"mount": "link 3", **arm("redundant.xml", "tool", home="home")}, marks=pytest.mark.slow
+            {"mount": "stand", **arm_file("redundant.xml", "tool", home="home")}, marks=pytest.mark.slow
+        ),
+        pytest.param(
+            {"mount": "link 3", **arm_file("redundant.xml", "tool", home="home")}, marks=pytest.mark.slow
         ),
     ],
 )
@@ -60,3 +64,28 @@ def test_it_goes_over_any_servo():
     assert "PaperServo" in agents.make("body_schema", env, servo="paper_servo").kind
     with pytest.raises(ValueError, match=r"servo is 'memory'; allowed: .*unified_servo"):
         agents.make("body_schema", env, servo="memory")
+
+
+def test_a_way_longer_than_one_word_is_no_stop(make_env):
+    """From one end of a register to the other are two words; the first ends halfway, at no motor's stop."""
+    arm, env = Arm("scara.xml", "tip"), make_env(mount="stand", **arm_file("scara.xml", "tip"))
+    agent = agents.make("body_schema", env)
+    agent.body.known = arm.exact
+    here, there = np.full((2, arm.chain.motors), 0.1)
+    here[0], there[0] = -0.8, 0.8
+    points = Views(arm.chain, arm.numbers, np.stack([here, there]), np.zeros((2, 4))).points
+    now = Observation(points[0], np.ones(4, bool), here)
+    home = Observation(points[1], np.ones(4, bool), there)
+    findings = agent.new_findings()
+    going = agent._go(there, now, home, arm.exact, findings)
+    words = next(going)
+    assert np.abs(words).max() <= 1
+    halfway, arrived = here + words, None
+    seen = Views(arm.chain, arm.numbers, halfway[None], home.object[None]).points[0]
+    while arrived is None:
+        try:
+            going.send(Observation(seen, np.ones(4, bool), halfway))
+        except StopIteration as end:
+            _, arrived = end.value
+    assert not arrived
+    np.testing.assert_array_equal(findings.stops.highest, 1.0)
