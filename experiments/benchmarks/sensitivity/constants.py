@@ -43,6 +43,7 @@ MODULES: dict[str, tuple[str, ...]] = {
 
 OTHERS: dict[str, str] = {
     "agents.base": "no choices: how many points there are",
+    "agents.body_schema": "another agent over a servo",
     "agents.calibrated": "the calibrated robots",
     "agents.jacobian.estimator": "other servos",
     "agents.jacobian.kalman": "other servos",
