@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..adaptation.detector import NO_CAMERA
 from ..adaptation.pairs import Pairs
 from ..base.checks import checked_array
 from ..base.observation import Flags
@@ -86,8 +87,8 @@ class Body:
             return
         if self._before_change and self.trials > self.events[-1].trial + self.RECENT:
             self._before_change = None
-        cameras = self.known.contradicted(pairs)
-        if not (self.known.explains and cameras.any()):
+        cameras = self.known.contradicted(pairs) if self.known.explains else NO_CAMERA
+        if not cameras.any():
             self._go_on(pairs)
         elif self._before_change:
             before, cameras_before = self._before_change
@@ -169,7 +170,7 @@ class Body:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All that it knows, as named arrays."""
-        before, cameras = self._before_change or (None, np.zeros(2, bool))
+        before, cameras = self._before_change or (None, NO_CAMERA)
         return {
             **prefixed("known", self.known.arrays() if self.known else {}),
             **prefixed("before", before.arrays() if before else {}),

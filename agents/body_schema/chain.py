@@ -95,7 +95,8 @@ class Views:
         for turn, shift in zip(self._turns[::-1], self._shifts[::-1], strict=True):
             self._gripper.append(_turned(turn, self._gripper[-1]) + shift)
         self._object = [triangulated(self._cameras, homes)]  # as a camera sees it that ever more joints move
-        for turn, shift in zip(self._turns, self._shifts, strict=True):
+        behind = max(chain.mounts)
+        for turn, shift in zip(self._turns[:behind], self._shifts[:behind], strict=True):
             self._object.append(_turned(turn.swapaxes(1, 2), self._object[-1] - shift))
         self.points = np.empty((count, POINTS, 2))
         for camera, mount in enumerate(chain.mounts):

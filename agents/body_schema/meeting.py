@@ -57,9 +57,10 @@ class Seeker:
     def __init__(self, known: Known, home: Array, now: Observation, noise_px: float, stops: Stops) -> None:
         self._known, self._home, self._now, self._stops = known, home[None], now.registers, stops
         self._offset = np.zeros(POINTS)
-        offset = now.distance - self._distance(self._views(now.registers))
-        if now.registers.any() and camera_lengths_px(offset).max() > NOISES * noise_px:
-            self._offset = offset
+        if now.registers.any():
+            offset = now.distance - self._distance(self._views(now.registers))
+            if camera_lengths_px(offset).max() > NOISES * noise_px:
+                self._offset = offset
 
     def seek(self) -> Meeting:
         """From here, from where the gripper was seen near, from drawn places, until an end is near."""
