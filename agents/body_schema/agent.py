@@ -85,11 +85,13 @@ class BodySchema(ServoAgent):
             if place.deviation_px > enough_px:
                 break
             now, arrived = yield from self._go(place.registers, now, home, known, findings)
-            misses += now.distance_px > enough_px and arrived
-            if misses > self.MISSES or findings.filter.inconsistent.any():
+            surprised = bool(findings.filter.inconsistent.any())
+            if surprised:
                 findings.stops = Stops(now.registers)  # a motor may have changed
+            misses += surprised or (now.distance_px > enough_px and arrived)
+            if misses > self.MISSES:
                 break
-            known = self.body.with_looks(self._pairs(findings))
+            known = self.body.with_looks(self._pairs(findings), sure=surprised)
         yield from self.servo(now, findings)
 
     def _go(

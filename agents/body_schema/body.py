@@ -14,7 +14,7 @@ from ..base.checks import checked_array
 from ..base.observation import Flags
 from ..base.storage import prefixed, under
 from .chain import Chain
-from .explanations import NOTHING, explained
+from .explanations import NOTHING, Change
 from .fitting import Fit, Gaussian
 from .known import Known
 from .mounts import likely_mounts
@@ -66,7 +66,7 @@ class Body:
     STEPS = 60
     """Of a fit (a guard: from what is known, two or three are enough)."""
     RECENT = 5
-    """For so many trials after a change, a trial that contradicts tells more of that change. Choice."""
+    """For so many trials after a change, what is seen tells more of that change. Choice."""
 
     def __init__(self, motors: int, seed: int = 0) -> None:
         self.motors = motors
@@ -75,7 +75,7 @@ class Body:
         self.trials = 0
         self._seed = seed
         self._searched = 0
-        self._before_change: tuple[Known, Flags] | None = None
+        self._change: Change | None = None
 
     def learn(self, pairs: Pairs) -> None:
         """Takes in what was seen in a trial."""
@@ -85,23 +85,49 @@ class Body:
         if self.known is None:
             self._search(pairs)
             return
-        if self._before_change and self.trials > self.events[-1].trial + self.RECENT:
-            self._before_change = None
+        if self._change and self.trials > self._change.trial + self.RECENT:
+            self._change = None
         cameras = self.known.contradicted(pairs) if self.known.explains else NO_CAMERA
-        if not cameras.any():
-            self._go_on(pairs)
-        elif self._before_change:
-            before, cameras_before = self._before_change
-            self._before_change = before, cameras | cameras_before
-            self.events.pop()
-            self._explain(self.known.seen + pairs, again=True)
+        if cameras.any():
+            self._explain(self._likely_change(pairs, cameras))
+        elif self._change:
+            self._explain(self._change.going_on(pairs))
         else:
-            self._before_change = self.known, cameras
-            self._explain(pairs)
+            self._go_on(pairs)
 
-    def with_looks(self, pairs: Pairs) -> Known | None:
-        """What it would be taken for, had these been seen as well; of a trial that goes on."""
-        return self.known and self._refitted(self.known, self.known.seen + pairs)
+    def with_looks(self, pairs: Pairs, sure: bool) -> Known | None:
+        """What it would be taken for, had these been seen as well; of a trial that goes on.
+
+        Args:
+            pairs: The trial's.
+            sure: Whether nothing among them can be mistaken.
+        """
+        if self.known is None:
+            return None
+        cameras = NO_CAMERA
+        if self.known.explains:
+            cameras = self.known.contradicted(pairs, 1 if sure else Known.LEAST)
+        if cameras.any():
+            change = self._likely_change(pairs, cameras)
+            best = change.explanation
+            if best.kind != NOTHING:
+                return Known(self.known.chain, best.before, change.since, best.fitted)
+        return self._refitted(self.known, self.known.seen + pairs)
+
+    def _likely_change(self, pairs: Pairs, cameras: Flags) -> Change:
+        """That which explains what contradicts: one now, or one lately of which too little was seen."""
+        assert self.known is not None
+        now = Change(self.known, cameras, pairs)
+        if self._change is None:
+            return now
+        if not self._told and now.explanation.kind != NOTHING:
+            return now
+        return self._change.going_on(pairs, cameras)
+
+    @property
+    def _told(self) -> bool:
+        """Whether the change of lately was told as an event."""
+        return bool(self._change and self.events and self.events[-1].trial == self._change.trial)
 
     def _go_on(self, pairs: Pairs) -> None:
         """Learns, where nothing has jumped."""
@@ -144,19 +170,23 @@ class Body:
             found.append(Known(chain, before, seen, min(fine, key=lambda each: each.cost)))
         self.known = max(found, key=lambda each: each.evidence)
 
-    def _explain(self, since: Pairs, again: bool = False) -> None:
-        """Explains what was seen since a change; `again`, where more of it was seen."""
-        assert self._before_change is not None
-        before, cameras = self._before_change
-        best = explained(before, since, cameras)
+    def _explain(self, change: Change) -> None:
+        """Learns from what contradicts what is known."""
+        best, before, since = change.explanation, change.known, change.since
+        again = self._change is not None and self._change.trial == change.trial
+        if again and self._told:
+            self.events.pop()
+        self._change = change
         if best.kind == NOTHING:
-            self._before_change, self.known = None, before
+            self.known = before
             self._go_on(since)
+            if self.known.before is not before.before:  # it was sought anew
+                self._change = None
             return
         if not again and self._was_wrong(before, best.evidence, since):
-            self._before_change = None
+            self._change = None
             return
-        self.events.append(Event(int(since.trials[0]), best.kind))
+        self.events.append(Event(change.trial, best.kind))
         self.known = Known(before.chain, best.before, self._latest(since), best.fitted)
         if not self.known.explains:
             self._searched = self._searched if again else 0
@@ -170,21 +200,25 @@ class Body:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All that it knows, as named arrays."""
-        before, cameras = self._before_change or (None, NO_CAMERA)
-        return {
+        arrays = {
             **prefixed("known", self.known.arrays() if self.known else {}),
-            **prefixed("before", before.arrays() if before else {}),
-            "changed_cameras": cameras,
             "counts": np.array([self.trials, self._searched]),
             "events": np.array(self.events, str).reshape(-1, 2),
         }
+        if self._change:
+            arrays |= prefixed("before", self._change.known.arrays())
+            arrays |= prefixed("since", self._change.since.arrays())
+            arrays["changed_cameras"] = self._change.cameras
+        return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Takes over what `arrays` returned; raises ValueError where it does not fit."""
         known, before = (under(name, arrays) for name in ("known", "before"))
-        cameras = checked_array(arrays, "changed_cameras", (2,)) > 0
         trials, searched = checked_array(arrays, "counts", (2,))
         self.known = Known.of(known, self.motors) if known else None
-        self._before_change = (Known.of(before, self.motors), cameras) if before else None
+        self._change = None
+        if before:
+            cameras = checked_array(arrays, "changed_cameras", (2,)) > 0
+            self._change = Change(Known.of(before, self.motors), cameras, Pairs.of(under("since", arrays)))
         self.trials, self._searched = int(trials), int(searched)
         self.events = [Event(int(trial), kind) for trial, kind in arrays["events"]]

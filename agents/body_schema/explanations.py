@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from calfree_gym.image import CAMERAS
 
+from ..adaptation.detector import NO_CAMERA
 from ..adaptation.pairs import Pairs
 from ..base.observation import Array, Flags
 from .fitting import Fit, Fitted, Gaussian, any_std, log_evidence
 from .known import Known
-from .starts import reversed_joint, rolled
+from .starts import reversing, rolled
 
 NOTHING = "nothing"
 SELDOM = 1000.0
@@ -26,7 +29,8 @@ class Explanation(NamedTuple):
     """One of what is seen now.
 
     Attributes:
-        kind: "nothing", "left camera", "right camera", "both cameras", "motor 1" and so on, or "gripper".
+        kind: "nothing", "left camera", "left camera turned", "both cameras", "motor 1", "motor 1 reversed",
+            "gripper" and so on.
         before: What is known of all numbers without what is seen now.
         fitted: What explains that best.
         evidence: The logarithm of its odds.
@@ -38,46 +42,66 @@ class Explanation(NamedTuple):
     evidence: float
 
 
-def explained(known: Known, pairs: Pairs, cameras: Flags) -> Explanation:
-    """The most probable explanation.
+@dataclass(frozen=True)
+class Change:
+    """A change of the world that was seen, or seems to have been.
 
-    Args:
-        known: What was known before the change.
-        pairs: What was seen since.
+    Attributes:
+        known: What was known before it.
         cameras: Which of them (2,) see something else than they should.
+        since: What was seen since.
     """
-    return max(_all(known, pairs, cameras), key=lambda each: each.evidence)
 
+    known: Known
+    cameras: Flags
+    since: Pairs
 
-def _all(known: Known, pairs: Pairs, cameras: Flags) -> Iterator[Explanation]:
-    chain, numbers = known.chain, known.numbers
+    @property
+    def trial(self) -> int:
+        """The first that showed it."""
+        return int(self.since.trials[0])
 
-    def explanation(kind: str, changed: list[slice], starts: Array) -> Explanation:
+    def going_on(self, pairs: Pairs, cameras: Flags = NO_CAMERA) -> Change:
+        """The same, where more was seen."""
+        return Change(self.known, self.cameras | cameras, self.since + pairs)
+
+    @cached_property
+    def explanation(self) -> Explanation:
+        """The most probable one."""
+        return max(self._explanations(), key=lambda each: each.evidence)
+
+    def _explanations(self) -> Iterator[Explanation]:
+        chain, numbers = self.known.chain, self.known.numbers
+        yield self._by(NOTHING, [], numbers.mean[None])
+        of_cameras = []
+        for camera in (each for each in range(len(CAMERAS)) if self.cameras[each]):
+            name, starts = f"{CAMERAS[camera]} camera", rolled(chain, numbers.mean, camera)
+            of_cameras.append(self._by(name, [chain.camera(camera)], starts))
+            yield self._by(f"{name} turned", [chain.turn(camera)], starts)
+        yield from of_cameras
+        if not self.cameras.all():
+            return
+        both = numbers.mean.copy()
+        for camera, each in enumerate(of_cameras):
+            both[chain.camera(camera)] = each.fitted.numbers[chain.camera(camera)]
+        yield self._by("both cameras", [chain.cameras], both[None])
+        for motor in range(chain.motors):
+            name, signs = f"motor {motor + 1}", reversing(chain, motor)
+            yield self._by(name, [chain.joint(motor)], np.stack([numbers.mean, signs * numbers.mean]))
+            yield self._by(f"{name} reversed", [], (signs * numbers.mean)[None], numbers.mirrored(signs))
+        yield self._by("gripper", [chain.gripper], numbers.mean[None])
+
+    def _by(
+        self, kind: str, changed: list[slice], starts: Array, before: Gaussian | None = None
+    ) -> Explanation:
+        """By numbers that changed to any others, or are known otherwise `before`."""
+        chain, numbers = self.known.chain, before or self.known.numbers
         which = np.zeros(chain.size, bool)
         for each in changed:
             which[each] = True
-        before = numbers.but_for(which, any_std(chain)) if changed else numbers
-        fit = Fit(chain, pairs, before)
+        now = numbers.but_for(which, any_std(chain)) if changed else numbers
+        fit = Fit(chain, self.since, now)
         fitted = min(fit(starts, STEPS), key=lambda each: each.cost)
-        # what images leave open, such as the unit of lengths, stays open only about the same numbers
-        after = fit.known(fitted, np.where(which, fitted.numbers, numbers.mean))
-        odds = 0.0 if changed else np.log(SELDOM)
-        return Explanation(kind, before, fitted, odds + log_evidence(before, fitted, after))
-
-    yield explanation(NOTHING, [], numbers.mean[None])
-    of_cameras = [
-        explanation(f"{CAMERAS[each]} camera", [chain.camera(each)], rolled(chain, numbers.mean, each))
-        for each in range(len(CAMERAS))
-        if cameras[each]
-    ]
-    yield from of_cameras
-    if not cameras.all():
-        return
-    both = numbers.mean.copy()
-    for camera, each in enumerate(of_cameras):
-        both[chain.camera(camera)] = each.fitted.numbers[chain.camera(camera)]
-    yield explanation("both cameras", [chain.cameras], both[None])
-    for motor in range(chain.motors):
-        starts = reversed_joint(chain, numbers.mean, motor)
-        yield explanation(f"motor {motor + 1}", [chain.joint(motor)], starts)
-    yield explanation("gripper", [chain.gripper], numbers.mean[None])
+        after = fit.known(fitted)
+        odds = np.log(SELDOM) if kind == NOTHING else 0.0
+        return Explanation(kind, now, fitted, odds + log_evidence(now, fitted, after))

@@ -59,6 +59,7 @@ class Gaussian:
         for camera in range(len(CAMERAS)):
             mean[chain.camera(camera)][0] = np.log(FOCAL_LENGTH)
         std[chain.camera(0)][2:] = FIXED_STD
+        std[chain.gripper][2] = FIXED_STD
         for motor in range(chain.motors):
             std[chain.joint(motor)][6] = FIXED_STD
         return cls(mean, np.diag(1 / std**2), anything=True)
@@ -72,6 +73,10 @@ class Gaussian:
         information[np.ix_(kept, kept)] = self.information[np.ix_(kept, kept)] - told_by_changed
         information[changed, changed] = 1 / std[changed] ** 2
         return type(self)(self.mean, (information + information.T) / 2)
+
+    def mirrored(self, signs: Array) -> Self:
+        """The same of numbers that have other signs (p,)."""
+        return type(self)(signs * self.mean, signs[:, None] * self.information * signs)
 
     @cached_property
     def root(self) -> Array:
@@ -125,15 +130,13 @@ class Fit:
         per_noise = self._per_noise / noises
 
         def residuals(z: Array) -> tuple[Array, Callable[[], Array]]:
-            views = [self._views(before.mean + root @ each) for each in z]
+            views = self._views(before.mean + z @ root.T)
 
             def derivatives() -> Array:
-                by_numbers = np.array([view.derivatives()[..., :size] for view in views])
-                by_numbers *= per_noise[..., None]
+                by_numbers = views.by_numbers() * per_noise[..., None]
                 return by_numbers.reshape(len(z), -1, size) @ root
 
-            off = np.array([(view.points - self._points) * per_noise for view in views])
-            return off.reshape(len(z), -1), derivatives
+            return ((views.points - self._points) * per_noise).reshape(len(z), -1), derivatives
 
         begin = np.asarray(np.linalg.solve(root, (starts - before.mean).T).T, float)
         unit, free = np.ones(size), np.full(size, np.inf)
@@ -149,7 +152,7 @@ class Fit:
             at: Numbers (p,) about which they are linearised, unless about those.
         """
         numbers = fitted.numbers if at is None else at
-        by_numbers = self._views(numbers).derivatives()[..., : self._chain.size]
+        by_numbers = self._views(numbers).by_numbers()
         weights = cauchy_weights(np.linalg.norm(fitted.residuals, axis=-1) / OUTLYING)
         by_numbers *= (self._per_noise * np.sqrt(weights)[..., None])[..., None]
         by_numbers = by_numbers.reshape(-1, self._chain.size)

@@ -43,8 +43,8 @@ class Known:
     """Once so many coordinates a number were seen: less could be explained by anything. Choice."""
     SIGMAS = 6.0
     """A point contradicts that is so many deviations from where it should be. Choice: noise is less."""
-    SHARE = 1 / 3
-    """A camera, or what it sees, has changed where this share of a trial's looks contradicts, two at least.
+    SHARE, LEAST = 1 / 3, 2
+    """A camera, or what it sees, has changed where this share of a trial's looks contradicts, and so many.
     Choice: fewer points are mistaken."""
 
     @cached_property
@@ -80,18 +80,18 @@ class Known:
         views = Views(self.chain, self.fitted.numbers, registers[None], home[None])
         return views.points[0], np.sqrt(self._variances(views)[0]) / IMAGE_UNIT
 
-    def contradicted(self, pairs: Pairs) -> Flags:
-        """Which cameras (2,) see something else than they should."""
+    def contradicted(self, pairs: Pairs, least: int = LEAST) -> Flags:
+        """Which cameras (2,) see something else than they should, in so many looks at least."""
         views = Views(self.chain, self.fitted.numbers, pairs.registers, pairs.homes)
         points, per_noise = seen_points(pairs)
         off = np.linalg.norm((views.points - points) * per_noise, axis=-1)
         deviations = np.sqrt(1 + self._variances(views) * per_noise[..., 0] ** 2)
         off_of_each = (off > self.SIGMAS * deviations).reshape(-1, 2, len(CAMERAS)).any(1)
-        return np.asarray((off_of_each.sum(0) >= 2) & (off_of_each.mean(0) >= self.SHARE))
+        return np.asarray((off_of_each.sum(0) >= least) & (off_of_each.mean(0) >= self.SHARE))
 
     def _variances(self, views: Views) -> Array:
         """Of a coordinate of each point (n, 4), in square image units."""
-        by_numbers = views.derivatives()[..., : self.chain.size]
+        by_numbers = views.by_numbers()
         return np.einsum("npcx,npcx->np", by_numbers @ self.covariance, by_numbers) / 2
 
     def arrays(self) -> dict[str, NDArray[Any]]:

@@ -24,6 +24,8 @@ LONGEST = 0.2
 NEAR_PX, SURE_PX = 1.0, 4.0
 """It ends at a place that leaves no more than this by what is known, and is so sure. Choice: noise, and a
 rendezvous."""
+ENOUGH = 0.99
+"""And where a step leaves more than this share of the square (a guard)."""
 _DAMPING, _LESS, _MORE, _LEAST, _MOST = 1e-3, 0.2, 5.0, 1e-7, 1e3
 
 
@@ -91,8 +93,8 @@ class Seeker:
         cost = float(apart @ apart + NEAREST * registers @ registers)
         damping, unit = _DAMPING, np.eye(motors)
         for _ in range(STEPS):
-            by = views.derivatives()[0, ..., self._known.chain.size :]
-            jacobian = (by[:2] - by[2:]).reshape(POINTS, -1)
+            by_registers = views.by_registers()[0]
+            jacobian = (by_registers[:2] - by_registers[2:]).reshape(POINTS, -1)
             slope = jacobian.T @ apart + NEAREST * registers
             free = np.where(slope > 0, registers > lowest, registers < highest)
             curved = jacobian.T @ jacobian + NEAREST * unit
@@ -109,9 +111,9 @@ class Seeker:
             if gained <= 0:
                 break
             registers, views, apart, cost = there, further, apart_there, cost - gained
-            if gained < 1e-3 * cost:
+            if cost > ENOUGH * (cost + gained):
                 break
-        by_numbers, by_registers = np.split(views.derivatives()[0], [self._known.chain.size], axis=-1)
+        by_numbers, by_registers = views.by_numbers()[0], views.by_registers()[0]
         by = (by_numbers[:2] - by_numbers[2:]).reshape(POINTS, -1)
         unsure = np.einsum("cx,xy,cy->", by, self._known.covariance, by)
         left, deviation = (

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.observation import Array
-from .chain import Chain, rotation
+from .chain import Chain
+from .pinholes import PLACE, TURN
+from .rotations import rotation
 
-TURN, SLIDE = 0.5, 0.3
+TURNS, SLIDES = 0.5, 0.3
 """Standard deviations of how far joints of a random arm turn, in rad, and slide, for a register of one.
 Choice: less than real ones do; from there, fits find them."""
 ROLLS = 8
@@ -19,11 +21,11 @@ def random_starts(chain: Chain, mean: Array, count: int, random: np.random.Gener
     starts = np.tile(mean, (count, 1))
     for start in starts:
         for motor in range(chain.motors):
-            start[chain.joint(motor)][:6] = random.normal(size=6) * np.repeat([TURN, SLIDE], 3)
+            start[chain.joint(motor)][:6] = random.normal(size=6) * np.repeat([TURNS, SLIDES], 3)
         way = random.normal(size=3)
         turn = way * min(1.0, np.pi / float(np.linalg.norm(way)))
-        start[chain.camera(1)][2:5] = turn
-        start[chain.camera(1)][5:] = mean[chain.gripper] - rotation(turn) @ mean[chain.gripper]
+        start[chain.camera(1)][TURN] = turn
+        start[chain.camera(1)][PLACE] = mean[chain.gripper] - rotation(turn).T @ mean[chain.gripper]
     return starts
 
 
@@ -31,10 +33,8 @@ def rolled(chain: Chain, numbers: Array, camera: int) -> Array:
     """Numbers (ROLLS, p) with a camera rolled about its axis."""
     starts = np.tile(numbers, (ROLLS, 1))
     for start, angle in zip(starts, np.linspace(0, 2 * np.pi, ROLLS, endpoint=False), strict=True):
-        roll = np.array([0.0, 0.0, angle])
-        numbers_of_camera = start[chain.camera(camera)]
-        numbers_of_camera[2:5] = composed(roll, numbers_of_camera[2:5])
-        numbers_of_camera[5:] = rotation(roll) @ numbers_of_camera[5:]
+        turn = start[chain.camera(camera)][TURN]
+        turn[:] = composed(np.array([0.0, 0.0, angle]), turn)
     return starts
 
 
@@ -54,8 +54,8 @@ def _quaternion(turn: Array) -> tuple[float, Array]:
     return np.cos(angle / 2), turn / 2 * np.sinc(angle / (2 * np.pi))
 
 
-def reversed_joint(chain: Chain, numbers: Array, motor: int) -> Array:
-    """Numbers (2, p): the same, and with a motor reversed."""
-    starts = np.tile(numbers, (2, 1))
-    starts[1, chain.joint(motor)][:6] *= -1
-    return starts
+def reversing(chain: Chain, motor: int) -> Array:
+    """Signs (p,) that make numbers those of the same robot with a motor reversed: its curve is that of -r."""
+    signs = np.ones(chain.size)
+    signs[chain.joint(motor)] = [-1.0] * 8 + [1.0]
+    return signs

@@ -10,6 +10,7 @@ from agents.adaptation.pairs import Pairs
 from agents.body_schema.chain import Chain, Views
 from agents.body_schema.fitting import Fit, Fitted, Gaussian, any_std
 from agents.body_schema.known import Known
+from agents.body_schema.pinholes import PLACE, TURN
 from calfree_gym.image import IMAGE_UNIT
 
 MODELS = Path(__file__).parents[2] / "arms" / "models"
@@ -55,8 +56,8 @@ class Arm:
             turn = np.stack([right, np.cross(axis, right), axis])
             of_camera = self.numbers[self.chain.camera(camera)]
             of_camera[:2] = np.log(1.1 + 0.2 * camera), 0.04
-            of_camera[2:5] = Rotation.from_matrix(turn).as_rotvec()
-            of_camera[5:] = -turn @ (gripper + away)
+            of_camera[TURN] = Rotation.from_matrix(turn).as_rotvec()
+            of_camera[PLACE] = gripper + away
 
     def _at(self, registers):
         self.data.qpos[:] = self.home + registers * self.spans
@@ -76,7 +77,7 @@ class Arm:
     def pinhole(self, place, camera):
         """The image point (2,) of a place (3,), by the definition of a pinhole with a lens."""
         log_focal, k1, *rest = self.numbers[self.chain.camera(camera)]
-        before = Rotation.from_rotvec(rest[:3]).apply(place) + rest[3:]
+        before = Rotation.from_rotvec(rest[:3]).apply(place - np.array(rest[3:]))
         flat = before[:2] / before[2]
         return np.exp(log_focal) * flat * (1 + k1 * flat @ flat)
 

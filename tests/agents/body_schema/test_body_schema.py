@@ -35,7 +35,7 @@ def test_after_a_few_trials_the_first_motion_ends_at_the_rendezvous(make_env, li
 def test_it_tells_which_camera_was_knocked_and_goes_on(make_env, live):
     knocked = [{"at": {"trial": 12}, "do": {"type": "camera_aim", "camera": "right", "degrees": 15}}]
     agent, lengths = live("body_schema", make_env(perturbations=knocked), seed=2, trials=20)
-    assert [event.kind for event in agent.body.events] == ["right camera"]
+    assert [event.kind for event in agent.body.events] == ["right camera turned"]
     assert agent.body.events[0].trial in (11, 12)
     assert np.mean(lengths[14:]) <= 1.5
 

@@ -6,7 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from agents.body_schema.chain import Chain, Views, projected, rotation, triangulated
+from agents.body_schema.chain import Chain, Views
+from agents.body_schema.pinholes import projected, triangulated
+from agents.body_schema.rotations import rotation
 from agents.body_schema.starts import composed
 from tests.agents.body_schema.chains import Arm
 
@@ -48,7 +50,8 @@ def test_derivatives_are_those_of_differences(mounts):
     chain, random, step = Chain(7, mounts), np.random.default_rng(2), 1e-6
     registers, homes = random.uniform(-0.4, 0.4, (3, 7)), random.uniform(-0.2, 0.2, (3, 4))
     numbers = arm.numbers + 0.02 * random.normal(size=chain.size)
-    derivatives = Views(chain, numbers, registers, homes).derivatives()
+    views = Views(chain, numbers, registers, homes)
+    derivatives = np.concatenate([views.by_numbers(), views.by_registers()], -1)
     for i in range(chain.size + 7):
         both = []
         for sign in (1, -1):
@@ -59,6 +62,17 @@ def test_derivatives_are_those_of_differences(mounts):
                 there[:, i - chain.size] += sign * step
             both.append(Views(chain, moved, there, homes).points)
         np.testing.assert_allclose(derivatives[..., i], (both[0] - both[1]) / (2 * step), atol=2e-6)
+
+
+def test_several_chains_at_once_are_each_as_alone():
+    arm = Arm("redundant.xml", "tool")
+    chain, random = Chain(7, (1, 3)), np.random.default_rng(4)
+    registers, homes = random.uniform(-0.4, 0.4, (3, 7)), random.uniform(-0.2, 0.2, (3, 4))
+    numbers = arm.numbers + 0.02 * random.normal(size=(2, chain.size))
+    both = Views(chain, numbers, registers, homes)
+    for several in (lambda views: views.points, Views.by_numbers, Views.by_registers):
+        alone = [several(Views(chain, each, registers, homes)) for each in numbers]
+        np.testing.assert_allclose(several(both), alone, atol=1e-12)
 
 
 @given(st.tuples(*3 * [st.floats(-0.4, 0.4)]).map(np.array))

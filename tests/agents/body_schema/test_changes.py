@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from agents.body_schema.body import Body
-from agents.body_schema.explanations import NOTHING, explained
-from agents.body_schema.starts import rolled
+from agents.body_schema.chain import Views
+from agents.body_schema.explanations import NOTHING, Change
+from agents.body_schema.pinholes import PLACE, TURN
+from agents.body_schema.starts import reversing, rolled
 from tests.agents.body_schema.chains import Arm
 
 BOTH = np.array([True, True])
@@ -17,23 +19,38 @@ def changed(arm, what):
         case "left camera":
             numbers = rolled(arm.chain, numbers, 0)[3]
             numbers[arm.chain.camera(0)][0] += 0.2
-        case "right camera":
-            numbers[arm.chain.camera(1)][2:5] += 0.1, -0.05, 0.02
-        case "motor 3":
+            numbers[arm.chain.camera(0)][PLACE] += 0.2, -0.1, 0.1
+        case "right camera turned":
+            numbers[arm.chain.camera(1)][TURN] += 0.1, -0.05, 0.02
+        case "motor 3 reversed":
             numbers[arm.chain.joint(2)][:6] *= -1
+        case "motor 2":
+            numbers[arm.chain.joint(1)][:6] *= 0.7
         case "gripper":
             numbers[arm.chain.gripper] += 0.08, 0.03, -0.05
     return numbers
 
 
-@pytest.mark.parametrize("what", [NOTHING, "left camera", "right camera", "motor 3", "gripper"])
+@pytest.mark.parametrize(
+    "what", [NOTHING, "left camera", "right camera turned", "motor 3 reversed", "motor 2", "gripper"]
+)
 def test_what_explains_is_what_has_changed(what):
     arm = Arm("redundant.xml", "tool")
     known = arm.known(arm.pairs(trials=30, seed=1))
     since = arm.pairs(trials=1, looks=10, seed=2, numbers=changed(arm, what))
     cameras = known.contradicted(since)
     assert cameras.any() == (what != NOTHING)
-    assert explained(known, since, BOTH).kind == what
+    assert Change(known, BOTH, since).explanation.kind == what
+
+
+def test_a_reversed_motor_does_for_a_register_what_it_did_for_its_negative():
+    arm = Arm("redundant.xml", "tool")
+    arm.numbers[arm.chain.joint(3)][6:] = 0.1, -0.2, 0.3
+    registers = np.random.default_rng(0).uniform(-0.4, 0.4, (10, arm.chain.motors))
+    mirrored = registers * np.where(np.arange(arm.chain.motors) == 3, -1, 1)
+    nothing = np.zeros((1, 4))
+    now = Views(arm.chain, reversing(arm.chain, 3) * arm.numbers, registers, nothing)
+    np.testing.assert_allclose(now.points, Views(arm.chain, arm.numbers, mirrored, nothing).points)
 
 
 def test_a_body_goes_on_with_what_has_not_changed():

@@ -1,0 +1,126 @@
+"""Pinhole cameras with a lens: where they see points, where two see a point to be, and how that changes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..base.observation import Array
+from .rotations import cross_matrix, rotation, rotation_and_jacobian, turned
+
+CAMERA = 8
+"""Numbers of a camera: the logarithm of its focal length in image units, a lens coefficient, the turn (3) of
+the room about it that takes its axis to z, and where in the room it is (3)."""
+TURN, PLACE = slice(2, 5), slice(5, 8)
+"""Which of them are the turn and the place."""
+NEAREST = 0.05
+"""Points are taken to be at least so far before a camera (a guard: they are divided by it)."""
+UNDISTORTIONS = 8
+"""Passes that undo a lens (a guard: each leaves a fifth of the error or less)."""
+PARALLEL = 1e-12
+"""Added to the square of the sine between two rays (a guard: it is divided by)."""
+
+
+def projected(cameras: Array, places: Array) -> Array:
+    """Image points (..., 2) of places (..., 3) in the room, by cameras' numbers (..., 8)."""
+    before = turned(rotation(cameras[..., TURN]), places - cameras[..., PLACE])
+    flat = before[..., :2] / np.maximum(before[..., 2:], NEAREST)
+    return np.asarray(np.exp(cameras[..., :1]) * flat * (1 + cameras[..., 1:2] * _squared(flat)))
+
+
+def by_place(cameras: Array, places: Array) -> Array:
+    """Derivatives of image points by places (..., 2, 3)."""
+    turn = rotation(cameras[..., TURN])
+    return np.asarray(_by_before(cameras, turned(turn, places - cameras[..., PLACE])) @ turn)
+
+
+def by_camera(cameras: Array, places: Array) -> Array:
+    """By cameras' numbers (..., 2, 8)."""
+    turn, jacobian = rotation_and_jacobian(cameras[..., TURN])
+    before = turned(turn, places - cameras[..., PLACE])
+    flat = before[..., :2] / np.maximum(before[..., 2:], NEAREST)
+    by_lens = np.exp(cameras[..., :1]) * flat * _squared(flat)
+    by_focal = np.exp(cameras[..., :1]) * flat + cameras[..., 1:2] * by_lens
+    by_before = _by_before(cameras, before)
+    by_turn = -by_before @ cross_matrix(before) @ jacobian
+    return np.concatenate([by_focal[..., None], by_lens[..., None], by_turn, -by_before @ turn], -1)
+
+
+def _by_before(cameras: Array, before: Array) -> Array:
+    """Derivatives of image points (..., 2, 3) by where points are before their cameras (..., 3)."""
+    depths = np.maximum(before[..., 2:], NEAREST)
+    flat = before[..., :2] / depths
+    of_flat = np.zeros((*before.shape[:-1], 2, 3))
+    of_flat[..., 0, 0] = of_flat[..., 1, 1] = 1 / depths[..., 0]
+    of_flat[..., 2] = -flat / depths * (before[..., 2:] > NEAREST)
+    return np.asarray(np.exp(cameras[..., :1, None]) * (_lens_derivatives(cameras, flat) @ of_flat))
+
+
+def triangulated(cameras: Array, sensors: Array) -> Array:
+    """Places (..., n, 3) in the room, seen at sensors (n, 4): midway between the rays of both cameras.
+
+    Args:
+        cameras: Of the left and the right camera (..., 2, 8).
+        sensors: In image units.
+    """
+    return _Rays(cameras, sensors).places
+
+
+def triangulation_derivatives(cameras: Array, sensors: Array) -> Array:
+    """Of these places by all numbers of both cameras (..., n, 3, 16)."""
+    return _Rays(cameras, sensors).derivatives()
+
+
+class _Rays:
+    """The place X of least distances from both rays f: Rᵀ (1 - f fᵀ / fᵀf) R (X - place) have a sum of 0."""
+
+    def __init__(self, cameras: Array, sensors: Array) -> None:
+        numbers = np.moveaxis(cameras, -2, 0)[..., None, :]  # (2, ..., 1, 8)
+        seen = np.moveaxis(sensors.reshape(-1, 2, 2), 1, 0)
+        seen = seen.reshape(2, *[1] * (numbers.ndim - 3), -1, 2)
+        self._cameras, self._places = numbers, numbers[..., PLACE]
+        self._flat = _undistorted(numbers, seen * np.exp(-numbers[..., :1]))
+        self._ahead = np.concatenate([self._flat, np.ones_like(self._flat[..., :1])], -1)
+        self._lengths = _squared(self._ahead)[..., None]
+        self._off_ray = np.eye(3) - self._ahead[..., :, None] * self._ahead[..., None, :] / self._lengths
+        self._turns, self._jacobians = rotation_and_jacobian(numbers[..., TURN])
+        self._backs = self._turns.swapaxes(-1, -2)
+        curved = self._backs @ self._off_ray @ self._turns
+        self._curved = curved.sum(0) + PARALLEL * np.eye(3)
+        self.places = np.linalg.solve(self._curved, turned(curved, self._places).sum(0)[..., None])[..., 0]
+
+    def derivatives(self) -> Array:
+        """Of the place, as the sum stays 0."""
+        ahead, unit = self._ahead[..., :, None], np.eye(3)
+        before = turned(self._turns, self.places - self._places)[..., :, None]
+        along = ahead.swapaxes(-1, -2) @ before / self._lengths
+        left = (before - along * ahead)[..., 0]
+        by_ahead = -along * unit - ahead @ before.swapaxes(-1, -2) / self._lengths
+        by_ahead += 2 * along * ahead @ ahead.swapaxes(-1, -2) / self._lengths
+        growth = _squared(self._flat)
+        distorted = self._flat * (1 + self._cameras[..., 1:2] * growth)
+        by_lens = -np.linalg.solve(
+            _lens_derivatives(self._cameras, self._flat), np.stack([distorted, self._flat * growth], -1)
+        )
+        by_turn = (cross_matrix(left) - self._off_ray @ cross_matrix(before[..., 0])) @ self._jacobians
+        by_numbers = np.concatenate([by_ahead[..., :2] @ by_lens, by_turn, -self._off_ray @ self._turns], -1)
+        left_camera, right_camera = self._backs @ by_numbers
+        return np.asarray(-np.linalg.solve(self._curved, np.concatenate([left_camera, right_camera], -1)))
+
+
+def _undistorted(cameras: Array, distorted: Array) -> Array:
+    flat = distorted
+    for _ in range(UNDISTORTIONS):
+        flat = distorted / (1 + cameras[..., 1:2] * _squared(flat))
+    return flat
+
+
+def _lens_derivatives(cameras: Array, flat: Array) -> Array:
+    """Of what a lens makes of points (..., 2) at a focal length of one, by these (..., 2, 2)."""
+    lens, unit = cameras[..., 1:2, None], np.eye(2)
+    growth = 1 + lens * _squared(flat)[..., None]
+    return np.asarray(growth * unit + 2 * lens * flat[..., :, None] * flat[..., None, :])
+
+
+def _squared(vectors: Array) -> Array:
+    """Squares of their lengths (..., 1)."""
+    return np.asarray((vectors * vectors).sum(-1, keepdims=True))
