@@ -20,7 +20,7 @@ from ..servo.servo_agent import Servo, ServoAgent
 from ..servo.trial import Findings, Stops
 from .body import Body
 from .known import Known
-from .meeting import Seeker
+from .meeting import Meeting, Seeker
 
 GRIPPER_POINTS = np.array([True, True, False, False])
 Going = Generator[Array, Observation, tuple[Observation, bool]]
@@ -79,10 +79,12 @@ class BodySchema(ServoAgent):
         while known is not None and now.visible.all() and not now.last:
             noise_px = findings.filter.noise.px
             place = Seeker(known, home.object, now, noise_px, _stops(findings)).seek()
-            slopes = Slopes.of(place.jacobian, now.registers)
-            findings.estimator = self.servo.new_estimator(self.motors, slopes)
             enough_px = max(self.LEFT * now.distance_px, self.NOISES * noise_px)
-            if place.deviation_px > enough_px:
+            near = self._off_px(place, known) <= enough_px
+            if near or known.fits:
+                slopes = Slopes.of(place.jacobian, now.registers)
+                findings.estimator = self.servo.new_estimator(self.motors, slopes)
+            if not near:
                 break
             now, arrived = yield from self._go(place.registers, now, home, known, findings)
             surprised = bool(findings.filter.inconsistent.any())
@@ -131,12 +133,14 @@ class BodySchema(ServoAgent):
             The distance in an image, root mean square, in pixels; None where it knows nothing, or does not
             see the object.
         """
-        home = Observation.of(first)
-        if self.body.known is None or not home.visible.all():
+        home, known, noise_px = Observation.of(first), self.body.known, self.filter.noise.px
+        if known is None or not home.visible.all():
             return None
-        return (
-            Seeker(self.body.known, home.object, home, self.filter.noise.px, self.stops).seek().deviation_px
-        )
+        return self._off_px(Seeker(known, home.object, home, noise_px, self.stops).seek(), known)
+
+    def _off_px(self, place: Meeting, known: Known) -> float:
+        """How far off that place will be: at least as far as in earlier trials, where the chain does not fit."""
+        return float(np.hypot(place.deviation_px, 0.0 if known.fits else self.body.off_px))
 
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Every look teaches, however the trial ends."""

@@ -53,7 +53,7 @@ class Body:
     """So many latest trials tell what it is, and no more than so many looks. Choice: several times what seven
     joints need; a fit takes as long as there are looks."""
     NEWER = 10
-    """Where these no longer agree, so many do. Choice: so a drift is followed."""
+    """Where these no longer agree, so many do; by so many its errors count. Choice: so a drift is followed."""
     STARTS, GO_ON_WITH = 8, 3
     """It is sought from so many drawn arms, and on from the best of them. Choice: one in three ends right."""
     GUESSES = 3
@@ -73,6 +73,7 @@ class Body:
         self.known: Known | None = None
         self.events: list[Event] = []
         self.trials = 0
+        self._offs_px = np.empty(0)
         self._seed = seed
         self._searched = 0
         self._change: Change | None = None
@@ -85,6 +86,7 @@ class Body:
         if self.known is None:
             self._search(pairs)
             return
+        self._offs_px = np.append(self._offs_px, self.known.off_px(pairs))[-self.NEWER :]
         if self._change and self.trials > self._change.trial + self.RECENT:
             self._change = None
         cameras = self.known.contradicted(pairs) if self.known.explains else NO_CAMERA
@@ -113,6 +115,11 @@ class Body:
             if best.kind != NOTHING:
                 return Known(self.known.chain, best.before, change.since, best.fitted)
         return self._refitted(self.known, self.known.seen + pairs)
+
+    @property
+    def off_px(self) -> float:
+        """How far from where it expected them gripper points were in the latest trials, root mean square."""
+        return float(np.sqrt(np.square(self._offs_px).mean())) if len(self._offs_px) else 0.0
 
     def _likely_change(self, pairs: Pairs, cameras: Flags) -> Change:
         """That which explains what contradicts: one now, or one lately of which too little was seen."""
@@ -203,6 +210,7 @@ class Body:
         arrays = {
             **prefixed("known", self.known.arrays() if self.known else {}),
             "counts": np.array([self.trials, self._searched]),
+            "offs_px": self._offs_px,
             "events": np.array(self.events, str).reshape(-1, 2),
         }
         if self._change:
@@ -221,4 +229,5 @@ class Body:
             cameras = checked_array(arrays, "changed_cameras", (2,)) > 0
             self._change = Change(Known.of(before, self.motors), cameras, Pairs.of(under("since", arrays)))
         self.trials, self._searched = int(trials), int(searched)
+        self._offs_px = checked_array(arrays, "offs_px", (None,))
         self.events = [Event(int(trial), kind) for trial, kind in arrays["events"]]

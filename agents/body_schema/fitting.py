@@ -26,15 +26,20 @@ JOINT_STD = (2.0, 2.0, 2.0, 2.0, 2.0, 2.0, 0.3, 0.3, 0.3)
 GRIPPER_STD = (1.0, 1.0, 1.0)
 CAMERA_STD = (0.35, 0.06, 2.0, 2.0, 2.0, 1.5, 1.5, 1.5)
 """How widely numbers may differ before anything is seen: of any arm, of any camera. Choice: wide. Images
-alone leave the unit of lengths open, and shifts along axes."""
+alone leave shifts along axes open."""
 FIXED_STD = 1e-3
-"""The room's frame is that of the left camera, and joints stand at home where they stand: by so much these
-may differ at first (a guard: it is divided by)."""
+"""The room's frame is that of the left camera, joints stand at home where they stand, and the gripper's
+distance there tells the unit of lengths: by so much these may differ at first (a guard: it is divided by).
+Without such conventions, evidence would count what no image tells."""
 OBJECT_NOISE = 2.0
 """An object's point is so much less exact than the gripper's: where it should be is told from its home view,
 which is noisy, too. Choice."""
 OUTLYING = 8.0
 """Points so many times the noise from where they should be are outliers, as for `self_calibrating`."""
+
+
+ROUNDING = 1e-10
+"""Share of an information that is taken for errors of rounding (a guard)."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +71,12 @@ class Gaussian:
 
     def but_for(self, changed: NDArray[np.bool_], std: Array) -> Self:
         """The same, but for numbers that have changed (p,): these may differ from before by `std` (p,)."""
-        kept = ~changed
-        information = np.zeros_like(self.information)
-        across = self.information[np.ix_(kept, changed)]
-        told_by_changed = across @ np.linalg.solve(self.information[np.ix_(changed, changed)], across.T)
-        information[np.ix_(kept, kept)] = self.information[np.ix_(kept, kept)] - told_by_changed
-        information[changed, changed] = 1 / std[changed] ** 2
-        return type(self)(self.mean, (information + information.T) / 2)
+        order = np.argsort(~changed, kind="stable")
+        kept, first = order[changed.sum() :], changed.sum()
+        factor = cholesky(self.information[np.ix_(order, order)])[first:, first:]
+        information = np.diag(1 / std**2)
+        information[np.ix_(kept, kept)] = factor @ factor.T
+        return type(self)(self.mean, information)
 
     def mirrored(self, signs: Array) -> Self:
         """The same of numbers that have other signs (p,)."""
@@ -81,12 +85,17 @@ class Gaussian:
     @cached_property
     def root(self) -> Array:
         """R (p, p) with R Rᵀ the covariance: numbers are `mean` + R z of independent standard normal z."""
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.information)).T)
+        return np.asarray(np.linalg.inv(cholesky(self.information)).T)
 
     @cached_property
     def log_density(self) -> float:
         """Logarithm of the density at the mean, but for a constant that all have."""
-        return float(np.linalg.slogdet(self.information)[1] / 2)
+        return float(np.log(np.diag(cholesky(self.information))).sum())
+
+
+def cholesky(information: Array) -> Array:
+    """Its lower factor (p, p); so small an eigenvalue as rounding makes negative counts as positive."""
+    return np.linalg.cholesky(information + ROUNDING * np.diag(np.diag(information)))
 
 
 def any_std(chain: Chain) -> Array:

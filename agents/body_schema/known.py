@@ -63,13 +63,23 @@ class Known:
         return log_evidence(self.before, self.fitted, self.numbers)
 
     @cached_property
-    def explains(self) -> bool:
-        """Whether it explains most of what was seen, by fewer numbers than that has."""
+    def fits(self) -> bool:
+        """Whether it explains most of what was seen."""
         lengths = np.linalg.norm(self.fitted.residuals, axis=-1)
         of_each = [points[points > 0] for points in (lengths[:, :2], lengths[:, 2:])]
-        if self.before.anything and 2 * sum(map(len, of_each)) < self.SPARE * self.chain.size:
-            return False
         return all(np.quantile(points, self.EXPLAINED) < self.WITHIN for points in of_each if len(points))
+
+    @property
+    def explains(self) -> bool:
+        """Whether it does so by fewer numbers than that has."""
+        seen = np.count_nonzero(self.fitted.residuals)
+        return self.fits and not (self.before.anything and seen < self.SPARE * self.chain.size)
+
+    def off_px(self, pairs: Pairs) -> float:
+        """How far most of the gripper's points are from where they should be, in pixels."""
+        views = Views(self.chain, self.fitted.numbers, pairs.registers, pairs.homes)
+        off = views.points[:, :2].reshape(-1, 4) - pairs.sensors
+        return float(np.quantile(np.linalg.norm(off.reshape(-1, 2), axis=1), self.EXPLAINED)) / IMAGE_UNIT
 
     def expected(self, registers: Array, home: Array) -> tuple[Array, Array]:
         """What should be seen at registers (m,), of an object that is seen from home at `home` (4,).
