@@ -53,7 +53,8 @@ class Body:
     """So many latest trials tell what it is, and no more than so many looks. Choice: several times what seven
     joints need; a fit takes as long as there are looks."""
     NEWER = 10
-    """Where these no longer agree, so many do; by so many its errors count. Choice: so a drift is followed."""
+    """Where these no longer agree, so many do; and so many tell how wrong it is. Choice: so a drift is
+    followed."""
     STARTS, GO_ON_WITH = 8, 3
     """It is sought from so many drawn arms, and on from the best of them. Choice: one in three ends right."""
     GUESSES = 3

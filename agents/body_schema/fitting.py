@@ -95,7 +95,7 @@ class Gaussian:
 
 def cholesky(information: Array) -> Array:
     """Its lower factor (p, p); so small an eigenvalue as rounding makes negative counts as positive."""
-    return np.linalg.cholesky(information + ROUNDING * np.diag(np.diag(information)))
+    return np.asarray(np.linalg.cholesky(information + ROUNDING * np.diag(np.diag(information))))
 
 
 def any_std(chain: Chain) -> Array:
