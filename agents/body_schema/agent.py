@@ -139,7 +139,7 @@ class BodySchema(ServoAgent):
         return self._off_px(Seeker(known, home.object, home, noise_px, self.stops).seek(), known)
 
     def _off_px(self, place: Meeting, known: Known) -> float:
-        """How far off it will be there; where the chain does not fit, at least as far as in earlier trials."""
+        """How far off it will be there: where the chain does not fit, as far as in earlier trials or more."""
         return float(np.hypot(place.deviation_px, 0.0 if known.fits else self.body.off_px))
 
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:

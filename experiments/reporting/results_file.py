@@ -270,6 +270,9 @@ def _write(rows: list[dict[str, Any]], about: dict[str, Any], target: Path) -> N
         use_dictionary=[name for name in SCHEMA.names if name not in _COUNTERS],
         column_encoding=dict.fromkeys(_COUNTERS, "DELTA_BINARY_PACKED"),
         store_schema=False,
+        write_statistics=False,
+        data_page_size=2**30,
+        max_rows_per_page=2**30,  # pages are packed one by one
     ) as writer:
         writer.write_table(table)
         writer.add_key_value_metadata({_METADATA: packed})
