@@ -98,23 +98,19 @@ class Body:
         else:
             self._go_on(pairs)
 
-    def with_looks(self, pairs: Pairs, sure: bool) -> Known | None:
-        """What it would be taken for, had these been seen as well; of a trial that goes on.
+    def with_looks(self, pairs: Pairs, sure: bool) -> Known:
+        """What it would be taken for, had these been seen as well; of a trial that goes on, not the first.
 
         Args:
             pairs: The trial's.
             sure: Whether nothing among them can be mistaken.
         """
-        if self.known is None:
-            return None
-        cameras = NO_CAMERA
-        if self.known.explains:
-            cameras = self.known.contradicted(pairs, 1 if sure else Known.LEAST)
-        if cameras.any():
-            change = self._likely_change(pairs, cameras)
-            best = change.explanation
+        assert self.known is not None
+        least = 1 if sure else Known.LEAST
+        if self.known.explains and (cameras := self.known.contradicted(pairs, least)).any():
+            best = self._likely_change(pairs, cameras).explanation
             if best.kind != NOTHING:
-                return Known(self.known.chain, best.before, change.since, best.fitted)
+                return best.known
         return self._refitted(self.known, self.known.seen + pairs)
 
     @property
@@ -195,7 +191,7 @@ class Body:
             self._change = None
             return
         self.events.append(Event(change.trial, best.kind))
-        self.known = Known(before.chain, best.before, self._latest(since), best.fitted)
+        self.known = best.known
         if not self.known.explains:
             self._searched = self._searched if again else 0
             self._search(self.known.seen)

@@ -14,7 +14,7 @@ import numpy as np
 from calfree_gym.image import CAMERAS
 
 from ..base.observation import POINTS, Array
-from .pinholes import CAMERA, TURN, by_camera, by_place, projected, triangulated, triangulation_derivatives
+from .pinholes import CAMERA, TURN, Triangulation, by_camera, by_place, projected
 from .rotations import turned
 from .twists import JOINT, Twists
 
@@ -77,7 +77,7 @@ class Views:
     """
 
     def __init__(self, chain: Chain, numbers: Array, registers: Array, homes: Array) -> None:
-        self._chain, self._homes = chain, homes
+        self._chain = chain
         several, (count, motors) = numbers.shape[:-1], registers.shape
         joints = numbers[..., : chain.gripper.start].reshape(*several, motors, 1, JOINT)
         self._joints = np.moveaxis(joints, -3, 0)
@@ -89,7 +89,8 @@ class Views:
         self._gripper = [np.broadcast_to(numbers[..., None, chain.gripper], places)]
         for turn, shift in reversed(moves):  # by ever more of the last joints
             self._gripper.append(turned(turn, self._gripper[-1]) + shift)
-        self._object = [np.broadcast_to(triangulated(self._cameras, homes), places)]
+        self._seen_from_home = Triangulation(self._cameras, homes)
+        self._object = [np.broadcast_to(self._seen_from_home.places, places)]
         for turn, shift in moves[: max(chain.mounts)]:  # as a camera sees it that ever more joints move
             self._object.append(turned(turn.swapaxes(-1, -2), self._object[-1] - shift))
         self.points = np.empty((*several, count, POINTS, 2))
@@ -110,7 +111,7 @@ class Views:
         gripper = np.zeros((*self.points.shape[:-2], 3, chain.size))
         object_ = np.zeros_like(gripper)
         gripper[..., chain.gripper] = np.eye(GRIPPER)
-        object_[..., chain.cameras] = triangulation_derivatives(self._cameras, self._homes)
+        object_[..., chain.cameras] = self._seen_from_home.derivatives()
         columns = [chain.joint(joint) for joint in range(chain.motors)]
         by_all = self._of_points(*self._of_places(gripper, object_, Twists.by_numbers, columns))
         for point, camera, place in self._seen(self._gripper, self._object):

@@ -14,7 +14,7 @@ from calfree_gym.image import CAMERAS
 from ..adaptation.detector import NO_CAMERA
 from ..adaptation.pairs import Pairs
 from ..base.observation import Array, Flags
-from .fitting import Fit, Fitted, Gaussian, any_std, log_evidence
+from .fitting import Fit, Gaussian, any_std
 from .known import Known
 from .starts import reversing, rolled
 
@@ -31,14 +31,12 @@ class Explanation(NamedTuple):
     Attributes:
         kind: "nothing", "left camera", "left camera turned", "both cameras", "motor 1", "motor 1 reversed",
             "gripper" and so on.
-        before: What is known of all numbers without what is seen now.
-        fitted: What explains that best.
+        known: What is known then.
         evidence: The logarithm of its odds.
     """
 
     kind: str
-    before: Gaussian
-    fitted: Fitted
+    known: Known
     evidence: float
 
 
@@ -72,36 +70,36 @@ class Change:
 
     def _explanations(self) -> Iterator[Explanation]:
         chain, numbers = self.known.chain, self.known.numbers
-        yield self._by(NOTHING, [], numbers.mean[None])
-        of_cameras = []
-        for camera in (each for each in range(len(CAMERAS)) if self.cameras[each]):
-            name, starts = f"{CAMERAS[camera]} camera", rolled(chain, numbers.mean, camera)
-            of_cameras.append(self._by(name, [chain.camera(camera)], starts))
-            yield self._by(f"{name} turned", [chain.turn(camera)], starts)
-        yield from of_cameras
+        yield self._by(NOTHING, numbers, numbers.mean[None])
+        both = numbers.mean.copy()
+        for camera, name in enumerate(CAMERAS):
+            if not self.cameras[camera]:
+                continue
+            starts, of_camera = rolled(chain, numbers.mean, camera), chain.camera(camera)
+            yield self._by(f"{name} camera turned", self._but_for(chain.turn(camera)), starts)
+            changed = self._by(f"{name} camera", self._but_for(of_camera), starts)
+            yield changed
+            both[of_camera] = changed.known.fitted.numbers[of_camera]
         if not self.cameras.all():
             return
-        both = numbers.mean.copy()
-        for camera, each in enumerate(of_cameras):
-            both[chain.camera(camera)] = each.fitted.numbers[chain.camera(camera)]
-        yield self._by("both cameras", [chain.cameras], both[None])
+        yield self._by("both cameras", self._but_for(chain.cameras), both[None])
         for motor in range(chain.motors):
-            name, signs = f"motor {motor + 1}", reversing(chain, motor)
-            yield self._by(name, [chain.joint(motor)], np.stack([numbers.mean, signs * numbers.mean]))
-            yield self._by(f"{name} reversed", [], (signs * numbers.mean)[None], numbers.mirrored(signs))
-        yield self._by("gripper", [chain.gripper], numbers.mean[None])
+            name, mirrored = f"motor {motor + 1}", numbers.mirrored(reversing(chain, motor))
+            starts = np.stack([numbers.mean, mirrored.mean])
+            yield self._by(name, self._but_for(chain.joint(motor)), starts)
+            yield self._by(f"{name} reversed", mirrored, mirrored.mean[None])
+        yield self._by("gripper", self._but_for(chain.gripper), numbers.mean[None])
 
-    def _by(
-        self, kind: str, changed: list[slice], starts: Array, before: Gaussian | None = None
-    ) -> Explanation:
-        """By numbers that changed to any others, or are known otherwise `before`."""
-        chain, numbers = self.known.chain, before or self.known.numbers
+    def _but_for(self, changed: slice) -> Gaussian:
+        """What was known, where some numbers may have changed to any others."""
+        chain = self.known.chain
         which = np.zeros(chain.size, bool)
-        for each in changed:
-            which[each] = True
-        now = numbers.but_for(which, any_std(chain)) if changed else numbers
-        fit = Fit(chain, self.since, now)
-        fitted = min(fit(starts, STEPS), key=lambda each: each.cost)
-        after = fit.known(fitted)
+        which[changed] = True
+        return self.known.numbers.but_for(which, any_std(chain))
+
+    def _by(self, kind: str, before: Gaussian, starts: Array) -> Explanation:
+        """The explanation by what was known `before`, fitted from `starts` (s, p)."""
+        fits = Fit(self.known.chain, self.since, before)(starts, STEPS)
+        known = Known(self.known.chain, before, self.since, min(fits, key=lambda each: each.cost))
         odds = np.log(SELDOM) if kind == NOTHING else 0.0
-        return Explanation(kind, now, fitted, odds + log_evidence(now, fitted, after))
+        return Explanation(kind, known, odds + known.evidence)

@@ -153,15 +153,9 @@ class Fit:
         numbers, off = before.mean + z @ root.T, off.reshape(len(z), -1, POINTS, 2)
         return [Fitted(*each) for each in zip(numbers, costs, off, strict=True)]
 
-    def known(self, fitted: Fitted, at: Array | None = None) -> Gaussian:
-        """What is known of all numbers after that, as if images were linear in them.
-
-        Args:
-            fitted: What explains it best.
-            at: Numbers (p,) about which they are linearised, unless about those.
-        """
-        numbers = fitted.numbers if at is None else at
-        by_numbers = self._views(numbers).by_numbers()
+    def known(self, fitted: Fitted) -> Gaussian:
+        """What is known of all numbers after that, as if images were linear in them."""
+        by_numbers = self._views(fitted.numbers).by_numbers()
         weights = cauchy_weights(np.linalg.norm(fitted.residuals, axis=-1) / OUTLYING)
         by_numbers *= (self._per_noise * np.sqrt(weights)[..., None])[..., None]
         by_numbers = by_numbers.reshape(-1, self._chain.size)

@@ -77,7 +77,7 @@ class Known:
 
     def off_px(self, pairs: Pairs) -> float:
         """How far most of the gripper's points are from where they should be, in pixels."""
-        views = Views(self.chain, self.fitted.numbers, pairs.registers, pairs.homes)
+        views = self._views(pairs)
         off = views.points[:, :2].reshape(-1, 4) - pairs.sensors
         return float(np.quantile(np.linalg.norm(off.reshape(-1, 2), axis=1), self.EXPLAINED)) / IMAGE_UNIT
 
@@ -92,12 +92,15 @@ class Known:
 
     def contradicted(self, pairs: Pairs, least: int = LEAST) -> Flags:
         """Which cameras (2,) see something else than they should, in so many looks at least."""
-        views = Views(self.chain, self.fitted.numbers, pairs.registers, pairs.homes)
+        views = self._views(pairs)
         points, per_noise = seen_points(pairs)
         off = np.linalg.norm((views.points - points) * per_noise, axis=-1)
         deviations = np.sqrt(1 + self._variances(views) * per_noise[..., 0] ** 2)
         off_of_each = (off > self.SIGMAS * deviations).reshape(-1, 2, len(CAMERAS)).any(1)
         return np.asarray((off_of_each.sum(0) >= least) & (off_of_each.mean(0) >= self.SHARE))
+
+    def _views(self, pairs: Pairs) -> Views:
+        return Views(self.chain, self.fitted.numbers, pairs.registers, pairs.homes)
 
     def _variances(self, views: Views) -> Array:
         """Of a coordinate of each point (n, 4), in square image units."""

@@ -55,23 +55,18 @@ def _by_before(cameras: Array, before: Array) -> Array:
     return np.asarray(np.exp(cameras[..., :1, None]) * (_lens_derivatives(cameras, flat) @ of_flat))
 
 
-def triangulated(cameras: Array, sensors: Array) -> Array:
-    """Places (..., n, 3) in the room, seen at sensors (n, 4): midway between the rays of both cameras.
+class Triangulation:
+    """Where two cameras see points: midway between the rays f of both, at least distances from them.
+
+    So all Rᵀ (1 - f fᵀ / fᵀf) R (X - place) have a sum of 0.
+
+    Attributes:
+        places: X in the room (..., n, 3).
 
     Args:
         cameras: Of the left and the right camera (..., 2, 8).
-        sensors: In image units.
+        sensors: What they see (n, 4), in image units.
     """
-    return _Rays(cameras, sensors).places
-
-
-def triangulation_derivatives(cameras: Array, sensors: Array) -> Array:
-    """Of these places by all numbers of both cameras (..., n, 3, 16)."""
-    return _Rays(cameras, sensors).derivatives()
-
-
-class _Rays:
-    """The place X of least distances from both rays f: Rᵀ (1 - f fᵀ / fᵀf) R (X - place) have a sum of 0."""
 
     def __init__(self, cameras: Array, sensors: Array) -> None:
         numbers = np.moveaxis(cameras, -2, 0)[..., None, :]  # (2, ..., 1, 8)
@@ -89,7 +84,7 @@ class _Rays:
         self.places = np.linalg.solve(self._curved, turned(curved, self._places).sum(0)[..., None])[..., 0]
 
     def derivatives(self) -> Array:
-        """Of the place, as the sum stays 0."""
+        """Of the places by all numbers of both cameras (..., n, 3, 16), as the sum stays 0."""
         ahead, unit = self._ahead[..., :, None], np.eye(3)
         before = turned(self._turns, self.places - self._places)[..., :, None]
         along = ahead.swapaxes(-1, -2) @ before / self._lengths

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from agents.body_schema.chain import Chain, Views
-from agents.body_schema.pinholes import projected, triangulated
+from agents.body_schema.pinholes import Triangulation, projected
 from agents.body_schema.rotations import rotation
 from agents.body_schema.starts import composed
 from tests.agents.body_schema.chains import Arm
@@ -81,7 +81,7 @@ def test_what_two_cameras_see_is_where_they_see_it(offset):
     cameras = arm.numbers[arm.chain.cameras].reshape(2, 8)
     place = arm.numbers[arm.chain.gripper] + offset
     sensors = np.concatenate([projected(camera, place) for camera in cameras])
-    np.testing.assert_allclose(triangulated(cameras, sensors[None])[0], place, atol=1e-4)
+    np.testing.assert_allclose(Triangulation(cameras, sensors[None]).places[0], place, atol=1e-4)
 
 
 @given(TURNS)

@@ -64,6 +64,17 @@ def test_a_body_goes_on_with_what_has_not_changed():
     assert not body.known.contradicted(arm.pairs(trials=1, looks=8, seed=3, numbers=numbers)).any()
 
 
+def test_more_looks_at_a_change_than_a_fit_takes_explain_it():
+    arm = Arm("scara.xml", "tip")
+    body = Body(arm.chain.motors)
+    body.learn(arm.pairs(trials=20, seed=1))
+    numbers = changed(arm, "left camera")
+    for seed in range(2, 6):  # in each trial fewer looks than in a fit, in all of them more
+        body.learn(arm.pairs(trials=1, looks=Body.LOOKS // 3, seed=seed, numbers=numbers))
+    assert [event.kind for event in body.events] == ["left camera"]
+    assert not body.known.contradicted(arm.pairs(trials=1, looks=8, seed=6, numbers=numbers)).any()
+
+
 def test_a_trial_with_mistaken_points_is_no_change():
     arm = Arm("scara.xml", "tip")
     known = arm.known(arm.pairs(trials=20, seed=1))
