@@ -36,7 +36,7 @@ docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # Every kept result anew, training and tuning apart. Started again, it goes on where it was.
-SUITES := paper arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions
+SUITES := paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions
 BENCHMARKS := coverage controllers sensitivity speed
 parts_of_controllers := controllers models robust servo table
 
@@ -45,7 +45,7 @@ results: results-suites
 	$(MAKE) benchmark-speed  # alone, for it measures time
 	$(BIN)/python -m experiments results-tables
 
-results-suites: venv $(if $(filter arms body-schema,$(SUITES)),arms)
+results-suites: venv $(if $(filter arms unseen-arms body-schema,$(SUITES)),arms)
 	for suite in $(SUITES); do \
 		$(BIN)/python -m experiments run configs/$$suite.yaml --out build/results/$$suite --jobs $(JOBS) \
 		&& $(BIN)/python -m experiments keep build/results/$$suite || exit 1; \

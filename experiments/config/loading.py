@@ -46,14 +46,15 @@ KINDS = (
 class _StrictLoader(yaml.SafeLoader):
     """`yaml.SafeLoader`, except that a key that stands twice is an error."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        keys = [(key.tag, key.value) for key, _ in node.value]
         for (key_node, _), key in zip(node.value, keys, strict=True):
             if keys.count(key) > 1:
                 raise yaml.MarkedYAMLError(
-                    problem=f"the key {key!r} stands twice", problem_mark=key_node.start_mark
+                    problem=f"the key {key_node.value!r} stands twice", problem_mark=key_node.start_mark
                 )
-        return super().construct_mapping(node, deep)
+        return node
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Suite:

@@ -29,6 +29,7 @@ class FetchedArm(NamedTuple):
 
 _FETCH = "robot0:{}_joint".format
 _VIPER = "vx300s_left/{}".format
+_OF_ROBOSUITE = ["baxter", "iiwa", "jaco", "kinova3", "sawyer", "spot_arm", "tiago", "ur5e", "xarm7"]
 
 FETCHED = {
     "so101": FetchedArm(
@@ -74,6 +75,14 @@ FETCHED = {
             ],
         },
     ),
+    **{  # of Baxter and Tiago the right arm
+        name: FetchedArm(
+            "robosuite==1.5.2",
+            f"robosuite/models/assets/robots/{name}/robot.xml",
+            {"gripper": "right_hand"},
+        )
+        for name in _OF_ROBOSUITE
+    },
 }
 
 

@@ -149,7 +149,8 @@ class Parts:
             names = _list([self.joints[joint] for joint in found])
             raise ValueError(
                 f"the arm has {len(found)} motors, {names}; it must have {FEWEST} to {MOST}. motors= chooses "
-                f"among {_list(list(movable))}, and base= says where the chain starts"
+                f"among {_list(list(movable))}; the chain starts at base={self.base!r} and ends where "
+                f"gripper={self.gripper[1]!r} is, at the body {self.bodies[self.holder]!r}"
             )
         return found
 

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from experiments.__main__ import main
-from experiments.config.loading import load
+from experiments.config.loading import load, read_yaml
 from experiments.errors import ConfigError
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -166,6 +166,11 @@ def test_a_missing_key_is_named(suite_data, write_config):
 def test_files_that_are_no_mapping(write_config, text, said):
     with pytest.raises(ConfigError, match=said):
         load(write_config(text))
+
+
+def test_a_mapping_may_take_over_the_keys_of_another(tmp_path):
+    (tmp_path / "merged.yaml").write_text("one: &one {a: 1, b: 2}\ntwo:\n  <<: *one\n  b: 3\n")
+    assert read_yaml(tmp_path / "merged.yaml")["two"] == {"a": 1, "b": 3}
 
 
 def test_a_missing_file_is_named(tmp_path):

@@ -127,6 +127,14 @@ def chain(joints, equality="", mocap=""):
     )
 
 
+def test_too_few_motors_say_where_the_chain_was_taken_to_begin_and_to_end():
+    refused(
+        "has 2 motors, a, b; .* starts at base='link 0' and ends where gripper='link 1' is, at .* 'link 1'",
+        model=chain("abcd"),
+        gripper="link 1",
+    )
+
+
 def test_more_than_seven_motors_must_be_chosen():
     model = chain("abcdefgh")
     refused(
@@ -183,7 +191,7 @@ def test_homes_that_cannot_be():
 def test_bases_that_cannot_be():
     refused_change("mobile", "base is 'mont' .did you mean mount", base="mont")
     refused_change("mobile", "base is 'world'", base="world")
-    refused_change("mobile", r"has 2 motors.*base= says where the chain starts", base="wrist")
+    refused_change("mobile", r"has 2 motors.*the chain starts at base='wrist'", base="wrist")
 
 
 def test_ranges_that_cannot_be():
