@@ -83,7 +83,7 @@ def few_worlds(suite: Suite) -> str:
         return ""
     return (
         f" With {counted(suite.worlds, 'world')}, fewer than {ENOUGH_WORLDS}, no ranking of agents is "
-        "claimed: the thin lines of the figures are single worlds."
+        "claimed."
     )
 
 
@@ -115,6 +115,7 @@ def where_it_stands(
     scenario: ScenarioConfig | SweepConfig,
     trials: str,
     marks: tuple[str, str] = ("lines", "bands"),
+    single_worlds: bool = True,
 ) -> str:
     """What a figure needs beside it: threshold, unit of resampling, number of worlds, what agents know.
 
@@ -123,14 +124,16 @@ def where_it_stands(
         scenario: What the figure is of.
         trials: Which trials it shows.
         marks: How means and their intervals are drawn.
+        single_worlds: Whether it shows these in place of intervals, where they are few.
     """
     suite = finished.suite
+    few = suite.worlds < ENOUGH_WORLDS
     middle, interval = marks
     drawn = (
-        f"{interval}: 95 % intervals over worlds"
-        if suite.worlds >= ENOUGH_WORLDS
-        else "thin lines: single worlds; no ranking is claimed"
+        "thin lines: single worlds" if few and single_worlds else f"{interval}: 95 % intervals over worlds"
     )
+    if few:
+        drawn += "; no ranking is claimed"
     known = "; ".join(f"{agent.label}: {finished.must_know(agent)}" for agent in suite.agents_in(scenario))
     return (
         f"Tolerance {scenario.env.tolerance_px:g} px of 512. {counted(suite.worlds, 'world')}, {trials}; "

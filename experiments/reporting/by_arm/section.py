@@ -86,7 +86,7 @@ def arms_sections(finished: FinishedSuite) -> list[Section]:
         found,
         places(suite, first),
         first.env.max_episode_steps,
-        where_it_stands(finished, first, "the agents' own trials", ("points", "lines")),
+        where_it_stands(finished, first, "the agents' own trials", ("points", "lines"), single_worlds=False),
     )
     return [
         Section(

@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from experiments.__main__ import main
+from experiments.reporting.by_arm import section
 from experiments.reporting.by_arm.section import arms_table, many_arms
 from experiments.reporting.documents.kept_tables import tables_named
 from experiments.reporting.results_file import RESULTS, read_finished
@@ -65,6 +66,15 @@ def test_the_report_has_one_table_of_arms_whose_numbers_are_those_of_the_trials(
     assert f"{first:.1f} → {later:.1f}; {share}" in table
     assert (out / "figures" / "arms.png").exists()
     assert "trial by trial" not in (out / "report.md").read_text()
+
+
+def test_the_figure_says_that_its_lines_are_intervals_where_worlds_are_few_too(out, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(section, "save", lambda figure, *_: drawn.append(figure))
+    section.arms_sections(read_finished(out / RESULTS, tmp_path))
+    note = drawn[0].legends[0].get_title().get_text().replace("\n", " ")
+    assert "points: all worlds; lines: 95 % intervals over worlds; no ranking is claimed" in note
+    assert "single worlds" not in (out / "report.md").read_text()
 
 
 def test_kept_results_have_the_same_table(out, tmp_path):
