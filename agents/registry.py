@@ -12,12 +12,11 @@ from typing import Any
 
 import gymnasium as gym
 
-from calfree_gym.errors import near_misses
+from calfree_gym.errors import check_choice, check_flag, near_misses
 
 from .adaptation.memory import Memory
 from .adaptation.remembered import Remembered
 from .base.agent import Agent
-from .base.checks import check_flag, check_one_of
 from .base.settings import named_settings, tuned_settings
 from .body_schema.agent import BodySchema
 from .calibrated.affine_stereo import AffineStereo
@@ -112,7 +111,7 @@ def _grasp(
     check_flag("direction", direction)
     table = None
     if direction:
-        check_one_of("knowledge", knowledge, SIX_DIMENSIONS)
+        check_choice("knowledge", knowledge, SIX_DIMENSIONS)
         turned = env.action_space.shape[0] - 1  # type: ignore[index]
         table, knowledge = _knowledge(turned, str(knowledge), settings, dimensions=6), None
     own = {"servo": servo} | settings
@@ -208,7 +207,7 @@ def names(task: str = "reach") -> tuple[str, ...]:
     Raises:
         ValueError: There is no such task.
     """
-    check_one_of("task", task, TASKS)
+    check_choice("task", task, TASKS)
     return OF_TASK.get(task) or tuple(name for name in _MAKERS if name not in _OF_OTHER_TASKS)
 
 

@@ -16,12 +16,11 @@ def near_misses(name: object, known: Iterable[str]) -> str:
     return f" (did you mean {' or '.join(close)}?)" if close else ""
 
 
-def check_choice(name: str, value: object, allowed: tuple[str, ...]) -> None:
+def check_choice(name: str, value: object, allowed: Iterable[str]) -> None:
     """Raises ValueError, with near misses, where an argument is none of those allowed."""
+    allowed = tuple(allowed)
     if value not in allowed:
-        raise ValueError(
-            f"unknown {name} {value!r}{near_misses(value, allowed)}; allowed: {', '.join(allowed)}"
-        )
+        raise ValueError(f"{name} is {value!r}{near_misses(value, allowed)}; allowed: {', '.join(allowed)}")
 
 
 def check_flag(name: str, value: object) -> None:

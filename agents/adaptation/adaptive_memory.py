@@ -148,23 +148,24 @@ class AdaptiveMemory:
         None where nothing is known of it; see `Remembered.points`.
         """
         known = self.known_for(home.gripper)
-        return known.points(home.object, noise_px, start) if known and len(known.gripper) else None
+        if known is None or not len(known.gripper):
+            return None
+        return known.points(home.object if home.visible[2:].all() else None, noise_px, start)
 
     def announce_change(self, cameras: Cameras) -> None:
         """The user says that these cameras (2,) have changed before the next trial; both mean the arm."""
         self._announced = np.asarray(cameras, bool)
 
-    def learn(self, looks: Sequence[Observation], home: Array, noise_px: float) -> None:
+    def learn(self, looks: Sequence[Observation], noise_px: float) -> None:
         """Takes in a trial.
 
         One in which home was not seen teaches nothing, unless all is kept whatever changes.
 
         Args:
             looks: What was observed, at home first.
-            home: The object's sensor vector at home (4,).
             noise_px: Standard deviation of an image coordinate.
         """
-        pairs = Pairs.of_trial(looks, home, noise_px, self._trial)
+        pairs = Pairs.of_trial(looks, noise_px, self._trial)
         self._trial += 1
         if not len(pairs):
             return
@@ -178,7 +179,7 @@ class AdaptiveMemory:
         finding = self.detector.examine(pairs, self.known, announced)
         if finding.verdict is Verdict.CHANGED and (announced.any() or not self._was_only_wrong(finding)):
             self._meet_jump(finding)
-        elif finding.verdict is Verdict.UNCHANGED:
+        elif finding.verdict is not Verdict.CHANGED and len(finding.pairs):
             self._go_on(finding.pairs)
 
     def _was_only_wrong(self, found: Finding) -> bool:
@@ -252,7 +253,7 @@ class AdaptiveMemory:
         if self._trial - self.events[-1].trial >= self.EXPLAINED_TRIALS:
             self.change = None
             if isinstance(change, Drift):
-                self.detector.home.keep(self.DRIFT_TRIALS)
+                self.detector.home.keep_since(self._trial - self.DRIFT_TRIALS)
 
     def _recalled(self, gripper: Array) -> Remembered | None:
         """What is archived of a world in which the gripper at home was seen there (4,)."""
@@ -274,6 +275,7 @@ class AdaptiveMemory:
             **prefixed("after_change", after_change.arrays()),
             **prefixed("recent", self._recent.arrays()),
             "cameras": change.cameras if change else NO_CAMERA,
+            "announced": self._announced,
             "clock": np.array([self._trial, isinstance(change, Drift)]),
             "events": np.array([astuple(event) for event in self.events], str).reshape(-1, 3),
         }
@@ -293,6 +295,7 @@ class AdaptiveMemory:
         self.detector.restore(arrays)
         self._recent, after_change = (Pairs.of(under(key, arrays)) for key in ("recent", "after_change"))
         cameras = checked_array(arrays, "cameras", (2,)) > 0
+        self._announced = checked_array({"announced": NO_CAMERA, **arrays}, "announced", (2,)) > 0
         trial, drifting = checked_array(arrays, "clock", (2,))
         self._trial = int(trial)
         saved = under("before", arrays)

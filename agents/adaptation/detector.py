@@ -36,7 +36,7 @@ class Finding:
 
     Attributes:
         verdict: Whether the world has changed; a suspicion waits for the next trials.
-        pairs: UNCHANGED: what may be learned. CHANGED: all that shows the change.
+        pairs: CHANGED: all that shows the change. Else: what may be learned.
         cameras: CHANGED: in which cameras (2,) it shows.
         home_before: CHANGED: where the gripper was seen at home (4,) before.
     """
@@ -100,9 +100,12 @@ class ChangeDetector:
             known: What is known so far.
             announced: Cameras (2,) of which somebody said that they have changed.
         """
+        trial, unconfirmed = int(pairs.trials[0]), Pairs.none(pairs.registers.shape[1])
         pairs, jumped = self._home_jump(pairs, known)
         jumped = jumped | announced
-        self.home.add(pairs.sensors[0], float(pairs.noise_px[0]))
+        self.home.add(pairs.sensors[0], float(pairs.noise_px[0]), trial)
+        if len(self.suspects) and trial - self.suspects.trials[0] >= self.CONFIRM_TRIALS:
+            unconfirmed, self.suspects = self._credible(self.suspects, known), unconfirmed
         gripper, object_ = self._inconsistent(pairs.away(), known)
         if jumped.any():
             return self._changed(pairs, jumped)
@@ -110,19 +113,18 @@ class ChangeDetector:
             if len(self.suspects) or self._enough(gripper):
                 return self._changed(self.suspects + pairs, np.asarray((gripper | object_).any(0)))
             self.suspects = pairs
-            return Finding(Verdict.SUSPECT, pairs)
-        if len(self.suspects) and pairs.trials[0] - self.suspects.trials[0] >= self.CONFIRM_TRIALS - 1:
-            pairs = self._credible(self.suspects, known) + pairs
-            self.suspects = Pairs.none(pairs.registers.shape[1])
-        return Finding(Verdict.UNCHANGED, pairs)
+            return Finding(Verdict.SUSPECT, unconfirmed)
+        if len(self.suspects) and trial - self.suspects.trials[0] == self.CONFIRM_TRIALS - 1:
+            unconfirmed, self.suspects = self._credible(self.suspects, known), unconfirmed
+        return Finding(Verdict.UNCHANGED, unconfirmed + pairs)
 
     def _changed(self, pairs: Pairs, cameras: Cameras) -> Finding:
         self.suspects = Pairs.none(pairs.registers.shape[1])
-        return Finding(Verdict.CHANGED, pairs, cameras, self.home.before(pairs.span))
+        return Finding(Verdict.CHANGED, pairs, cameras, self.home.before(int(pairs.trials[0])))
 
     def begin_anew(self, since: Pairs) -> None:
         """The world has changed: from now on only what was seen since counts."""
-        self.home.keep(since.span)
+        self.home.keep_since(int(since.trials[0]))
         self.usual_scores = np.empty((0, 2))
 
     def _home_jump(self, pairs: Pairs, known: Remembered) -> tuple[Pairs, Cameras]:
@@ -175,6 +177,7 @@ class ChangeDetector:
         """All that it keeps, as named arrays."""
         return {
             "home": self.home.sensors,
+            "home_trials": self.home.trials,
             "home_noise_px": np.array([self.home.noise_px]),
             "unconfirmed_home": self.unconfirmed_home,
             "usual_scores": self.usual_scores,
@@ -184,7 +187,11 @@ class ChangeDetector:
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Takes over what `arrays` returned; raises ValueError where it does not fit."""
         (noise_px,) = checked_array(arrays, "home_noise_px", (1,))
-        self.home = HomeView(checked_array(arrays, "home", (None, 4)), float(noise_px))
+        self.home = HomeView()
+        self.home.sensors, self.home.noise_px = checked_array(arrays, "home", (None, 4)), float(noise_px)
+        homes = len(self.home.sensors)
+        arrays = {"home_trials": np.arange(homes) - homes, **arrays}  # files of earlier versions have none
+        self.home.trials = checked_array(arrays, "home_trials", (homes,)).astype(np.int64)
         self.unconfirmed_home = checked_array(arrays, "unconfirmed_home", (None, 4))
         self.usual_scores = checked_array(arrays, "usual_scores", (None, 2))
         self.suspects = Pairs.of(under("suspects", arrays))

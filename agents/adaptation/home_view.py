@@ -17,6 +17,7 @@ class HomeView:
 
     Attributes:
         sensors: Sensor vectors (n, 4) in image units, the latest last.
+        trials: The trial (n,) of each.
         noise_px: Standard deviation of an image coordinate, as it was known in the last trial.
     """
 
@@ -32,26 +33,30 @@ class HomeView:
     """A jump is looked for against the mean of this many trials: few, so that a slow drift is no jump. Tuned
     (wild worlds 3000-)."""
 
-    def __init__(self, sensors: Array | None = None, noise_px: float | None = None) -> None:
-        self.sensors = np.empty((0, 4)) if sensors is None else sensors
-        self.noise_px = MARKER_NOISE_PX if noise_px is None else noise_px
+    def __init__(self) -> None:
+        self.sensors = np.empty((0, 4))
+        self.trials = np.empty(0, np.int64)
+        self.noise_px = MARKER_NOISE_PX
 
-    def add(self, gripper: Array, noise_px: float) -> None:
+    def add(self, gripper: Array, noise_px: float, trial: int) -> None:
         """Takes in where the gripper (4,) is seen in this trial, and how noisily."""
         self.sensors = np.concatenate([self.sensors, [gripper]])[-self.KEPT :]
+        self.trials = np.append(self.trials, trial)[-self.KEPT :]
         self.noise_px = noise_px
 
-    def keep(self, latest: int) -> None:
-        """Forgets all but the latest trials."""
-        self.sensors = self.sensors[len(self.sensors) - latest :]
+    def keep_since(self, trial: int) -> None:
+        """Forgets what was seen before that trial."""
+        since = self.trials >= trial
+        self.sensors, self.trials = self.sensors[since], self.trials[since]
 
     def reference(self) -> Array:
         """Where the gripper should be seen (4,): the mean of the last few trials."""
         return np.asarray(self.sensors[-self.JUMP_REFERENCE :].mean(0))
 
-    def before(self, trials: int) -> Array:
-        """Where the gripper was seen (4,) before that number of latest trials: a mean."""
-        return np.asarray(self.sensors[:-trials].mean(0))
+    def before(self, trial: int) -> Array:
+        """Where the gripper was seen (4,) before that trial: a mean; NaN where it was not."""
+        earlier = self.sensors[self.trials < trial]
+        return np.asarray(earlier.mean(0)) if len(earlier) else np.full(4, np.nan)
 
     def jumped(self, gripper: Array) -> Cameras:
         """In which cameras the gripper (4,) is now seen elsewhere than in the last few trials."""

@@ -66,6 +66,8 @@ class KeptLooks:
 
     def add_and_refit(self, places: Array, points: Array, variances: Array) -> float:
         """As `add`, and chooses distances anew; how probable these looks were then, as a logarithm."""
+        if not len(places):
+            return 0.0
         before, count = self.function.evidence.max(), len(self) + len(places)
         self.function = self._with(places, points, variances)
         self._seen += len(places)

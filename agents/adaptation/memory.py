@@ -67,7 +67,7 @@ class Memory(ServoAgent):
             findings.estimator = points
         elif points is not None:
             registers, expected_px = self._recall(points)
-            if expected_px <= self.jump_px:
+            if now.visible[2:].all() and expected_px <= self.jump_px:
                 now = yield from jump(registers, now, findings)
             expected = points.at(now.registers)
             slopes = Slopes.of(expected.jacobian, now.registers, expected.slope_variances)
@@ -100,8 +100,7 @@ class Memory(ServoAgent):
         """See `ProcedureAgent`. Every look teaches, however the trial ends."""
         super().learn_trial(findings, last, ended)
         if findings.trusted:
-            home = findings.trusted[0].object
-            self.adaptation.learn(findings.trusted, home, findings.filter.noise.px)
+            self.adaptation.learn(findings.trusted, findings.filter.noise.px)
 
     @property
     def kind(self) -> str:

@@ -20,7 +20,8 @@ class Pairs:
     Attributes:
         registers: Registers (n, m).
         sensors: Sensor vectors (n, 4) of the gripper there, in image units.
-        objects: Sensor vectors (n, 4) of the object there; NaN where it was not seen in both images.
+        objects: Sensor vectors (n, 4) of the object there; NaN where it was not seen in both images, then or
+            at home: nobody knows which object it is.
         homes: Sensor vectors (n, 4) of the object at home, in the same trial.
         noise_px: Standard deviation (n,) of an image coordinate, as far as known in that trial.
         trials: The trial (n,) of each, counted from 0.
@@ -40,17 +41,17 @@ class Pairs:
         return cls(np.empty((0, motors)), nothing, nothing, nothing, np.empty(0), np.empty(0, np.int64))
 
     @classmethod
-    def of_trial(cls, looks: Sequence[Observation], home: Array, noise_px: float, trial: int) -> Self:
+    def of_trial(cls, looks: Sequence[Observation], noise_px: float, trial: int) -> Self:
         """The looks of a trial that show the gripper in both images.
 
         Args:
             looks: What was observed, at home first.
-            home: The object's sensor vector at home (4,).
             noise_px: Standard deviation of an image coordinate.
             trial: The trial's number.
         """
+        first = looks[0]
         looks = [look for look in looks if look.visible[:2].all()]
-        shown = [look.visible[2:].all() for look in looks]
+        shown = [(first.visible & look.visible)[2:].all() for look in looks]
         count = len(looks)
         if not count:
             return cls.none(0)
@@ -60,7 +61,7 @@ class Pairs:
             np.array(
                 [look.object if seen else np.full(4, np.nan) for look, seen in zip(looks, shown, strict=True)]
             ).reshape(count, 4),
-            np.tile(home, (count, 1)),
+            np.tile(first.object, (count, 1)),
             np.full(count, noise_px),
             np.full(count, trial),
         )
@@ -94,11 +95,6 @@ class Pairs:
     def with_object(self) -> NDArray[np.bool_]:
         """Which of them (n,) show the object in both images."""
         return np.asarray(np.isfinite(self.objects).all(1))
-
-    @property
-    def span(self) -> int:
-        """How many trials they span."""
-        return int(self.trials[-1] - self.trials[0]) + 1
 
     def only(self, chosen: NDArray[np.bool_]) -> Pairs:
         """Those that are chosen (n,)."""

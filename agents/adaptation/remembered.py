@@ -58,13 +58,17 @@ class Remembered:
     def __repr__(self) -> str:
         return f"Remembered(looks={self.looks})"
 
-    def points(self, home: Array, noise_px: float, start: Slopes | None = None) -> SmoothPoints:
-        """What is known of gripper and object points, of an object seen from home at `home` (4,), noisily.
+    def points(self, home: Array | None, noise_px: float, start: Slopes | None = None) -> SmoothPoints:
+        """What is known of gripper and object points.
 
-        `start` is the Jacobian as it usually is.
+        Args:
+            home: Where the object is seen from home (4,), noisily; None where it is not: then nothing is
+                known of it.
+            noise_px: Standard deviation of an image coordinate.
+            start: The Jacobian as it usually is.
         """
-        functions = self.gripper.function, self.object.function
-        return SmoothPoints.remembered(*functions, home.reshape(2, 2), noise_px, start)
+        of_object = None if home is None else (self.object.function, home.reshape(2, 2))
+        return SmoothPoints.remembered(self.gripper.function, of_object, noise_px, start)
 
     def learn(self, pairs: Pairs) -> None:
         """Takes in what was seen."""

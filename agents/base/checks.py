@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from calfree_gym.errors import near_misses
 
 
 def check_number(
@@ -57,19 +55,6 @@ def check_numbers(name: str, values: Any, **bounds: Any) -> list[Any]:
     if not isinstance(values, list | tuple):
         raise ValueError(f"{name} is {values!r}; it must be a list of numbers")
     return [check_number(name, value, **bounds) for value in values]
-
-
-def check_one_of(name: str, value: Any, known: Iterable[str]) -> None:
-    """Raises ValueError, with near misses, where a setting is none of `known`."""
-    known = tuple(known)
-    if value not in known:
-        raise ValueError(f"{name} is {value!r}{near_misses(value, known)}; allowed: {', '.join(known)}")
-
-
-def check_flag(name: str, value: Any) -> None:
-    """Raises ValueError where a setting is neither True nor False."""
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} is {value!r}; allowed: True, False")
 
 
 def checked_array(

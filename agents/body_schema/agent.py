@@ -22,7 +22,6 @@ from .body import Body
 from .known import Known
 from .meeting import Meeting, Seeker
 
-GRIPPER_POINTS = np.array([True, True, False, False])
 Going = Generator[Array, Observation, tuple[Observation, bool]]
 
 
@@ -118,10 +117,7 @@ class BodySchema(ServoAgent):
         return settled, bool(arrived or not (after.registers != now.registers).any())
 
     def _pairs(self, findings: Findings[Any]) -> Pairs:
-        looks = findings.trusted
-        if not looks[0].visible[2:].all():  # then the object's looks tell nothing of it
-            looks = [each.estimated(each.points, each.visible & GRIPPER_POINTS) for each in looks]
-        return Pairs.of_trial(looks, looks[0].object, findings.filter.noise.px, self.body.trials)
+        return Pairs.of_trial(findings.trusted, findings.filter.noise.px, self.body.trials)
 
     def expected_px(self, first: RawObservation) -> float | None:
         """How far off it expects to be after its first motion, told before that motion is made.

@@ -12,12 +12,13 @@ from typing import Any
 import gymnasium as gym
 from numpy.typing import NDArray
 
+from calfree_gym.errors import check_choice
 from calfree_gym.world import nominal
 
-from ..base.checks import check_one_of
 from ..base.observation import Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
+from ..perception.noise import MARKER_NOISE_PX
 from .identification import Identification, identify
 from .measurements import Measurements
 from .recorded_trial import RecordedTrial
@@ -37,10 +38,12 @@ class Calibration:
     Attributes:
         measurements: Those of earlier trials, and of this one.
         known: What was identified from them; None before there were enough.
+        noise_px: Standard deviation of an image coordinate, as it was known then.
     """
 
     measurements: Measurements
     known: Identification | None
+    noise_px: float = MARKER_NOISE_PX
 
 
 class SelfCalibrating(ProcedureAgent):
@@ -97,8 +100,8 @@ class SelfCalibrating(ProcedureAgent):
         seed: int = 0,
     ) -> None:
         super().__init__(env, seed)
-        check_one_of("motor_curve", motor_curve, MOTOR_CURVES)
-        check_one_of("lens", lens, LENSES)
+        check_choice("motor_curve", motor_curve, MOTOR_CURVES)
+        check_choice("lens", lens, LENSES)
         self.camera_mount, self.motor_curve, self.lens = camera_mount, motor_curve, lens
         self.calibration = Calibration(Measurements.none(), None)
         self._built = RobotModel.of(nominal(), camera_mount)
@@ -149,13 +152,16 @@ class SelfCalibrating(ProcedureAgent):
                 case Validity.VALID:
                     known = latest
             findings.measurements, findings.known = measurements, latest
+            findings.noise_px = trial.noise_px
             yield from trial.go(latest.model(self._built), latest.objects[-1])
 
     def learn_trial(self, findings: Calibration, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Measurements teach the model, however the trial ends."""
         if len(findings.measurements.trial) > self.MEMORY:
             kept = findings.measurements.latest(self.MEMORY // 2)
-            findings = Calibration(kept, self._identify(kept, known=findings.known))
+            noise_px = findings.noise_px
+            known = self._identify(kept, noise_px=noise_px, known=findings.known)
+            findings = Calibration(kept, known, noise_px)
         self.calibration = findings
 
     def arrays(self) -> dict[str, NDArray[Any]]:

@@ -10,9 +10,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from calfree_gym.errors import check_choice
+
 from ..adaptation.adaptive_memory import AdaptiveMemory
 from ..adaptation.memory import Memory
-from ..base.checks import check_number, check_one_of, checked_array
+from ..base.checks import check_number, checked_array
 from ..base.observation import Array, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import ProcedureAgent
@@ -77,8 +79,8 @@ class Grasp(ProcedureAgent):
         table: Knowledge | None = None,
     ) -> None:
         super().__init__(env, seed)
-        check_one_of("intermediate", intermediate, INTERMEDIATE)
-        check_one_of("orientation", orientation, ORIENTATION)
+        check_choice("intermediate", intermediate, INTERMEDIATE)
+        check_choice("orientation", orientation, ORIENTATION)
         check_number("tries", tries, least=1, whole=True)
         arm = env.action_space.shape[-1] - 2  # type: ignore[index]
         self.reacher: ServoAgent = reacher(Reaching(arm))
@@ -124,8 +126,7 @@ class Grasp(ProcedureAgent):
         if self.table is not None and ended and findings.key is not None and findings.above is not None:
             self.table.learn(findings.key, findings.above)
         if self.descent is not None and findings.untouched:
-            home = findings.untouched[0].object
-            self.descent.learn(findings.untouched, home, findings.noise_px)
+            self.descent.learn(findings.untouched, findings.noise_px)
 
     def _remembered(self, first: GraspObservation, noise_px: float) -> SmoothPoints | None:
         """What is known of where tip and object are seen, of an object and in a world as seen at home."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..base.checks import check_flag, check_number
+from calfree_gym.errors import check_flag
+
+from ..base.checks import check_number
 from ..base.observation import Array
 
 

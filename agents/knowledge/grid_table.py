@@ -50,9 +50,6 @@ class GridTable:
     TRUSTED = 3
     """A cell is trusted once this many successes have corrected each of its records. Choice; pictures
     only."""
-    SWEEPS = 30
-    """This many times all records are corrected at once to fit those that were mapped. Choice: more change
-    little."""
 
     def __init__(
         self, motors: int, cells: int = 8, rate: float = 0.7, kalman: bool = False, dimensions: int = 4
@@ -121,7 +118,3 @@ class GridTable:
         part = (place - cell)[..., None, :]
         weights = np.where(self._corners, part, 1 - part).prod(-1)
         return (cell[..., None, :] + self._corners) @ self._strides, weights
-
-    def _spread(self, corners: NDArray[np.intp], values: Array) -> Array:
-        """Sums (all corners,) of values (n, k) for the corners (n, k)."""
-        return np.asarray(np.bincount(corners.ravel(), values.ravel(), len(self.records)), float)

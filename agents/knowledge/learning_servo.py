@@ -9,7 +9,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import check_flag, check_number, checked_array
+from calfree_gym.errors import check_flag
+
+from ..base.checks import check_number, checked_array
 from ..base.observation import Array, Observation, RawObservation
 from ..base.procedure import Procedure
 from ..base.storage import with_present_names
@@ -106,8 +108,8 @@ class LearningServo(ServoAgent):
         return None if recall is None else recall.deviation_px
 
     def _recall(self, home: Observation) -> Recall | None:
-        """What it remembers of the object's place, if that is sure enough to move there at once."""
-        recall = self.knowledge.recall(home.object)
+        """What it remembers of the object's place, if that is seen, and sure enough to move there at once."""
+        recall = self.knowledge.recall(home.object) if home.visible[2:].all() else None
         return None if recall is None or recall.deviation_px > self.jump_px else recall
 
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:

@@ -62,6 +62,7 @@ class ObservationFilter:
         self.inconsistent = np.zeros(POINTS, bool)
         self.home = np.full((2, 2), np.nan)
         self._last: Observation | None = None
+        self._begun: Observation | None = None
         self._misses = np.empty(0)
 
     @property
@@ -116,11 +117,14 @@ class ObservationFilter:
 
         An observation that has come out of it is taken as it is.
         """
-        if self._last is not None and observation.visible.all():
+        if observation is self._begun or (self._last is not None and observation.visible.all()):
             return observation
         self._compare_homes(observation)
-        if self.often_mistaken:
-            return (yield from self._agreed(observation))
+        self._begun = yield from (self._agreed if self.often_mistaken else self._found)(observation)
+        return self._begun
+
+    def _found(self, observation: Observation) -> Observing:
+        """Observes again until every point has been seen, or is hidden."""
         points, found = observation.points.copy(), observation.visible
         self._take_in(observation)
         for _ in range(self.MOST_OBSERVATIONS):

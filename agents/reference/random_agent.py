@@ -10,8 +10,12 @@ import numpy as np
 from ..base.checks import check_number
 from ..base.observation import Observation, RawObservation
 from ..base.procedure import Procedure, ProcedureAgent
+from ..grasp.inserting.observation import InsertObservation
 from ..grasp.observation import GraspObservation
 from ..grasp.task import task_of
+
+OBSERVED: dict[str, Any] = {"reach": Observation, "grasp": GraspObservation, "insert": InsertObservation}
+"""What is observed, by the task."""
 
 
 class RandomAgent(ProcedureAgent):
@@ -23,7 +27,7 @@ class RandomAgent(ProcedureAgent):
 
     def __init__(self, env: gym.Env[Any, Any], limit: float = 0.25, seed: int = 0) -> None:
         super().__init__(env, seed)
-        self._grasps = task_of(env) == "grasp"
+        self._observed = OBSERVED[task_of(env)]
         self.limit = check_number("limit", limit, above=0, most=1)
 
     @property
@@ -31,9 +35,9 @@ class RandomAgent(ProcedureAgent):
         """See `ProcedureAgent`."""
         return f"RandomAgent(limit={self.limit}, seed={self.seed})"
 
-    def observed(self, raw: RawObservation) -> Observation | GraspObservation:
+    def observed(self, raw: RawObservation) -> Any:
         """See `ProcedureAgent`."""
-        return GraspObservation.of(raw) if self._grasps else Observation.of(raw)
+        return self._observed.of(raw)
 
     def procedure(self, first: Observation, findings: None) -> Procedure:
         """See `ProcedureAgent`. Every trial has a stream of its own, so that `predict` changes nothing."""

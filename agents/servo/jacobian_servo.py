@@ -10,7 +10,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..base.checks import check_number, check_one_of
+from calfree_gym.errors import check_choice
+
+from ..base.checks import check_number
 from ..base.observation import Observation
 from ..base.procedure import Procedure
 from ..jacobian import ESTIMATORS, Estimator, Slopes
@@ -63,8 +65,8 @@ class JacobianServo:
     """J is then taken to be wrong by that share of its columns: tuned likewise."""
 
     def __post_init__(self) -> None:
-        check_one_of("estimator", self.estimator, ESTIMATORS)
-        check_one_of("redundancy", self.redundancy, REDUNDANCIES)
+        check_choice("estimator", self.estimator, ESTIMATORS)
+        check_choice("redundancy", self.redundancy, REDUNDANCIES)
         check_motions(self)
         check_number("patience", self.patience, least=1)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..base.checks import check_one_of
+from calfree_gym.errors import check_choice
+
 from ..base.observation import Observation
 from ..base.procedure import Procedure
 from ..jacobian import Estimator, Slopes, TestMotions
@@ -44,7 +45,7 @@ class PaperServo:
     prior_knowledge = SERVO_KNOWLEDGE
 
     def __post_init__(self) -> None:
-        check_one_of("redundancy", self.redundancy, REDUNDANCIES)
+        check_choice("redundancy", self.redundancy, REDUNDANCIES)
         check_motions(self)
 
     def new_estimator(self, motors: int, start: Slopes | None) -> Estimator:

@@ -72,16 +72,6 @@ REDUNDANCIES: dict[str, Callable[[Array, Array, float], Equations]] = {
 }
 
 
-def fault_px(jacobian: Array, distance: Array) -> float:
-    """How far, in pixels, d (4,) is from what any words could do by J (4, 3): its left-null residual.
-
-    Three words cannot make all four coordinates vanish unless both cameras agree on where the object is. A
-    large residual says that J is wrong, or that a point is mistaken, before any motion is made.
-    """
-    null = np.linalg.svd(jacobian)[0][:, -1]
-    return float(abs(null @ distance)) / IMAGE_UNIT
-
-
 def solve(jacobian: Array, distance: Array, damping: float) -> Array:
     """Control words c (m,) that would make the image distance vanish if the world were linear.
 

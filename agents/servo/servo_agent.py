@@ -80,13 +80,13 @@ class ServoAgent(ProcedureAgent):
         """See `ProcedureAgent`."""
         arrays = self.filter.arrays()
         if self.slopes is not None:
-            _, jacobian, variances, changes, trials = self.slopes
-            arrays |= {"jacobian": jacobian, "slope_variances": variances}
+            registers, jacobian, variances, changes, trials = self.slopes
+            arrays |= {"jacobian": jacobian, "slope_registers": registers, "slope_variances": variances}
             arrays |= {"slope_changes": changes, "slope_trials": np.array([trials])}
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`. Files of version 0.1 have no variances."""
+        """See `ProcedureAgent`. Files of version 0.1 have no variances, and older ones no registers."""
         self.slopes = None
         self.filter.restore(arrays)
         if "jacobian" in arrays:
@@ -97,3 +97,6 @@ class ServoAgent(ProcedureAgent):
                 changes=checked_array(arrays, "slope_changes", (POINTS, self.motors)),
                 trials=int(checked_array(arrays, "slope_trials", (1,))[0]),
             )
+        if self.slopes is not None and "slope_registers" in arrays:
+            registers = checked_array(arrays, "slope_registers", (self.motors,))
+            self.slopes = self.slopes._replace(registers=registers)

@@ -19,9 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calfree_gym.errors import check_choice
 from calfree_gym.image import IMAGE_UNIT
 
-from ..base.checks import check_number, check_one_of
+from ..base.checks import check_number
 from ..base.observation import Array, Observation
 from ..base.procedure import Procedure
 from ..jacobian import Estimator, Slopes, TestMotions
@@ -123,7 +124,7 @@ class WorkPlaneServo:
     prior_knowledge = SERVO_KNOWLEDGE
 
     def __post_init__(self) -> None:
-        check_one_of("camera", self.camera, EQUATIONS)
+        check_choice("camera", self.camera, EQUATIONS)
         check_motions(self)
         check_number("in_plane_px", self.in_plane_px, least=0)
 

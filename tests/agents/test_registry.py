@@ -158,3 +158,12 @@ def test_motions_to_learn_by_are_a_whole_number(make_env, name, motions):
     with pytest.raises(ValueError, match=f"total_timesteps is {motions!r}; it must be a whole number, 0 or"):
         agent.learn(motions)
     assert agent.num_timesteps == 0
+
+
+@pytest.mark.parametrize("task", ["Reach", "Grasp", "Insert"])
+def test_random_acts_in_every_task(task):
+    env = gym.make(f"calfree_gym:CalFree/{task}-v0")
+    agent = agents.make("random", env).learn(2)
+    observation, _ = env.reset(seed=0)
+    words, _ = agent.predict(observation)
+    assert env.action_space.contains(words)

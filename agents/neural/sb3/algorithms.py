@@ -17,7 +17,9 @@ from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-from ...base.checks import check_number, check_one_of
+from calfree_gym.errors import check_choice
+
+from ...base.checks import check_number
 
 Algorithm = type[BaseAlgorithm]
 
@@ -50,7 +52,7 @@ def algorithm_of(name: str) -> Algorithm:
     Raises:
         ValueError: There is none, with near misses and all that are allowed.
     """
-    check_one_of("algorithm", name, ALGORITHMS)
+    check_choice("algorithm", name, ALGORITHMS)
     return ALGORITHMS[name]
 
 
@@ -76,7 +78,7 @@ def built_settings(settings: Mapping[str, Any], motors: int) -> dict[str, Any]:
     if "train_freq" in built:
         built["train_freq"] = _train_freq(built["train_freq"])
     if isinstance(buffer := built.get("replay_buffer_class"), str):
-        check_one_of("replay_buffer_class", buffer, _BUFFERS)
+        check_choice("replay_buffer_class", buffer, _BUFFERS)
         built["replay_buffer_class"] = _BUFFERS[buffer]
     if "action_noise" in built and built["action_noise"] is not None:
         sigma = check_number("action_noise", built["action_noise"], least=0)
@@ -86,7 +88,7 @@ def built_settings(settings: Mapping[str, Any], motors: int) -> dict[str, Any]:
         raise ValueError(f"policy_kwargs is {given!r}; it must be a mapping")
     policy = dict(given)
     if isinstance(activation := policy.get("activation_fn"), str):
-        check_one_of("activation_fn", activation, torch.nn.modules.activation.__all__)
+        check_choice("activation_fn", activation, torch.nn.modules.activation.__all__)
         policy["activation_fn"] = getattr(torch.nn, activation)
     return built | {"policy_kwargs": policy}
 
@@ -95,7 +97,7 @@ def _train_freq(value: Any) -> tuple[int, str]:
     """A number of steps, or one with its unit, which YAML gives as a list."""
     count, unit = value if isinstance(value, list | tuple) and len(value) == 2 else (value, "step")
     check_number("train_freq", count, least=1, whole=True)
-    check_one_of("the unit of train_freq", unit, ("step", "episode"))
+    check_choice("the unit of train_freq", unit, ("step", "episode"))
     return int(count), unit
 
 

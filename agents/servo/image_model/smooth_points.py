@@ -129,20 +129,28 @@ class SmoothPoints:
     def remembered(
         cls,
         gripper: SmoothFunction,
-        object_: SmoothFunction,
-        home: Array,
+        of_object: tuple[SmoothFunction, Array] | None,
         noise_px: float,
         start: Slopes | None = None,
     ) -> SmoothPoints:
-        """With all that is remembered of earlier trials, of an object seen at `home` (2, 2), noisily.
+        """With all that is remembered of earlier trials.
 
         What it tells of the Jacobian corrects `start`; it does not begin with that.
+
+        Args:
+            gripper: What is remembered of the gripper.
+            of_object: The same of the object, and where it is seen from home (2, 2); None where it is not.
+            noise_px: Standard deviation of an image coordinate.
+            start: The Jacobian as it usually is.
         """
         points = cls(gripper.motors)
         points._slopes = start
-        points.home, points.remembers = home, True
         points._began = np.zeros(gripper.motors)
-        points.before = gripper, object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
+        object_ = SmoothFunction.unknown(gripper.motors + 4, gripper.motors)
+        if of_object is not None:
+            points.remembers, (object_, points.home) = True, of_object
+            object_ = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
+        points.before = gripper, object_
         points.gripper, points.object = points.before
         return points
 

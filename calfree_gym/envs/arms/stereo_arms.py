@@ -133,9 +133,7 @@ class StereoArms(Arms):
         seen, self.visible, *images = self._sight.look(true, visible, self._moved)
         self._moved[:] = False
         self.points = np.where(self.visible[:, :, None], seen, self.points)
-        points = self.points
-        if self._lines is not None:
-            points = reach.kept_apart(points, self.visible, float(self.tolerance))
+        points = reach.kept_apart(self.points, self.visible, float(self.tolerance))
         self.delivered = self._latency.deliver(motions, points, self.visible, *images)
 
     def set_state(self, row: int, state: RowState) -> None:

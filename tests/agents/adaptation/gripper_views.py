@@ -36,7 +36,7 @@ def trial(world, number, places=4, reach=0.4, mount="stand"):
             looks.append(now.estimated(now.points, shown))
         words = rng.uniform(-reach, reach, 3) - now.registers
         observation, *_ = env.step((words if looks else np.zeros(3)).astype(np.float32))
-    return Pairs.of_trial(looks, looks[0].object, 0.5, number)
+    return Pairs.of_trial(looks, 0.5, number)
 
 
 def known(world, trials=30, learn=None, mount="stand"):

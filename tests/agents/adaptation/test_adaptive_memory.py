@@ -129,11 +129,21 @@ def test_a_trial_in_which_nothing_changed_tells_more_of_the_change_before(monkey
 def learn_as_changed(memory, seen, monkeypatch):
     """Learns a trial in which the detector takes the left camera for changed."""
     changed = Finding(Verdict.CHANGED, seen, np.array([True, False]), seen.sensors[0])
-    memory.detector.home.add(seen.sensors[0], 0.5)
+    memory.detector.home.add(seen.sensors[0], 0.5, int(seen.trials[0]))
     monkeypatch.setattr(memory.detector, "examine", lambda *_: changed)
     shown = np.concatenate([seen.sensors, seen.objects], 1).reshape(-1, 4, 2)
     memory.learn(
         [Observation(*each) for each in zip(shown, np.isfinite(shown).all(2), seen.registers, strict=True)],
-        seen.homes[0],
         0.5,
     )
+
+
+def test_an_announced_change_is_saved(make_env, tmp_path):
+    """Else what is loaded would go on by what it was told not to trust."""
+    agent = agents.make("memory", make_env()).learn(60)
+    agent.adaptation.announce_change(np.array([True, False]))
+    agent.save(tmp_path / "agent.npz")
+    loaded = agents.make("memory", make_env()).load(tmp_path / "agent.npz")
+    observation, _ = agent.env.reset()
+    assert agent.expected_px(observation) is None
+    assert loaded.expected_px(observation) is None

@@ -17,7 +17,7 @@ def homes(count, seed, rate_px=0.0):
     rng = np.random.default_rng(seed)
     for i in range(count):
         gone = np.array([i * rate_px * IMAGE_UNIT, 0, 0, 0])
-        home.add(gone + rng.normal(0, 0.5 * IMAGE_UNIT, 4), 0.5)
+        home.add(gone + rng.normal(0, 0.5 * IMAGE_UNIT, 4), 0.5, i)
     return home
 
 
@@ -25,10 +25,10 @@ def test_a_view_that_only_trembles_neither_jumps_nor_drifts():
     alarms = 0
     for seed in range(60):
         home, rng = homes(3, seed), np.random.default_rng(1000 + seed)
-        for _ in range(50):
+        for number in range(50):
             seen = rng.normal(0, 0.5 * IMAGE_UNIT, 4)
             alarms += home.jumped(seen).any()
-            home.add(seen, 0.5)
+            home.add(seen, 0.5, 3 + number)
             alarms += home.drifting().any()
     assert alarms <= 3
 
@@ -141,3 +141,25 @@ def test_a_restored_detector_says_the_same(acquainted):
     for name, array in detector.arrays().items():
         np.testing.assert_array_equal(again.arrays()[name], array, err_msg=name)
     assert len(again.suspects) == len(few)
+
+
+def test_a_suspicion_is_confirmed_by_a_trial_soon_after_not_by_one_that_comes_late(acquainted):
+    """Trials that do not show home are not examined, so that the next one may come much later."""
+    reversed_ = changed(acquainted[0], MotorSign(motor="elbow"))
+    few = [trial(reversed_, TRIALS + i, places=2) for i in (0, 30)]
+    detector, (first, second) = examine(acquainted, *few)
+    assert (first.verdict, second.verdict) == (Verdict.SUSPECT, Verdict.SUSPECT)
+    assert not len(first.pairs)
+    assert set(second.pairs.trials) == {TRIALS}  # those of the first that were not far off may be learned
+    assert set(detector.suspects.trials) == {TRIALS + 30}
+
+
+def test_homes_count_by_their_trials_and_not_by_their_number():
+    home = HomeView()
+    for i, number in enumerate([0, 5, 300, 310]):
+        home.add(np.full(4, float(i)), 0.5, number)
+    np.testing.assert_array_equal(home.before(300), np.full(4, 0.5))
+    assert np.isnan(home.before(0)).all()
+    home.keep_since(299)
+    assert home.trials.tolist() == [300, 310]
+    assert home.sensors[:, 0].tolist() == [2.0, 3.0]

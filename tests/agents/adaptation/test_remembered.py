@@ -6,6 +6,7 @@ from scipy.optimize import approx_fprime
 
 import agents
 from agents.adaptation.kept_looks import KeptLooks
+from agents.adaptation.pairs import Pairs
 from agents.adaptation.remembered import Remembered
 from agents.base.observation import Observation
 from agents.servo.image_model.smooth_function import SmoothFunction
@@ -167,3 +168,26 @@ def test_a_few_dozen_reaches_make_nearly_every_further_one_a_single_motion(live,
 def test_a_bound_too_small_is_refused():
     with pytest.raises(ValueError, match="looks is 3; it must be a whole number, 10 or more"):
         Remembered(3, looks=3)
+
+
+def test_looks_of_an_object_that_home_did_not_show_tell_nothing_of_it():
+    """Nobody knows under which home view to keep them; the gripper's tell as much as ever."""
+    points = np.zeros((4, 2))
+    hidden = Observation(points, np.array([True, True, True, False]), np.zeros(3))
+    looks = [hidden, Observation(points + 0.1, np.ones(4, bool), np.full(3, 0.2))]
+    pairs = Pairs.of_trial(looks, 0.5, 0)
+    assert len(pairs) == 2
+    assert np.isnan(pairs.objects).all()
+    remembered = Remembered(3)
+    remembered.learn(pairs)
+    assert (len(remembered.gripper), len(remembered.object)) == (2, 0)
+    assert np.isfinite(remembered.learn_anew(pairs))
+
+
+def test_of_an_object_that_is_not_seen_at_home_nothing_is_known():
+    remembered = Remembered(3)
+    remembered.learn(seen_at(PLACES, view(PLACES)))
+    there = PLACES[2]
+    unknown, known = (remembered.points(home, 0.5).at(there) for home in (None, np.zeros(4)))
+    np.testing.assert_array_equal(unknown.gripper.points, known.gripper.points)
+    assert (unknown.object.variances > 1).all()

@@ -179,3 +179,25 @@ def test_latency_is_found_out_in_wild_worlds(make_env, motions):
                     words = None
         found.append(trial.filter.latency.motions)
     assert np.mean(np.array(found) == motions) >= 0.9
+
+
+def test_what_was_begun_with_is_not_looked_at_twice():
+    """A servo under a knowledge base begins with what that one has begun with, hidden points included."""
+    filter_, rng = ObservationFilter(), np.random.default_rng(0)
+
+    def hidden():
+        points = PLACES + rng.normal(0, 5 * IMAGE_UNIT, (4, 2))
+        return Observation(points, np.array([True, True, True, False]), np.zeros(3))
+
+    first = filter_.first(hidden())
+    with contextlib.suppress(StopIteration):
+        next(first)
+        while True:
+            first.send(hidden())
+    begun = filter_._begun
+    before = filter_.noise.arrays()[0]
+    with pytest.raises(StopIteration) as end:
+        next(filter_.first(begun))
+    assert end.value.value is begun
+    np.testing.assert_array_equal(filter_.noise.arrays()[0], before)
+    assert before.all()

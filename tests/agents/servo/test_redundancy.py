@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from agents.servo.redundancy import REDUNDANCIES, fault_px, omit, solve, solve_within, transform, weighted
+from agents.servo.redundancy import REDUNDANCIES, omit, solve, solve_within, transform, weighted
 from calfree_gym.image import IMAGE_UNIT
 
 
@@ -76,24 +76,6 @@ def test_weighted_leaves_out_a_contradicting_coordinate_better_than_plain_least_
     robust, plain = np.array(errors).T
     assert np.median(robust / plain) < 0.2
     assert np.mean(robust < plain) > 0.95
-
-
-@settings(max_examples=50)
-@given(numbers(4, 3), numbers(3), st.floats(-50, 50))
-def test_the_fault_is_what_contradicts_in_pixels_and_nothing_else(entries, words, pixels):
-    jacobian = well_conditioned(entries)
-    consistent = -jacobian @ words
-    assert fault_px(jacobian, consistent) == pytest.approx(0, abs=1e-6)
-    faulty = consistent + pixels * IMAGE_UNIT * left_null(jacobian)
-    assert fault_px(jacobian, faulty) == pytest.approx(abs(pixels), abs=1e-6)
-
-
-@settings(max_examples=50)
-@given(numbers(4, 3), numbers(4))
-def test_the_fault_is_the_residual_of_least_squares(entries, distance):
-    jacobian = well_conditioned(entries)
-    residual = np.linalg.lstsq(jacobian, -distance, rcond=None)[1]
-    assert fault_px(jacobian, distance) == pytest.approx(float(np.sqrt(residual[0])) / IMAGE_UNIT, abs=1e-5)
 
 
 @settings(max_examples=50)

@@ -143,3 +143,12 @@ def test_an_agent_needs_nothing_of_info_or_reward(make_env, name):
         agent = agents.make(name, wrapper(env), **QUICK.get(name, {})).learn(150)
         words.append(agent.predict(env.reset()[0])[0])
     np.testing.assert_array_equal(*words)
+
+
+def test_what_a_servo_usually_finds_is_saved_with_where_it_finds_it(make_env, tmp_path):
+    """Over other procedures a servo does not begin at home."""
+    agent = agents.make("unified_servo", make_env()).learn(30)
+    agent.slopes = agent.slopes._replace(registers=np.array([0.1, -0.2, 0.3]))
+    agent.save(tmp_path / "agent.npz")
+    loaded = agents.make("unified_servo", make_env()).load(tmp_path / "agent.npz")
+    np.testing.assert_array_equal(loaded.slopes.registers, agent.slopes.registers)

@@ -238,14 +238,14 @@ def test_the_goal_is_where_a_lifted_object_can_be_seen():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"shape": "cilinder"}, r"unknown shape 'cilinder' \(did you mean cylinder\?\)"),
+        ({"shape": "cilinder"}, r"shape is 'cilinder' \(did you mean cylinder\?\)"),
         ({"shape": {"shape": "sphere"}}, "a sphere has .*; it must have radius, in m"),
         ({"shape": {"shape": "sphere", "radius": 0.05}}, "0.100 m wide, too large for the jaws"),
         ({"shape": {"shape": "sphere", "radius": 0.001}}, "radius is 0.001; it must be a number from"),
         ({"shape": {"radius": 0.02}}, "a mapping has `shape`"),
-        ({"observation": "pixel"}, "unknown observation 'pixel'"),
+        ({"observation": "pixel"}, "observation is 'pixel'"),
         ({"tolerance_px": 0}, "tolerance_px is 0"),
-        ({"redraw": "always"}, "unknown redraw 'always'"),
+        ({"redraw": "always"}, "redraw is 'always'"),
     ],
 )
 def test_arguments_that_are_wrong_are_named(arguments, message):

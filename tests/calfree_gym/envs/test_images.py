@@ -207,7 +207,7 @@ def test_hidden_points_show_no_rendezvous():
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"observation": "pixel"}, r"unknown observation 'pixel' \(did you mean pixels\?\)"),
+        ({"observation": "pixel"}, r"observation is 'pixel' \(did you mean pixels\?\)"),
         ({"image_size": 8}, "image_size is 8; it must be a whole number from 16 to 1024"),
         ({"image_size": "big"}, "image_size is 'big'; it must be a whole number"),
         ({"occlusion": 1}, "occlusion is 1; allowed: True, False"),

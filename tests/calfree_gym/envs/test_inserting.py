@@ -117,7 +117,7 @@ def test_the_hole_may_be_given_where_the_arm_reaches_it():
         ({"clearance": 0}, r"clearance is 0; it must be a number from 0.1 to 10.0, in mm"),
         ({"clearance": "2"}, r"clearance is '2'; it must be a number"),
         ({"clearance": float("nan")}, r"clearance is nan"),
-        ({"observation": "vision"}, r"unknown observation 'vision'; allowed: points"),
+        ({"observation": "vision"}, r"observation is 'vision'; allowed: points"),
         ({"world": "wilder"}, r"did you mean wild"),
         ({"tolerance_px": 0}, r"tolerance_px is 0"),
     ],
