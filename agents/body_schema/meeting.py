@@ -27,6 +27,7 @@ rendezvous."""
 ENOUGH = 0.99
 """And where a step leaves more than this share of the square (a guard)."""
 _DAMPING, _LESS, _MORE, _LEAST, _MOST = 1e-3, 0.2, 5.0, 1e-7, 1e3
+"""Damping at first, its factors after a step that helps and one that does not, and its ends (guards)."""
 
 
 class Meeting(NamedTuple):

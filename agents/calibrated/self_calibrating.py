@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -43,7 +43,7 @@ class Calibration:
 
     measurements: Measurements
     known: Identification | None
-    noise_px: float = MARKER_NOISE_PX
+    noise_px: float = field(default_factory=lambda: MARKER_NOISE_PX)
 
 
 class SelfCalibrating(ProcedureAgent):

@@ -45,7 +45,8 @@ CORRECTIONS = 8
 TEST_TURNS = 2
 """So often the jaws are turned only to learn how they turn, before the gripper descends (a guard)."""
 CLOSED = 0.06
-"""Jaws that were told to close and are less open than this share hold nothing."""
+"""Jaws that were told to close and are less open than this share hold nothing. Choice: less than any thing's
+width."""
 LIFTS = 10
 """So often the object is brought nearer to its place (a guard)."""
 

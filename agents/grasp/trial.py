@@ -27,7 +27,7 @@ Motions = Generator[Array, GraspObservation, Any]
 """Yields control words (5,) or (6,), is sent what is observed after them."""
 
 OPEN = 0.95
-"""Jaws that are more open than this share have not closed."""
+"""Jaws that are more open than this share have not closed. Choice: things are at most 0.9 as wide."""
 SURE_PX, SURE_ABOVE_PX = 6.0, 20.0
 """No motion leads where the tip is less surely expected (standard deviation): as long as the table or the
 object may be met, and with the object lifted. Choice: a tenth and a third of the gripper's length."""

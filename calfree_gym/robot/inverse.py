@@ -9,6 +9,7 @@ from calfree_gym.geometry import Array
 _CANDIDATES = 400
 """About so many registers, on a grid, may the search start from."""
 _ITERATIONS = 30
+"""Of a search (a guard: a dozen are enough)."""
 _STILL = 1e-9
 """The search ends with a step of registers that is smaller."""
 _STARTS = 20
@@ -16,7 +17,9 @@ _STARTS = 20
 _REACHED = 1e-5
 """At this distance (m) a point is reached."""
 _STEP = 1e-5
+"""Registers by which the Jacobian is differenced (a guard: a third of the digits)."""
 _DAMPING = 1e-9
+"""Of its steps (a guard: it is divided by)."""
 
 
 class InverseKinematics:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 
 _BISECTIONS, _NEWTON_STEPS = 6, 4
+"""Of the curve's inverse: after these, Newton's steps are exact to rounding (guards)."""
 
 
 def curve_inverse(values: Array, curvature: Array) -> Array:

@@ -44,8 +44,9 @@ STEPS, ROUNDS, LOOKS = 5, 4, 2
 SHARE = 0.4
 """Of an error that one look shows, so much is made good, near the hole. Choice: the rest may be noise."""
 DOWN = 0.035
-"""Of each step into the hole, in gripper lengths; and so deep it goes. Choice: short, as in `Insert`."""
+"""Of each step into the hole, in gripper lengths. Choice: short, as in `Insert`."""
 DEEPEST = 0.27
+"""So deep it goes, in gripper lengths. Choice: as `Insert`."""
 
 
 class YoshimiAllen(ProcedureAgent):

@@ -11,7 +11,8 @@ from torch import Tensor
 from calfree_gym.image import IMAGE_UNIT
 
 CHANGED = 0.15
-"""Share of the trials in which a camera turns, zooms or slips on the way."""
+"""Share of the trials in which a camera turns, zooms or slips on the way. Choice, as all numbers
+here."""
 LAST_CHANGE = 8
 """The motion before which cameras have changed, where they do."""
 ZOOM, SLIP = 0.25, 0.25

@@ -15,9 +15,9 @@ from .network import Memory, RecurrentServoNetwork
 from .robots import Look, TrainingRobots
 
 TOLERANCE = 4 * IMAGE_UNIT
-"""Image distance of the rendezvous that ends a training trial."""
+"""Image distance of the rendezvous that ends a training trial: that of `Reach-v0`."""
 GRADIENT_BOUND = 5.0
-"""Of the loss of one robot by its words or its memory: a few chaotic trials must not rule the batch."""
+"""Of the loss of one robot by its words or its memory (a guard): few wild trials must not rule the batch."""
 
 
 class Episode(NamedTuple):

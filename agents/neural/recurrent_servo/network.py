@@ -15,16 +15,20 @@ from torch import Tensor, nn
 from calfree_gym.image import IMAGE_UNIT
 
 NOISE_FLOOR = 4 * IMAGE_UNIT
-"""Image distances below this look alike to the network: a few times the noise of image points."""
+"""Image distances below this look alike to the network. Choice: a few times the noise of image points."""
 WORD_FLOOR = 0.01
-"""Motions shorter than this count for less: they move a point by little more than the noise."""
+"""Motions shorter than this count for less. Choice: they move a point by little more than the noise."""
 COORDINATES = 4
 """Of a sensor vector."""
 PLAIN_RIDGE, PLAIN_DAMPING = 0.02, 0.05
-"""Of the estimate and the step that the network is shown; a clean motion adds information of 1. What it acts
-by, it sets itself."""
+"""Of the estimate and the step that the network is shown; a clean motion adds information of 1. Choice: what
+it acts by, it sets itself."""
+RIDGE, STEEPEST_GATE = 0.02, 4.0
+"""What it sets them to lies about this, and within e to the power of so much. Choice."""
+FREELY = 0.3
+"""Share that it adds to its step as it likes, before the limit. Choice."""
 LEAST_RIDGE, LEAST_DAMPING = 0.01, 0.002
-"""Of those that it sets: they keep the inverses within what float32 can hold."""
+"""Of those that it sets (guards): they keep the inverses within what float32 can hold."""
 GATES = 6
 """Numbers that rule estimate and step: keep, take, ridge, damping, limit, retreat."""
 
@@ -104,7 +108,7 @@ class RecurrentServoNetwork(nn.Module):
         decoded = self.decoder(torch.cat([hidden, inputs], 1))
         prior, correction, extra, gates = decoded.split(self._outputs, 1)
         keep, take = torch.sigmoid(gates[:, 0] + 2), torch.sigmoid(gates[:, 1] + 1)
-        ridge, damping = 0.02 * gates[:, 2:4].clamp(-4, 4).exp().T
+        ridge, damping = RIDGE * gates[:, 2:4].clamp(-STEEPEST_GATE, STEEPEST_GATE).exp().T
         limit, retreat = torch.sigmoid(gates[:, 4:5]), torch.sigmoid(gates[:, 5:])
 
         information = keep[:, None, None] * memory.information + take[:, None, None] * motion.information
@@ -113,7 +117,7 @@ class RecurrentServoNetwork(nn.Module):
         jacobian = jacobian + correction.view_as(moment)
         step = _gauss_newton(jacobian, motion.distance, LEAST_DAMPING + damping)
         step = torch.where(motion.seen[:, None], step, (1 - retreat) * step + retreat * motion.back)
-        words = limit * torch.tanh((step + 0.3 * extra) / limit) + self._tests(memory.looks)
+        words = limit * torch.tanh((step + FREELY * extra) / limit) + self._tests(memory.looks)
         return words.clamp(-1, 1), Memory(
             hidden=hidden,
             points=torch.where(motion.seen[:, None, None], points, memory.points),

@@ -18,11 +18,12 @@ from torch import Tensor
 from .weights import observation_format
 
 DISPLACEMENT = 0.005
-"""Of a twin's register: some 2 px, a thousand times what rounding to float32 hides."""
+"""Of a twin's register (a guard): some 2 px, a thousand times what rounding to float32 hides."""
 FAR = 3.0
-"""True image points are cut to this many image units; a camera behind a point sees it anywhere."""
+"""True image points are cut to this many image units (a guard): a camera behind a point sees it anywhere."""
 STEEPEST = 10.0
-"""Derivatives of image points (image units a word) are cut to this: several times those in the work space."""
+"""Derivatives of image points (image units a word) are cut to this (a guard): several times those in the work
+space."""
 
 
 class Look(NamedTuple):

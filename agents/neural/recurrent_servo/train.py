@@ -25,7 +25,7 @@ from .weights import save_network
 
 MOUNTS = ("waist", "stand")
 CLIP = 0.5
-"""Of the gradient's norm over all weights."""
+"""Of the gradient's norm over all weights. Choice, like those below."""
 WARM_UP = 100
 """Updates in which the learning rate rises."""
 FINISHING = (0.3, 0.7)

@@ -63,11 +63,11 @@ class ChangeDetector:
     """
 
     WINDOW = 200
-    """Earlier errors that count; older ones are of a network that knew less."""
+    """Earlier errors that count. Choice: older ones are of a network that knew less."""
     FEWEST = 30
-    """With fewer earlier errors nothing is suspected: p has to be able to get small."""
+    """With fewer earlier errors nothing is suspected (a guard): p has to be able to get small."""
     DRIFT = 2.0
-    """Twice what surprise is on average while nothing changes."""
+    """Choice: twice what surprise is on average while nothing changes."""
     LIMIT = 40.0
     """Independent errors pass it once in exp(0.8 · 40) motions (0.8 solves exp(-2 x) = 1 - x). Errors of one
     hard trial, or of a part of the work space that is new, are not independent: in 21,600 quiet motions of

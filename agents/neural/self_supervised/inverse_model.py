@@ -40,7 +40,7 @@ class InverseModel:
 
     SMALL_CHANGE = 0.06
     """Errors of words are relative to the change of d, and to no smaller one than this share of
-    `image_scale`: smaller ones say little of a reach."""
+    `image_scale`. Choice: smaller ones say little of a reach."""
 
     def __init__(
         self,

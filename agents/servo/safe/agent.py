@@ -45,7 +45,8 @@ class SafeStart(ServoAgent):
     It observes contacts by nothing but registers: words that were executed in part. It gives up where no
     motor can be moved, where no motor's motion is seen, and where it met something again and again; then
     it sends zero words, and `gave_up` says why. A later trial begins with what the last one has taught, on
-    a leash as short as at first.
+    a leash as short as at first; over a servo whose Jacobian does not last (`paper_servo`,
+    `work_plane_servo`), with first motions again.
 
     Args:
         env, seed: See `Agent`.

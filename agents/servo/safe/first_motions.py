@@ -51,7 +51,8 @@ class FirstMotions:
     """A word is to move the images by so many times what is clear. Choice: the second word mostly does, and
     by one centimetre at the gripper."""
     OF_NOISE = 2.0
-    """So many standard deviations images may have moved more than they seem to: words grow as if they had."""
+    """So many standard deviations images may have moved more than they seem to: words grow as if they had.
+    Choice: 95 %."""
     IN_PROPORTION = 0.5
     """Images answer in proportion that are off by no more than this share. Choice: 2 c then moves them by Δs
     to 3 Δs."""

@@ -72,7 +72,7 @@ class Leash:
     """No motor goes farther than this times where it has been, whatever the images are expected to do.
     Choice: a motor whose motions are not seen may not run away."""
     MOST_SHARE = 0.9
-    """Words that are shortened are shortened at least to this share: so servos tell it from a motor's
+    """Words that are shortened are shortened at least to this share. Choice: so servos tell it from a motor's
     stop."""
     PARTS = 8
     """In so many motions at most a single motor's words are executed (a guard)."""
