@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -43,7 +43,7 @@ class Calibration:
 
     measurements: Measurements
     known: Identification | None
-    noise_px: float = field(default_factory=lambda: MARKER_NOISE_PX)
+    noise_px: float
 
 
 class SelfCalibrating(ProcedureAgent):
@@ -103,7 +103,7 @@ class SelfCalibrating(ProcedureAgent):
         check_choice("motor_curve", motor_curve, MOTOR_CURVES)
         check_choice("lens", lens, LENSES)
         self.camera_mount, self.motor_curve, self.lens = camera_mount, motor_curve, lens
-        self.calibration = Calibration(Measurements.none(), None)
+        self.calibration = Calibration(Measurements.none(), None, MARKER_NOISE_PX)
         self._built = RobotModel.of(nominal(), camera_mount)
         lacking = MOTOR_CURVES[motor_curve] + LENSES[lens]
         self._identify = partial(identify, built=self._built, lacking=lacking)
@@ -120,7 +120,7 @@ class SelfCalibrating(ProcedureAgent):
 
     def new_findings(self) -> Calibration:
         """See `ProcedureAgent`."""
-        return Calibration(self.calibration.measurements, self.calibration.known)
+        return replace(self.calibration)
 
     def procedure(self, first: Observation, findings: Calibration) -> Procedure:
         """Explores if it must; then identifies and goes to the object by the model, again and again.
@@ -171,13 +171,14 @@ class SelfCalibrating(ProcedureAgent):
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`. Files of version 0.1 are read with a warning."""
-        self.calibration = Calibration(Measurements.none(), None)
+        self.calibration = Calibration(Measurements.none(), None, MARKER_NOISE_PX)
         if arrays:
             if "off_px" in arrays:
                 warnings.warn("arrays of version 0.1 were read: save them anew", stacklevel=3)
                 arrays = _of_version_0_1(arrays)
             measurements = Measurements.of_arrays(arrays)
-            self.calibration = Calibration(measurements, Identification.of_arrays(arrays, measurements))
+            known = Identification.of_arrays(arrays, measurements)
+            self.calibration = replace(self.calibration, measurements=measurements, known=known)
 
 
 def _of_version_0_1(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

@@ -15,6 +15,11 @@ from calfree_gym.vision.cameras import undistort
 RADII = 2048
 """Entries of the table of radii: between them a pinhole point is interpolated, to 0.001 px."""
 _NO_SHARES = np.empty(0, np.uint16)
+_PARTS = cv2.INTER_TAB_SIZE
+"""Of a pixel: `cv2.remap` takes shares of it in these, of rows times those of columns."""
+MARGIN, MARGIN_PX = 0.01, 1.1
+"""A pinhole image is wider than what the lens shows: by this share, or, where pixels are few, by so many (the
+outermost are seen at their middles). Choice."""
 LARGEST = 2.0
 """A pinhole image is at most so much wider than the lens's; beyond that it is coarser instead."""
 
@@ -56,8 +61,10 @@ class LensMap(NamedTuple):
         end = table[shown].max()
         stretch = np.where(radii <= end, np.interp(radii, table, stretch), np.nan)
         x, y = x * stretch, y * stretch
-        half = 1.01 * float(max(np.nanmax(np.abs(x)), np.nanmax(np.abs(y))))
+        shown_half = float(max(np.nanmax(np.abs(x)), np.nanmax(np.abs(y))))
+        half = (1 + MARGIN) * shown_half
         source = int(min(np.ceil(2 * half * scale * focal_length), np.ceil(LARGEST * size)))
+        half = max(half, shown_half * source / (source - MARGIN_PX))
         columns, rows = ((way / half + 1) * source / 2 - 0.5 for way in (x, -y))
         columns, rows = (np.where(np.isnan(way), -10, way).astype(np.float32) for way in (columns, rows))
         places, shares = cv2.convertMaps(columns, rows, cv2.CV_16SC2)
@@ -69,4 +76,8 @@ class LensMap(NamedTuple):
 
     def depths(self, pinhole: NDArray[np.float32]) -> NDArray[np.float32]:
         """The same of depths (size, size): those of the nearest pixels."""
-        return np.asarray(cv2.remap(pinhole, self.places, _NO_SHARES, cv2.INTER_NEAREST), np.float32)
+        rows, columns = np.divmod(self.shares, _PARTS)
+        nearest = self.places + (2 * np.stack([columns, rows], -1) >= _PARTS)
+        return np.asarray(
+            cv2.remap(pinhole, nearest.astype(np.int16), _NO_SHARES, cv2.INTER_NEAREST), np.float32
+        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -38,6 +39,7 @@ class Viewer:
     def _open(self, row: int) -> None:
         self._show(row)
         try:
+            _need_a_screen()
             from mujoco import viewer
 
             self._window = viewer.launch_passive(*self._picture, show_left_ui=False, show_right_ui=False)
@@ -56,3 +58,14 @@ class Viewer:
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+def _need_a_screen() -> None:
+    """Raises where no window can be opened: MuJoCo's viewer then ends the whole process."""
+    import glfw
+
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        if not glfw.init():
+            raise RuntimeError("; ".join(str(each.message) for each in said) or "GLFW cannot be initialized")
+    glfw.terminate()

@@ -107,6 +107,19 @@ def test_a_lens_map_is_the_lens(k1, offset):
     nearest = 1.3 * focal / IMAGE_SIZE * 2 * lens.half / lens.source * 2
     assert np.abs(points[..., 0] - pixels)[shown].max() < nearest
     assert np.abs(points[..., 1] - pixels[:, None])[shown].max() < nearest
+    middle = [
+        float(np.mean((points[..., axis] - way)[shown])) for axis, way in ((0, pixels), (1, pixels[:, None]))
+    ]
+    assert np.abs(middle).max() < 0.05 * 2 / size, "depths are shifted by a part of a pixel"
+
+
+@pytest.mark.parametrize("size", [8, 16, 33, 64, 84, 96, 127, 256])
+@pytest.mark.parametrize("offset", [0.0, 9.0])
+def test_a_lens_that_shows_all_has_no_black_border(size, offset):
+    lens = LensMap.of(420.0, np.array([offset, -offset]), 0.0, size)
+    assert lens.depths(np.ones((lens.source, lens.source), np.float32)).all()
+    white = np.full((lens.source, lens.source, 3), 255, np.uint8)
+    assert (lens.colours(white) == 255).all()
 
 
 def test_depths_are_those_of_the_points(images_of):
@@ -219,6 +232,7 @@ def test_the_viewer_shows_where_the_arm_is(monkeypatch):
 
     viewer = pytest.importorskip("mujoco.viewer")
     monkeypatch.setattr(viewer, "launch_passive", Window)
+    monkeypatch.setattr("glfw.init", lambda: True)
     env = gym.make("CalFree/Reach-v0", dynamics="kinematic", render_mode="human")
     env.reset(seed=0)
     env.render()
@@ -228,3 +242,14 @@ def test_the_viewer_shows_where_the_arm_is(monkeypatch):
     assert (shown[0] != shown[1]).any()
     env.close()
     assert shown[-1] == "closed"
+
+
+def test_without_a_screen_the_viewer_is_an_error_and_not_the_end_of_the_process(monkeypatch):
+    """MuJoCo's viewer would exit."""
+    viewer = pytest.importorskip("mujoco.viewer")
+    monkeypatch.setattr("glfw.init", lambda: False)
+    monkeypatch.setattr(viewer, "launch_passive", lambda *_, **__: sys.exit(1))
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", render_mode="human")
+    env.reset(seed=0)
+    with pytest.raises(gym.error.DependencyNotInstalled, match="needs a screen"):
+        env.render()
