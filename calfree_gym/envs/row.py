@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -99,8 +100,11 @@ class HasRows:
         """Sets an attribute: the `world` of each row, given as one or as a list; any other for all rows.
 
         Raises:
-            ValueError: There are more or fewer values than rows, or rows would differ in what they share.
+            ValueError: There are more or fewer values than rows, rows would differ in what they share, or it
+                is an argument that only a new environment can take.
         """
+        if name != "world" and name in inspect.signature(type(self)).parameters:
+            raise ValueError(f"{name} is an argument of make_vec; make another environment to change it")
         each = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(each) != self.num_envs:
             raise ValueError(

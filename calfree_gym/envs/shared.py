@@ -56,12 +56,15 @@ class ArmShared(Copyable, ABC):
         check_choice("reward", reward, tuple(REWARDS))
         check_choice("redraw", arms["redraw"], REDRAWS)
         check_flag("truth", truth)
+        check_flag("terminate_on_success", terminate_on_success)
+        check_flag("keep_in_view", arms["keep_in_view"])
         check_whole("image_size", arms["image_size"], SMALLEST_IMAGE, LARGEST_IMAGE)
         tolerance_px = arms["tolerance_px"]
         if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < IMAGE_SIZE):
             raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
-        if isinstance(tell, str):
-            raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({tell!r},)")
+        if isinstance(tell, str) or not isinstance(tell, Sequence):
+            such = tell if isinstance(tell, str) else next(iter(PRIVILEGED))
+            raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({such!r},)")
         for name in tell:
             check_choice("tell", name, tuple(PRIVILEGED))
         if render_mode is not None:

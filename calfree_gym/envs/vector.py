@@ -16,12 +16,15 @@ from calfree_gym.envs.reaching import Reaching
 from calfree_gym.envs.row import HasRows
 from calfree_gym.envs.shared import RENDER_MODES, ArmShared, Events, GoalRewards
 from calfree_gym.envs.spaces import GOALS, Observation, control_words
-from calfree_gym.errors import check_choice, known_arguments
+from calfree_gym.errors import check_choice, check_whole, known_arguments
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World, WorldChoice
+
+MOST_ROWS, LONGEST_TRIAL, MOST_THREADS = 2**20, 2**31, 2**10
+"""Of a batched environment, motions, and of it (guards)."""
 
 
 class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
@@ -41,7 +44,11 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
         num_envs, max_episode_steps, autoreset_mode, threads = (
             arguments.pop(name) for name in ("num_envs", "max_episode_steps", "autoreset_mode", "threads")
         )
-        _check_arguments(num_envs, max_episode_steps, autoreset_mode)
+        check_whole("num_envs", num_envs, 1, MOST_ROWS)
+        check_whole("max_episode_steps", max_episode_steps, 1, LONGEST_TRIAL)
+        check_whole("threads", threads, 0, MOST_THREADS)
+        modes = tuple(mode.value for mode in AutoresetMode)
+        check_choice("autoreset_mode", getattr(autoreset_mode, "value", autoreset_mode), modes)
         self._build(num_envs, threads, **arguments)
         self.num_envs = num_envs
         self._max_episode_steps = max_episode_steps
@@ -285,12 +292,3 @@ def make(**arguments: Any) -> StereoArmVectorEnv:
     """The environment of these arguments; for `gymnasium.make_vec`."""
     goals = arguments.get("observation", "points") in GOALS
     return StereoArmGoalVectorEnv(**arguments) if goals else StereoArmVectorEnv(**arguments)
-
-
-def _check_arguments(num_envs: int, max_episode_steps: int, autoreset_mode: AutoresetMode | str) -> None:
-    if num_envs < 1:
-        raise ValueError(f"num_envs is {num_envs}; it must be 1 or more")
-    if max_episode_steps < 1:
-        raise ValueError(f"max_episode_steps is {max_episode_steps}; it must be 1 or more")
-    modes = tuple(mode.value for mode in AutoresetMode)
-    check_choice("autoreset_mode", getattr(autoreset_mode, "value", autoreset_mode), modes)

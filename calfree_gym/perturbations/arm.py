@@ -66,6 +66,7 @@ class MotorSign(Perturbation):
     """Reverses a motor."""
 
     type: ClassVar[str] = "motor_sign"
+    drifts: ClassVar[bool] = False
     motor: str = one_of_the_arms("motors")
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:

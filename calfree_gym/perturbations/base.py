@@ -107,10 +107,12 @@ class Perturbation:
         type: Its name in YAML.
         at_home: Whether it must know where cameras on the arm are at home. Environments then tell it; without
             them that is as built.
+        drifts: Whether it can be a drift: there are small steps of it.
     """
 
     type: ClassVar[str]
     at_home: ClassVar[bool] = False
+    drifts: ClassVar[bool] = True
 
     @classmethod
     def settings(cls) -> dict[str, Setting]:

@@ -110,6 +110,10 @@ def _event(entry: Mapping[str, Any], where: str, earlier: list[Event]) -> Event:
     do = entry["do"]
     perturbation = do if isinstance(do, Perturbation) else parse_perturbation(do, f"{where}.do")
     if how == "drift":
+        if not perturbation.drifts:
+            raise ValueError(
+                f"{place} has {perturbation.type!r}, which has no small steps; allowed with it: at, every"
+            )
         return Event(_drifting(when, place), 1, perturbation, every=True, drift=True)
     clock, count = _count(when, place)
     if how == "every" and count == 0:

@@ -13,6 +13,7 @@ from pydantic import (
 )
 
 import calfree_gym
+from calfree_gym.errors import near_misses
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, robot_of
 from calfree_gym.robot.grasping.shapes import check_shape
@@ -106,7 +107,13 @@ class EnvironmentConfig(Model):
         What results say of an arm stays as it is: its files may be elsewhere.
         """
         if not isinstance(value, dict):
-            return one_of(value, (MOVEMASTER_NAME,))
+            if value != MOVEMASTER_NAME:
+                hint = near_misses(value, [MOVEMASTER_NAME])
+                raise ValueError(
+                    f"unknown{hint}; allowed: {MOVEMASTER_NAME}, or for an arm of your own a mapping, "
+                    "such as {model: mine.xml, gripper: tip}"
+                )
+            return value
         if is_told(value):
             return value
         return as_arm(value).to_dict()

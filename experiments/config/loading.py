@@ -43,6 +43,9 @@ KINDS = (
 """Told apart before a file is checked key by key."""
 
 
+_EXTENDS = "extends"
+
+
 class _StrictLoader(yaml.SafeLoader):
     """`yaml.SafeLoader`, except that a key that stands twice is an error."""
 
@@ -122,7 +125,7 @@ def read_mapping(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     data = read_yaml(path)
     if not isinstance(data, dict):
         raise ConfigError(f"{path}: found {type(data).__name__}; allowed: a mapping of keys")
-    extended = data.pop("extends", None)
+    extended = data.pop(_EXTENDS, None)
     if extended is None:
         return data
     if not isinstance(extended, str) or Path(extended).name != extended:
@@ -260,7 +263,8 @@ def _siblings(location: tuple[str | int, ...], config: type[BaseModel]) -> list[
         model = _model_in(annotation)
         inside_model = isinstance(part, str) and get_origin(annotation) is not dict
         annotation = model.model_fields[str(part)].annotation if inside_model else model
-    return list(_model_in(annotation).model_fields)
+    keys = list(_model_in(annotation).model_fields)
+    return keys if len(location) > 1 else [*keys, _EXTENDS]
 
 
 def _model_in(annotation: Any) -> type[BaseModel]:

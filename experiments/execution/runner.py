@@ -165,7 +165,8 @@ class Runner:
         spec = self._orders.pop(order)
         if order not in self._shown:  # over before it was seen
             self._display.start(spec.id, *spec.work)
-        wall = time.monotonic() - self._shown.get(order, time.monotonic())
+        now = time.monotonic()
+        wall = now - self._shown.get(order, now)
         self._display.end(spec.id, f"{how} {wall:.0f} s{more}")
 
     def _wait_for(self, folder: Path) -> None:

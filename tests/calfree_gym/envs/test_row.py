@@ -55,6 +55,10 @@ def test_attributes_are_set_for_each_row_where_rows_have_their_own():
         assert envs.get_attr("world") == (worlds[0],) * ROWS
         envs.set_attr("note", "shared")
         assert envs.get_attr("note") == ("shared",) * ROWS
+    with pytest.raises(ValueError, match="camera_mount is an argument of make_vec; make another"):
+        rows.set_attr("camera_mount", "stand")
+    with pytest.raises(ValueError, match="autoreset_mode is an argument of make_vec"):
+        rows.set_attr("autoreset_mode", "SameStep")
     with pytest.raises(ValueError, match=r"note got \[1, 2, 3\]; all rows share it"):
         rows.set_attr("note", [1, 2, 3])
     with pytest.raises(ValueError, match="world got 2 values; it must get 3, one a row, or one for all"):

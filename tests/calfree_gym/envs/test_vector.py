@@ -121,6 +121,9 @@ def test_bad_actions_and_seeds():
         env.step(np.zeros((2, 3)))
     with pytest.raises(ValueError, match="max_episode_steps is 0"):
         gym.make_vec("CalFree/Reach-v0", num_envs=2, max_episode_steps=0)
+    for name, wrong in (("num_envs", 1.5), ("max_episode_steps", "a"), ("threads", -1)):
+        with pytest.raises(ValueError, match=f"{name} is {wrong!r}; it must be a whole number from"):
+            gym.make_vec("CalFree/Reach-v0", **{"num_envs": 2, name: wrong})
     with pytest.raises(ValueError, match=r"'NextSte' .did you mean NextStep..; allowed: .*SameStep"):
         gym.make_vec("CalFree/Reach-v0", num_envs=2, autoreset_mode="NextSte")
     with pytest.raises(ValueError, match="3 entries; it must have 2"):

@@ -45,6 +45,10 @@ def test_damaged_times(at, message):
         ({"every": {"trial": 0}, "do": {"type": "lens"}}, "perturbations.0.every.trial is 0"),
         ({"drift": {"per": "trials"}, "do": {"type": "lens"}}, "drift.per is 'trials' .did you mean trial"),
         ({"do": {"type": "lens"}}, "must be a mapping of do and one of at, every, drift"),
+        (
+            {"drift": {"per": "motion"}, "do": {"type": "motor_sign"}},
+            "perturbations.0.drift has 'motor_sign', which has no small steps; allowed with it: at, every",
+        ),
         ({"at": {"trial": 1}, "every": {"trial": 1}, "do": {"type": "lens"}}, "one of at, every, drift"),
     ],
 )
@@ -143,11 +147,14 @@ whens = st.one_of(
     st.builds(lambda clock: {"drift": {"per": clock}}, st.sampled_from(["motion", "trial"])),
 )
 dos = st.sampled_from(sorted(TYPES)).map(lambda name: {"do": {"type": name}})
+entries = st.builds(lambda when, do: {**when, **do}, whens, dos).filter(
+    lambda entry: "drift" not in entry or TYPES[entry["do"]["type"]].drifts
+)
 
 
 @settings(max_examples=40)
 @given(
-    st.lists(st.builds(lambda when, do: {**when, **do}, whens, dos), max_size=4),
+    st.lists(entries, max_size=4),
     st.integers(0, 100),
     st.booleans(),
 )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calfree_gym import MOUNTS, WorldDistribution, nominal
+from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
 from calfree_gym.vision.measurement import MeasurementModel
@@ -143,9 +144,11 @@ def test_worlds_out_of_view_are_kept_where_that_is_asked_for(mount):
     turned = nominal().camera_orientation[:, [2, 3, 0, 1]] * [1, -1, -1, 1]
     blind = replace(nominal(), camera_orientation=turned)
     env = gym.make("CalFree/Reach-v0", world=blind, camera_mount=mount, keep_in_view=False).unwrapped
-    observation, _ = env.reset(seed=0)
+    observation, info = env.reset(seed=0)
     np.testing.assert_array_equal(observation["observation"][:4], 0)
-    np.testing.assert_array_equal(observation["achieved_goal"], 0)
+    np.testing.assert_array_equal(observation["desired_goal"], 0)
+    assert np.abs(observation["achieved_goal"]).max() <= 1.1 * env.tolerance_px * IMAGE_UNIT
+    assert not info["is_success"]
     out = [
         s
         for s in range(300)

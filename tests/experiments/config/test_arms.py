@@ -66,6 +66,7 @@ def test_the_model_is_sought_beside_the_yaml_file_and_angles_are_degrees(suite_d
         ({**HOBBY, "home_degrees": {"turm": 1}}, "did you mean turn"),
         ({"model": "arms/gantry.xml", "gripper": "hook", "home_degrees": {"x": 1}}, "'x', which slides"),
         ("movemastr", "did you mean movemaster?"),
+        ("mine.xml", "or for an arm of your own a mapping, such as {model: mine.xml, gripper: tip}"),
     ],
     ids=str,
 )

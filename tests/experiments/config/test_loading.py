@@ -57,6 +57,7 @@ ENV = ("scenarios", 0, "env")
         (("scenarios", 0, "motions"), True, "scenarios.0.motions", "found True"),
         (("evaluation", "evry"), 5, "evaluation.evry", "(did you mean every?); allowed: every, trials"),
         (("sead",), 5, "sead", "allowed: name, question, seed"),
+        (("extend",), "other.yaml", "extend", "did you mean extends or seed"),
         (("agents", 1, "name"), "unified_serwo", "agents.1.name", "did you mean unified_servo"),
         (("agents", 1), {"name": "random"}, "agents", "label random stands twice"),
         (("agents", 1), 7, "agents.1", "found 7: it must be a name or a mapping"),

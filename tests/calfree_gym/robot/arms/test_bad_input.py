@@ -177,6 +177,9 @@ def test_equalities_that_hold_no_motor_are_no_hindrance():
 def test_homes_that_cannot_be():
     refused_change("hobby", "home has 'elbow' at 3; its range is", home={"elbow": 3})
     refused_change("scara", r"home has 'lift' at -0.1; its range is 0 to 0.2", home={"lift": -0.1})
+    refused_change(
+        "gripper", "home has 'left_finger' at 0.5; its range is 0.005 to 0.04", home={"left_finger": 0.5}
+    )
     refused_change("scara", "home names 'lft' .did you mean lift", home={"lft": 0.1})
     refused_change("scara", "home has 'lift' at 'up'; it must be a number", home={"lift": "up"})
     refused_change("scara", "home has 'lift' at nan; it must be a number", home={"lift": float("nan")})
