@@ -19,18 +19,28 @@ from . import storage
 from .agent import Agent, Callback
 from .checks import check_number
 from .observation import Array, Observation, RawObservation
-from .trials import begins_trial
+from .trials import begins_trial, is_of_one
 
 Procedure = Generator[Array, Observation, None]
 """Seeks the rendezvous in one trial. After its end the agent sends zero words."""
 
 
-@dataclass
+@dataclass(repr=False)
 class RunningTrial:
-    """A procedure at work, and what it has found out so far."""
+    """A procedure at work, and what it has found out so far.
 
+    Attributes:
+        of: Whose procedure it is.
+        procedure: It.
+        findings: Where it writes what it finds out.
+    """
+
+    of: type[ProcedureAgent]
     procedure: Procedure
     findings: Any
+
+    def __repr__(self) -> str:
+        return f"a trial of {self.of.__name__}"
 
     def begin(self, first: Observation) -> Array:
         """The first control words (m,)."""
@@ -112,9 +122,15 @@ class ProcedureAgent(Agent):
         """See `Agent`. The state is opaque and consumed by the call.
 
         Raises:
-            ValueError: `state` is None in the middle of a trial, or of another number of environments.
+            ValueError: `state` is None in the middle of a trial, of another number of environments, or none
+                that this agent has returned; or the observation is none, see `is_of_one`.
         """
-        single = np.ndim(observation["achieved_goal"]) == 1
+        single = is_of_one(observation, self.env.observation_space)
+        for trial in state if isinstance(state, list) else () if state is None else (state,):
+            if getattr(trial, "of", None) is not type(self):
+                raise ValueError(
+                    f"the state holds {trial!r}; pass the state back that this agent's last call returned"
+                )
         rows = [self.observed(row) for row in ([observation] if single else _rows(observation))]
         registers = np.array([row.registers for row in rows])
         begins = begins_trial(registers, None if state is None else len(state), episode_start)
@@ -163,7 +179,7 @@ class ProcedureAgent(Agent):
 
     def _new_trial(self, first: Observation) -> RunningTrial:
         findings = self.new_findings()
-        return RunningTrial(self.procedure(first, findings), findings)
+        return RunningTrial(type(self), self.procedure(first, findings), findings)
 
     @property
     def _motors(self) -> int:

@@ -1,10 +1,43 @@
-"""Which environments begin a trial in a call of `predict`, with the errors that a lost state deserves."""
+"""What a call of `predict` is given: of one environment or of several, and which of them begin a trial."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
 import numpy as np
 
-from .observation import Array, Flags
+from .observation import STANDARD_KEYS, Array, Flags
+
+
+def is_of_one(observation: Any, space: gym.Space[Any]) -> bool:
+    """Whether an observation is of one environment, not of several.
+
+    Args:
+        observation: What `predict` was given.
+        space: Of the agent's own environment.
+
+    Raises:
+        ValueError: It is no observation of such environments, or holds a number that is not finite.
+    """
+    if not isinstance(observation, Mapping):
+        raise ValueError(f"the observation is {observation!r}; it must be a mapping of {_KEYS}")
+    for key in STANDARD_KEYS:
+        if key not in observation:
+            raise ValueError(f"the observation has {', '.join(map(str, observation))}; it must have {_KEYS}")
+        found, wanted = np.asarray(observation[key]), space[key].shape  # type: ignore[index]
+        if found.ndim not in (1, 2) or found.shape[-1:] != wanted:
+            raise ValueError(
+                f"the observation's {key} has shape {found.shape}; it must be {wanted}, or (n, {wanted[0]}) "
+                "of n environments, as in the environment that the agent was made with"
+            )
+        if not np.isfinite(found).all():
+            raise ValueError(f"the observation's {key} is {found.tolist()}; all numbers must be finite")
+    return bool(np.ndim(observation[STANDARD_KEYS[0]]) == 1)
+
+
+_KEYS = ", ".join(STANDARD_KEYS)
 
 
 def begins_trial(registers: Array, rows_of_state: int | None, episode_start: Flags | None) -> Flags:

@@ -165,8 +165,8 @@ class StereoArmEnv(Reaching, ArmEnv):
 
     A point is seen if it is in front of a camera and inside its image; with `occlusion` also only where
     neither the arm nor a mark nor a thing in the way hides its marks. A point that is not seen keeps its last
-    value of this trial; before it is first seen it is (0, 0), the centre. (With `occlusion`, a hidden point
-    that would show a rendezvous by that is moved to just beyond the tolerance.)
+    value of this trial; before it is first seen it is (0, 0), the centre. One that would show a rendezvous
+    by that is moved to just beyond the tolerance.
 
     ## Images
     Other observations come from images, rendered through each camera's lens in the world's light.

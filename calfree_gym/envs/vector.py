@@ -99,8 +99,10 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
         Motions of the trial count for `max_episode_steps`.
 
         Raises:
-            ValueError: There are more or fewer states than rows, or one is that of another arm.
+            ValueError: There are more or fewer states than rows, no such row, or one is that of another arm.
         """
+        if row is not None:
+            check_whole("row", row, 0, self.num_envs - 1)
         rows = range(self.num_envs) if row is None else [row]
         states = [state] * len(rows) if isinstance(state, Mapping) else list(state)
         if len(states) != len(rows):

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.arms.state import RowState, arm_state, check_state, restore, state_of
+from calfree_gym.envs.arms.state import RowState, arm_state, check_fits, check_state, restore, state_of
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.perturbations.application import Applied, PerturbationScheduler
 from calfree_gym.robot.arms.robot import Robot
@@ -284,15 +284,23 @@ class Arms(ABC):
         """All that the next motions of a row follow from, apart from the arguments."""
         parts = {name: state_of(getattr(self, name), row) for name in self.parts}
         delivered = tuple(each[row].copy() for each in self.delivered)
-        return state_of(self, row) | parts | {"arm": arm_state(self.robot), "delivered": delivered}
+        return (
+            state_of(self, row) | parts | {"arm": arm_state(self.robot, self.mounts), "delivered": delivered}
+        )
 
     def set_state(self, row: int, state: RowState) -> None:
         """Brings a row into a state that `get_state` gave; `simulation.refresh` then updates positions.
 
         Raises:
-            ValueError: It is the state of another arm.
+            ValueError: It is the state of another arm, or of an environment that observes something else;
+                the row is then as before.
         """
-        check_state(state, self.robot)
+        check_state(state, self.robot, self.mounts)
+        check_fits(self, row, state)
+        for name in self.parts:
+            if name not in state:
+                raise ValueError(f"the state has no {name}: its environment observes something else")
+            check_fits(getattr(self, name), row, state[name], name)
         if (seed := state["_seeds"]) is not None and seed != self._seeds[row]:
             self.seed_streams(row, seed)
         if (world := state["_worlds"]) is not None and world is not self._worlds[row]:

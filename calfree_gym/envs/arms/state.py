@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from calfree_gym.robot.arms.robot import Robot
+import numpy as np
+
+from calfree_gym.robot.arms.robot import Mounts, Robot
 
 if TYPE_CHECKING:
     from calfree_gym.envs.arms.base import Arms
@@ -63,12 +65,13 @@ def _own(value: Any) -> Any:
     return value.copy() if hasattr(value, "copy") else value
 
 
-def arm_state(robot: Robot) -> dict[str, Any]:
+def arm_state(robot: Robot, mounts: Mounts) -> dict[str, Any]:
     """By what the state of an arm is told from that of another."""
-    return {"motors": robot.motors, "links": dict(zip(robot.links, robot.lengths.tolist(), strict=True))}
+    links = dict(zip(robot.links, robot.lengths.tolist(), strict=True))
+    return {"motors": robot.motors, "links": links, "camera mounts": mounts}
 
 
-def check_state(state: RowState, robot: Robot) -> None:
+def check_state(state: RowState, robot: Robot, mounts: Mounts) -> None:
     """Raises where something is no state of a row with this arm.
 
     Raises:
@@ -79,6 +82,27 @@ def check_state(state: RowState, robot: Robot) -> None:
         raise ValueError(
             f"the state is {found[:100] + '...' * (len(found) > 100)}; it must be what get_state() gave"
         )
-    for name, here in arm_state(robot).items():
-        if (there := state["arm"][name]) != here:
+    for name, here in arm_state(robot, mounts).items():
+        if (there := state["arm"].get(name)) != here:
             raise ValueError(f"the state is of another arm: its {name} are {there}; here they are {here}")
+
+
+def check_fits(part: HasState, row: int, state: RowState, of: str = "") -> None:
+    """Raises where a state is not that of such a part of a row.
+
+    Args:
+        part: The part.
+        row: The row.
+        state: Its state.
+        of: What errors call the part.
+
+    Raises:
+        ValueError: An entry is missing, or of another shape; says which.
+    """
+    for name in part.state_names:
+        called = f"{of}.{name}" if of else name
+        if name not in state:
+            raise ValueError(f"the state has no {called}: its environment observes something else")
+        found, here = np.shape(state[name]), np.shape(getattr(part, name)[row])
+        if found != here:
+            raise ValueError(f"the state's {called} has shape {found}; it must have {here}")

@@ -1,7 +1,9 @@
 """What a procedure finds out in a trial, and who gets it."""
 
 import numpy as np
+import pytest
 
+import agents
 from agents.base.procedure import ProcedureAgent
 
 
@@ -68,3 +70,41 @@ def test_a_procedure_that_has_ended_sends_zero_words(make_env):
         sent.append(words)
         observation, *_ = env.step(words)
     np.testing.assert_allclose(sent, [[0.1] * 3, [0.0] * 3, [0.0] * 3])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda _: None, "the observation is None; it must be a mapping of achieved_goal, desired_goal, obs"),
+        (lambda _: {"a": 1}, "the observation has a; it must have achieved_goal, desired_goal, observation"),
+        (
+            lambda each: each | {"achieved_goal": np.full(4, np.nan)},
+            r"achieved_goal is \[nan.*must be finite",
+        ),
+        (
+            lambda each: each | {"desired_goal": np.zeros(3)},
+            r"desired_goal has shape \(3,\); it must be \(4,\)",
+        ),
+        (
+            lambda each: each | {"observation": np.zeros(8)},
+            r"shape \(8,\).*as in the environment that the agent",
+        ),
+    ],
+)
+@pytest.mark.parametrize("name", ["paper_servo", "memory", "random"])
+def test_what_is_no_observation_is_refused(make_env, name, change, said):
+    env = make_env()
+    observation, _ = env.reset(seed=0)
+    with pytest.raises(ValueError, match=said):
+        agents.make(name, env).predict(change(observation))
+
+
+def test_the_state_of_another_agent_is_refused(make_env):
+    env = make_env()
+    observation, _ = env.reset(seed=0)
+    _, state = agents.make("memory", env).predict(observation)
+    servo = agents.make("paper_servo", env)
+    with pytest.raises(ValueError, match="the state holds a trial of Memory; pass the state back"):
+        servo.predict(observation, state)
+    with pytest.raises(ValueError, match="the state holds 5; pass"):
+        servo.predict(observation, 5)

@@ -204,6 +204,13 @@ def test_any_arm_is_copied(name):
     assert_equal(lived(copied, 7, seed=1), lived(env, 7, seed=1))
 
 
+def other_world_of(env):
+    """A state in another world, of the same arguments."""
+    other = copy.deepcopy(env)
+    other.reset(seed=1)
+    return other.get_state()
+
+
 def test_states_of_others_are_refused():
     env, rows = made().unwrapped, made_rows().unwrapped
     env.reset(seed=0)
@@ -214,6 +221,18 @@ def test_states_of_others_are_refused():
         env.set_state(other.get_state())
     with pytest.raises(ValueError, match="there are 2 states; there must be 3, one a row, or one for all"):
         rows.set_state(rows.get_state()[:2])
+    elsewhere = made(camera_mount="stand").unwrapped
+    elsewhere.reset(seed=0)
+    with pytest.raises(ValueError, match="of another arm: its camera mounts are"):
+        env.set_state(elsewhere.get_state())
+    before, state = env.world, other_world_of(env)
+    with pytest.raises(ValueError, match="the state has no registers"):
+        env.set_state({key: value for key, value in state.items() if key != "registers"})
+    with pytest.raises(ValueError, match=r"registers has shape \(4,\); it must have \(3,\)"):
+        env.set_state(state | {"registers": np.zeros(4)})
+    assert env.world == before
+    with pytest.raises(ValueError, match="row is 7; it must be a whole number from 0 to 2"):
+        rows.set_state(state, 7)
     for wrong in ({}, 3, None, {"qpos": [0]}):
         with pytest.raises(ValueError, match=r"the state is .*; it must be what get_state\(\) gave"):
             env.set_state(wrong)
