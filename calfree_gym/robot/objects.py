@@ -89,7 +89,7 @@ class ObjectDraws:
             open_ = open_[~found]
             if not len(open_):
                 return objects, drawn_at
-        hidden = "" if self._lines is None else ", and hidden by nothing"
+        hidden = "" if self._lines is None else ", and hidden by nothing (as images and occlusion=True need)"
         hidden += "" if self._way_is_free is None else ", with nothing in the way to it"
         raise ValueError(
             f"no object in {ATTEMPTS * BLOCK} candidates is within reach and in view of both "

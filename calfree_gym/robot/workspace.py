@@ -245,17 +245,26 @@ def first_in_view(
     what: str,
     whole: bool = False,
     also: Callable[[World], bool] | None = None,
+    also_asks: str = "",
     as_seen: Callable[[World], World] = lambda world: world,
 ) -> World:
     """The first of `draw(0)`, `draw(1)`, ... that is in view `as_seen`, and of which `also` says yes.
 
     Raises:
-        ValueError: None of `ATTEMPTS` draws of `what` is.
+        ValueError: None of `ATTEMPTS` draws of `what` is; where some were in view, names what `also_asks`.
     """
+    seen = 0
     for attempt in range(ATTEMPTS):
         world = draw(attempt)
-        if in_view(as_seen(world), robot, mounts, whole) and (also is None or also(world)):
-            return world
+        if in_view(as_seen(world), robot, mounts, whole):
+            if also is None or also(world):
+                return world
+            seen += 1
+    if seen:
+        raise ValueError(
+            f"{what} never serves on {robot.mount_name(mounts)}: of {ATTEMPTS} drawn worlds {seen} were in "
+            f"view, but in none {also_asks}"
+        )
     raise ValueError(
         f"{what} is never in view on {robot.mount_name(mounts)}: in {ATTEMPTS} draws no world had the "
         f"gripper at home, and {least_in_view(robot, mounts):.0%} of the work space, in view of both cameras "

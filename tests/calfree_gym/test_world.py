@@ -167,6 +167,20 @@ def test_registers_within_nine_tenths_reach_all_of_a_drawn_worlds_work_space(mou
         assert found.reached[found.within].mean() > 0.995
 
 
+def test_what_no_drawn_world_fulfils_is_named():
+    with pytest.raises(
+        ValueError, match=r"a world never serves .* of 1000 drawn worlds \d+ were .*none is it so"
+    ):
+        first_in_view(
+            lambda attempt: WorldDistribution("wild").sample(0, attempt),
+            MOVEMASTER,
+            MOVEMASTER.mounts("waist"),
+            "a world",
+            also=lambda _: False,
+            also_asks="is it so",
+        )
+
+
 def test_coarse_worlds_are_the_papers_coarsely_calibrated_robot():
     built = nominal()
     angles = []

@@ -179,11 +179,15 @@ class Arms(ABC):
             f"a {distribution.name} world",
             whole=True,
             also=self.also_in_view(row),
+            also_asks=self.also_asks,
         )
 
     def as_seen(self, world: World) -> World:
         """A world as it is judged whether it is in view."""
         return world
+
+    also_asks: ClassVar[str] = ""
+    """What `also_in_view` asks, in words."""
 
     def also_in_view(self, row: int) -> Callable[[World], bool] | None:
         """What a drawn world must fulfil besides, if anything."""

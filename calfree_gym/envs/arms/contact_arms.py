@@ -64,6 +64,8 @@ class ContactArms(Arms):
         self._sight.set_world(row, world)
         self._moved[row] = True
 
+    also_asks = "can the task be done in enough places"
+
     def also_in_view(self, row: int) -> Callable[[World], bool]:
         """See `Arms`: the task can be done in enough places."""
 

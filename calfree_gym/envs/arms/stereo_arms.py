@@ -97,6 +97,8 @@ class StereoArms(Arms):
         self._objects.set_world(row, world)
         self._moved[row] = True
 
+    also_asks = "is the gripper's mark at home hidden by nothing, as images and occlusion=True need"
+
     def also_in_view(self, row: int) -> Callable[[World], bool] | None:
         """See `Arms`: nothing hides the gripper at home."""
         lines = self._lines

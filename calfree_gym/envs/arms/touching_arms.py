@@ -81,6 +81,8 @@ class TouchingArms(StereoArms):
         """See `Arms`: what is seen does not depend on how strong motors are."""
         return replace(world, motor_gain=np.full(len(self.robot.motors), SEEN_WITH))
 
+    also_asks = "does the arm at home touch nothing, nor hide its mark"
+
     def also_in_view(self, row: int) -> Callable[[World], bool]:
         """See `Arms`: nothing is touched at home."""
         also = super().also_in_view(row)

@@ -151,7 +151,8 @@ class Placing(Places):
         reached, _, _ = self._judged(row, world, thing, pose[None])
         if not reached[0]:
             raise ValueError(
-                f"{where} is out of reach in this world: things can be grasped about {BEFORE_IT}"
+                f"{where} is out of reach in this world, whose motors and links do not bring the jaws there "
+                f"from above; as built, things can be grasped about {BEFORE_IT}"
             )
         return Placed(thing, pose, self.goal(row, seed, trial, LIFTED))
 

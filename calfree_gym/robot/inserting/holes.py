@@ -76,8 +76,9 @@ class Holes(Places):
         reached, _, poses = self._reached(row, world, place[None], turns)
         if not reached[0] or place[2] < HEIGHT[0]:
             raise ValueError(
-                f"the hole at {place.tolist()} is out of reach in this world: pegs go in about {BEFORE_IT}, "
-                f"{HEIGHT[0]} to {HEIGHT[1]} m above the table, and {CLEAR} m below the peg at home"
+                f"the hole at {place.tolist()} is out of reach in this world, whose motors and links do not "
+                f"bring the peg there along it; as built, pegs go in about {BEFORE_IT}, {HEIGHT[0]} to "
+                f"{HEIGHT[1]} m above the table, and {CLEAR} m below the peg at home"
             )
         return poses[0]
 
