@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-import numpy as np
-
 from calfree_gym.robot.arms.robot import Mounts, Robot
 
 if TYPE_CHECKING:
@@ -103,6 +101,6 @@ def check_fits(part: HasState, row: int, state: RowState, of: str = "") -> None:
         called = f"{of}.{name}" if of else name
         if name not in state:
             raise ValueError(f"the state has no {called}: its environment observes something else")
-        found, here = np.shape(state[name]), np.shape(getattr(part, name)[row])
+        found, here = (getattr(each, "shape", ()) for each in (state[name], getattr(part, name)[row]))
         if found != here:
             raise ValueError(f"the state's {called} has shape {found}; it must have {here}")
