@@ -333,20 +333,3 @@ def test_robot_seconds_are_travel_at_limited_joint_speed_and_four_seconds_to_set
     *_, info = env.step(-env.arms.registers[0])
     assert info["robot_seconds"] == pytest.approx(home)
     assert env.home_seconds == pytest.approx(4.0)
-
-
-def test_a_rendezvous_takes_points_that_are_seen_without_occlusion_too():
-    """Points that were never seen stand in the middle of the image: not a rendezvous, though they meet."""
-    dropout = {"at": {"trial": 0}, "do": {"type": "point_dropout", "share": 0.8}}
-    env = gym.make("CalFree/Reach-v0", camera_mount="stand", dynamics="kinematic", perturbations=[dropout])
-    met = 0
-    for seed in range(60):
-        observation, info = env.reset(seed=seed)
-        met += info["is_success"]
-        for _ in range(2):
-            observation, reward, terminated, _, info = env.step(env.action_space.sample())
-            seen = observation["observation"][:4] > 0.5
-            assert seen.all() or not (terminated or info["is_success"] or reward == 0)
-            if terminated:
-                break
-    assert not met

@@ -1,5 +1,6 @@
 """What is asked in reaching: a rendezvous needs all points to be seen."""
 
+import gymnasium as gym
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -39,3 +40,21 @@ def test_what_is_hidden_never_shows_a_rendezvous(objects, apart, visible, tolera
     moved = (kept != points).any((1, 2))
     far = np.linalg.norm(points[:, :2] - points[:, 2:], axis=-1).max(-1)
     assert not moved[far > 1.02 * tolerance].any()
+
+
+def test_a_rendezvous_takes_points_that_are_seen_without_occlusion_too():
+    """Points that were never seen stand in the middle of the image: not a rendezvous, though they meet."""
+    dropout = {"at": {"trial": 0}, "do": {"type": "point_dropout", "share": 0.8}}
+    env = gym.make("CalFree/Reach-v0", camera_mount="stand", dynamics="kinematic", perturbations=[dropout])
+    met = 0
+    env.action_space.seed(0)
+    for seed in range(60):
+        observation, info = env.reset(seed=seed)
+        met += info["is_success"]
+        for _ in range(2):
+            observation, reward, terminated, _, info = env.step(env.action_space.sample())
+            seen = observation["observation"][:4] > 0.5
+            assert seen.all() or not (terminated or info["is_success"] or reward == 0)
+            if terminated:
+                break
+    assert not met
