@@ -126,11 +126,8 @@ class ProcedureAgent(Agent):
                 that this agent has returned; or the observation is none, see `is_of_one`.
         """
         single = is_of_one(observation, self.env.observation_space)
-        for trial in state if isinstance(state, list) else () if state is None else (state,):
-            if getattr(trial, "of", None) is not type(self):
-                raise ValueError(
-                    f"the state holds {trial!r}; pass the state back that this agent's last call returned"
-                )
+        if state is not None:
+            self._check_state(state)
         rows = [self.observed(row) for row in ([observation] if single else _rows(observation))]
         registers = np.array([row.registers for row in rows])
         begins = begins_trial(registers, None if state is None else len(state), episode_start)
@@ -145,6 +142,13 @@ class ProcedureAgent(Agent):
             after.append(trial)
         stacked = np.asarray(words, np.float32)
         return (stacked[0] if single else stacked), after
+
+    def _check_state(self, state: Any) -> None:
+        for trial in state if isinstance(state, list) else [state]:
+            if getattr(trial, "of", None) is not type(self):
+                raise ValueError(
+                    f"the state holds {trial!r}; pass the state back that this agent's last call returned"
+                )
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
         """See `Agent`."""
