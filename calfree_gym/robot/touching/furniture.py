@@ -30,6 +30,9 @@ none lies so far below it. Choice."""
 LOW_SHARE = 0.1
 """And below all but this share of the places that the gripper can be brought to. Choice: some cannot be
 reached."""
+CLEARANCE = 0.03
+"""At home nothing is nearer (m, for the RV-M2) to table and walls. Choice: what is off by as much as first
+motions are touches nothing."""
 HALF = 0.02
 """Half the thickness of table and walls (m), as of the RV-M2's table."""
 POSTURES = 500
@@ -45,8 +48,9 @@ _CONTACT = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 class Furniture:
     """Puts table and walls around an arm, and lets all of them and the arm's own links touch.
 
-    Links that touch each other in the model at home are built so: they do not count. Geoms collide that the
-    model lets collide; of an arm that lets none, all.
+    What is nearer to the arm or its links to each other than `CLEARANCE` at home is built so: these pairs do
+    not count, for the shapes by which models collide are fuller than links are. Geoms collide that the model
+    lets collide; of an arm that lets none, all.
 
     Args:
         robot: The arm.
@@ -118,7 +122,12 @@ class Furniture:
 
     def _forgive_what_is_built_so(self, spec: Any) -> None:
         model, data = at_home(spec, self._robot)
-        pairs = np.sort(model.geom_bodyid[data.contact.geom], axis=1)
+        near = CLEARANCE * self._robot.rig.scale
+        keep_apart(model, of_arm(model, self._robot), near)
+        mujoco.mj_collision(model, data)
+        room = of_room(model)[data.contact.geom].any(1)
+        built_so = data.contact.dist <= np.where(room, 0.0, near)
+        pairs = np.sort(model.geom_bodyid[data.contact.geom[built_so]], axis=1)
         for one, other in np.unique(pairs, axis=0):
             spec.add_exclude(bodyname1=model.body(one).name, bodyname2=model.body(other).name)
 
@@ -141,6 +150,19 @@ def of_arm(model: mujoco.MjModel, robot: Robot) -> NDArray[np.bool_]:
     """Which geoms are of the arm, and not of what stands around it."""
     first = model.body(robot.bodies[0]).id
     return np.array([first in path_to(model, body) for body in model.geom_bodyid])
+
+
+def of_room(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Which geoms are table and walls."""
+    return np.array([model.geom(geom).name.startswith(ROOM) for geom in range(model.ngeom)])
+
+
+def keep_apart(model: mujoco.MjModel, geoms: NDArray[np.bool_], distance: float) -> None:
+    """Makes contacts of what is nearer to these geoms than so much (m), and of some that is not."""
+    model.geom_margin[geoms] = distance
+    model.body_margin[model.geom_bodyid[geoms]] = (
+        distance  # else bodies are not compared that are farther apart
+    )
 
 
 def at_home(spec: Any, robot: Robot) -> tuple[mujoco.MjModel, mujoco.MjData]:

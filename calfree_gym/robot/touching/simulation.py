@@ -13,7 +13,7 @@ from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.grasping.ramp import smooth
 from calfree_gym.robot.grasping.simulation import PEAK
 from calfree_gym.robot.reach_simulation import ReachSimulation
-from calfree_gym.robot.touching.furniture import ROOM, SENSOR, furniture, of_arm
+from calfree_gym.robot.touching.furniture import CLEARANCE, SENSOR, furniture, keep_apart, of_arm, of_room
 
 if TYPE_CHECKING:
     from calfree_gym.world import World
@@ -31,11 +31,8 @@ REACTION = 2
 RETREAT = 0.5
 """It then goes back by this share of the way that it has come: as in grasping."""
 ON_THE_WAY = 8
-"""Places on the way to an object at which the arm must touch nothing. Choice: a few cm apart."""
-
-CLEARANCE = 0.03
-"""Nor come so near (m, for the RV-M2) to table and walls. Choice: what is off by as much as first motions
-are touches nothing."""
+"""Places on the way to an object at which the arm must touch nothing, nor come nearer to table and walls than
+`CLEARANCE`. Choice: a few cm apart."""
 
 
 class Touched(NamedTuple):
@@ -89,11 +86,7 @@ class TouchingSimulation(ReachSimulation):
         self._picture = self.picture()
         model = self._picture[0]
         self._of_arm = of_arm(model, robot)
-        for geom in range(model.ngeom):
-            if model.geom(geom).name.startswith(ROOM):
-                model.geom_margin[geom] = CLEARANCE * robot.rig.scale
-                body = model.geom_bodyid[geom]  # else bodies are not compared that are farther apart
-                model.body_margin[body] = model.geom_margin[geom]
+        keep_apart(model, of_room(model), CLEARANCE * robot.rig.scale)
 
     def set_world(self, row: int, world: World) -> None:
         """See `Simulation`."""

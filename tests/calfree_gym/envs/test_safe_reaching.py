@@ -1,6 +1,8 @@
 """SafeReach: contacts as MuJoCo alone has them, arms that stop short, and what ends a trial."""
 
+import collections
 import copy
+import itertools
 from dataclasses import replace
 
 import gymnasium as gym
@@ -10,9 +12,8 @@ import pytest
 
 import calfree_gym
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.touching.furniture import SENSOR
+from calfree_gym.robot.touching.furniture import CLEARANCE, SENSOR, furniture, of_arm
 from calfree_gym.robot.touching.simulation import (
-    CLEARANCE,
     LEAST,
     REACTION,
     RETREAT,
@@ -242,6 +243,30 @@ def test_a_place_that_is_free_is_so_by_mujocos_distances():
         if simulation.is_free(0, joints):
             assert near >= CLEARANCE - 1e-6
     assert sum(0 < near < CLEARANCE for near in nearest) > 3
+
+
+@pytest.mark.parametrize("name", ["torque", "redundant", "scara", "hobby", "gripper"])
+def test_links_do_not_count_that_are_so_near_to_each_other_as_built(name):
+    """By MuJoCo's distances: all pairs nearer than what is kept free, and no other."""
+    robot = calfree_gym.Arm(**ARMS[name]).robot
+    scene = robot.scene(("world", "world"), furniture(robot))
+    model, data = scene.model, mujoco.MjData(scene.model)
+    data.qpos[:] = scene.home
+    mujoco.mj_fwdPosition(model, data)
+    nearest = collections.defaultdict(lambda: np.inf)
+    links = [geom for geom in np.flatnonzero(of_arm(model, robot)) if model.geom_contype[geom]]
+    for one, other in itertools.combinations(links, 2):
+        bodies = tuple(sorted(model.geom_bodyid[[one, other]].tolist()))
+        welded = [int(model.body_weldid[body]) for body in bodies]
+        parents = [int(model.body_weldid[model.body_parentid[body]]) for body in welded]
+        joined = welded[0] in (welded[1], parents[1]) or welded[1] == parents[0]
+        if not joined:  # else they never count
+            near = mujoco.mj_geomDistance(model, data, one, other, 1.0, None)
+            nearest[bodies] = min(nearest[bodies], near)
+    excluded = {(pair >> 16, pair & 0xFFFF) for pair in model.exclude_signature.tolist()}
+    clear = CLEARANCE * robot.rig.scale
+    assert nearest
+    assert {bodies for bodies, near in nearest.items() if near <= clear} == excluded & nearest.keys()
 
 
 def test_copies_and_states_know_of_contacts():
