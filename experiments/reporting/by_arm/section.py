@@ -102,6 +102,7 @@ def arms_sections(finished: FinishedSuite) -> list[Section]:
             table=Table("arms-intervals", "Agents by arms", pd.DataFrame(rows, columns=columns)),
             note=_INTERVALS,
         ),
+        Section(title="What each arm is", table=_environments(finished)),
     ]
 
 
@@ -112,13 +113,15 @@ def _motors(env: EnvironmentConfig) -> int:
 def _about(finished: FinishedSuite) -> str:
     suite = finished.suite
     first, *_ = suite.scenarios
-    environments = "; ".join(
-        f"{scenario.name}: {about_environment(scenario.env)}" for scenario in suite.scenarios
-    )
     return (
         f"At most {first.env.max_episode_steps} motions a trial, {first.trials} trials a lifetime, "
-        f"{counted(suite.worlds, 'world')}, the same for every agent.{few_worlds(suite)} {environments}."
+        f"{counted(suite.worlds, 'world')}, the same for every agent.{few_worlds(suite)}"
     )
+
+
+def _environments(finished: FinishedSuite) -> Table:
+    rows = [[scenario.name, about_environment(scenario.env)] for scenario in finished.suite.scenarios]
+    return Table("arms-environments", "What each arm is", pd.DataFrame(rows, columns=["arm", "environment"]))
 
 
 def arms_table(numbers: pd.DataFrame) -> Table:
@@ -143,7 +146,7 @@ def arms_table(numbers: pd.DataFrame) -> Table:
         ]
         for scenario in numbers["scenario"].unique()
     ]
-    columns = ["arm", *(f"`{agent}`" for agent in numbers["agent"].unique())]
+    columns = ["arm", *numbers["agent"].unique()]
     return Table("arms", "Agents by arms", pd.DataFrame(rows, columns=columns))
 
 
