@@ -24,7 +24,7 @@ from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World, WorldChoice
 
 MOST_ROWS, LONGEST_TRIAL, MOST_THREADS = 2**20, 2**31, 2**10
-"""Of a batched environment, motions, and of it (guards)."""
+"""Rows, motions of a trial, and threads of a batched environment (guards)."""
 
 
 class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):

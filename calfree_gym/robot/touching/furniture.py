@@ -160,9 +160,8 @@ def of_room(model: mujoco.MjModel) -> NDArray[np.bool_]:
 def keep_apart(model: mujoco.MjModel, geoms: NDArray[np.bool_], distance: float) -> None:
     """Makes contacts of what is nearer to these geoms than so much (m), and of some that is not."""
     model.geom_margin[geoms] = distance
-    model.body_margin[model.geom_bodyid[geoms]] = (
-        distance  # else bodies are not compared that are farther apart
-    )
+    # else bodies are not compared that are farther apart
+    model.body_margin[model.geom_bodyid[geoms]] = distance
 
 
 def at_home(spec: Any, robot: Robot) -> tuple[mujoco.MjModel, mujoco.MjData]:
