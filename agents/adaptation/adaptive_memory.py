@@ -150,7 +150,7 @@ class AdaptiveMemory:
         known = self.known_for(home.gripper)
         if known is None or not len(known.gripper):
             return None
-        return known.points(home.object if home.visible[2:].all() else None, noise_px, start)
+        return known.points(home.object if home.shows_object else None, noise_px, start)
 
     def announce_change(self, cameras: Cameras) -> None:
         """The user says that these cameras (2,) have changed before the next trial; both mean the arm."""

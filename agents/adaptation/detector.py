@@ -88,7 +88,7 @@ class ChangeDetector:
 
     def __init__(self, motors: int) -> None:
         self.home = HomeView()
-        self.suspects = Pairs.none(motors)
+        self._none = self.suspects = Pairs.none(motors)
         self.unconfirmed_home = np.empty((0, 4))
         self.usual_scores = np.empty((0, 2))
 
@@ -100,12 +100,13 @@ class ChangeDetector:
             known: What is known so far.
             announced: Cameras (2,) of which somebody said that they have changed.
         """
-        trial, unconfirmed = int(pairs.trials[0]), Pairs.none(pairs.registers.shape[1])
+        trial, unconfirmed = int(pairs.trials[0]), self._none
+        since = trial - int(self.suspects.trials[0]) if len(self.suspects) else 0
         pairs, jumped = self._home_jump(pairs, known)
         jumped = jumped | announced
         self.home.add(pairs.sensors[0], float(pairs.noise_px[0]), trial)
-        if len(self.suspects) and trial - self.suspects.trials[0] >= self.CONFIRM_TRIALS:
-            unconfirmed, self.suspects = self._credible(self.suspects, known), unconfirmed
+        if since >= self.CONFIRM_TRIALS:
+            unconfirmed = self._cleared(known)
         gripper, object_ = self._inconsistent(pairs.away(), known)
         if jumped.any():
             return self._changed(pairs, jumped)
@@ -114,12 +115,12 @@ class ChangeDetector:
                 return self._changed(self.suspects + pairs, np.asarray((gripper | object_).any(0)))
             self.suspects = pairs
             return Finding(Verdict.SUSPECT, unconfirmed)
-        if len(self.suspects) and trial - self.suspects.trials[0] == self.CONFIRM_TRIALS - 1:
-            unconfirmed, self.suspects = self._credible(self.suspects, known), unconfirmed
+        if since == self.CONFIRM_TRIALS - 1:
+            unconfirmed = self._cleared(known)
         return Finding(Verdict.UNCHANGED, unconfirmed + pairs)
 
     def _changed(self, pairs: Pairs, cameras: Cameras) -> Finding:
-        self.suspects = Pairs.none(pairs.registers.shape[1])
+        self.suspects = self._none
         return Finding(Verdict.CHANGED, pairs, cameras, self.home.before(int(pairs.trials[0])))
 
     def begin_anew(self, since: Pairs) -> None:
@@ -168,8 +169,9 @@ class ChangeDetector:
         mostly = bool(inconsistent.any(1).mean() > 0.5)
         return len(inconsistent) >= self.ENOUGH_IN_ONE_TRIAL and mostly
 
-    def _credible(self, suspects: Pairs, known: Remembered) -> Pairs:
-        """Without those that were far off and were not confirmed: they were mistaken."""
+    def _cleared(self, known: Remembered) -> Pairs:
+        """Nothing has confirmed the suspicion: its pairs but for those far off, which were mistaken."""
+        suspects, self.suspects = self.suspects, self._none
         errors_px = known.errors(suspects.away())[0].max(0)
         return suspects.only(np.concatenate([[True], (errors_px < self.MISTAKEN_PX).all(1)]))
 

@@ -67,7 +67,7 @@ class Memory(ServoAgent):
             findings.estimator = points
         elif points is not None:
             registers, expected_px = self._recall(points)
-            if now.visible[2:].all() and expected_px <= self.jump_px:
+            if now.shows_object and expected_px <= self.jump_px:
                 now = yield from jump(registers, now, findings)
             expected = points.at(now.registers)
             slopes = Slopes.of(expected.jacobian, now.registers, expected.slope_variances)

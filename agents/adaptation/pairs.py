@@ -50,8 +50,8 @@ class Pairs:
             trial: The trial's number.
         """
         first = looks[0]
-        looks = [look for look in looks if look.visible[:2].all()]
-        shown = [(first.visible & look.visible)[2:].all() for look in looks]
+        looks = [look for look in looks if look.shows_gripper]
+        shown = [first.shows_object and look.shows_object for look in looks]
         count = len(looks)
         if not count:
             return cls.none(0)

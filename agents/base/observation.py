@@ -67,6 +67,16 @@ class Observation:
         return self.points[2:].reshape(4)
 
     @property
+    def shows_gripper(self) -> bool:
+        """Whether both cameras see it."""
+        return bool(self.visible[:2].all())
+
+    @property
+    def shows_object(self) -> bool:
+        """Whether both cameras see it."""
+        return bool(self.visible[2:].all())
+
+    @property
     def distance(self) -> Array:
         """The image distance d (4,): gripper point minus object point, in sensor space."""
         return (self.points[:2] - self.points[2:]).reshape(4)

@@ -129,7 +129,7 @@ class GraspTrial:
         if points is None or self.now.opening < OPEN:
             return
         moved = self.now.at("object") - points.at(view.registers).object.points
-        if view.visible[2:].all() and lengths_px(moved).max() > MOVED_PX:
+        if view.shows_object and lengths_px(moved).max() > MOVED_PX:
             points.object_moved(moved)
         points.look(view, findings.noise_px)
 

@@ -109,7 +109,7 @@ class LearningServo(ServoAgent):
 
     def _recall(self, home: Observation) -> Recall | None:
         """What it remembers of the object's place, if that is seen, and sure enough to move there at once."""
-        recall = self.knowledge.recall(home.object) if home.visible[2:].all() else None
+        recall = self.knowledge.recall(home.object) if home.shows_object else None
         return None if recall is None or recall.deviation_px > self.jump_px else recall
 
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
@@ -121,10 +121,10 @@ class LearningServo(ServoAgent):
             return
         registers = [np.where(self.camera_motors, 0.0, each.registers) for each in trusted]
         sensors = [each.gripper for each in trusted]
-        teaches = [self.looks_teach and bool(each.visible[:2].all()) for each in trusted]
+        teaches = [self.looks_teach and each.shows_gripper for each in trusted]
         registers.append(self._rendezvous(last, findings.estimator.jacobian if len(trusted) > 2 else None))
         sensors.append(trusted[0].object)
-        teaches.append(ended and bool(trusted[0].visible[2:].all()))
+        teaches.append(ended and trusted[0].shows_object)
         for seen, there, teach in zip(sensors, registers, teaches, strict=True):
             if teach:
                 self.knowledge.learn(seen, there)

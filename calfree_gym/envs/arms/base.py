@@ -62,6 +62,8 @@ class Arms(ABC):
     """Names of what has a state of its own."""
     shown_points: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
     """Which of the image points are the gripper's and the object's, left and right of each."""
+    also_asks: ClassVar[str] = ""
+    """What `also_in_view` asks, in words."""
     delivered: tuple[NDArray[Any], ...]
     tolerance: np.float32
 
@@ -186,9 +188,6 @@ class Arms(ABC):
         """A world as it is judged whether it is in view."""
         return world
 
-    also_asks: ClassVar[str] = ""
-    """What `also_in_view` asks, in words."""
-
     def also_in_view(self, row: int) -> Callable[[World], bool] | None:
         """What a drawn world must fulfil besides, if anything."""
         return None
@@ -299,12 +298,12 @@ class Arms(ABC):
             ValueError: It is the state of another arm, or of an environment that observes something else;
                 the row is then as before.
         """
-        check_state(state, self.robot, self.mounts)
+        check_state(state, self.robot, self.mounts, (*self.parts, "delivered"))
         check_fits(self, row, state)
         for name in self.parts:
-            if name not in state:
-                raise ValueError(f"the state has no {name}: its environment observes something else")
-            check_fits(getattr(self, name), row, state[name], name)
+            check_fits(getattr(self, name), row, state[name], f"{name}.")
+        if (found := len(state["delivered"])) != len(self.delivered):
+            raise ValueError(f"the state delivers {found} arrays; it must be {len(self.delivered)}")
         if (seed := state["_seeds"]) is not None and seed != self._seeds[row]:
             self.seed_streams(row, seed)
         if (world := state["_worlds"]) is not None and world is not self._worlds[row]:

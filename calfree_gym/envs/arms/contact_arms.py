@@ -35,6 +35,7 @@ class ContactArms(Arms):
     simulation: GraspSimulation
     robot: GrippingArm
     parts: ClassVar[tuple[str, ...]] = (*Arms.parts, "_sight")
+    also_asks = "can the task be done in enough places"
 
     def __init__(
         self,
@@ -63,8 +64,6 @@ class ContactArms(Arms):
         super().enter(row, world)
         self._sight.set_world(row, world)
         self._moved[row] = True
-
-    also_asks = "can the task be done in enough places"
 
     def also_in_view(self, row: int) -> Callable[[World], bool]:
         """See `Arms`: the task can be done in enough places."""

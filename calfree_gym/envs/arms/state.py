@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from calfree_gym.robot.arms.robot import Mounts, Robot
@@ -69,13 +69,13 @@ def arm_state(robot: Robot, mounts: Mounts) -> dict[str, Any]:
     return {"motors": robot.motors, "links": links, "camera mounts": mounts}
 
 
-def check_state(state: RowState, robot: Robot, mounts: Mounts) -> None:
-    """Raises where something is no state of a row with this arm.
+def check_state(state: RowState, robot: Robot, mounts: Mounts, parts: Sequence[str]) -> None:
+    """Raises where something is no state of a row with this arm, or has not all of its parts.
 
     Raises:
         ValueError: It is none, or that of another arm; says what was found and what is allowed.
     """
-    if not isinstance(state, Mapping) or "arm" not in state:
+    if not isinstance(state, Mapping) or not {"arm", *parts} <= state.keys():
         found = repr(state)
         raise ValueError(
             f"the state is {found[:100] + '...' * (len(found) > 100)}; it must be what get_state() gave"
@@ -85,22 +85,21 @@ def check_state(state: RowState, robot: Robot, mounts: Mounts) -> None:
             raise ValueError(f"the state is of another arm: its {name} are {there}; here they are {here}")
 
 
-def check_fits(part: HasState, row: int, state: RowState, of: str = "") -> None:
+def check_fits(part: HasState, row: int, state: RowState, prefix: str = "") -> None:
     """Raises where a state is not that of such a part of a row.
 
     Args:
         part: The part.
         row: The row.
         state: Its state.
-        of: What errors call the part.
+        prefix: Of the names that errors tell.
 
     Raises:
         ValueError: An entry is missing, or of another shape; says which.
     """
     for name in part.state_names:
-        called = f"{of}.{name}" if of else name
         if name not in state:
-            raise ValueError(f"the state has no {called}: its environment observes something else")
+            raise ValueError(f"the state has no {prefix}{name}: its environment observes something else")
         found, here = (getattr(each, "shape", ()) for each in (state[name], getattr(part, name)[row]))
         if found != here:
-            raise ValueError(f"the state's {called} has shape {found}; it must have {here}")
+            raise ValueError(f"the state's {prefix}{name} has shape {found}; it must have {here}")

@@ -45,6 +45,7 @@ class StereoArms(Arms):
     simulation: ReachSimulation
     state_names: ClassVar[tuple[str, ...]] = (*Arms.state_names, "_drawn_at")
     parts: ClassVar[tuple[str, ...]] = (*Arms.parts, "_sight")
+    also_asks = "is the gripper's mark at home hidden by nothing, as images and occlusion=True need"
 
     def __init__(
         self,
@@ -96,8 +97,6 @@ class StereoArms(Arms):
         self._sight.set_world(row, world)
         self._objects.set_world(row, world)
         self._moved[row] = True
-
-    also_asks = "is the gripper's mark at home hidden by nothing, as images and occlusion=True need"
 
     def also_in_view(self, row: int) -> Callable[[World], bool] | None:
         """See `Arms`: nothing hides the gripper at home."""

@@ -44,6 +44,7 @@ class TouchingArms(StereoArms):
 
     simulation: TouchingSimulation
     state_names: ClassVar[tuple[str, ...]] = (*StereoArms.state_names, "total_travel", "harmed")
+    also_asks = "does the arm at home touch nothing, nor hide its mark"
 
     def __init__(
         self, rows: int, *, gains: tuple[float, float], force_bound: float, **arguments: Any
@@ -80,8 +81,6 @@ class TouchingArms(StereoArms):
     def as_seen(self, world: World) -> World:
         """See `Arms`: what is seen does not depend on how strong motors are."""
         return replace(world, motor_gain=np.full(len(self.robot.motors), SEEN_WITH))
-
-    also_asks = "does the arm at home touch nothing, nor hide its mark"
 
     def also_in_view(self, row: int) -> Callable[[World], bool]:
         """See `Arms`: nothing is touched at home."""

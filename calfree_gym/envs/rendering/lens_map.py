@@ -15,8 +15,6 @@ from calfree_gym.vision.cameras import undistort
 RADII = 2048
 """Entries of the table of radii: between them a pinhole point is interpolated, to 0.001 px."""
 _NO_SHARES = np.empty(0, np.uint16)
-_PARTS = cv2.INTER_TAB_SIZE
-"""Of a pixel: `cv2.remap` takes shares of it in these, of rows times those of columns."""
 MARGIN, MARGIN_PX = 0.01, 1.1
 """A pinhole image is wider than what the lens shows: by this share, or, where pixels are few, by so many (the
 outermost are seen at their middles). Choice."""
@@ -32,12 +30,14 @@ class LensMap(NamedTuple):
         source: Width and height of the pinhole image in pixels.
         places: Whole pixels, for `cv2.remap`.
         shares: Of pixels, likewise.
+        nearest: Whole pixels where no shares are taken.
     """
 
     half: float
     source: int
     places: NDArray[np.int16]
     shares: NDArray[np.uint16]
+    nearest: NDArray[np.int16]
 
     @classmethod
     def of(cls, focal_length: float, principal_point: Array, k1: float, size: int) -> LensMap:
@@ -68,7 +68,9 @@ class LensMap(NamedTuple):
         columns, rows = ((way / half + 1) * source / 2 - 0.5 for way in (x, -y))
         columns, rows = (np.where(np.isnan(way), -10, way).astype(np.float32) for way in (columns, rows))
         places, shares = cv2.convertMaps(columns, rows, cv2.CV_16SC2)
-        return cls(half, source, np.asarray(places, np.int16), np.asarray(shares, np.uint16))
+        nearest, _ = cv2.convertMaps(columns, rows, cv2.CV_16SC2, nninterpolation=True)
+        maps = np.asarray(places, np.int16), np.asarray(shares, np.uint16), np.asarray(nearest, np.int16)
+        return cls(half, source, *maps)
 
     def colours(self, pinhole: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The lens's image (size, size, 3) of a pinhole image, upside down; black where it shows nothing."""
@@ -76,8 +78,4 @@ class LensMap(NamedTuple):
 
     def depths(self, pinhole: NDArray[np.float32]) -> NDArray[np.float32]:
         """The same of depths (size, size): those of the nearest pixels."""
-        rows, columns = np.divmod(self.shares, _PARTS)
-        nearest = self.places + (2 * np.stack([columns, rows], -1) >= _PARTS)
-        return np.asarray(
-            cv2.remap(pinhole, nearest.astype(np.int16), _NO_SHARES, cv2.INTER_NEAREST), np.float32
-        )
+        return np.asarray(cv2.remap(pinhole, self.nearest, _NO_SHARES, cv2.INTER_NEAREST), np.float32)

@@ -104,9 +104,8 @@ class Parts:
                         f"are {_list(self.turning)}"
                     )
                 qpos[model.joint(name).qposadr[0]] = value
-        named = [] if isinstance(home, str) else [self.joints.index(name) for name in home or ()]
-        limited = [joint for joint in named if model.jnt_limited[joint]]
-        for joint in dict.fromkeys([*self.motors, *limited]) if home is not None else ():
+        told = self.motors if isinstance(home, str) else [self.joints.index(name) for name in home or ()]
+        for joint in (joint for joint in told if model.jnt_limited[joint]):
             name, value, (low, high) = self.joints[joint], qpos[model.jnt_qposadr[joint]], self.range(joint)
             if not low <= value <= high:
                 raise ValueError(f"home has {name!r} at {value:g}; its range is {low:g} to {high:g}")

@@ -230,6 +230,10 @@ def test_states_of_others_are_refused():
         env.set_state({key: value for key, value in state.items() if key != "registers"})
     with pytest.raises(ValueError, match=r"registers has shape \(4,\); it must have \(3,\)"):
         env.set_state(state | {"registers": np.zeros(4)})
+    with pytest.raises(ValueError, match="the state delivers 3 arrays; it must be 2"):
+        env.set_state(state | {"delivered": (*state["delivered"], np.zeros(1))})
+    with pytest.raises(ValueError, match=r"it must be what get_state\(\) gave"):
+        env.set_state({key: value for key, value in state.items() if key != "_sight"})
     assert env.world == before
     with pytest.raises(ValueError, match="row is 7; it must be a whole number from 0 to 2"):
         rows.set_state(state, 7)
