@@ -52,7 +52,8 @@ class MeasurementModel:
 
         An outlier stands anywhere in the image. A point that drops out is not seen this time.
         """
-        measured = (true + self._noise * self._noise_numbers.at(trials, motions)).clip(-1, 1)
+        measured = true + self._noise * self._noise_numbers.at(trials, motions)
+        measured = np.minimum(np.maximum(measured, -1.0), 1.0)  # faster than clip
         if self._any_outliers:
             drawn = self._outlier_numbers.at(trials, motions)
             outlier = drawn[:, :, 0] < self._outliers

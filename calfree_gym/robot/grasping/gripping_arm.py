@@ -24,8 +24,13 @@ STIFFNESS = 40_000.0
 """Of a servo, for an armature of 1."""
 ARMATURE = 0.1
 SENSORS = ("force_table", "force_object", "net_table", "net_object")
-_OFF = (mujoco.mjtDisableBit.mjDSBL_MIDPHASE, mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-"""Bounding volumes are those of compiled things, not of those that lie there; and what diverges must show."""
+_OFF = (
+    mujoco.mjtDisableBit.mjDSBL_MIDPHASE,
+    mujoco.mjtDisableBit.mjDSBL_AUTORESET,
+    mujoco.mjtDisableBit.mjDSBL_ISLAND,
+)
+"""Bounding volumes are those of compiled things, not of those that lie there; what diverges must show; and to
+find what touches each other takes longer than to solve all at once."""
 _LARGEST, _NET = 2, 3
 """What a contact sensor reports of several contacts: the largest force, or all together."""
 
@@ -92,15 +97,13 @@ class GrippingArm(Movemaster):
         return np.stack([level * np.cos(waist), level * np.sin(waist), np.sin(pitch)], -1)
 
     def scene(self, mounts: Mounts, furnish: Furnish | None = None) -> Scene:
-        """See `Robot`: with contacts, gravity, and a thing to be grasped; joints are J1-J5."""
+        """See `Robot`: with contacts, and a thing to be grasped; joints are J1-J5."""
         spec = mujoco.MjSpec.from_file(str(files("calfree_gym") / "assets" / "arm.xml"))
         if furnish is not None:
             furnish(spec)
         option = spec.option
-        option.gravity, option.disableflags = [0, 0, -9.81], sum(map(int, _OFF))
+        option.disableflags = sum(map(int, _OFF))
         option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10
-        for body in spec.bodies[1:]:
-            body.gravcomp = 1
         for number, torque in enumerate(TORQUES, 1):
             spec.joint(f"J{number}").armature = ARMATURE
             servo = spec.actuator(f"M{number}")

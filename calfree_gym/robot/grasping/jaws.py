@@ -52,7 +52,7 @@ def add_gripper(spec: Any, hand: Any, point: Array, beyond: float = BEYOND) -> N
     for geom in list(hand.geoms)[1:]:  # the flange stays
         spec.delete(geom)
     hand.explicitinertial = False
-    palm = hand.add_body(plain, name="palm", gravcomp=1)
+    palm = hand.add_body(plain, name="palm")
     palm.add_joint(
         plain,
         name="wrist_spring",
@@ -67,7 +67,7 @@ def add_gripper(spec: Any, hand: Any, point: Array, beyond: float = BEYOND) -> N
     _add_box(palm, "palm_rail", [RAIL, 0, 0], [0.008, 0.018, 0.055], 0.1)
     tip = point[0] + beyond
     for name, side in zip(JAWS, (1, -1), strict=True):
-        jaw = palm.add_body(plain, name=name, pos=[SLIDES, 0, 0], gravcomp=1)
+        jaw = palm.add_body(plain, name=name, pos=[SLIDES, 0, 0])
         jaw.add_joint(
             plain,
             name=name,

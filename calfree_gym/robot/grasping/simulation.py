@@ -36,6 +36,8 @@ GUARD, RISES = 12.0, 1.0
 """An arm stops that presses by this force (N) more than when its motion began, and ever more: by this (N)."""
 PINNED = 24.0
 """Of what it pressed with then, so much counts (N). Choice: it gets away with what jaws have closed on."""
+GRAVITY = 9.81
+"""Of things (m/s²): the arm's own controller carries its weight, see `arm.xml`."""
 SECOND = 200
 """Substeps of a second."""
 _OF_GEOMS = ("geom_type", "geom_size", "geom_pos", "geom_rbound", "geom_aabb")
@@ -90,6 +92,7 @@ class GraspSimulation(Simulation):
         self._gripper = [int(model.joint(name).qposadr[0]) for name in (*JAWS, "wrist_spring")]
         self._body = int(model.body("object").id)
         self._fields = {name: self._batch.expand(name) for name in self._bind_object(model)}
+        self._weights = self._batch.bind("xfrc_applied")[:, self._body, 2]
         self._at_rest = self._physics[0].copy()
         self._lengths = np.tile(robot.lengths, (rows, 1))
         self._pressing = np.zeros(rows)
@@ -113,6 +116,7 @@ class GraspSimulation(Simulation):
     def set_thing(self, row: int, thing: Thing, mass: float, friction: float) -> None:
         """Gives `row` a thing of this mass (kg), and this friction between it and the jaws."""
         fields, alone = self._fields, _alone(thing, mass)
+        self._weights[row] = -mass * GRAVITY
         for name in _OF_BODIES:
             fields[name][row, self._body] = getattr(alone, name)[1]
         for name in _OF_DOFS:
@@ -186,7 +190,8 @@ class GraspSimulation(Simulation):
 
         def control(on: Rows, when: slice) -> Array:
             there = ramp.arms[on, when, None] * way[on, None]
-            there[..., -1] = ramp.jaws[on, when] * way[on, -1:]
+            if ramp.jaws is not ramp.arms:
+                there[..., -1] = ramp.jaws[on, when] * way[on, -1:]
             there += before[on, None]
             return there
 
@@ -217,12 +222,14 @@ class GraspSimulation(Simulation):
                 record=fields,
                 ids=None if len(ids) == self.rows else ids,
             )
-            forces = recorded["sensordata"].reshape(len(ids), until - since, len(SENSORS), 3)
-            told, ends = forces[:, :, self.told], forces[:, CHUNK - 1 :: CHUNK]
-            squares = np.einsum("nkfc,nkfc->nfk", told, told, order="C")
-            largest[on] = np.maximum(largest[on], np.sqrt(np.maximum.reduce(squares, -1)))
-            net = ends[:, :, 2] + ends[:, :, 3]
-            pressing[on, since // CHUNK : until // CHUNK] = np.sqrt(np.add.reduce(net * net, -1))
+            felt = recorded["sensordata"]
+            if felt.any():
+                forces = felt.reshape(len(ids), until - since, len(SENSORS), 3)
+                told, ends = forces[:, :, self.told], forces[:, CHUNK - 1 :: CHUNK]
+                squares = np.einsum("nkfc,nkfc->nfk", told, told, order="C")
+                largest[on] = np.maximum(largest[on], np.sqrt(np.maximum.reduce(squares, -1)))
+                net = ends[:, :, 2] + ends[:, :, 3]
+                pressing[on, since // CHUNK : until // CHUNK] = np.sqrt(np.add.reduce(net * net, -1))
             if self.way is not None and substeps[0] >= until:
                 self.way.extend(recorded["qpos"][0, CHUNK - 1 :: CHUNK])
             since = until
@@ -247,7 +254,8 @@ class GraspSimulation(Simulation):
         if not self.diverged.any():
             return
         rows = (self.diverged & ~np.isfinite(self._physics).all(1)).nonzero()[0]
-        self._physics[rows] = self._at_rest
+        weights = self._weights[rows]
+        self._physics[rows], self._weights[rows] = self._at_rest, weights
 
     def openings(self) -> Array:
         """How far each jaw of a row is open (N,), in m."""
@@ -287,6 +295,8 @@ def _turns(pressing: Array, pressed: Array) -> tuple[NDArray[np.intp], NDArray[n
         pressing: With what force (n, chunks) the arms press at the end of each chunk, in N.
         pressed: With what they did before (n,), as far as it counts.
     """
+    if not (pressing > GUARD).any():
+        return np.empty(0, np.intp), np.empty(0, np.int64)
     before = np.empty_like(pressing)
     before[:, 0], before[:, 1:] = pressed, pressing[:, :-1]
     stops = (pressing > GUARD + pressed[:, None]) & (pressing > before + RISES)

@@ -46,7 +46,7 @@ def add_peg(spec: Any, point: Any) -> None:
     """
     plain, palm = mujoco.MjSpec().default, spec.body("palm")
     spec.delete(spec.site("gripper_point"))
-    peg = palm.add_body(plain, name="peg", pos=point, gravcomp=1)
+    peg = palm.add_body(plain, name="peg", pos=point)
     for name, axis in (("grip_1", [0, 1, 0]), ("grip_2", [0, 0, 1])):
         peg.add_joint(
             plain,

@@ -66,6 +66,16 @@ def test_an_angle_needs_the_object_and_the_gripper_in_one_image():
     assert turn_needed("least_squares", now) is None
 
 
+@given(st.floats(-np.pi / 2, np.pi / 2), st.floats(-0.5, 0.5))
+def test_the_mean_of_both_images_lies_between_them(angle, differ):
+    """Also across the edge, where one image tells nearly a quarter turn, and the other one back."""
+    now = gripper(np.vstack([np.eye(3)[:2], np.eye(3)[:2]]))
+    for image, seen in enumerate((angle + differ, angle - differ)):
+        way = np.array([np.cos(seen), np.sin(seen)])
+        now.points[NAMES.index("end_1"), image], now.points[NAMES.index("end_2"), image] = way, -way
+    assert np.sin(turn_needed("both_images", now) - angle) == pytest.approx(0, abs=1e-6)
+
+
 def test_a_hidden_tip_is_told_by_what_hangs_from_it():
     now = gripper(np.random.default_rng(0).normal(size=(4, 3)))
     now.visible[TIP, 0] = False

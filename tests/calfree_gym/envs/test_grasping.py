@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import calfree_gym
+from calfree_gym.robot.grasping.ramp import CHUNK, LEAST_CHUNKS, SETTLING
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 
 GRASP = "CalFree/Grasp-v0"
@@ -214,6 +215,27 @@ def test_physics_that_diverges_ends_the_trial_with_a_flag_and_finite_points(env)
     assert env.observation_space.contains(observation)
     env.reset()
     assert not env.step(np.zeros(5, np.float32))[4]["diverged"]
+
+
+@pytest.mark.parametrize("diverged", [False, True])
+@pytest.mark.parametrize("shape", ["sphere", "l_shape"])
+def test_a_thing_falls_as_things_do(shape, diverged):
+    """By g t² / 2, whatever it weighs; also after the physics of another trial has diverged."""
+    env = gym.make(GRASP, shape=shape)
+    env.reset(seed=14)
+    simulation = env.unwrapped.arms.simulation
+    if diverged:
+        simulation._qvel[0, -6:] = np.nan
+        env.step(np.zeros(5, np.float32))
+        assert simulation.diverged
+    simulation.place(slice(None), simulation.joints(), np.array([[0.0, 2.0, 3.0, 0.3]]))
+    before, turned = simulation.heights(), simulation.configuration(0)[-4:]
+    simulation.move(np.array([0]), simulation.joints(), simulation.openings())
+    seconds = CHUNK * (LEAST_CHUNKS + SETTLING) * 0.005
+    assert before - simulation.heights() == pytest.approx(9.81 * seconds**2 / 2, rel=0.02)
+    np.testing.assert_allclose(
+        simulation.configuration(0)[-4:], turned, atol=1e-6, err_msg="nothing turns it"
+    )
 
 
 def test_points_are_where_the_lens_shows_what_is_there(env):
