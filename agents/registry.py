@@ -196,9 +196,8 @@ OVER_SERVOS = ("learning_servo", "body_schema", "safe_start", "grasp", "insert")
 """Agents that are laid over a servo, whose settings they take."""
 OF_ONE_ARM = ("affine_stereo", "model_based", "self_calibrating")
 """Agents that are built on what the motors of the built-in arm do."""
-ARM = "movemaster"
-"""Name of that arm."""
-ARM_MOTORS = 3
+ARM, ARM_MOTORS = "movemaster", 3
+"""Name of that arm, and how many motors it has."""
 
 
 def names(task: str = "reach") -> tuple[str, ...]:
@@ -236,13 +235,7 @@ def make(name: str, env: Environment, **settings: Any) -> Agent:
     _check_arm(name, env)
     with _told_what_to_install(name):
         settings = _defaults(name) | settings
-        allowed = _settings_of(name, settings)
-        for setting in settings:
-            if setting not in allowed:
-                hint = near_misses(setting, allowed)
-                raise ValueError(
-                    f"agent {name!r} has no setting {setting!r}{hint}; allowed: {', '.join(allowed)}"
-                )
+        _known_settings(name, settings)
         if name not in names(task):
             raise ValueError(
                 f"agent {name!r} cannot {task}, as this environment asks; allowed: {', '.join(names(task))}"
@@ -258,13 +251,23 @@ def default_settings(name: str, **given: Any) -> dict[str, Any]:
 
     Raises:
         ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
-        ValueError: An unknown name, with the near misses.
+        ValueError: An unknown name, with the near misses, or a setting that is not allowed.
     """
     _check_name(name)
     with _told_what_to_install(name):
         chosen = _defaults(name) | given
-        settings = _settings_of(name, chosen) | chosen
+        settings = _known_settings(name, chosen) | chosen
     return {setting: value for setting, value in settings.items() if value is not Parameter.empty}
+
+
+def _known_settings(name: str, chosen: Mapping[str, Any]) -> dict[str, Any]:
+    """All settings of an agent and their defaults; raises ValueError where one that is chosen is none."""
+    allowed = _settings_of(name, chosen)
+    for setting in chosen:
+        if setting not in allowed:
+            found = f"agent {name!r} has no setting {setting!r}{near_misses(setting, allowed)}"
+            raise ValueError(f"{found}; allowed: {', '.join(allowed)}")
+    return allowed
 
 
 def _check_name(name: str) -> None:

@@ -15,7 +15,7 @@ class PriorKnowledge(StrEnum):
     NOISE = "noise"
     """How large the errors of image points are."""
     CAMERA_MODEL = "camera model"
-    """How a camera projects: pinhole, affine, lens."""
+    """How a camera projects: pinhole, affine, lens; or that it stands upright."""
     ARM = "arm"
     """The arm's joints, links, or the form of its motors' curves."""
     CHAIN = "chain of joints"

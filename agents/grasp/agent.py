@@ -25,7 +25,7 @@ from ..servo.servo_agent import ServoAgent
 from .findings import GraspFindings
 from .intermediate import INTERMEDIATE
 from .observation import OBJECT, GraspObservation
-from .orientation import ORIENTATION, directions
+from .orientation import ORIENTATION, direction_key
 from .trial import OPEN, GraspTrial, Motions
 from .turning import Turning
 
@@ -87,6 +87,8 @@ class Grasp(ProcedureAgent):
         self.reacher: ServoAgent = reacher(Reaching(arm))
         self.intermediate, self.orientation, self.tries = intermediate, orientation, tries
         self.prior_knowledge = self.reacher.prior_knowledge | {PriorKnowledge.MOTOR_ORDER}
+        if intermediate == "pixel_offset":
+            self.prior_knowledge |= {PriorKnowledge.CAMERA_MODEL}
         self.turning = Turning.unknown(arm)
         self.table = table
         self.descent: AdaptiveMemory | None = None
@@ -107,7 +109,7 @@ class Grasp(ProcedureAgent):
         findings.descent = self._remembered(first, findings.noise_px)
         trial = GraspTrial(self.reacher, self.intermediate, self.orientation, first, findings)
         if self.table is not None and first.visible.all():
-            findings.key = np.concatenate([first.object, directions(first)])
+            findings.key = np.concatenate([first.object, direction_key(first)])
             if (recall := self.table.recall(findings.key)) is not None:
                 yield from trial.jump(recall.registers)
         yield from trial.approach()

@@ -22,7 +22,7 @@ class GraspFindings:
         looks: All that was seen on the way to the intermediate position, as its target.
         untouched: All that was seen before the object may have moved, as who goes to it sees it.
         approached: Whether the gripper came to the intermediate position.
-        key: The object's sensor vector and its directions as seen from home (6,).
+        key: The object's sensor vector and the `direction_key`, as seen from home (6,).
         above: Registers (k + 1,) of arm and turn from which the gripper descended, its jaws as they closed.
     """
 

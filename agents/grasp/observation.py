@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,9 +19,6 @@ OTHERS = 4 * (len(NAMES) - 1)
 """Numbers of the image points of all but the object."""
 GOAL = 5
 """Numbers of a goal: the object's sensor vector, and whether it is held."""
-GRIPPER = np.array([1.0, 1.1, 1.0])
-"""How long the line of the open jaws and the gripper's axis are, relative to its edge: roughly, for near zero
-they do not matter."""
 SLANTED = 3.0
 """A gripper is seen from one side where its edge and the line of its jaws span an area so slim (the ratio of
 its axes): one image then tells no angle. Choice."""
@@ -41,8 +39,11 @@ class GraspObservation:
         held: Whether the object is held.
         goal: Where the object is to be lifted to (2, 2), left and right.
         last: Whether the trial is known to be over with it.
+        proportions: Of the gripper (3,): how long its edge, the line of its jaws, here open, and its axis
+            are, in gripper lengths; roughly, for near zero they do not matter.
     """
 
+    proportions: ClassVar[Array] = np.array([1.0, 1.1, 1.0])
     points: Array
     visible: Flags
     registers: Array
@@ -103,7 +104,7 @@ class GraspObservation:
         seen[:, 2] *= told.all()
         if not told.all() and (not told.any() or np.linalg.cond(seen[:, :2]) > SLANTED):
             return None
-        return GRIPPER * np.linalg.lstsq(seen, way[told.repeat(2)], rcond=None)[0]
+        return self.proportions * np.linalg.lstsq(seen, way[told.repeat(2)], rcond=None)[0]
 
     def length(self, way: Array) -> float:
         """How long such a way is, in gripper lengths: of the gripper's axis in images, if it sees no more."""

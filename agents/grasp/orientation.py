@@ -36,27 +36,34 @@ def turn_needed(kind: str, now: GraspObservation) -> float | None:
 
 
 def directions(now: GraspObservation) -> Array:
-    """The angle in each image (2,) between the jaws' edges and the object's axis, in quarter turns.
+    """The angle in each image (2,) between the jaws' edges and the object's axis, in rad, as lines have them.
 
     0 where the object is round: any turn will do.
     """
     edge, axis = now.between("edge_2", "edge_1"), now.between("end_2", "end_1")
     if not axis.any():
         return np.zeros(2)
-    return np.array([_between_lines(edge[i : i + 2], axis[i : i + 2]) for i in (0, 2)]) / (np.pi / 2)
+    return np.array([_between_lines(edge[i : i + 2], axis[i : i + 2]) for i in (0, 2)])
+
+
+def direction_key(now: GraspObservation) -> Array:
+    """Both directions as coordinates of knowledge (2,): their mean, and half their difference (section 4.3).
+
+    In quarter turns. Angles of lines repeat after half a turn, and of an object between two such angles the
+    images may tell one each: their mean and difference are those of an object nearby, they are not.
+    """
+    left, right = directions(now)
+    return np.array([_mean(left, right), quarter(left - right) / 2]) / (np.pi / 2)
 
 
 def by_one_image(now: GraspObservation, _: Array) -> float:
     """The angle in the left image between the jaws' edges and the object's axis."""
-    return float(directions(now)[0]) * np.pi / 2
+    return float(directions(now)[0])
 
 
 def by_both_images(now: GraspObservation, _: Array) -> float:
-    """The mean of that in both images (Nguyen 1997): right at zero; elsewhere perspective bends it.
-
-    Of lines, whose angles repeat after half a turn: the mean of 80 and -80 degrees is 90.
-    """
-    return float(np.angle(np.exp(1j * np.pi * directions(now)).sum())) / 2
+    """The mean of that in both images (Nguyen 1997): right at zero; elsewhere perspective bends it."""
+    return _mean(*directions(now))
 
 
 def by_least_squares(_: GraspObservation, lengths: Array) -> float:
@@ -75,6 +82,11 @@ def _between_lines(first: Array, second: Array) -> float:
     """From the first of two directions (2,) to the second, as lines (rad)."""
     cross = first[0] * second[1] - first[1] * second[0]
     return quarter(float(np.arctan2(cross, first @ second)))
+
+
+def _mean(first: float, second: float) -> float:
+    """The mean of two lines' angles (rad): of 80 and -80 degrees it is 90."""
+    return quarter(first + quarter(second - first) / 2)
 
 
 def quarter(angle: float) -> float:

@@ -138,9 +138,10 @@ class GraspEnv(Grasping, ArmEnv):
     With `orientation="any"` there are six: 3 is wrist_tilt (J4), 4 wrist_turn, 5 jaws. Nothing then keeps the
     gripper vertical.
 
-    One step is one motion. Its targets travel with least jerk, and the gripper at 0.4 m/s at most. An arm
-    that presses with more than 12 N goes back half of the way that it has come: registers tell where it
-    stands. With something between its jaws it waits for a second after each motion.
+    One step is one motion. Its targets travel with least jerk, and the gripper at 0.4 m/s at most along the
+    straight line between the ends of its way. An arm that presses with more than 12 N goes back about half of
+    the way that it has come: registers tell where it stands. With something between its jaws it waits for a
+    second after each motion.
 
     ## Observation space
     A `Dict` of a goal environment. Image points are (x, y), x right and y down, +-1 the image border.
@@ -185,8 +186,8 @@ class GraspEnv(Grasping, ArmEnv):
     ## Information
     As in `StereoArmEnv`; besides `force_table` and `force_object`: the largest force (N) of one contact of
     the gripper in the motion; `off_table` and `diverged`. `truth`: `error_px`: of the object from its place;
-    `lifted_mm`: how high above where it lay the object was, for a whole second if something is between the
-    jaws.
+    `lifted_mm`: how high above where it lay the object stayed for a whole second, with something between the
+    jaws (else 0).
 
     Args:
         shape: "cylinder", "sphere", "box", "bar" or "l_shape"; a mapping of `shape` and all its sizes in m,

@@ -137,8 +137,8 @@ class InsertEnv(Inserting, ArmEnv):
     `Box(-1, 1, (4,), float32)`: one control word each, as in `GraspEnv`, for waist, shoulder, elbow and the
     wrist's turn. The jaws are closed on the peg for good, and have no word.
 
-    One step is one motion. An arm that presses with more than 12 N goes back half of the way that it has
-    come: registers tell where it stands.
+    One step is one motion. An arm that presses with more than 12 N goes back about half of the way that it
+    has come: registers tell where it stands.
 
     ## Observation space
     A `Dict` of a goal environment. Image points are (x, y), x right and y down, +-1 the image border.
@@ -156,7 +156,8 @@ class InsertEnv(Inserting, ArmEnv):
 
     *Depth*, in gripper lengths (0.092 m): the way from the hole's centre to the peg's end along the gripper's
     axis, as both images show it (perspective bends it by up to a quarter); -1 where one of these points is
-    not seen. Beside the hole no peg gets so deep: there is the plate.
+    not seen. More than 28 mm beside the hole, as far as images tell, no depth is told that is positive: there
+    a peg may hang beside the plate.
 
     ## Rewards
     0 on the motion after which the peg is so deep, within `tolerance_px` of the hole's centre in both images,

@@ -67,6 +67,10 @@ class PerturbationScheduler:
         self._drifts[row] = {}
         self._undoable[row] = {}
 
+    def forget(self, row: int) -> None:
+        """The world of `row` is another one: what events changed before is not undone in it."""
+        self._undoable[row] = {}
+
     def apply(
         self, place: int, event: Event, row: int, count: int, world: World
     ) -> tuple[World, Perturbation | Undo | None]:
@@ -124,6 +128,8 @@ class PerturbationScheduler:
         return in_view(self._as_seen(world), self._robot, self._mounts)
 
     def _undo(self, undo: Undo, row: int, world: World) -> World:
+        if undo.event not in self._undoable[row]:
+            return world
         there = undone(world, *self._undoable[row][undo.event])
         if self._keep_in_view and not self._in_view(there):
             raise ValueError(f"the world after {undo.to_dict()} is not in view: {there.to_dict()}")

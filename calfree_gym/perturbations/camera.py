@@ -78,7 +78,8 @@ class CameraZoom(CameraFactor):
 class CameraShift(Perturbation):
     """Moves a camera, without turning it, by `metres` (drawn: 0.02-0.10), in a direction (drawn: any).
 
-    `azimuth` is in degrees from the mount's x axis to its y axis, `elevation` from the horizontal.
+    `azimuth` is in degrees from the room's x axis to its y axis, `elevation` from the horizontal, with the
+    arm at home as built; a camera on a link then goes with it.
     """
 
     type: ClassVar[str] = "camera_shift"
@@ -103,7 +104,7 @@ class CameraShift(Perturbation):
 class CameraReplace(Perturbation):
     """Replaces a camera by another, drawn from `seed` as in wild worlds.
 
-    As a drift, the camera goes a hundredth of the way there in each step.
+    As a drift, the camera goes a hundredth of the way that is left in each step.
     """
 
     type: ClassVar[str] = "camera_replace"

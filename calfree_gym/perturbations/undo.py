@@ -18,7 +18,7 @@ class Undo:
     """Restores what an earlier event changed.
 
     It is listed among the applied perturbations but is not one: a perturbation sees the present world alone,
-    and that world does not know the old camera.
+    and that world does not know the old camera. In a world that was drawn or set since, it changes nothing.
 
     Attributes:
         event: The earlier one's place in the schedule, from 0.

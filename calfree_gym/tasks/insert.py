@@ -10,6 +10,9 @@ from calfree_gym.tasks.goals import Floats, image_distances
 DEPTH = 0.17
 """The peg is in where its end is seen so deep, in gripper lengths (0.092 m): 16 mm. Choice: four plates
 deep."""
+BESIDE = 0.3
+"""Farther from the hole's axis, in gripper lengths (28 mm), no peg is below the plate: it may hang beside it.
+Derived: the plate ends at half a length."""
 DEEPEST = 1.0
 """No depth is told that is larger (a guard: where the gripper's length is hardly seen, it tells nothing)."""
 
@@ -18,7 +21,7 @@ def depth_told(tip: Floats, base: Floats, hole: Floats, visible: NDArray[np.bool
     """How deep the peg's end is below the hole's centre, in gripper lengths (N,), as both images tell.
 
     By least squares: the way from the hole to the peg's end, along that from gripper base to peg's end. Above
-    the plate it is negative.
+    the plate it is negative. Where more than `BESIDE` of that way is left across, it is not positive.
 
     Args:
         tip: Image points (N, 2, 2) of the peg's end, left and right.
@@ -29,7 +32,9 @@ def depth_told(tip: Floats, base: Floats, hole: Floats, visible: NDArray[np.bool
     axis, way = (tip - base).reshape(-1, 4), (tip - hole).reshape(-1, 4)
     squares = np.maximum(np.square(axis).sum(-1), np.finfo(float).tiny)
     depth = np.clip((axis * way).sum(-1) / squares, -DEEPEST, DEEPEST)
-    return np.where(visible, depth, -DEEPEST)
+    across = way - depth[:, None] * axis
+    beside = np.square(across).sum(-1) > BESIDE**2 * squares
+    return np.where(visible, np.where(beside, np.minimum(depth, 0.0), depth), -DEEPEST)
 
 
 def hole_distances(achieved: Floats, desired: Floats) -> Floats:

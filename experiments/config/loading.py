@@ -201,9 +201,15 @@ def _with_settings_file(agent: Any, folder: Path) -> Any:
 def _unbuildable(suite: Suite) -> dict[str, str]:
     """What is wrong with environments and settings, found by building each once."""
     wrong = unbuildable_environments(suite.scenarios)
+    for i, sweep in enumerate(suite.sweeps):
+        if why := _unbuildable_environment(sweep.env, sweep.perturbations(sweep.over[0])):
+            wrong[f"sweeps.{i}"] = why
+    if wrong:
+        return wrong
     for part in suite.parts:
+        in_trials = isinstance(part, ScenarioConfig) and part.trials is not None
         for agent in suite.agents_in(part):
-            if why := unbuildable_agent(agent, part.env):
+            if why := unbuildable_agent(agent, part.env, in_trials):
                 where = f"agents.{suite.agents.index(agent)}.settings"
                 wrong[where] = f"found {_short(agent.settings)}: {why}"
     return wrong
@@ -211,21 +217,29 @@ def _unbuildable(suite: Suite) -> dict[str, str]:
 
 def unbuildable_environments(scenarios: Sequence[ScenarioConfig]) -> dict[str, str]:
     """Why environments of scenarios cannot be made, by the path of the key."""
-    wrong = {}
-    for i, scenario in enumerate(scenarios):
-        try:
-            scenario.env.make(scenario.perturbations).close()
-        except ValueError as error:
-            wrong[f"scenarios.{i}.env"] = f"{error}"
-    return wrong
+    tried = (_unbuildable_environment(each.env, each.perturbations) for each in scenarios)
+    return {f"scenarios.{i}.env": why for i, why in enumerate(tried) if why}
 
 
-def unbuildable_agent(agent: AgentConfig, env: EnvironmentConfig) -> str | None:
-    """Why an agent cannot be made in an environment, if so."""
+def _unbuildable_environment(env: EnvironmentConfig, schedule: tuple[dict[str, Any], ...]) -> str | None:
     try:
-        requirements(agent, env)
+        env.make(schedule).close()
+    except ValueError as error:
+        return f"{error}"
+    return None
+
+
+def unbuildable_agent(agent: AgentConfig, env: EnvironmentConfig, in_trials: bool = False) -> str | None:
+    """Why an agent cannot be made in an environment, if so; or not for a lifetime counted `in_trials`.
+
+    Of many arms that move at once, short trials end first: the first to end would be no fair sample.
+    """
+    try:
+        rows = requirements(agent, env).rows
     except Exception as error:  # whatever a library raises at a setting that it cannot use
         return f"{error}"
+    if in_trials and rows > 1:
+        return f"it learns from {rows} rows, whose trials end out of turn: count motions, or set rows: 1"
     return None
 
 

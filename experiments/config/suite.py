@@ -13,6 +13,9 @@ from experiments.config.environment import OWN, EnvironmentConfig
 from experiments.config.model import Model, Name, distinct, one_of
 from experiments.config.schedule import check_reached
 
+FIRST_OWN_TRIALS = 100
+"""Of a lifetime counted in motions so many own trials are all kept; claims look at no others."""
+
 
 class EvaluationConfig(Model):
     """Held-out trials, every this many lifetime motions and right after a perturbation."""
@@ -270,6 +273,11 @@ def _check_trials(
         raise ValueError("value is of sweeps; allowed: trials, motions")
     if trials.trials and of == "trials" and trials.trials[1] > length:
         raise ValueError(f"found trials up to {trials.trials[1]}; allowed: up to {length}")
+    if trials.trials and of == "motions" and trials.trials[1] > FIRST_OWN_TRIALS:
+        raise ValueError(
+            f"found trials up to {trials.trials[1]}; allowed: up to {FIRST_OWN_TRIALS} where the lifetime is "
+            "counted in motions, for of the later ones not all are kept"
+        )
     if trials.motions is not None and not (part.evaluation or evaluation):
         raise ValueError("motions is of held-out trials, and it has none; allowed: trials")
     if trials.motions is not None and trials.motions > part.most_motions:

@@ -22,7 +22,7 @@ from pydantic import ValidationError
 
 from calfree_gym.perturbations.undo import Undo
 from experiments.config.arms import as_told
-from experiments.config.suite import ScenarioConfig, Suite
+from experiments.config.suite import FIRST_OWN_TRIALS, ScenarioConfig, Suite
 from experiments.errors import ConfigError
 from experiments.evaluation import THRESHOLDS_PX
 from experiments.reporting.finished_suite import FinishedSuite
@@ -66,8 +66,8 @@ SCHEMA = pa.schema(
         ("expected_px", pa.float64()),  # after the first motion, as told before; null where nothing is told
     ]
 )
-FIRST_OWN_TRIALS, MOST_OWN_TRIALS = 100, 2_000
-"""Of a lifetime counted in motions: the first are all kept, and of more than the second every k-th. They are
+MOST_OWN_TRIALS = 2_000
+"""Of a lifetime counted in motions: the first are all kept, and of more than this every k-th. They are
 drawn, in means of many trials, and stand in no table but those of claims, which look at the first ones;
 held-out trials do."""
 _METADATA = "calfree"

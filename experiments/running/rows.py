@@ -56,7 +56,7 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         stereo: Any = self.env.unwrapped
         arms: Arms = stereo.arms
         self._scheduler = PerturbationScheduler(
-            1, list(schedule), arms.robot, arms.mounts, config.keep_in_view
+            1, list(schedule), arms.robot, arms.mounts, config.keep_in_view, arms.as_seen
         )
         self._scheduler.seed(0, seed)
         self._applied = dict.fromkeys(_CLOCKS, -1)

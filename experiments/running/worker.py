@@ -107,8 +107,6 @@ def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict
     with TrialLog(folder) as log, closing(Curves(folder)) as curves:
 
         def log_trial(record: TrialRecord) -> None:
-            if scenario.trials is not None and record.trial >= scenario.trials:
-                return  # rows end trials together
             log.write("train", recorder.motions, recorder.since_perturbation, record)
             curves.add_own(recorder.motions, record)
             if scenario.trials is not None and recorder.trials % _PROGRESS_EVERY == 0:
@@ -129,9 +127,8 @@ def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict
             return scenario.trials is None or recorder.trials < scenario.trials
 
         length, of = spec.work
-        unfinished = 0 if of == "motions" else (rows - 1) * scenario.env.max_episode_steps
         with times.of("learning"):
-            agent.learn(scenario.most_motions + unfinished, callback=after_motion)
+            agent.learn(scenario.most_motions, callback=after_motion)
         if abs(getattr(recorder, of) - length) >= rows:  # rows move together
             raise RuntimeError(f"{spec.agent.name} made {getattr(recorder, of)} {of}; it was given {length}")
         if checkpoints:

@@ -24,6 +24,8 @@ def test_unknown_names_and_settings():
     for name in NAMES:
         with pytest.raises(ValueError, match=rf"'{name}' has no setting 'no_such_setting'; allowed: .*seed"):
             agents.make(name, env, no_such_setting=1)
+        with pytest.raises(ValueError, match=rf"'{name}' has no setting 'no_such_setting'; allowed: .*seed"):
+            agents.default_settings(name, no_such_setting=1)
     with pytest.raises(ValueError, match="did you mean cells"):
         agents.make("grid_table", env, cels=9)
     with pytest.raises(ValueError, match="cells is 'eight'; it must be a whole number"):

@@ -20,9 +20,12 @@ from experiments.reporting.sweep.section import sweep_sections
 from experiments.running import sweep_trials as sweep
 from experiments.running.cpu_time import CpuTimes
 from experiments.running.plan import SweepRun, runs_of
+from tests.arms.own import MODELS
 
 ENV = {"id": "CalFree/Reach-v0", "world": "nominal", "dynamics": "kinematic", "keep_in_view": False}
 ROLL = {"name": "roll", "env": ENV, "do": {"type": "camera_roll", "camera": "left"}, "vary": "degrees"}
+ZERO = {"do": {"type": "joint_zero", "joint": "J1"}, "vary": "degrees"}
+HOBBY = {"model": str(MODELS / "hobby.xml"), "gripper": "tip"}
 AIM = {"name": "aim", "env": ENV, "do": {"type": "camera_aim", "camera": "left"}, "vary": "degrees"}
 
 
@@ -63,6 +66,7 @@ def rows_of(tmp_path):
         ({"over": []}, "sweeps.0.over", "at least 1"),
         ({"over": [True]}, "sweeps.0.over.0", "found True"),
         ({"ovr": [0]}, "sweeps.0.ovr: unknown key", "did you mean over?"),
+        ({"env": {**ENV, "arm": HOBBY}, **ZERO}, "sweeps.0: joint_zero.joint is 'J1'", "allowed: turn"),
         ({"env": {**ENV, "world": "wilt"}}, "sweeps.0.env.world", "did you mean wild?"),
     ],
 )

@@ -17,6 +17,8 @@ from experiments.reporting.by_trial.estimates import (
     blocks,
     edges_of,
     seconds_at,
+    seconds_per_reach,
+    slowest_seconds,
     trial_costs,
 )
 from experiments.reporting.by_trial.figure import span, trial_curves
@@ -103,6 +105,12 @@ def test_blocks_are_means_of_trials_in_each_run():
     assert seconds.runs[1, 1] == (2 * (30 + 4 * 11) + 3 * (6 + 12)) / 4  # the failed one goes on to 20
     success = blocks(costs, "servo", SUCCESS, 2, edges, cap=20)
     np.testing.assert_array_equal(success.runs, [[1, 1, 1], [1, 0.75, 1]])
+
+
+def test_a_trial_that_ends_at_once_counts_no_more_than_the_slowest():
+    """Its way home would count as often as its only motion."""
+    accident = pd.DataFrame({"motions": [1], "rendezvous": [False], "robot_seconds": [14.0]})
+    assert seconds_per_reach(accident, 60, 4.0).tolist() == [slowest_seconds(60, 4.0)]
 
 
 def test_runs_without_a_row_are_worst():

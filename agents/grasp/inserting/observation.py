@@ -22,6 +22,9 @@ class InsertObservation(GraspObservation):
     seen less noisily: as the mean of its own point and of these, where an image shows all of them.
     """
 
+    proportions = np.array([1.0, 0.36, 1.0])
+    """See `GraspObservation`: the jaws are closed on the peg."""
+
     @property
     def turning(self) -> int:
         """See `GraspObservation`: the jaws have no word."""

@@ -14,7 +14,7 @@ from ...base.agent import Agent, Callback
 from ...base.checks import check_number
 from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
-from ...base.trials import begins_trial
+from ...base.trials import begins_trial, foreign, is_of_one
 from .network import Memory
 from .weights import KEPT, load_network, observation_format, save_network
 
@@ -65,8 +65,12 @@ class RecurrentServo(Agent):
         """See `Agent`. The state is opaque.
 
         Raises:
-            ValueError: `state` is None in the middle of a trial, or of another number of environments.
+            ValueError: `state` is None in the middle of a trial, of another number of environments, or none
+                that this agent has returned; or the observation is none, see `is_of_one`.
         """
+        is_of_one(observation, self.env.observation_space)
+        if state is not None and not isinstance(state, Memory):
+            raise foreign(state)
         registers = np.atleast_2d(observation["observation"])[:, POINTS:]
         begins = begins_trial(registers, None if state is None else len(state.looks), episode_start)
         memory = self._network.begin(len(begins))

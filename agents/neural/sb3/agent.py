@@ -27,10 +27,11 @@ from calfree_gym.wrappers import ScaledWords, VectorScaledWords, scaled_words
 
 from ...base.agent import Agent, Callback
 from ...base.checks import check_number, check_numbers
-from ...base.observation import RawObservation
+from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.random_state import OwnRandomState
 from ...base.settings import named_settings
+from ...base.trials import begins_trial, foreign, is_of_one
 from .algorithms import algorithm_of, built_settings, policy_name, settings_of
 from .files import Saved, check_tensor, read, write
 from .inputs import GOALS, FlatObservations, ImageDistance, flattened
@@ -86,7 +87,8 @@ class Sb3Agent(Agent):
         scales = check_numbers("distance_scales", distance_scales, above=0)
         self._words = {"limit": word_limit, "curvature": word_curvature}
         rows_of_env = self._as_vec_env(env)
-        spaces: Mapping[str, Any] = rows_of_env.observation_space.spaces  # type: ignore[attr-defined]
+        self._space: gym.spaces.Dict[Any] = rows_of_env.observation_space  # type: ignore[assignment]
+        spaces: Mapping[str, Any] = self._space.spaces
         (motors,) = rows_of_env.action_space.shape or ()
         built = built_settings(settings, motors)
         self._by_key = built.get("replay_buffer_class") is HerReplayBuffer
@@ -142,11 +144,29 @@ class Sb3Agent(Agent):
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """See `Agent`. The state is that of recurrent networks, else None."""
+        """See `Agent`. The state is that of recurrent networks, else None.
+
+        Raises:
+            ValueError: The observation is none, see `is_of_one`. Of recurrent networks in reaching: `state`
+                is None in the middle of a trial, of another number of environments, or none of theirs.
+        """
+        is_of_one(observation, self._space)
+        if hasattr(self._model.policy, "lstm_actor"):
+            self._check_memory(observation, state, episode_start)
         inputs = dict(observation) if self._by_key else flattened(observation)
         with nullcontext() if deterministic else self._random_state.swapped_in():
             actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
         return scaled_words(actions, **self._words), state
+
+    def _check_memory(
+        self, observation: RawObservation, state: Any, episode_start: NDArray[np.bool_] | None
+    ) -> None:
+        """Raises ValueError where networks would go on with another memory than that of this trial."""
+        if state is not None and not (isinstance(state, tuple) and all(np.ndim(part) == 3 for part in state)):
+            raise foreign(state)
+        registers = np.atleast_2d(observation["observation"])[:, POINTS:]
+        if registers.shape[1:] == self._model.action_space.shape:
+            begins_trial(registers, None if state is None else np.shape(state[0])[1], episode_start)
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
         """See `Agent`. Rows make whole steps: the motions are rounded down to a multiple of their number.

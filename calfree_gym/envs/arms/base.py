@@ -108,6 +108,7 @@ class Arms(ABC):
         self._seeds: list[int | None] = [None] * rows
         self._latency = Latency(rows)
         self._all = np.arange(rows)
+        self._stood = np.zeros((rows, motors))
 
     @abstractmethod
     def observe(self) -> None:
@@ -203,6 +204,7 @@ class Arms(ABC):
             raise TypeError(f"set_world got {type(world).__name__}; it takes a calfree_gym.World")
         self._check_in_view(world)
         self._choices[row] = world
+        self._scheduler.forget(row)
         self.enter(row, world)
 
     def begin_trial(self, rows: Rows, objects: Array | None = None) -> list[Applied]:
@@ -241,6 +243,7 @@ class Arms(ABC):
             gymnasium.error.ResetNeeded: No trial has begun.
         """
         self.check_begun(rows)
+        self._stood[rows] = self.motors.positions(self.registers[rows], rows)
         applied = self._apply_due("motion", self.motions, rows)
         return self.execute(rows, words) + LOOK_SECONDS, applied
 
@@ -259,18 +262,15 @@ class Arms(ABC):
         positions = self._motor_errors.after_a_motion(rows, positions, self.trials, self.motions_of_trial)
         return motors.angles(positions, rows)
 
-    def stopped_short(self, row: int, before: Array, share: float) -> None:
+    def stopped_short(self, row: int, share: float) -> None:
         """An arm stopped at this share of its way in joint positions: registers are of where it stands.
 
-        Args:
-            row: The row.
-            before: Its registers (m,) before the motion.
-            share: Of the way.
+        Also where the world has changed right before the motion: the way begins where the arm stood.
         """
-        rows = np.array([row, row])
-        start, end = self.motors.positions(np.stack([before, self.registers[row]]), rows)
+        rows, start = np.array([row]), self._stood[row]
+        end = self.motors.positions(self.registers[rows], rows)[0]
         self.registers[row] = self.motors.registers(start + share * (end - start), row)
-        here = self.motors.positions(self.registers[row, None], rows[:1])[0]
+        here = self.motors.positions(self.registers[rows], rows)[0]
         self._motor_errors.stopped(row, here, share)
 
     @property
@@ -321,6 +321,7 @@ class Arms(ABC):
         for row in rows[self.trials[rows] > 0]:
             choice, seed = self._choices[row], self._seeds[row] or 0
             if isinstance(choice, WorldDistribution):
+                self._scheduler.forget(row)
                 self.enter(row, self._draw_world(choice, row, seed, int(self.trials[row])))
 
     def _check_in_view(self, world: World) -> None:

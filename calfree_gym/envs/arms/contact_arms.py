@@ -95,13 +95,12 @@ class ContactArms(Arms):
         """
         indices, simulation = self._all[rows], self.simulation
         self._moved[rows] = True
-        before = self.registers[rows].copy()
         joints = self.targets(rows, words)
         seconds = simulation.travel(rows, joints)
         motion = simulation.move(indices, joints, openings)
         simulation.recover()
         for i in (motion.shares < 1).nonzero()[0].tolist():
-            self.stopped_short(int(indices[i]), before[i], motion.shares[i])
+            self.stopped_short(int(indices[i]), motion.shares[i])
         return seconds, motion
 
     def look(self) -> tuple[Array, Flags, tuple[NDArray[Any], ...]]:

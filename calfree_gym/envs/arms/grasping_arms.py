@@ -44,7 +44,8 @@ class GraspingArms(ContactArms):
         held: Whether the object is held (N,), as jaws and images tell.
         goals: Image points (N, 4) to which objects are to be lifted.
         forces: Largest force (N, 2) of the gripper on table and object in the last motion, in N.
-        lifted: How high above where it lay the object was (N,) in the last second, at least, in m.
+        lifted: How high above where it lay the object stayed (N,) for a second, with something between the
+            jaws, in m; else 0.
         off_table: Whether the object has left the table (N,).
 
     Args:
@@ -143,10 +144,12 @@ class GraspingArms(ContactArms):
         holding = indices[grasp.blocked(self.openings[rows], jaws) & ~simulation.diverged[rows]]
         if len(holding):
             forces, heights[holding] = simulation.wait(holding)
+            simulation.recover()
             self.forces[holding] = np.maximum(self.forces[holding], forces)
             self.openings[holding] = simulation.openings()[holding] / STROKE
             self._waited[holding] = True
-        self.lifted[rows] = heights[rows] - self._lay[rows]
+        waited = self._waited[rows] & ~simulation.diverged[rows]
+        self.lifted[rows] = np.where(waited, heights[rows] - self._lay[rows], 0.0)
         return seconds + self._waited[rows]
 
     def observe(self) -> None:

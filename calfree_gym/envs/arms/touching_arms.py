@@ -118,12 +118,11 @@ class TouchingArms(StereoArms):
 
     def execute(self, rows: Rows, words: Array) -> Array:
         """See `Arms`: registers tell where an arm stands that was stopped."""
-        before = self.registers[rows].copy()
         seconds = super().execute(rows, words)
         touched = self.simulation.touched
-        for row, start in zip(self._all[rows].tolist(), before, strict=True):
+        for row in self._all[rows].tolist():
             if (share := touched.shares[row]) < 1:
-                self.stopped_short(row, start, share)
+                self.stopped_short(row, share)
         self.total_travel[rows] += touched.travel[rows]
         self.harmed[rows] |= touched.force[rows] > self.force_bound
         return seconds

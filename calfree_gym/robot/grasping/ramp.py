@@ -14,7 +14,7 @@ CHUNK = 10
 LEAST_CHUNKS, SETTLING = 7, 3
 """Chunks of the ramp at least, and after it."""
 RETREAT = 0.5
-"""An arm that presses goes back by this share of the way that it has come."""
+"""An arm that presses goes back by this share of the way that it had come when the chunk began."""
 
 
 class Ramp(NamedTuple):

@@ -29,7 +29,8 @@ POINTS = (
 """What cameras see: the gripper's point and base, tips and edges, the object and the ends of its axis."""
 OBJECT = POINTS.index("object_point")
 SPEED, TURNING = 0.4, 2.0
-"""The gripper's speed (m/s) and that of joints (rad/s) at most. Choice: about the RV-M2's."""
+"""The gripper's speed (m/s), along the chord of its way, and that of joints (rad/s) at most. Choice: about
+the RV-M2's."""
 PEAK = 1.875
 """Of a motion of least jerk: its speed at most, relative to the mean."""
 GUARD, RISES = 12.0, 1.0

@@ -27,7 +27,7 @@ from experiments.statistics import Estimate, mean_estimate, relative_change
 Array = NDArray[np.float64]
 
 FIRST_WORLD = 5000
-"""Nobody tuned on worlds from here on, and no other benchmark uses them."""
+"""`unified_servo` and `memory` were not tuned on worlds from here on; `benchmark priors` uses them, too."""
 FACTORS = (0.5, 2.0)
 MOTIONS, SUCCESS = 0.05, 0.01
 """Changes of motions (a share) and of success (one point) that are too small to matter."""

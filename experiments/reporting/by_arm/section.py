@@ -42,10 +42,14 @@ _INTERVALS = "Means over worlds with 95 % intervals over worlds."
 
 
 def many_arms(scenarios: tuple[ScenarioConfig, ...]) -> bool:
-    """Whether scenarios differ in their arms, each a lifetime of trials in which no world is perturbed."""
+    """Whether scenarios differ in their arms, each a lifetime of trials in which no world is perturbed.
+
+    All of as many trials, and with the same agents: else they do not stand side by side.
+    """
     arms = {json.dumps(scenario.env.model_dump(mode="json")["arm"], sort_keys=True) for scenario in scenarios}
     steady = all(each.trials and not each.perturbations for each in scenarios)
-    return steady and len(arms) > 1
+    alike = len({(each.trials, each.agents) for each in scenarios}) == 1
+    return steady and alike and len(arms) > 1
 
 
 def arms_sections(finished: FinishedSuite) -> list[Section]:

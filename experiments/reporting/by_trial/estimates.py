@@ -74,11 +74,12 @@ def trial_costs(rows: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
 def seconds_per_reach(rows: pd.DataFrame, cap: int, look: float) -> "pd.Series[float]":
     """Robot seconds of each trial, of the rows of `with_cost`.
 
-    A trial without a rendezvous counts as going on to the cap at its own pace.
+    A trial without a rendezvous counts as going on to the cap at its own pace, but not as more than
+    `slowest_seconds`.
     """
     longer = (cap / rows["motions"]).where(rows[RENDEZVOUS] == 0, 1.0)
     seconds: pd.Series[float] = longer * robot_seconds_at(look, rows[SECONDS], rows["motions"])
-    return seconds
+    return seconds.clip(upper=slowest_seconds(cap, look))
 
 
 def slowest_seconds(cap: int, look: float) -> float:

@@ -48,8 +48,11 @@ class Judged:
 
 
 def verdict_of(criterion: Criterion, found: Measured | None) -> Verdict:
-    """Confirmed where the whole interval meets the criterion, not confirmed where none does, else mixed."""
-    if found is None:
+    """Confirmed where the whole interval meets the criterion, not confirmed where none does, else mixed.
+
+    Untested by fewer than `ENOUGH_WORLDS`: numbers are given, and no verdict.
+    """
+    if found is None or found.worlds < ENOUGH_WORLDS:
         return Verdict.UNTESTED
     low, high = found.estimate.low, found.estimate.high
     if criterion.above is not None:
@@ -61,12 +64,11 @@ def verdict_of(criterion: Criterion, found: Measured | None) -> Verdict:
 
 
 def judge(results: pd.DataFrame, suite: Suite) -> list[Judged]:
-    """All claims of a suite, by its results; with too few worlds numbers are given, and no verdicts."""
+    """All claims of a suite, by its results."""
     judged = []
     for claim in suite.claims:
         found = tuple(measured(results, suite, criterion) for criterion in claim.criteria)
-        known = found if suite.worlds >= ENOUGH_WORLDS else (None,) * len(found)
-        verdicts = tuple(verdict_of(*each) for each in zip(claim.criteria, known, strict=True))
+        verdicts = tuple(verdict_of(*each) for each in zip(claim.criteria, found, strict=True))
         judged.append(Judged(claim, found, verdicts))
     return judged
 

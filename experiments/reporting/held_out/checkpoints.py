@@ -23,10 +23,10 @@ _FORMS: dict[str, tuple[str, Callable[[Estimate], str]]] = {
 }
 _HOW_TO_READ = (
     "Held-out trials after so many motions, since the beginning or since a perturbation. Where an agent "
-    "has no checkpoint there, its next one. Rendezvous: the last observation was within the tolerance. "
-    "Success: the true error was. Motions per reach: a trial without a rendezvous counts as the cap. "
-    "Means over worlds with 95 % intervals over worlds; the upper limit of motions allows for a world, not "
-    "met, in which nothing works."
+    "has no checkpoint there, its next one, or else its last. Rendezvous: the last observation was within "
+    "the tolerance. Success: the true error was. Motions per reach: a trial without a rendezvous counts as "
+    "the cap. Means over worlds with 95 % intervals over worlds; the upper limit of motions allows for a "
+    "world, not met, in which nothing works."
 )
 Checkpoint = tuple[int, float]
 """The number of perturbations before it, and motions since the last one, or since the beginning."""
@@ -66,7 +66,9 @@ def shown_checkpoints(held_out: pd.DataFrame) -> dict[Checkpoint, str]:
 
 
 def scores(own: pd.DataFrame, measure: str, at: Checkpoint) -> pd.Series:
-    """Each world's mean over its trials at a checkpoint, or at the next; worlds that never came to it lack.
+    """Each world's mean over its trials at a checkpoint, or at the next, or else at its last.
+
+    Worlds that have none since so many perturbations lack.
 
     Args:
         own: Of one agent, what `with_clocks` returned.

@@ -188,7 +188,13 @@ def _moment(mine: pd.DataFrame, at: "pd.Series[int]", failed: list[int], cap: in
     )
 
 
-def last_checkpoints(curve: Curve) -> Estimate:
-    """The median over worlds of each world's median over its last checkpoints."""
-    values = np.median(curve.runs[:, -LAST:], axis=1)
-    return over_worlds(values, median, curve.bounds, np.random.default_rng(0))
+def last_checkpoints(
+    rows: pd.DataFrame, agent: str, measure: str, worlds: int, scenario: ScenarioConfig
+) -> Estimate:
+    """The median over worlds of each world's median over its own last checkpoints; see `held_out_curve`."""
+    worst, bounds = worst_and_bounds(measure, scenario)
+    mine = rows[rows["agent"] == agent]
+    held_out = mine[mine["phase"] == "eval"].groupby(["world", "lifetime_motions"])[measure].mean()
+    last = held_out.groupby("world").tail(LAST).groupby("world").median()
+    values = np.append(last.to_numpy(float), [worst] * (worlds - mine["world"].nunique()))
+    return over_worlds(values, median, bounds, np.random.default_rng(0))

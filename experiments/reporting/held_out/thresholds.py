@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from experiments.config.suite import ScenarioConfig
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, FinishedSuite, few_worlds
 from experiments.reporting.held_out.checkpoints import with_clocks
-from experiments.reporting.held_out.estimates import LAST, held_out_curve, last_checkpoints
+from experiments.reporting.held_out.estimates import LAST, last_checkpoints
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, number, percent
 from experiments.statistics import Array, Estimate, median_time, restricted_mean_time
@@ -93,7 +93,7 @@ def threshold_section(finished: FinishedSuite, scenario: ScenarioConfig, rows: p
             found |= {f"median {name}": middle, f"restricted mean {name}": mean}
             cells += [f"{int(good.sum())} of {len(good)}", _motions(middle), _motions(mean)]
         for measure, form in ((SUCCESS, percent), (RENDEZVOUS, percent), (MOTIONS, number)):
-            last = last_checkpoints(held_out_curve(rows, agent, measure, worlds, scenario))
+            last = last_checkpoints(rows, agent, measure, worlds, scenario)
             found[f"{measure} of the last checkpoints"] = last
             cells.append(form(last))
         lines.append([agent, *cells])

@@ -59,7 +59,7 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
     places_of_all = {label: place for sweep in sweeps for label, place in places(suite, sweep).items()}
 
     def drawn(name: str, *of: SweepConfig) -> dict[str, Drawing]:
-        said = where_it_stands(finished, of[0], "one trial in each at each value")
+        said = where_it_stands(finished, of[0], "one trial in each at each value", single_worlds=False)
         figure = sweep_figure(of, curves, places_of_all, said)
         return {name: save(figure, finished.out / "figures", name)}
 

@@ -91,7 +91,9 @@ def test_a_procedure_that_has_ended_sends_zero_words(make_env):
         ),
     ],
 )
-@pytest.mark.parametrize("name", ["paper_servo", "memory", "random"])
+@pytest.mark.parametrize(
+    "name", ["paper_servo", "memory", "random", "recurrent_servo", "sac", "recurrent_ppo"]
+)
 def test_what_is_no_observation_is_refused(make_env, name, change, said):
     env = make_env()
     observation, _ = env.reset(seed=0)
@@ -108,3 +110,7 @@ def test_the_state_of_another_agent_is_refused(make_env):
         servo.predict(observation, state)
     with pytest.raises(ValueError, match="the state holds 5; pass"):
         servo.predict(observation, 5)
+    for name in ("recurrent_servo", "recurrent_ppo"):
+        network = agents.make(name, env)
+        with pytest.raises(ValueError, match="the state is 5; pass the state back"):
+            network.predict(observation, 5)

@@ -114,8 +114,9 @@ def test_batched_observations_get_the_words_of_single_ones(name):
         observations, *_ = batch.step(words)
 
 
-def test_a_lost_state_is_an_error_that_says_what_to_do():
-    agent, env = make("unified_servo")
+@pytest.mark.parametrize("name", ["unified_servo", "recurrent_servo", "recurrent_ppo"])
+def test_a_lost_state_is_an_error_that_says_what_to_do(name):
+    agent, env = make(name)
     observation, _ = env.reset()
     words, _ = agent.predict(observation)
     observation, *_ = env.step(words)

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from agents.grasp.findings import GraspFindings
-from agents.grasp.observation import ARM, GRIPPER, NAMES, OBJECT, TIP, GraspObservation
+from agents.grasp.observation import ARM, NAMES, OBJECT, TIP, GraspObservation
 from agents.grasp.orientation import turn_needed
 from agents.grasp.tip import Tip
 from agents.grasp.trial import GraspTrial
@@ -46,13 +46,13 @@ def test_ways_are_told_in_gripper_lengths(directions, way):
     directions, way = np.reshape(directions, (4, 3)), np.array(way)
     assume(np.linalg.cond(directions) < 30)
     now = gripper(directions)
-    np.testing.assert_allclose(now.in_gripper_lengths(directions @ way), GRIPPER * way, atol=1e-6)
+    np.testing.assert_allclose(now.in_gripper_lengths(directions @ way), now.proportions * way, atol=1e-6)
     now.visible[NAMES.index("edge_1"), 1] = False
     told = now.in_gripper_lengths(directions @ (way * [1, 1, 0]))
     if np.linalg.cond(directions[:2, :2]) > 3:
         assert told is None, "seen from one side"
     else:
-        np.testing.assert_allclose(told, GRIPPER * way * [1, 1, 0], atol=1e-6)
+        np.testing.assert_allclose(told, now.proportions * way * [1, 1, 0], atol=1e-6)
 
 
 def test_an_angle_needs_the_object_and_the_gripper_in_one_image():

@@ -3,10 +3,12 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import agents
 from agents.grasp.observation import NAMES, GraspObservation
-from agents.grasp.orientation import directions
+from agents.grasp.orientation import direction_key, directions, quarter
 from agents.knowledge.factored_table import FactoredTable
 from agents.knowledge.grid_table import GridTable
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
@@ -49,7 +51,25 @@ def test_directions_are_those_between_edge_and_axis_in_each_image():
         points[NAMES.index(name)] = [[np.cos(left), np.sin(left)], [np.cos(right), np.sin(right)]]
     visible = np.ones((len(NAMES), 2), bool)
     seen = GraspObservation(points, visible, np.zeros(5), 1.0, False, np.zeros((2, 2)))
-    assert directions(seen) * np.pi / 2 == pytest.approx([0.7, -0.5])
+    assert directions(seen) == pytest.approx([0.7, -0.5])
+    assert direction_key(seen) * np.pi / 2 == pytest.approx([0.1, 0.6])
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(-0.7, 0.7))
+def test_keys_of_objects_that_are_turned_a_little_are_near(angle, differ):
+    """But where a quarter turn of the jaws ends, and another one begins: there the registers jump, too."""
+    keys = []
+    for turned in (angle, angle + 0.01):
+        points = np.zeros((len(NAMES), 2, 2))
+        points[NAMES.index("edge_1")] = [[1.0, 0.0], [1.0, 0.0]]
+        both = np.array([turned + differ, turned - differ])
+        points[NAMES.index("end_1")] = np.stack([np.cos(both), np.sin(both)], 1)
+        visible = np.ones((len(NAMES), 2), bool)
+        keys.append(
+            direction_key(GraspObservation(points, visible, np.zeros(5), 1.0, False, np.zeros((2, 2))))
+        )
+    assert abs(quarter((keys[1] - keys[0])[0] * np.pi / 2)) == pytest.approx(0.01, abs=1e-6)
+    assert keys[1][1] == pytest.approx(keys[0][1], abs=1e-6)
 
 
 def test_a_grasp_jumps_to_where_it_grasped_before_and_a_saved_one_does_too(tmp_path):

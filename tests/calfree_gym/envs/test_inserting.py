@@ -9,6 +9,7 @@ import pytest
 import calfree_gym  # noqa: F401
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.robot.inserting.holes import CLEAR, LEANS
+from calfree_gym.tasks.insert import depth_told
 
 INSERT = "CalFree/Insert-v0"
 
@@ -24,6 +25,18 @@ def go(env, ahead, beside=0.0):
     place = hole + ahead * axis + beside * side / np.linalg.norm(side)
     registers = arms.motors.registers(robot.positions_at(place, rest, world.link_lengths)[0], 0)
     return env.step((registers - arms.registers[0]).astype(np.float32))
+
+
+def test_a_peg_beside_the_plate_is_not_in():
+    """Where it hangs beside it, as deep as one in the hole."""
+    axis, visible = np.array([[0.0, 0.4], [0.05, 0.4]]), np.ones(1, bool)
+    for across, told in ((0.03, 0.2), (0.2, 0.0)):
+        way = 0.2 * axis + [[across, 0.0], [across, 0.0]]
+        depth = depth_told(np.zeros((1, 2, 2)) + way, (way - axis)[None], np.zeros((1, 2, 2)), visible)
+        assert depth == pytest.approx(told, abs=0.02)
+    assert depth_told(-way[None], (-way - axis)[None], np.zeros((1, 2, 2)), visible) < -0.1, (
+        "above it, as ever"
+    )
 
 
 @pytest.mark.parametrize("mount", ["waist", "stand"])

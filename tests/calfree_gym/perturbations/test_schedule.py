@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calfree_gym import nominal
 from calfree_gym.perturbations import TYPES
 from calfree_gym.perturbations.schedule import parse_schedule
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
@@ -119,6 +120,20 @@ def test_undoing_brings_the_old_camera_back_and_leaves_the_rest():
         np.testing.assert_array_equal(at[3][0], at[0][0])
         np.testing.assert_array_equal(at[3][1], at[2][1])
     assert worlds[3].focal_length[1] == pytest.approx(1.1 * worlds[0].focal_length[1])
+
+
+@pytest.mark.parametrize("redraw", ["trial", "never"])
+def test_nothing_is_undone_in_another_world(redraw):
+    """Neither where each trial has a world of its own, nor where one was set: there the old camera is not."""
+    env, plain = made([REPLACED, BACK], redraw=redraw), made([], redraw=redraw)
+    for trial in range(4):
+        for each in (env, plain):
+            each.reset(seed=5 if trial == 0 else None)
+        if redraw == "never" and trial == 1:
+            for each in (env, plain):
+                each.set_world(nominal())
+    assert [type(each).__name__ for each in env.applied] == ["Undo"]
+    assert env.world == plain.world
 
 
 def test_what_undoing_brings_back_must_be_in_view():

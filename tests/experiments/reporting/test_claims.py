@@ -189,7 +189,9 @@ def test_seconds_depend_on_the_look():
 )
 def test_the_whole_interval_decides(low, high, bound, expected):
     test = Criterion(measure="success", of=trials_of(), **bound)
-    assert verdict_of(test, Measured(Estimate((low + high) / 2, low, high), WORLDS)) is expected
+    estimate = Estimate((low + high) / 2, low, high)
+    assert verdict_of(test, Measured(estimate, WORLDS)) is expected
+    assert verdict_of(test, Measured(estimate, WORLDS - 1)) is Verdict.UNTESTED
 
 
 OWN_TRIALS = {"agent": "paper_servo", "scenario": "home", "trials": [1, 2]}

@@ -172,9 +172,20 @@ def test_motions_to_the_threshold_are_right_censored(scenario):
 def test_one_bad_checkpoint_does_not_move_the_median_of_the_last(scenario):
     jumping = [(0, "eval", at, None, at != 300, 10 if at != 300 else 60) for at in range(0, 301, 50)]
     steady = [(1, "eval", at, None, True, 12) for at in range(0, 301, 50)]
-    curve = held_out_curve(table(scenario, *jumping, *steady), "servo", MOTIONS, 2, scenario)
+    rows = table(scenario, *jumping, *steady)
+    curve = held_out_curve(rows, "servo", MOTIONS, 2, scenario)
     assert list(curve.runs[:, -1]) == [60, 12]
-    assert last_checkpoints(curve).value == 11
+    assert last_checkpoints(rows, "servo", MOTIONS, 2, scenario).value == 11
+
+
+def test_the_last_checkpoints_are_each_world_s_own(scenario):
+    """Where lifetimes end after other numbers of motions, what a world ended with counts once."""
+    rows = [
+        (world, "eval", 100 * at + world * (at == 5), None, at != 5, 10 if at != 5 else 60)
+        for world in range(20)
+        for at in range(1, 6)
+    ]
+    assert last_checkpoints(table(scenario, *rows), "servo", MOTIONS, 20, scenario).value == 10
 
 
 def test_checkpoints_are_shown_in_steps_and_by_what_went_before(scenario):

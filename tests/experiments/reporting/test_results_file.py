@@ -9,9 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.__main__ import main
+from experiments.config.suite import FIRST_OWN_TRIALS
 from experiments.errors import ConfigError
 from experiments.reporting.report import agents_section
-from experiments.reporting.results_file import FIRST_OWN_TRIALS, MOST_OWN_TRIALS, gather, read_finished
+from experiments.reporting.results_file import MOST_OWN_TRIALS, gather, read_finished
 from experiments.running.plan import runs_of
 from experiments.running.results_folder import read_suite
 

@@ -8,7 +8,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from experiments.config.environment import EnvironmentConfig
-from experiments.config.suite import Suite
+from experiments.config.loading import unbuildable_agent
+from experiments.config.requirements import requirements
+from experiments.config.suite import AgentConfig, Suite
 from experiments.evaluation import TrialRecord
 from experiments.running import worker
 from experiments.running.cpu_time import CpuTimes
@@ -162,19 +164,25 @@ def test_a_reset_begins_no_trial_twice():
         recorder.reset(options={"object": (0, 0, 0)})
 
 
-def test_lifetimes_counted_in_trials_have_exactly_as_many(suite_data, tmp_path):
-    suite_data |= {"worlds": 1, "agents": [PPO]}
-    suite_data["scenarios"][0] |= {"trials": 6, "motions": None, "perturbations": []}
-    (spec,) = runs_of(Suite.model_validate(suite_data))
-    worker.run_lifetime(spec, tmp_path, CpuTimes())
-    rows = [json.loads(line) for line in (tmp_path / "trials.jsonl").read_text().splitlines()]
-    assert [row["trial"] for row in rows if row["phase"] == "train"] == list(range(6))
+def test_lifetimes_counted_in_trials_are_refused():
+    """The first trials to end are the short ones: among them even random words look good."""
+    agent = AgentConfig.model_validate(PPO)
+    assert unbuildable_agent(agent, ENV) is None
+    assert "count motions, or set rows: 1" in unbuildable_agent(agent, ENV, in_trials=True)
+    one = agent.model_copy(update={"settings": {**agent.settings, "rows": 1}})
+    assert unbuildable_agent(one, ENV, in_trials=True) is None
+
+
+def test_perturbations_are_judged_as_the_environment_judges_them():
+    """Where walls and table may hide what cameras would see, other draws serve."""
+    safe = EnvironmentConfig(id="CalFree/SafeReach-v0", world="wild", camera_mount="waist")
+    replace = ({"at": {"trial": 0}, "do": {"type": "camera_replace", "camera": "left"}},)
+    rows = RowsRecorder(safe, 2, (), replace, 20)
+    single = LifetimeRecorder(safe.make(replace), 20)
+    assert rows.world == single.world
 
 
 def test_rows_in_a_new_world_each_trial_are_refused():
-    from experiments.config.requirements import requirements
-    from experiments.config.suite import AgentConfig
-
     agent = AgentConfig.model_validate(PPO)
     assert requirements(agent, ENV).rows == 4
     with pytest.raises(ValueError, match="learns from 4 rows in one world; redraw is 'trial'"):
