@@ -49,8 +49,8 @@ def directions(now: GraspObservation) -> Array:
 def direction_key(now: GraspObservation) -> Array:
     """Both directions as coordinates of knowledge (2,): their mean, and half their difference (section 4.3).
 
-    In quarter turns. Angles of lines repeat after half a turn, and of an object between two such angles the
-    images may tell one each: their mean and difference are those of an object nearby, they are not.
+    In quarter turns. A line's angle jumps by half a turn where it passes a quarter turn, and in each image
+    that is at another orientation of the object. These two jump only where the turn that is needed jumps.
     """
     left, right = directions(now)
     return np.array([_mean(left, right), quarter(left - right) / 2]) / (np.pi / 2)
