@@ -13,8 +13,8 @@ from experiments.reporting.report import MARKDOWN, PAGE, write_report
 from experiments.reporting.results_file import RESULTS, TIMES, read_finished
 from experiments.running.versions import commit, is_of_no_commit, versions
 
-COLOURS = 64
-"""Of a kept figure. Choice: no difference is seen, and files are a third as large."""
+COLOURS = 256
+"""Of a kept figure. Choice: files are a third as large. Of 64, blue lines became as green ones."""
 
 
 def keep(out: Path, kept: Path) -> Path:
@@ -45,7 +45,7 @@ def keep(out: Path, kept: Path) -> Path:
     for figure in sorted((partial / "figures").iterdir()):
         if figure.suffix == ".png":
             with Image.open(figure) as image:
-                small = image.convert("RGB").quantize(COLOURS)
+                small = fewer_colours(image)
             small.save(figure, optimize=True)
         else:
             figure.unlink()
@@ -55,6 +55,11 @@ def keep(out: Path, kept: Path) -> Path:
     partial.rename(target)
     shutil.rmtree(old, ignore_errors=True)
     return target
+
+
+def fewer_colours(image: Image.Image) -> Image.Image:
+    """A figure in so few colours that its file is small; lines keep theirs."""
+    return image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
 
 
 def _refuse(finished: FinishedSuite, target: Path) -> None:

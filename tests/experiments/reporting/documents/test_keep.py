@@ -1,16 +1,20 @@
 """What is kept of a finished suite."""
 
+import io
 import json
 import shutil
 
+import matplotlib.pyplot as plt
+import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageColor
 
 from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.reporting.documents import keep as module
-from experiments.reporting.documents.keep import keep
+from experiments.reporting.documents.keep import fewer_colours, keep
 from experiments.reporting.documents.kept_tables import KEPT, tables_named
+from experiments.reporting.pages.style import line_of
 from experiments.reporting.results_file import gather
 
 COMMIT = "0123456789ab"
@@ -32,6 +36,26 @@ def said_to_be(out, **what):
 
 def files(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+def test_lines_of_a_kept_figure_keep_their_colours():
+    figure, axes = plt.subplots(1, 3, figsize=(13, 4.7))
+    motions = np.linspace(0, 1, 9)
+    for index in range(8):
+        for panel, curve in zip(axes, (motions**index, 1 - motions**index, index + motions), strict=True):
+            line = line_of(index)
+            panel.plot(motions, curve, **line)
+            panel.fill_between(motions, curve - 0.2, curve + 0.1, color=line["color"], alpha=0.15)
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=160)
+    plt.close(figure)
+    image = Image.open(drawn).convert("RGB")
+    before, after = (np.asarray(each.convert("RGB"), int) for each in (image, fewer_colours(image)))
+    for index in range(8):
+        colour = np.array(ImageColor.getrgb(line_of(index)["color"]))
+        kept = after[(before == colour).all(-1)]
+        assert len(kept) > 500
+        assert np.abs(np.median(kept, 0) - colour).max() <= 6
 
 
 @pytest.mark.slow
