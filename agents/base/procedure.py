@@ -19,7 +19,7 @@ from . import storage
 from .agent import Agent, Callback
 from .checks import check_number
 from .observation import Array, Observation, RawObservation
-from .trials import begins_trial, is_of_one
+from .trials import begins_trial, foreign, is_of_one
 
 Procedure = Generator[Array, Observation, None]
 """Seeks the rendezvous in one trial. After its end the agent sends zero words."""
@@ -146,9 +146,7 @@ class ProcedureAgent(Agent):
     def _check_state(self, state: Any) -> None:
         for trial in state if isinstance(state, list) else [state]:
             if getattr(trial, "of", None) is not type(self):
-                raise ValueError(
-                    f"the state holds {trial!r}; pass the state back that this agent's last call returned"
-                )
+                raise foreign(f"holds {trial!r}")
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
         """See `Agent`."""

@@ -37,9 +37,9 @@ def is_of_one(observation: Any, space: gym.Space[Any]) -> bool:
     return bool(np.ndim(observation[STANDARD_KEYS[0]]) == 1)
 
 
-def foreign(state: object) -> ValueError:
-    """The error where `predict` was given a state that the agent has not returned."""
-    return ValueError(f"the state is {state!r}; pass the state back that this agent's last call returned")
+def foreign(found: str) -> ValueError:
+    """The error where `predict` was given a state that its agent has not returned: one that "is 5"."""
+    return ValueError(f"the state {found}; pass the state back that this agent's last call returned")
 
 
 _KEYS = ", ".join(STANDARD_KEYS)

@@ -90,4 +90,4 @@ def _unbuildable(
 ) -> str | None:
     """Why the agent cannot be made with these settings, if so."""
     whole = AgentConfig(name=agent.name, label=agent.name, settings=agent.settings | settings)
-    return unbuildable_agent(whole, scenario.env)
+    return unbuildable_agent(whole, scenario.env, scenario.trials is not None)

@@ -70,7 +70,7 @@ class RecurrentServo(Agent):
         """
         is_of_one(observation, self.env.observation_space)
         if state is not None and not isinstance(state, Memory):
-            raise foreign(state)
+            raise foreign(f"is {state!r}")
         registers = np.atleast_2d(observation["observation"])[:, POINTS:]
         begins = begins_trial(registers, None if state is None else len(state.looks), episode_start)
         memory = self._network.begin(len(begins))

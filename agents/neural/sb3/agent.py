@@ -163,7 +163,7 @@ class Sb3Agent(Agent):
     ) -> None:
         """Raises ValueError where networks would go on with another memory than that of this trial."""
         if state is not None and not (isinstance(state, tuple) and all(np.ndim(part) == 3 for part in state)):
-            raise foreign(state)
+            raise foreign(f"is {state!r}")
         registers = np.atleast_2d(observation["observation"])[:, POINTS:]
         if registers.shape[1:] == self._model.action_space.shape:
             begins_trial(registers, None if state is None else np.shape(state[0])[1], episode_start)

@@ -58,6 +58,8 @@ class Arms(ABC):
         *("_choices", "_seeds", "_worlds", "motions", "trials", "_motions_before"),
         *("registers", "points", "visible", "true_points"),
     )
+    may_stop_short: ClassVar[bool] = False
+    """Whether something may stop an arm on its way, see `stopped_short`."""
     parts: ClassVar[tuple[str, ...]] = ("simulation", "_motor_errors", "_latency", "_scheduler")
     """Names of what has a state of its own."""
     shown_points: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
@@ -243,7 +245,8 @@ class Arms(ABC):
             gymnasium.error.ResetNeeded: No trial has begun.
         """
         self.check_begun(rows)
-        self._stood[rows] = self.motors.positions(self.registers[rows], rows)
+        if self.may_stop_short:
+            self._stood[rows] = self.motors.positions(self.registers[rows], rows)
         applied = self._apply_due("motion", self.motions, rows)
         return self.execute(rows, words) + LOOK_SECONDS, applied
 

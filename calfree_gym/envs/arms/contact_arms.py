@@ -34,6 +34,7 @@ class ContactArms(Arms):
 
     simulation: GraspSimulation
     robot: GrippingArm
+    may_stop_short: ClassVar[bool] = True
     parts: ClassVar[tuple[str, ...]] = (*Arms.parts, "_sight")
     also_asks = "can the task be done in enough places"
 

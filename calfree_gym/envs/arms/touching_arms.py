@@ -43,6 +43,7 @@ class TouchingArms(StereoArms):
     """
 
     simulation: TouchingSimulation
+    may_stop_short: ClassVar[bool] = True
     state_names: ClassVar[tuple[str, ...]] = (*StereoArms.state_names, "total_travel", "harmed")
     also_asks = "does the arm at home touch nothing, nor hide its mark"
 
