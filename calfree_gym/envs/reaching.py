@@ -84,12 +84,9 @@ class Reaching(ArmShared):
 
 def placed_objects(options: dict[str, Any] | None, rows: int, robot: Robot) -> NDArray[np.float64] | None:
     """The object of reset's options (rows, 3) in m, or None without one."""
+    options = checked_options(options)
     if not options:
         return None
-    if not isinstance(options, dict):
-        raise ValueError(
-            f"reset's options are {options!r}; they must be a dict, such as {{'object': (x, y, z)}}"
-        )
     if unknown := sorted(options.keys() - {"object"}):
         raise ValueError(f"reset has no option {', '.join(map(repr, unknown))}; allowed: 'object'")
     try:
@@ -101,3 +98,16 @@ def placed_objects(options: dict[str, Any] | None, rows: int, robot: Robot) -> N
     objects = np.broadcast_to(position, (rows, 3))
     check_near(objects, robot)
     return objects
+
+
+def checked_options(options: Any) -> dict[str, Any]:
+    """Reset's options, a copy; none where there are none.
+
+    Raises:
+        ValueError: They are no dict.
+    """
+    if options is not None and not isinstance(options, dict):
+        raise ValueError(
+            f"reset's options are {options!r}; they must be a dict, such as {{'object': (x, y, z)}}"
+        )
+    return dict(options or {})

@@ -6,6 +6,7 @@ import inspect
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
+import numpy as np
 
 from calfree_gym.envs.arms.state import RowState
 from calfree_gym.perturbations.base import Perturbation
@@ -63,7 +64,9 @@ class Row:
 
     def get_state(self) -> RowState:
         """As of a single environment."""
-        return self._envs.get_state()[self._row]
+        arms = self._envs.arms
+        arms.check_begun(np.array([self._row]))
+        return arms.get_state(self._row)
 
     def set_state(self, state: RowState) -> None:
         """As of a single environment."""

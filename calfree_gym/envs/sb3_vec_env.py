@@ -38,12 +38,20 @@ class StereoArmVecEnv(VecEnv):
         super().__init__(envs.num_envs, envs.single_observation_space, space)
 
     def reset(self) -> VecEnvObs:
-        """Begins a trial in every row; `seed` counts here."""
+        """Begins a trial in every row; what `seed` and `set_options` gave counts here."""
         seeds = self._seeds if any(seed is not None for seed in self._seeds) else None
-        observations, _ = self.vector_env.reset(seed=seeds)
+        observations, infos = self.vector_env.reset(seed=seeds, options=self._options_of_rows())
+        self.reset_infos = [{"is_success": bool(success)} for success in infos["is_success"]]
         self._reset_seeds()
         self._reset_options()
         return dict(observations)
+
+    def _options_of_rows(self) -> dict[str, Any] | None:
+        """What `set_options` gave, as the batched environment takes it."""
+        first = self._options[0].keys()
+        if any(each.keys() != first for each in self._options):
+            raise ValueError(f"options are {self._options}; they must be of one kind in all rows, or empty")
+        return {name: np.array([each[name] for each in self._options]) for name in first} or None
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Takes the control words of the next motion."""

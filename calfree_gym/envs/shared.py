@@ -23,6 +23,7 @@ from calfree_gym.envs.rendering.viewer import Viewer
 from calfree_gym.envs.spaces import Observation
 from calfree_gym.errors import check_choice, check_flag, check_whole
 from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.perturbations.schedule import parse_schedule
 from calfree_gym.tasks import goals
 from calfree_gym.world import WorldDistribution
 
@@ -30,6 +31,8 @@ REWARDS = {"sparse": goals.sparse_reward, "dense": goals.dense_reward}
 Events = dict[str, NDArray[Any]]
 RENDER_MODES = ("rgb_array", "human")
 REDRAWS = ("never", "trial")
+MOST_TOLERANCE = IMAGE_SIZE // 2
+"""A tolerance is less, in pixels: what is hidden is shown farther away than that, and yet in the image."""
 SMALLEST_IMAGE, LARGEST_IMAGE = 16, 1024
 """Width and height in pixels of images that are delivered."""
 
@@ -60,8 +63,10 @@ class ArmShared(Copyable, ABC):
         check_flag("keep_in_view", arms["keep_in_view"])
         check_whole("image_size", arms["image_size"], SMALLEST_IMAGE, LARGEST_IMAGE)
         tolerance_px = arms["tolerance_px"]
-        if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < IMAGE_SIZE):
-            raise ValueError(f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {IMAGE_SIZE})")
+        if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < MOST_TOLERANCE):
+            raise ValueError(
+                f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {MOST_TOLERANCE})"
+            )
         if isinstance(tell, str) or not isinstance(tell, Sequence):
             such = tell if isinstance(tell, str) else next(iter(PRIVILEGED))
             raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({such!r},)")
@@ -79,6 +84,7 @@ class ArmShared(Copyable, ABC):
         self._reward = REWARDS[reward]
         self._renderer: Any = None
         self._spec: EnvSpec | None = None
+        arms["perturbations"] = parse_schedule(arms["perturbations"])  # an iterator would be used up
         self._arguments = {"rows": rows, "threads": threads, **arms}
         self.arms = self._new_arms()
 
@@ -142,6 +148,11 @@ class ArmShared(Copyable, ABC):
             self._renderer = Viewer(self.arms) if human else SceneFrame(self.arms, *self._frame_size)
         frame: NDArray[np.uint8] | None = self._renderer.draw(row)
         return frame
+
+    def _show(self) -> None:
+        """Shows people what has just happened, as Gymnasium asks of render_mode="human"."""
+        if self.render_mode == "human":
+            self._frame(0)
 
     def _close(self) -> None:
         """Frees what draws."""

@@ -86,6 +86,7 @@ class ArmEnv(ArmShared, gym.Env[Any, Any]):
         self.arms.observe()
         observation, _, success = self._outcome()
         info = self._info(success, np.float64(0.0), applied, self._events())
+        self._show()
         return {key: value[0] for key, value in observation.items()}, info
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -94,6 +95,7 @@ class ArmEnv(ArmShared, gym.Env[Any, Any]):
         self.arms.observe()
         observation, distances, success = self._outcome()
         events = self._events()
+        self._show()
         return (
             {key: value[0] for key, value in observation.items()},
             float(self._reward(distances, success)[0]),

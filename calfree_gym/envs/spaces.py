@@ -85,7 +85,8 @@ def observations(kind: str, tell: Sequence[str], arms: StereoArms) -> Observatio
             observed = {"pixels": pixels_of(stereo)}
         else:
             what = "image" if kind == "rgb" else "depth"
-            observed = {f"{name}_{what}": stereo[:, i].copy() for i, name in enumerate(CAMERAS)}
+            delivered = np.minimum(stereo, FARTHEST) if kind == "depth" else stereo.copy()
+            observed = {f"{name}_{what}": delivered[:, i] for i, name in enumerate(CAMERAS)}
         observed["observation"] = registers
     for name in tell:
         observed[name] = PRIVILEGED[name].of(arms).astype(np.float32)

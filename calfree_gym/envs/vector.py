@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from calfree_gym.envs.arms.state import RowState
-from calfree_gym.envs.reaching import Reaching
+from calfree_gym.envs.reaching import Reaching, checked_options
 from calfree_gym.envs.row import HasRows
 from calfree_gym.envs.shared import RENDER_MODES, ArmShared, Events, GoalRewards
 from calfree_gym.envs.spaces import GOALS, Observation, control_words
@@ -81,6 +81,8 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
 
     def set_world(self, world: World, row: int | None = None) -> None:
         """Puts one row, or every row, into `world`; later seeds draw objects and noise only."""
+        if row is not None:
+            check_whole("row", row, 0, self.num_envs - 1)
         for r in range(self.num_envs) if row is None else [row]:
             self.arms.set_world(r, world)
 
@@ -131,7 +133,7 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
             options: {"object": (x, y, z)} or one object a row (num_envs, 3), in m; {"reset_mask": (num_envs,)
                 of bool}: only these rows begin a trial, the others stay as they are.
         """
-        given = dict(options or {})
+        given = checked_options(options)
         rows = self._masked(given.pop("reset_mask", None))
         seeds = self._row_seeds(seed)
         for row in rows:
@@ -140,6 +142,7 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
         objects = self._placed(given)
         self._applied = self._begin(rows, None if objects is None else objects[rows])
         self.arms.observe()
+        self._show()
         observation, _, success = self._outcome()
         return observation, self._infos(success, np.zeros(self.num_envs), self._applied, self._events())
 
@@ -175,6 +178,7 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
         infos = self._infos(success, seconds, applied, events)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
             observation, infos = self._begin_at_once(observation, infos)
+        self._show()
         return observation, rewards, terminated, truncated, infos
 
     def _begin(self, rows: NDArray[np.intp], objects: NDArray[np.float64] | None = None) -> list[Applied]:
@@ -186,8 +190,9 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins the next trials of the rows that are over; their last observations go into infos."""
         over = self._over.copy()
-        applied = self._begin(np.flatnonzero(over))
-        self._applied = [*self._applied, *applied]
+        begun = self._begin(np.flatnonzero(over))
+        applied = [each for each in self._applied if not over[each[0]]] + begun
+        self._applied = [*self._applied, *begun]
         self.arms.observe()
         observation, _, success = self._outcome()
         seconds = np.where(over, 0.0, final_infos["robot_seconds"])
@@ -200,7 +205,12 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
         }
 
     def render(self) -> Any:
-        """One frame a row, as `StereoArmEnv.render`; None without a render mode."""
+        """One frame a row, as `StereoArmEnv.render`; None without a render mode.
+
+        With render_mode="human" MuJoCo's viewer shows the first row.
+        """
+        if self.render_mode == "human":
+            return self._frame(0)
         frames = tuple(self._frame(row) for row in range(self.num_envs))
         return frames if self.render_mode else None
 

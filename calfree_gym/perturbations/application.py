@@ -17,6 +17,8 @@ from calfree_gym.world import World
 
 Applied = tuple[int, Perturbation | Undo]
 """A row, and the perturbation that was applied to it, with all that it drew."""
+Kept = tuple[dict[int, tuple[Perturbation, bool]], dict[int, tuple[World, World]]]
+"""Of a row: the drifts that have begun, and what events may be undone."""
 
 
 class PerturbationScheduler:
@@ -36,6 +38,7 @@ class PerturbationScheduler:
         mounts: Where the cameras are fixed.
         keep_in_view: Whether worlds that the cameras do not see are drawn again, and drifts turn back.
         as_seen: A world as it is judged whether they do.
+        can_begin: Whether a trial can begin in a world of a row, if that is asked, too.
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("_drifts", "_undoable")
@@ -48,10 +51,11 @@ class PerturbationScheduler:
         mounts: Mounts,
         keep_in_view: bool,
         as_seen: Callable[[World], World] = lambda world: world,
+        can_begin: Callable[[int], Callable[[World], bool] | None] = lambda row: None,
     ) -> None:
         events = tuple(enumerate(parse_schedule(schedule)))
         self.events = {clock: [(i, event) for i, event in events if event.clock == clock] for clock in CLOCKS}
-        self._robot, self._mounts, self._as_seen = robot, mounts, as_seen
+        self._robot, self._mounts, self._as_seen, self._can_begin = robot, mounts, as_seen, can_begin
         for _, event in events:
             if not isinstance(event.perturbation, Undo):
                 event.perturbation.check_fits(robot)
@@ -66,6 +70,14 @@ class PerturbationScheduler:
         self._seeds[row] = seed
         self._drifts[row] = {}
         self._undoable[row] = {}
+
+    def kept(self, row: int) -> Kept:
+        """What is kept of events so far, for `go_on_with`."""
+        return self._drifts[row].copy(), self._undoable[row].copy()
+
+    def go_on_with(self, row: int, kept: Kept) -> None:
+        """Goes on from what `kept` gave."""
+        self._drifts[row], self._undoable[row] = kept
 
     def forget(self, row: int) -> None:
         """The world of `row` is another one: what events changed before is not undone in it."""
@@ -113,8 +125,16 @@ class PerturbationScheduler:
 
         if not self._keep_in_view:
             return perturbed(0), drawn
-        what = f"the world after {perturbation.to_dict()}"
-        return first_in_view(perturbed, self._robot, self._mounts, what, as_seen=self._as_seen), drawn
+        found = first_in_view(
+            perturbed,
+            self._robot,
+            self._mounts,
+            f"the world after {perturbation.to_dict()}",
+            also=self._can_begin(row),
+            also_asks="can a trial begin",
+            as_seen=self._as_seen,
+        )
+        return found, drawn
 
     def _changed(self, perturbation: Perturbation, world: World, change: Callable[..., World]) -> World:
         """The world after a change, which is told where the cameras are at home if it must know."""
@@ -124,15 +144,21 @@ class PerturbationScheduler:
         there = change(replace(world, camera_position=positions), robot=self._robot)
         return replace(there, camera_position=world.camera_position)
 
-    def _in_view(self, world: World) -> bool:
-        return in_view(self._as_seen(world), self._robot, self._mounts)
+    def _serves(self, row: int, world: World) -> bool:
+        if not self._keep_in_view:
+            return True
+        can_begin = self._can_begin(row)
+        seen = in_view(self._as_seen(world), self._robot, self._mounts)
+        return seen and (can_begin is None or can_begin(world))
 
     def _undo(self, undo: Undo, row: int, world: World) -> World:
         if undo.event not in self._undoable[row]:
             return world
         there = undone(world, *self._undoable[row][undo.event])
-        if self._keep_in_view and not self._in_view(there):
-            raise ValueError(f"the world after {undo.to_dict()} is not in view: {there.to_dict()}")
+        if not self._serves(row, there):
+            raise ValueError(
+                f"the world after {undo.to_dict()} is not in view, or no trial can begin: {there.to_dict()}"
+            )
         return there
 
     def _drift(
@@ -150,7 +176,7 @@ class PerturbationScheduler:
                 there = self._changed(step, world, partial(step.drift, back=way))
             except ValueError:  # a quantity is at the end of its range
                 continue
-            if not self._keep_in_view or self._in_view(there):
+            if self._serves(row, there):
                 drifts[place] = step, way
                 world = there
                 break

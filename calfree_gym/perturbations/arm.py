@@ -18,7 +18,7 @@ class JointZero(Perturbation):
 
     type: ClassVar[str] = "joint_zero"
     joint: str = one_of_the_arms("joints")
-    degrees: float = amount(uniform(-10, 10))
+    degrees: float = amount(uniform(-10, 10), least=-180, most=180)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         joint = robot.joints.index(self.joint)

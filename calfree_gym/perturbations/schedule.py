@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.errors import near_misses
+from calfree_gym.errors import check_choice, check_whole, near_misses
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.types import parse_perturbation
 from calfree_gym.perturbations.undo import Undo
 
 CLOCKS = ("motion", "trial")
 WHENS = ("at", "every", "drift")
+LATEST = 2**62
+"""No event is due later (a guard)."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,20 @@ class Event:
     perturbation: Perturbation | Undo
     every: bool = False
     drift: bool = False
+
+    def __post_init__(self) -> None:
+        check_choice("clock", self.clock, CLOCKS)
+        check_whole("at", self.at, int(self.every), LATEST)
+        if isinstance(self.perturbation, Undo):
+            if self.every or self.drift:
+                raise ValueError("an Undo is applied once; every and drift must be False")
+            return
+        if not isinstance(self.perturbation, Perturbation):
+            raise ValueError(f"perturbation is {self.perturbation!r}; it must be a Perturbation or an Undo")
+        if self.drift and not (self.every and self.at == 1 and self.perturbation.drifts):
+            raise ValueError(
+                f"a drift of {self.perturbation.type!r} is {self!r}; it must have small steps, one at every 1"
+            )
 
     def is_due(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether it is applied when this many motions or trials are over (n,)."""
@@ -72,8 +88,9 @@ def parse_schedule(entries: Iterable[Mapping[str, Any]] | None, where: str = "pe
     `at: {every: ...}` and `at: {drift: ...}` mean the same.
 
     `undo: k` may replace `do` beside `at`: what the entry at place k (from 0) changed becomes again what it
-    was before, for example the old camera comes back. All other changes stay. Entry k must be one that is
-    applied once, earlier and on the same clock.
+    was before, for example the old camera comes back. What later entries changed in the same quantity of the
+    same camera, joint or motor goes, too; all other changes stay. Entry k must be one that is applied once,
+    earlier and on the same clock.
 
     Args:
         entries: The list; None is an empty one.
@@ -88,13 +105,16 @@ def parse_schedule(entries: Iterable[Mapping[str, Any]] | None, where: str = "pe
         raise ValueError(f"{where} is {entries!r}; it must be a list of {{at: ..., do: ...}}")
     events: list[Event] = []
     for i, entry in enumerate(entries):
-        events.append(entry if isinstance(entry, Event) else _event(entry, f"{where}.{i}", events))
+        event = entry if isinstance(entry, Event) else _event(entry, f"{where}.{i}")
+        if isinstance(event.perturbation, Undo):
+            _check_undo(event, event.perturbation.event, f"{where}.{i}", events)
+        events.append(event)
     return tuple(events)
 
 
-def _event(entry: Mapping[str, Any], where: str, earlier: list[Event]) -> Event:
+def _event(entry: Mapping[str, Any], where: str) -> Event:
     if isinstance(entry, Mapping) and entry.keys() == {"at", "undo"}:
-        return _undoing(entry, where, earlier)
+        return Event(*_count(entry["at"], f"{where}.at"), Undo(entry["undo"]))
     if not isinstance(entry, Mapping) or len(entry) != 2 or "do" not in entry:
         raise ValueError(
             f"{where} is {entry!r}; it must be a mapping of do and one of {', '.join(WHENS)}, "
@@ -121,22 +141,19 @@ def _event(entry: Mapping[str, Any], where: str, earlier: list[Event]) -> Event:
     return Event(clock, count, perturbation, every=how == "every")
 
 
-def _undoing(entry: Mapping[str, Any], where: str, earlier: list[Event]) -> Event:
-    clock, count = _count(entry["at"], f"{where}.at")
+def _check_undo(undo: Event, place: Any, where: str, earlier: list[Event]) -> None:
     allowed = [
         i
         for i, event in enumerate(earlier)
-        if event.clock == clock
-        and event.at < count
+        if event.clock == undo.clock
+        and event.at < undo.at
         and not (event.every or isinstance(event.perturbation, Undo))
     ]
-    place = entry["undo"]
     if isinstance(place, bool) or place not in allowed:
         raise ValueError(
             f"{where}.undo is {place!r}; it must be the place of an entry before it that is applied once, "
-            f"at an earlier {clock}: {', '.join(map(str, allowed)) or 'there is none'}"
+            f"at an earlier {undo.clock}: {', '.join(map(str, allowed)) or 'there is none'}"
         )
-    return Event(clock, count, Undo(int(place)))
 
 
 def _count(when: Any, where: str) -> tuple[str, int]:
@@ -145,9 +162,9 @@ def _count(when: Any, where: str) -> tuple[str, int]:
     ((clock, count),) = when.items()
     if clock not in CLOCKS:
         raise ValueError(f"{where} has {clock!r}{near_misses(clock, CLOCKS)}; allowed: {', '.join(CLOCKS)}")
-    if isinstance(count, bool) or not isinstance(count, int) or count < 0:
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 0 <= count <= LATEST:
         raise ValueError(f"{where}.{clock} is {count!r}; it must be a whole number, 0 or more")
-    return clock, count
+    return clock, int(count)
 
 
 def _drifting(when: Any, where: str) -> str:

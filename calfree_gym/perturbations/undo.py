@@ -33,7 +33,7 @@ class Undo:
 
 
 def undone(world: World, before: World, after: World) -> World:
-    """The world with all that differs between `before` and `after` restored; other changes stay.
+    """The world with all that differs between `before` and `after` restored; other quantities stay.
 
     The comparison is per camera, joint and motor: along the first axis of each field, but for lamp and
     occluder, which come back whole.

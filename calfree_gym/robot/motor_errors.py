@@ -43,7 +43,8 @@ class MotorErrors:
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the errors of `world`."""
         self._half_gap[row], self._deviation[row] = world.backlash / 2, world.repeatability
-        self._exact = not (self._half_gap.any() or self._deviation.any())
+        rests = self._noise, self._joint - self._sent
+        self._exact = not any(each.any() for each in (self._half_gap, self._deviation, *rests))
 
     def stopped(self, row: int, positions: Array, share: float) -> None:
         """The motors of `row` came no farther in the last motion than this share of their way.
@@ -53,9 +54,10 @@ class MotorErrors:
             positions: Where they would have been sent (m,) to stand there.
             share: Of the way.
         """
-        if self._exact:
-            return
         self._sent[row] = positions
+        if self._exact:
+            self._joint[row] = positions
+            return
         for part, before in zip((self._joint, self._noise), self._before, strict=True):
             part[row] = before[row] + share * (part[row] - before[row])
 
@@ -70,9 +72,9 @@ class MotorErrors:
             trials: The trial of all rows (N,).
             motions: Their motion of the trial (N,).
         """
+        self._sent[rows] = self._joint[rows] = positions
         if self._exact:
             return positions
-        self._sent[rows] = self._joint[rows] = positions
         self._noise[rows] = (self._deviation * self._numbers.at(trials, motions))[rows]
         return np.asarray(positions + self._noise[rows])
 
@@ -88,6 +90,7 @@ class MotorErrors:
             motions: Their motion of the trial (N,).
         """
         if self._exact:
+            self._sent[rows] = self._joint[rows] = positions
             return positions
         self._before = self._joint.copy(), self._noise.copy()
         half_gap, moved = self._half_gap[rows], positions != self._sent[rows]

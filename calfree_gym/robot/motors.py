@@ -4,6 +4,8 @@ A motor's register is the sum of the words sent to it since home, within its end
 joint follows the register through a smooth, strictly monotone curve that no controller knows:
 
     position = home + zero error + sign * gain * span * (r + curvature * r * (r**2 - 1))
+
+Where home and zero error lie beyond a stop, home is at that stop.
 """
 
 from __future__ import annotations
@@ -64,12 +66,12 @@ class MotorMap:
         """Gives `row` the motors of `world`."""
         robot, motors = self._robot, len(self._robot.motors)
         scale = world.motor_sign * world.motor_gain * robot.span
-        self._rest[row] = robot.home + world.joint_zeros[:motors]
+        stops = robot.stops + np.stack([robot.stop_margin, -robot.stop_margin], -1)
+        self._rest[row] = np.clip(robot.home + world.joint_zeros[:motors], *stops.T)
         self._curvature[row] = world.motor_curvature
         self._linear[row] = scale * (1 - world.motor_curvature)
         self._cubic[row] = scale * world.motor_curvature
         self._of_angles[row] = robot.rest(world.joint_zeros)
-        stops = robot.stops + np.stack([robot.stop_margin, -robot.stop_margin], -1)
         reach = (stops - self._rest[row][:, None]) / scale[:, None]
         ends = curve_inverse(reach, world.motor_curvature[:, None])
         self.lowest[row], self.highest[row] = ends.min(-1), ends.max(-1)

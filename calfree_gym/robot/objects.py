@@ -93,7 +93,9 @@ class ObjectDraws:
         hidden += "" if self._way_is_free is None else ", with nothing in the way to it"
         raise ValueError(
             f"no object in {ATTEMPTS * BLOCK} candidates is within reach and in view of both "
-            f"cameras{hidden}, in row {rows[open_[0]]}, trial {trials[rows[open_[0]]]}: see its world"
+            f"cameras{hidden}, and seen more than {self._apart[rows[open_[0]]] / IMAGE_UNIT:.0f} px from the "
+            "gripper at home (the tolerance, and what noise may add to it), in row "
+            f"{rows[open_[0]]}, trial {trials[rows[open_[0]]]}: see its world"
         )
 
     def exists(self, row: int) -> bool:

@@ -33,7 +33,9 @@ class Latency:
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the latency of `world`."""
-        self._beginning[row] = world.latency > 0 and self._latency[row] == 0
+        if not world.latency:
+            self._queues[row].clear()
+        self._beginning[row] |= world.latency > 0 and self._latency[row] == 0
         self._latency[row] = world.latency
 
     def deliver(self, motions: NDArray[np.int64], *observed: NDArray[Any]) -> tuple[NDArray[Any], ...]:

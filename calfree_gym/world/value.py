@@ -88,7 +88,11 @@ class World:
             if np.shape(getattr(self, name)) == (0,):  # not given: none
                 object.__setattr__(self, name, np.zeros(motors))
         for entry in fields(self):
-            array = np.array(np.asarray(getattr(self, entry.name), np.float64) + 0.0)  # no negative zero
+            given = getattr(self, entry.name)
+            try:
+                array = np.array(np.asarray(given, np.float64) + 0.0)  # no negative zero
+            except (TypeError, ValueError):
+                raise ValueError(f"World.{entry.name} is {given!r}; it must be numbers") from None
             shape = tuple(motors if size == "m" else size for size in _SHAPES[entry.name])
             if array.ndim != len(shape) or any(
                 size not in ("k", "l", found) for size, found in zip(shape, array.shape, strict=True)

@@ -95,3 +95,16 @@ def test_unknown_ids_are_named():
 def test_arguments_of_make_vec_that_have_another_name_here_are_refused(name):
     with pytest.raises(TypeError, match=f"{name!r}; n_envs says how many"):
         make_sb3_env(**{name: 2})
+
+
+def test_options_of_all_rows_are_those_of_the_next_reset():
+    envs = make_sb3_env("CalFree/ReachDense-v0", 2, world="nominal", seed=0)
+    asked = [{"object": (0.4, 0.1, 0.1)}, {"object": (0.4, -0.1, 0.1)}]
+    envs.set_options(asked)
+    envs.reset()
+    placed = envs.vector_env.unwrapped.arms.simulation.positions()[1]
+    np.testing.assert_allclose(placed, [each["object"] for each in asked], atol=1e-9)
+    assert [info.keys() for info in envs.venv.reset_infos] == [{"is_success"}] * 2
+    envs.set_options([asked[0], {}])
+    with pytest.raises(ValueError, match="of one kind"):
+        envs.reset()

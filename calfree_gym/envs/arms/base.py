@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.envs.arms.events import apply_due, undivided
 from calfree_gym.envs.arms.state import RowState, arm_state, check_fits, check_state, restore, state_of
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.perturbations.application import Applied, PerturbationScheduler
@@ -89,7 +90,7 @@ class Arms(ABC):
         self._motor_errors = MotorErrors(rows, motors)
         self._workspaces = Workspaces(rows, robot, self.mounts, points // 2)
         self._scheduler = PerturbationScheduler(
-            rows, perturbations, robot, self.mounts, keep_in_view, self.as_seen
+            rows, perturbations, robot, self.mounts, keep_in_view, self.as_seen, self.can_begin
         )
         self._choices = world_choices(world, rows)
         self._redraws = redraw == "trial"
@@ -107,6 +108,7 @@ class Arms(ABC):
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
         self._motions_before = np.zeros(rows, np.int64)
+        self._begun = np.zeros(rows, bool)
         self._seeds: list[int | None] = [None] * rows
         self._latency = Latency(rows)
         self._all = np.arange(rows)
@@ -126,8 +128,8 @@ class Arms(ABC):
         The target (1, 2, 2), around which the task is done, is the object, unless the task has another.
         """
         pairs = list(self.shown_points)
-        points = self.points[row, pairs].reshape(2, 2, 2)
-        return points, self.visible[row, pairs].reshape(2, 2), points[1:]
+        points, visible = (each[row, pairs] for each in self.delivered[:2])
+        return points.reshape(2, 2, 2), visible.reshape(2, 2), points.reshape(2, 2, 2)[1:]
 
     @abstractmethod
     def begun(self, rows: Rows) -> None:
@@ -195,6 +197,10 @@ class Arms(ABC):
         """What a drawn world must fulfil besides, if anything."""
         return None
 
+    def can_begin(self, row: int) -> Callable[[World], bool] | None:
+        """What of that a world must fulfil after a perturbation: else no trial could begin."""
+        return None
+
     def set_world(self, row: int, world: World) -> None:
         """Puts `row` into `world` from now on; seeds then draw objects and noise only.
 
@@ -212,15 +218,20 @@ class Arms(ABC):
     def begin_trial(self, rows: Rows, objects: Array | None = None) -> list[Applied]:
         """Sends the arms of `rows` home and places the next objects, or the given ones (n, ...).
 
+        Where there is none, worlds stay as they were, and these rows must be reset again.
+
         Returns:
             The perturbations that were applied before; `observe` updates what is seen now.
         """
         indices = self._all[rows]
-        if self._redraws:
-            self._redraw(indices)
-        applied = self._apply_due("trial", self.trials, rows)
-        self.registers[rows] = 0.0
-        objects = self.next_objects(indices, objects)
+        self._begun[rows] = False
+        with undivided(self, self._scheduler, indices.tolist()):
+            if self._redraws:
+                self._redraw(indices)
+            applied = apply_due(self, self._scheduler, "trial", self.trials, indices)
+            self.registers[rows] = 0.0
+            objects = self.next_objects(indices, objects)
+        self._begun[rows] = True
         self.trials[rows] += 1
         self._motions_before[rows] = self.motions[rows]
         home = self.motors.positions(self.registers[rows], rows)
@@ -232,7 +243,7 @@ class Arms(ABC):
 
     def check_begun(self, rows: Rows = slice(None)) -> None:
         """Raises ResetNeeded where no trial has begun in some of these rows."""
-        if not self.trials[rows].all():
+        if not self._begun[rows].all():
             raise gym.error.ResetNeeded("no trial has begun: call reset() first")
 
     def move(self, rows: Rows, words: Array) -> tuple[Array, list[Applied]]:
@@ -247,7 +258,7 @@ class Arms(ABC):
         self.check_begun(rows)
         if self.may_stop_short:
             self._stood[rows] = self.motors.positions(self.registers[rows], rows)
-        applied = self._apply_due("motion", self.motions, rows)
+        applied = apply_due(self, self._scheduler, "motion", self.motions, self._all[rows])
         return self.execute(rows, words) + LOOK_SECONDS, applied
 
     @abstractmethod
@@ -313,6 +324,7 @@ class Arms(ABC):
             self.enter(row, world)
         self.true_points = self.true_points.copy()  # infos have given it away
         restore(self, row, state)
+        self._begun[row] = True
         for name in self.parts:
             restore(getattr(self, name), row, state[name])
         self.delivered = tuple(each.copy() for each in self.delivered)
@@ -331,15 +343,3 @@ class Arms(ABC):
         world.check_fits(self.robot)
         if self._keep_in_view:
             check_in_view(self.as_seen(world), self.robot, self.mounts)
-
-    def _apply_due(self, clock: str, counts: NDArray[np.int64], rows: Rows) -> list[Applied]:
-        """Applies the events that are due in `rows`; the stops of these arms may move."""
-        applied: list[Applied] = []
-        for place, event in self._scheduler.events[clock]:
-            for row in self._all[rows][event.is_due(counts[rows])].tolist():
-                count = int(counts[row])
-                world, perturbation = self._scheduler.apply(place, event, row, count, self.world(row))
-                self.enter(row, world)
-                if perturbation is not None:
-                    applied.append((row, perturbation))
-        return applied

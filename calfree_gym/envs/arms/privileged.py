@@ -26,6 +26,15 @@ class Privileged(NamedTuple):
     of: Callable[[StereoArms], NDArray[np.float64]]
 
 
+def joint_zeros(arms: StereoArms) -> NDArray[np.float64]:
+    """Of all rows (N, k); zeros where a row was never in a world."""
+    zeros = np.zeros((arms.rows, len(arms.robot.joints)))
+    for row in range(arms.rows):
+        if not arms.needs_seed(row):
+            zeros[row] = arms.world(row).joint_zeros
+    return np.clip(zeros, -np.pi, np.pi)
+
+
 PRIVILEGED = {
     "joint_angles": Privileged(
         lambda robot: len(robot.built_home),
@@ -35,7 +44,7 @@ PRIVILEGED = {
     "joint_zeros": Privileged(
         lambda robot: len(robot.joints),
         lambda robot: np.pi,
-        lambda arms: np.stack([arms.world(r).joint_zeros for r in range(arms.rows)]),
+        joint_zeros,
     ),
     "gripper_position": Privileged(
         lambda robot: 3,

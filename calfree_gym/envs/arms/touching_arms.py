@@ -85,15 +85,19 @@ class TouchingArms(StereoArms):
 
     def also_in_view(self, row: int) -> Callable[[World], bool]:
         """See `Arms`: nothing is touched at home."""
-        also = super().also_in_view(row)
+        also, can_begin = super().also_in_view(row), self.can_begin(row)
+        return lambda world: can_begin(world) and (also is None or also(world))
 
-        def serves(world: World) -> bool:
+    def can_begin(self, row: int) -> Callable[[World], bool]:
+        """See `Arms`: nothing is touched at home."""
+
+        def is_free(world: World) -> bool:
             self.motors.set_world(row, world)
             self.simulation.set_world(row, world)
             home = self.motors.joints(np.zeros((1, len(self.robot.motors))), np.array([row]))[0]
-            return self.simulation.is_free(row, home) and (also is None or also(world))
+            return self.simulation.is_free(row, home)
 
-        return serves
+        return is_free
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """See `Arms`.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,8 @@ Source = str | Path | Any
 def read(source: Source) -> tuple[str, dict[str, str]]:
     """The MJCF text of a model, with the folders of its assets written out, and the assets' hashes.
 
-    MuJoCo writes numbers with six digits. So text whose folders are written out stays as it is: it would
-    drift each time.
+    MuJoCo writes numbers with six digits. So text whose folders are written out, and which includes no file,
+    stays as it is: it would drift each time.
 
     Args:
         source: Path of an MJCF file, MJCF text, or an `MjSpec`.
@@ -40,7 +41,7 @@ def read(source: Source) -> tuple[str, dict[str, str]]:
     files = sorted(set(_files(spec, meshes, textures)))
     assets = {str(file): _digest(file, what) for file in files}
     written_out = (str(meshes), str(textures)) == (spec.meshdir, spec.texturedir)
-    if what == TEXT and (written_out or not files):
+    if what == TEXT and (written_out or not files) and "<include" not in str(source):
         return str(source), assets
     spec.meshdir, spec.texturedir = str(meshes), str(textures)
     _keep_all(spec)
@@ -60,8 +61,12 @@ def compiled(text: str) -> tuple[Any, mujoco.MjModel]:
     spec = mujoco.MjSpec.from_string(text)
     _keep_all(spec)
     for kind, elements in (("body", spec.bodies[1:]), ("joint", spec.joints)):
+        taken = {element.name for element in elements}
         for i, element in enumerate(elements):
-            element.name = element.name or f"{kind}_{i}"
+            if not element.name:
+                free = (f"{kind}_{i}" + "_" * times for times in itertools.count())
+                element.name = next(name for name in free if name not in taken)
+                taken.add(element.name)
     try:
         return spec, spec.compile()
     except ValueError as error:

@@ -235,9 +235,10 @@ def test_the_viewer_shows_where_the_arm_is(monkeypatch):
     monkeypatch.setattr("glfw.init", lambda: True)
     env = gym.make("CalFree/Reach-v0", dynamics="kinematic", render_mode="human")
     env.reset(seed=0)
-    env.render()
     env.step(np.array([0.2, 0.0, 0.0]))
     env.render()
+    assert len(shown) == 3, "people see what happens without render()"
+    np.testing.assert_array_equal(shown[1], shown[2])
     np.testing.assert_array_equal(shown[1], env.unwrapped.arms.simulation.joints()[0])
     assert (shown[0] != shown[1]).any()
     env.close()
@@ -250,6 +251,5 @@ def test_without_a_screen_the_viewer_is_an_error_and_not_the_end_of_the_process(
     monkeypatch.setattr("glfw.init", lambda: False)
     monkeypatch.setattr(viewer, "launch_passive", lambda *_, **__: sys.exit(1))
     env = gym.make("CalFree/Reach-v0", dynamics="kinematic", render_mode="human")
-    env.reset(seed=0)
     with pytest.raises(gym.error.DependencyNotInstalled, match="needs a screen"):
-        env.render()
+        env.reset(seed=0)

@@ -313,3 +313,21 @@ def test_a_world_in_which_the_arm_touches_at_home_is_named():
         ValueError, match=r"touches itself at home, or is nearer to table or walls than 0\.030 m"
     ):
         env.reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("task", "do"),
+    [
+        ("SafeReach", {"type": "joint_zero", "joint": "J2", "degrees": -2.0}),
+        ("Insert", {"type": "joint_zero", "joint": "J4", "degrees": 2.0}),
+    ],
+)
+def test_a_drift_turns_back_before_no_trial_can_begin(task, do):
+    drift = [{"drift": {"per": "trial"}, "do": do}]
+    env = gym.make(f"CalFree/{task}-v0", world="nominal", perturbations=drift)
+    env.reset(seed=0)
+    zeros = []
+    for _ in range(24):
+        env.reset()
+        zeros.append(env.unwrapped.world.joint_zeros.sum())
+    assert len(set(np.sign(np.diff(zeros)))) == 2

@@ -6,7 +6,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import calfree_gym
+from calfree_gym import nominal
 
+ID = "CalFree/Reach-v0"
 ROWS, STEPS = 5, 14
 SCHEDULE = [
     {"at": {"motion": 4}, "do": {"type": "camera_roll"}},
@@ -188,3 +190,26 @@ def test_without_autoreset_rows_wait_for_a_masked_reset():
     for wrong in ([True, False, True], np.array([True]), np.zeros(3, bool)):
         with pytest.raises(ValueError, match="reset_mask"):
             env.reset(options={"reset_mask": wrong})
+
+
+def test_same_step_infos_count_perturbations_of_rows_that_are_not_over():
+    every = [{"every": {"motion": 1}, "do": {"type": "camera_roll", "camera": "left", "degrees": 0.1}}]
+    env = gym.make_vec(
+        ID, num_envs=2, world=nominal(), dynamics="kinematic", autoreset_mode="SameStep", perturbations=every
+    )
+    env.reset(seed=[0, 1])
+    env.step(np.zeros((2, 3)))
+    env.unwrapped._max_episode_steps = np.array([2, 60])
+    *_, infos = env.step(np.zeros((2, 3)))
+    np.testing.assert_array_equal(infos["perturbed"], [0, 1])
+    np.testing.assert_array_equal(infos["final_info"]["perturbed"], [1, 1])
+
+
+def test_rows_and_options_that_are_none_are_named():
+    env = gym.make_vec(ID, num_envs=2, dynamics="kinematic")
+    for options in ("abc", [("object", (0.4, 0.0, 0.1))]):
+        with pytest.raises(ValueError, match="must be a dict"):
+            env.reset(options=options)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="row is 7"):
+        env.unwrapped.set_world(nominal(), row=7)

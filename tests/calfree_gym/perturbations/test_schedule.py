@@ -1,5 +1,7 @@
 """Schedules against when they are applied, and drifts against where they go."""
 
+import copy
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -7,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calfree_gym import nominal
-from calfree_gym.perturbations import TYPES
-from calfree_gym.perturbations.schedule import parse_schedule
+from calfree_gym.perturbations import TYPES, CameraRoll
+from calfree_gym.perturbations.schedule import Event, parse_schedule
+from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
 
@@ -281,3 +284,29 @@ def test_a_drift_takes_its_way_from_the_seed_and_begins_anew_with_it():
     for _ in range(6):
         several.step(np.zeros((3, 3), np.float32))
     assert several.worlds[1] == first[-1]
+
+
+@pytest.mark.parametrize(
+    ("event", "message"),
+    [
+        (("motions", 1, CameraRoll()), "did you mean motion"),
+        (("motion", 0, CameraRoll(), True), "at is 0"),
+        (("motion", 2.5, CameraRoll()), "at is 2.5"),
+        (("motion", 2, "camera_roll"), "must be a Perturbation"),
+        (("motion", 2, CameraRoll(), True, True), "one at every 1"),
+        (("motion", 2, Undo(7)), "place of an entry before it"),
+    ],
+)
+def test_damaged_events(event, message):
+    with pytest.raises(ValueError, match=message):
+        parse_schedule([Event(*event)])
+
+
+def test_a_schedule_may_be_an_iterator_and_serves_copies_too():
+    entries = ({"at": {"motion": 0}, "do": {"type": "motor_sign", "motor": name}} for name in ["shoulder"])
+    env = gym.make("CalFree/Reach-v0", world="nominal", dynamics="kinematic", perturbations=entries).unwrapped
+    twin = copy.copy(env)
+    for each in (env, twin):
+        each.reset(seed=0)
+        each.step(np.zeros(3))
+        assert len(each.applied) == 1

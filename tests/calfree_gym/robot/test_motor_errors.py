@@ -215,3 +215,20 @@ def test_a_backlash_that_comes_is_felt():
     for _ in range(4):
         lags.append(joints(exact.step(word)[-1], robot)[0, 0] - joints(env.step(word)[-1], robot)[0, 0])
     assert np.degrees(lags) == pytest.approx([0, 0, 1, 1])
+
+
+@pytest.mark.parametrize("error", ["backlash", "repeatability"])
+def test_an_error_that_begins_moves_no_motor_that_rests_whatever_other_rows_have(error):
+    begins = [{"at": {"motion": 3}, "do": {"type": error, "motor": "shoulder", "degrees": 4}}]
+    inexact = replace(nominal(), backlash=np.full(3, 0.02))
+    arguments = {"dynamics": "kinematic", "perturbations": begins, "terminate_on_success": False}
+    one = gym.make("CalFree/Reach-v0", world=nominal(), **arguments)
+    rows = gym.make_vec("CalFree/Reach-v0", num_envs=2, world=[nominal(), inexact], **arguments)
+    one.reset(seed=0)
+    rows.reset(seed=[0, 1])
+    stood = []
+    for word in [np.array([0.0, -0.1, 0.0])] * 3 + [np.zeros(3)] * 3:
+        alone = one.step(word)[-1]["truth"]["joints"]
+        np.testing.assert_array_equal(rows.step(np.tile(word, (2, 1)))[-1]["truth"]["joints"][0], alone)
+        stood.append(alone)
+    np.testing.assert_array_equal(stood[2:], stood[2:3] * 4)

@@ -11,11 +11,25 @@ import numpy as np
 import pytest
 
 from calfree_gym import Arm
+from calfree_gym.robot.arms.arm import robot_of
 from tests.arms.every import EVERY, arm_named
 from tests.arms.own import ARMS, MODELS, MOTORS
 from tests.calfree_gym.robot.arms.test_chain import ALL_KINDS, all_kinds
 
 ID = "calfree_gym:CalFree/Reach-v0"
+CHAIN = """
+<mujoco><compiler angle="degree"/><worldbody>
+  <body name="base"><geom type="cylinder" size="0.05 0.1" pos="0 0 0.1"/>
+    <body pos="0 0 0.2"><joint name="j1" axis="0 0 1" range="-150 150"/>
+    <geom type="capsule" fromto="0 0 0 0 0 0.05" size="0.03"/>
+      <body pos="0 0 0.05"><joint name="j2" axis="0 1 0" range="-90 90"/>
+    <geom type="capsule" fromto="0 0 0 0.25 0 0" size="0.02"/>
+        <body pos="0.25 0 0"><joint name="j3" axis="0 1 0" range="-10 120"/>
+    <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02"/>
+          <site name="tip" pos="0.2 0 0"/>
+        </body></body></body></body>
+</worldbody></mujoco>
+"""
 
 
 @pytest.mark.parametrize("name", EVERY)
@@ -256,3 +270,25 @@ def test_urdf_and_models_that_drop_what_touches_nothing(text, in_file, tmp_path)
     env.reset(seed=0)
     observation, *_ = env.step(env.action_space.sample())
     assert all(np.isfinite(values).all() for values in observation.values())
+
+
+def test_home_is_at_a_stop_where_a_worlds_zero_error_would_put_it_beyond():
+    text = CHAIN.replace('range="-90 90"', 'range="0 90"', 1)
+    assert text != CHAIN
+    arm = Arm(text, "tip", home={"j2": 0.0, "j3": 0.5})
+    env = gym.make(ID, arm=arm, camera_mount="stand", dynamics="kinematic", keep_in_view=False)
+    for seed in range(4):
+        _, info = env.reset(seed=seed)
+        home = info["truth"]["joints"]
+        observation, *_, info = env.step(np.zeros(env.action_space.shape))
+        np.testing.assert_array_equal(info["truth"]["joints"], home)
+        assert not observation["observation"][4:].any()
+        assert home[1] >= 0
+
+
+def test_names_of_what_has_none_are_free_and_included_files_are_written_out(tmp_path):
+    named = CHAIN.replace('<joint name="j1"', '<joint name="joint_2"').replace('<joint name="j3"', "<joint")
+    assert len(robot_of(Arm(named, "tip")).motors) == 3
+    (tmp_path / "chain.xml").write_text(CHAIN)
+    included = f'<mujoco><include file="{tmp_path}/chain.xml"/></mujoco>'
+    assert "<include" not in Arm(included, "tip").to_dict()["model"]

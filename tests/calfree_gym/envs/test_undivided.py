@@ -1,0 +1,55 @@
+"""What fails changes nothing: no event is applied twice, and no trial goes on in another world."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from calfree_gym import nominal
+
+REVERSED = {"do": {"type": "motor_sign", "motor": "shoulder"}}
+OUT_OF_VIEW = {"do": {"type": "camera_aim", "camera": "left", "degrees": 170.0}}
+FAR = (0.9, 0.0)
+
+
+def sign(env):
+    return int(env.unwrapped.world.motor_sign[1])
+
+
+def test_a_reset_that_fails_applies_no_event_and_ends_the_trial():
+    schedule = [{"at": {"trial": 1}, **REVERSED}]
+    env = gym.make("CalFree/Grasp-v0", world="nominal", shape="sphere", perturbations=schedule).unwrapped
+    env.reset(seed=0)
+    before = sign(env)
+    with pytest.raises(ValueError, match=r"0\.9"):
+        env.reset(options={"object": FAR})
+    assert sign(env) == before
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(env.action_space.shape))
+    env.reset()
+    assert sign(env) == -before
+
+
+def test_a_motion_before_which_an_event_fails_applies_none():
+    schedule = [{"at": {"motion": 1}, **REVERSED}, {"at": {"motion": 1}, **OUT_OF_VIEW}]
+    env = gym.make("CalFree/Reach-v0", world="nominal", dynamics="kinematic", perturbations=schedule)
+    env.reset(seed=0)
+    env.step(np.zeros(3))
+    before = sign(env)
+    for _ in range(2):
+        with pytest.raises(ValueError, match="never in view"):
+            env.step(np.zeros(3))
+        assert sign(env) == before
+
+
+def test_a_drift_that_fails_goes_on_from_where_it_was():
+    """Its direction is drawn once, by the first of its steps that is applied."""
+    drift = {"drift": {"per": "motion"}, "do": {"type": "camera_roll", "camera": "left"}}
+    entries = [drift, {"at": {"motion": 1}, **OUT_OF_VIEW}]
+    env = gym.make("CalFree/Reach-v0", world=nominal(), dynamics="kinematic", perturbations=entries).unwrapped
+    env.reset(seed=0)
+    env.step(np.zeros(3))
+    before = env.world.camera_orientation
+    with pytest.raises(ValueError, match="never in view"):
+        env.step(np.zeros(3))
+    np.testing.assert_array_equal(env.world.camera_orientation, before)
+    assert env.get_state()["_scheduler"]["_drifts"] == {}
