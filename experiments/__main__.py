@@ -63,10 +63,12 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _check_folder(options: argparse.Namespace) -> None:
-    """Raises ConfigError where a command that makes a folder would find a file there."""
+    """Raises ConfigError where a command would not find what it needs to write its results."""
     out = getattr(options, "out", None)
     if options.command in FILL_FOLDERS and out is not None and out.exists() and not out.is_dir():
         raise ConfigError(f"--out: {out} is a file; allowed: a folder, which need not be there yet")
+    if options.command == "benchmark" and out is not None and out.is_dir():
+        raise ConfigError(f"--out: {out} is a folder; allowed: a file, which need not be there yet")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -22,17 +22,15 @@ from calfree_gym.envs.rendering.scene_frame import SceneFrame, check_size
 from calfree_gym.envs.rendering.viewer import Viewer
 from calfree_gym.envs.spaces import Observation
 from calfree_gym.errors import check_choice, check_flag, check_whole
-from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations.schedule import parse_schedule
 from calfree_gym.tasks import goals
+from calfree_gym.tasks.reach import MOST_TOLERANCE
 from calfree_gym.world import WorldDistribution
 
 REWARDS = {"sparse": goals.sparse_reward, "dense": goals.dense_reward}
 Events = dict[str, NDArray[Any]]
 RENDER_MODES = ("rgb_array", "human")
 REDRAWS = ("never", "trial")
-MOST_TOLERANCE = IMAGE_SIZE // 2
-"""A tolerance is less, in pixels: what is hidden is shown farther away than that, and yet in the image."""
 SMALLEST_IMAGE, LARGEST_IMAGE = 16, 1024
 """Width and height in pixels of images that are delivered."""
 

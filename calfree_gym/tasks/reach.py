@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import lengths
+from calfree_gym.image import IMAGE_SIZE, lengths
 
 Floats = NDArray[Any]
+MOST_TOLERANCE = IMAGE_SIZE // 2
+"""A tolerance is less, in pixels: what is hidden is shown farther away than that, and yet in the image."""
 NEAR = 1.01
 """What is hidden and this many tolerances away may show a rendezvous in single precision."""
 BEYOND = 1.1

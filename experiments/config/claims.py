@@ -69,9 +69,9 @@ class Criterion(Model):
     of: TrialsOf
     than: TrialsOf | None = None
     relative: bool = False
-    look: float | None = Field(None, gt=0, strict=False)
-    above: float | None = Field(None, strict=False)
-    below: float | None = Field(None, strict=False)
+    look: float | None = Field(None, gt=0, allow_inf_nan=False)
+    above: float | None = Field(None, allow_inf_nan=False)
+    below: float | None = Field(None, allow_inf_nan=False)
 
     @model_validator(mode="after")
     def _complete(self) -> "Criterion":

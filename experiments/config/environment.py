@@ -14,9 +14,9 @@ from pydantic import (
 
 import calfree_gym
 from calfree_gym.errors import near_misses
-from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, robot_of
 from calfree_gym.robot.grasping.shapes import check_shape
+from calfree_gym.tasks.reach import MOST_TOLERANCE
 from calfree_gym.world import DISTRIBUTIONS
 from experiments.config.arms import as_arm, is_told
 from experiments.config.model import Model, one_of
@@ -49,7 +49,7 @@ class EnvironmentConfig(Model):
     shape: str | dict[str, Any] | None = None
     orientation: Literal["lying", "any"] = "lying"
     clearance: float = Field(2.0, gt=0)
-    tolerance_px: float = Field(4.0, gt=0, lt=IMAGE_SIZE)
+    tolerance_px: float = Field(4.0, gt=0, lt=MOST_TOLERANCE)
     dynamics: Literal["physics", "kinematic"] = "physics"
     max_episode_steps: int = Field(60, gt=0)
     redraw: Literal["never", "trial"] = "never"

@@ -162,7 +162,9 @@ class Suite(Model):
     worlds: int = Field(gt=0)
     scenarios: tuple[ScenarioConfig, ...] = Field((), strict=False)
     sweeps: tuple[SweepConfig, ...] = Field((), strict=False, validate_default=True)
-    evaluation: EvaluationConfig | None = EvaluationConfig(every=1_000, trials=20)
+    evaluation: EvaluationConfig | None = Field(
+        default=EvaluationConfig(every=1_000, trials=20), validate_default=True
+    )
     agents: tuple[AgentConfig, ...] = Field(min_length=1, strict=False)
     claims: tuple[Claim, ...] = Field((), strict=False, validate_default=True)
 
@@ -221,6 +223,11 @@ class Suite(Model):
                 raise ValueError(f"{lifetime}: only lifetimes counted in trials need no held-out trials")
             if value is not None and value.every > scenario.most_motions:
                 raise ValueError(f"evaluation.every is {value.every}; {lifetime}")
+            if value is not None and scenario.env.redraw != "never":
+                raise ValueError(
+                    f"held-out trials need one world a lifetime; scenario {scenario.name!r} draws another at "
+                    "each trial: set evaluation to null, or redraw to never"
+                )
         return value
 
     @field_validator("claims")

@@ -13,20 +13,27 @@ from submitit.core.utils import FailedSubmissionError, UncompletedJobError
 from experiments.errors import ConfigError
 from experiments.execution.attempt import LOST, attempt
 
+
+def _positive(text: str) -> int:
+    if (number := int(text)) < 1:
+        raise ValueError
+    return number
+
+
 OPTIONS: dict[str, Callable[[str], Any]] = {
     "account": str,
-    "array_parallelism": int,
+    "array_parallelism": _positive,
     "cluster": str,
     "comment": str,
     "constraint": str,
-    "cpus_per_task": int,
+    "cpus_per_task": _positive,
     "exclude": str,
     "mem_gb": float,
     "nodelist": str,
     "partition": str,
     "qos": str,
     "setup": lambda command: [command],
-    "timeout_min": int,
+    "timeout_min": _positive,
 }
 """What `--slurm-option` may set, and of which type. `cluster` is slurm, or local: jobs of this machine."""
 _GENERIC = ("cpus_per_task", "mem_gb", "timeout_min")
@@ -52,7 +59,9 @@ def parse_options(given: Sequence[str]) -> dict[str, Any]:
         try:
             found[key] = OPTIONS[key](value)
         except ValueError:
-            raise ConfigError(f"--slurm-option {text}: found {value!r}; must be a number") from None
+            raise ConfigError(
+                f"--slurm-option {text}: found {value!r}; must be a number above 0, whole but for mem_gb"
+            ) from None
     if (cluster := found.get("cluster", "slurm")) not in ("slurm", "local"):
         raise ConfigError(f"--slurm-option cluster={cluster}: allowed: slurm, local")
     return found

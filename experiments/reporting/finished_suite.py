@@ -104,10 +104,15 @@ def about_environment(env: EnvironmentConfig) -> str:
         told = as_told(env.arm)
         arm = f" arm {told['model']} (motors {', '.join(told['motors'])}; digest {told['digest'][:12]}),"
     mounts = env.camera_mount if isinstance(env.camera_mount, str) else " and ".join(env.camera_mount)
+    others = env.model_dump(exclude_defaults=True, exclude=_SAID)
     return (
         f"{env.id}, {env.world} worlds,{arm} cameras on the {mounts}, tolerance {env.tolerance_px:g} px, "
-        f"{env.dynamics} dynamics"
+        f"{env.dynamics} dynamics" + "".join(f", {name} {value}" for name, value in others.items())
     )
+
+
+_SAID = {"id", "world", "arm", "camera_mount", "tolerance_px", "dynamics"}
+"""Of an environment, what its words always tell."""
 
 
 def where_it_stands(

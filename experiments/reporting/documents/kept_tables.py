@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 import agents
@@ -18,6 +19,7 @@ from experiments.reporting.by_arm.section import BY_ARM, arms_table
 from experiments.reporting.claims.section import claims_section, verdict_table
 from experiments.reporting.claims.verdicts import judge
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS
+from experiments.reporting.held_out.section import MOMENTS
 from experiments.reporting.report import SUMMARY
 from experiments.reporting.results_file import RESULTS, read_finished
 from experiments.reporting.tables import Table, must_know, number, percent
@@ -114,7 +116,7 @@ def _held_out(scenario: str, rows: pd.DataFrame) -> Table:
     has = set(rows["measure"])
     share = RENDEZVOUS if RENDEZVOUS in has else SUCCESS
     middle = f"{MOTIONS}_iqm" if f"{MOTIONS}_iqm" in has else MOTIONS
-    moments = list(rows["moment"].unique())
+    moments = [moment for moment in MOMENTS if moment in set(rows["moment"])]
     known = rows.groupby("agent", sort=False)["must_know"].first()
     lines = [
         [
@@ -126,17 +128,20 @@ def _held_out(scenario: str, rows: pd.DataFrame) -> Table:
                 else "–"
                 for moment in moments
             ),
-            _tight(numbers[agent, moments[-1], SUCCESS]),
+            _tight(numbers[last]) if (last := (agent, moments[-1], SUCCESS)) in numbers else "–",
         ]
         for agent, must_know in known.items()
     ]
     columns = [
         "agent",
         "what it must know",
-        *(f"{moment}: {share}; motions per reach" for moment in moments),
+        *(f"{moment}: {share}; {_NAMES[middle]}" for moment in moments),
         f"{moments[-1]}: {SUCCESS}",
     ]
     return Table(scenario, f"Scenario {scenario}", pd.DataFrame(lines, columns=columns))
+
+
+_NAMES = {MOTIONS: "motions per reach", f"{MOTIONS}_iqm": "interquartile mean of motions"}
 
 
 def _tight(share: Estimate) -> str:
@@ -211,7 +216,10 @@ _MAKERS = {
 
 def _cells(rows: pd.DataFrame, text: Any) -> pd.DataFrame:
     """Agents by moments, each number with its interval."""
-    found = [text(Estimate(row.value, row.low, row.high)) for row in rows.itertuples()]
+    found = [
+        "–" if np.isnan(row.value) else text(Estimate(row.value, row.low, row.high))
+        for row in rows.itertuples()
+    ]
     wide = rows.assign(cell=found).pivot(index="agent", columns="moment", values="cell")
     wide = wide.reindex(index=rows["agent"].unique(), columns=rows["moment"].unique())
     known = rows.groupby("agent", sort=False)["must_know"].first()

@@ -43,7 +43,7 @@ def differences(mine: Moment, reference: Moment) -> dict[str, Estimate]:
         mine: The agent's.
         reference: The other's; only worlds in which both came to their moments are compared.
     """
-    both = mine.worlds.index.intersection(reference.worlds.index)
+    both = common_worlds(mine, reference)
     own, other = mine.worlds.loc[both], reference.worlds.loc[both]
     motions, others_motions = own[MOTIONS].to_numpy(), other[MOTIONS].to_numpy()
     bounds = (-float(mine.cap), float(mine.cap))
@@ -60,6 +60,11 @@ def differences(mine: Moment, reference: Moment) -> dict[str, Estimate]:
     }
 
 
+def common_worlds(mine: Moment, reference: Moment) -> "pd.Index[int]":
+    """The worlds in which both came to their moments."""
+    return mine.worlds.index.intersection(reference.worlds.index)
+
+
 def comparison_section(
     finished: FinishedSuite, scenario: ScenarioConfig, found: dict[str, dict[str, Moment]]
 ) -> Section:
@@ -68,10 +73,13 @@ def comparison_section(
     lines, summary = [], []
     for agent in others:
         for name in (name for name in found[agent] if name in found[first]):
-            of = differences(found[agent][name], found[first][name])
+            mine, reference = found[agent][name], found[first][name]
+            if not (both := len(common_worlds(mine, reference))):
+                continue
+            of = differences(mine, reference)
             lines.append([agent, name, *(_FORMS[measure](each) for measure, each in of.items())])
             where = scenario.name, "comparison", agent, name
-            summary += [summary_row(*where, key, each, finished.suite.worlds) for key, each in of.items()]
+            summary += [summary_row(*where, key, each, both) for key, each in of.items()]
     columns = ["agent", "when", "success", "rendezvous", "motions per reach", "median", "fewer motions"]
     title = f"{scenario.name}, beside {first}"
     return Section(

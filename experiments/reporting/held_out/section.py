@@ -25,12 +25,14 @@ from experiments.reporting.pages.headline import in_words
 from experiments.reporting.pages.style import save
 from experiments.reporting.tables import Table, number, percent
 
-_MOMENTS = ("before", "right after", "at the end")
+MOMENTS = ("before", "right after", "at the end")
+"""Of a lifetime, in which the world is perturbed."""
 
 _HOW_TO_READ = (
     "Before: the last held-out trials before a run's first perturbation. Right after: the first ones "
     "in the perturbed world. Worlds: runs that finished and came to that moment; lifetime motions: "
-    "the fewest and the most among them. Success: the true error at the end is within the tolerance. "
+    "the fewest and the most among them. Success: the true error at the end is within the tolerance "
+    "(in grasping: lifted; in inserting: in the hole). "
     "Rendezvous: the last observation was. Motions per reach: a trial without a rendezvous counts as "
     "the cap; then the interquartile mean over worlds, the mean of the worst tenth of those met, and "
     "the mean over trials with a rendezvous alone. All are means over worlds of each world's mean, "
@@ -108,7 +110,7 @@ def _said(
         f"{name}{_MORE.get(name, '')}": {
             label: of_agent[name].worlds[MOTIONS] for label, of_agent in found.items() if name in of_agent
         }
-        for name in _MOMENTS
+        for name in MOMENTS
     }
     return in_words(finished, scenario, MOTIONS, {when: each for when, each in scores.items() if each})
 
@@ -178,7 +180,7 @@ def _summary(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig, worl
 
 
 def _in_order(found: dict[str, Moment]) -> list[tuple[str, Moment]]:
-    return [(name, found[name]) for name in _MOMENTS if name in found]
+    return [(name, found[name]) for name in MOMENTS if name in found]
 
 
 def _range(low: int, high: int) -> str:

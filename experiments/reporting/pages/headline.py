@@ -1,9 +1,9 @@
 """Who was best, in sentences made from the numbers: what stands at the head of a report.
 
 An agent is best by its mean over worlds. Another is told apart from it where the 95 % interval of their
-paired difference over worlds leaves 0 out; many are compared, and no interval is wider for it. With few
-worlds nobody is best. Nobody ever is who is told where to go, or who moves at random: they are ceiling
-and floor.
+paired difference over worlds leaves 0 out; many are compared, and no interval is wider for it. All are
+compared in the worlds in which all were scored; where these are few, nobody is best. Nobody ever is who is
+told where to go, or who moves at random: they are ceiling and floor.
 """
 
 from collections.abc import Mapping, Sequence
@@ -58,6 +58,12 @@ def in_words(
         return (head, *points)
     said = []
     for when, scores in moments.items():
+        common = set.intersection(*(set(values.index) for values in scores.values()))
+        if len(common) < ENOUGH_WORLDS:
+            why = f"no ranking, for all came to that in {counted(len(common), 'world')} only"
+            said.append(f"{_upper(when)}: {_points(scores, few)}; {why}.")
+            continue
+        scores = {label: values[values.index.isin(common)] for label, values in scores.items()}
         ranked = {label: values for label, values in scores.items() if label not in beside}
         floors = [label for label, role in beside.items() if role == _FLOOR and label in scores]
         if ranked:

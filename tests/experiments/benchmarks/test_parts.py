@@ -37,6 +37,12 @@ def test_parts_are_shown_and_kept(two_parts, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out) == kept
 
 
+def test_a_folder_is_refused_before_anything_is_measured(monkeypatch, tmp_path, capsys):
+    monkeypatch.setitem(parts.PARTS, "robust", lambda: pytest.fail("it was measured"))
+    assert main(["benchmark", "robust", "--out", str(tmp_path)]) == 2
+    assert "is a folder; allowed: a file" in capsys.readouterr().err
+
+
 def test_markdown_or_json():
     with pytest.raises(SystemExit):
         main(["benchmark", "robust", "--json", "--markdown"])

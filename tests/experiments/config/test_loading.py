@@ -22,6 +22,13 @@ def test_every_shipped_configuration_is_valid(path):
     load(path)
 
 
+def test_held_out_trials_that_a_lifetime_has_no_room_for_are_refused_by_default_too(suite_data, write_config):
+    short = {**suite_data, "scenarios": [{**suite_data["scenarios"][0], "trials": 1}]}
+    del short["scenarios"][0]["motions"], short["evaluation"]
+    with pytest.raises(ConfigError, match=r"evaluation\.every is 1000; scenario"):
+        load(write_config(short))
+
+
 def test_what_is_written_is_what_is_read(suite_data, write_config):
     suite = load(write_config(suite_data))
     assert suite.scenarios[0].motions == 90
@@ -52,9 +59,10 @@ ENV = ("scenarios", 0, "env")
         ((*ENV, "orientation"), "any", "scenarios.0.env", "orientation is of grasping"),
         ((*ENV, "dynamics"), "magic", "scenarios.0.env.dynamics", "'physics' or 'kinematic'"),
         ((*ENV, "tolerance_px"), -1.0, "scenarios.0.env.tolerance_px", "greater than 0"),
-        ((*ENV, "tolerance_px"), 900.0, "scenarios.0.env.tolerance_px", "less than 512"),
+        ((*ENV, "tolerance_px"), 900.0, "scenarios.0.env.tolerance_px", "less than 256"),
         (("scenarios", 0, "motions"), "1e6", "scenarios.0.motions", "found '1e6'"),
         (("scenarios", 0, "motions"), True, "scenarios.0.motions", "found True"),
+        ((*ENV, "redraw"), "trial", "evaluation", "held-out trials need one world a lifetime"),
         (("evaluation", "evry"), 5, "evaluation.evry", "(did you mean every?); allowed: every, trials"),
         (("sead",), 5, "sead", "allowed: name, question, seed"),
         (("extend",), "other.yaml", "extend", "did you mean extends or seed"),

@@ -1,13 +1,21 @@
 """Curves and tables over runs whose checkpoints fall at different motions, or that failed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.config.suite import ScenarioConfig
-from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost
+from experiments.config.suite import ScenarioConfig, Suite
+from experiments.reporting.finished_suite import (
+    MOTIONS,
+    RENDEZVOUS,
+    SUCCESS,
+    FinishedSuite,
+    with_cost,
+)
 from experiments.reporting.held_out.checkpoints import scores, shown_checkpoints, with_clocks
-from experiments.reporting.held_out.comparison import differences
+from experiments.reporting.held_out.comparison import comparison_section, differences
 from experiments.reporting.held_out.estimates import (
     held_out_curve,
     last_checkpoints,
@@ -222,3 +230,19 @@ def test_a_lucky_checkpoint_is_no_threshold(scenario):
     ]
     times, reached, latest = times_to_good(table(scenario, *rows), "servo", 1)["from the beginning"]
     assert (times.tolist(), reached.tolist(), latest) == ([300], [True], 400)
+
+
+def test_agents_that_came_to_a_moment_in_other_worlds_are_not_compared_there(scenario, suite_data, tmp_path):
+    rows = table(scenario, (0, "eval", 0, None, True, 10), (1, "eval", 0, None, True, 20))
+    found = {
+        agent: {"at the end": moments(rows[rows["world"] == world], "servo", 2, CAP)["at the end"]}
+        for world, agent in enumerate(("one", "other"))
+    }
+    for of_agent, world in zip(found.values(), (0, 1), strict=True):
+        of_agent["at the end"] = replace(
+            of_agent["at the end"], worlds=of_agent["at the end"].worlds.loc[[world]]
+        )
+    suite = Suite.model_validate({**suite_data, "worlds": 2})
+    finished = FinishedSuite(tmp_path, suite, "", [], {}, {}, {}, pd.DataFrame(), pd.DataFrame())
+    section = comparison_section(finished, scenario, found)
+    assert section.summary == []

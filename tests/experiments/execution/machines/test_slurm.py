@@ -96,6 +96,7 @@ def test_runs_are_one_array_with_the_options(run, finished_once, tmp_path, monke
             ["--slurm", "--slurm-option", "timeout_min=long"],
             "timeout_min=long: found 'long'; must be a number",
         ),
+        (["--slurm", "--slurm-option", "array_parallelism=0"], "array_parallelism=0: found '0'"),
         (["--slurm", "--slurm-option", "cluster=moon"], "cluster=moon: allowed: slurm, local"),
         (["--slurm-option", "mem_gb=4"], "--slurm-option: found without --slurm"),
         (["--slurm"], 'Could not detect "srun"'),

@@ -48,7 +48,7 @@ def test_every_agent_says_what_it_must_know():
 def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
     lines = tables_named("quick/aimed", kept).splitlines()
     moments = ("before", "right after", "at the end")
-    heads = " | ".join(f"{moment}: rendezvous; motions per reach" for moment in moments)
+    heads = " | ".join(f"{moment}: rendezvous; interquartile mean of motions" for moment in moments)
     assert lines[0] == f"| agent | what it must know | {heads} | at the end: success |"
     cells = lines[3].strip("| ").split(" | ")
     assert cells[:2] == ["`unified_servo`", "image scale, noise, word limit"]
