@@ -22,7 +22,8 @@ from experiments.statistics.estimate import LEVEL, Array, Estimate
 PSEUDO_WORLDS = 0.5
 """At each bound; as Jeffreys' prior has it for a proportion (Brown, Cai & DasGupta 2001)."""
 DRAWS = 4000
-"""Of the weights. With more, limits move by less than the last digit that is shown."""
+"""Of the weights. Reports draw the same ones for all numbers, and limits of shares in 20 worlds are off by up
+to 0.8 %: where all succeed, the lower one is 88.9 %, with very many draws 88.1 %."""
 
 SHARE = (0.0, 1.0)
 """The bounds of a share."""
