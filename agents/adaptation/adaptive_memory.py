@@ -131,14 +131,14 @@ class AdaptiveMemory:
         keeps = self.on_change == "keep"
         return frozenset() if keeps else frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE})
 
-    def known_for(self, gripper: Array) -> Remembered | None:
-        """What to go by if the gripper at home is seen at `gripper` (4,), in image units.
+    def known_for(self, home: Observation) -> Remembered | None:
+        """What to go by in a world as it is seen at home.
 
-        None where the world has changed and the archive knows none like it.
+        None where the world has changed and the archive knows none like it. A camera that does not show the
+        gripper tells of no change.
         """
-        if self.on_change == "keep" or not (self._announced | self.detector.home.jumped(gripper)).any():
-            return self.known
-        return self._recalled(gripper)
+        changed = self._announced | (self.detector.home.jumped(home.gripper) & home.visible[:2])
+        return self.known if self.on_change == "keep" or not changed.any() else self._recalled(home.gripper)
 
     def points_for(
         self, home: Observation, noise_px: float, start: Slopes | None = None
@@ -147,7 +147,7 @@ class AdaptiveMemory:
 
         None where nothing is known of it; see `Remembered.points`.
         """
-        known = self.known_for(home.gripper)
+        known = self.known_for(home)
         if known is None or not len(known.gripper):
             return None
         return known.points(home.object if home.shows_object else None, noise_px, start)

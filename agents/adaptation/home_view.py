@@ -71,8 +71,8 @@ class HomeView:
 
     def drift_rate(self, latest: int) -> Array:
         """How far the view moves per trial (4,): the slope of a line through the latest trials."""
-        sensors = self.sensors[-latest:]
-        times = np.arange(len(sensors)) - (len(sensors) - 1) / 2
+        sensors, trials = self.sensors[-latest:], self.trials[-latest:]
+        times = trials - trials.mean()
         return np.asarray(times @ sensors / max(float(times @ times), 1.0))
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
+from functools import reduce
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -98,23 +99,23 @@ class Remembered:
         return places, (seen.objects - seen.homes).reshape(-1, 2, 2), 2 * noise
 
     def map(self, changes: Sequence[CameraChange] | Sequence[ArmChange]) -> None:
-        """Maps all that is stored by each of the changes."""
-        for change in changes:
-            deviations = change.deviation_px * IMAGE_UNIT
-            gripper, object_, motors = self.gripper.function.looks, self.object.function, self.motors
-            if len(self.gripper):
-                sensors = change.sensors(gripper.points.reshape(-1, 4)).reshape(-1, 2, 2)
-                self.gripper.map(change.registers(gripper.places), sensors, deviations)
-            if len(self.object):
-                registers, homes = np.split(object_.looks.places, [motors], axis=1)
-                seen = change.sensors(object_.looks.points.reshape(-1, 4) + homes)
-                at_home = np.column_stack([np.tile(change.old_home(motors), (len(homes), 1)), homes])
-                homes = change.sensors(homes + object_.at_all(at_home)[0].reshape(-1, 4))
-                self.object.map(
-                    np.column_stack([change.registers(registers), homes]),
-                    (seen - homes).reshape(-1, 2, 2),
-                    deviations,
-                )
+        """Maps all that is stored by changes, at least one."""
+        deviations = reduce(np.hypot, [change.deviation_px * IMAGE_UNIT for change in changes])
+        arm = changes[0]  # cameras, of which there may be two, leave registers as they are
+        gripper, object_, motors = self.gripper.function.looks, self.object.function, self.motors
+        if len(self.gripper):
+            sensors = _changed(changes, gripper.points.reshape(-1, 4)).reshape(-1, 2, 2)
+            self.gripper.map(arm.registers(gripper.places), sensors, deviations)
+        if len(self.object):
+            registers, homes = np.split(object_.looks.places, [motors], axis=1)
+            seen = _changed(changes, object_.looks.points.reshape(-1, 4) + homes)
+            at_home = np.column_stack([np.tile(arm.old_home(motors), (len(homes), 1)), homes])
+            homes = _changed(changes, homes + object_.at_all(at_home)[0].reshape(-1, 4))
+            self.object.map(
+                np.column_stack([arm.registers(registers), homes]),
+                (seen - homes).reshape(-1, 2, 2),
+                deviations,
+            )
 
     def errors(self, pairs: Pairs) -> tuple[Array, Array]:
         """How far gripper and object are seen from where they should be; zero where the object is not seen.
@@ -193,3 +194,12 @@ class Remembered:
         """Takes over what `arrays` returned; raises ValueError where it does not fit."""
         self.gripper.restore(under("gripper", arrays))
         self.object.restore(under("object", arrays))
+
+
+def _changed(changes: Sequence[CameraChange] | Sequence[ArmChange], sensors: Array) -> Array:
+    """Sensor vectors (n, 4) after all changes: each camera's by what both cameras saw before any of them."""
+    found = sensors
+    for change in changes:
+        changed = change.sensors(sensors)
+        found = np.where(changed != sensors, changed, found)
+    return found

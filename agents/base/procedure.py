@@ -30,17 +30,18 @@ class RunningTrial:
     """A procedure at work, and what it has found out so far.
 
     Attributes:
-        of: Whose procedure it is.
+        of: Whose procedure it is: the agent's class, kind and motors.
         procedure: It.
         findings: Where it writes what it finds out.
     """
 
-    of: type[ProcedureAgent]
+    of: tuple[type[ProcedureAgent], str, int]
     procedure: Procedure
     findings: Any
 
     def __repr__(self) -> str:
-        return f"a trial of {self.of.__name__}"
+        agent, kind, motors = self.of
+        return f"a trial of {agent.__name__} ({kind}, {motors} motors)"
 
     def begin(self, first: Observation) -> Array:
         """The first control words (m,)."""
@@ -140,12 +141,12 @@ class ProcedureAgent(Agent):
                 trial = state[i]
                 words.append(trial.go_on(now))
             after.append(trial)
-        stacked = np.asarray(words, np.float32)
+        stacked = np.clip(np.asarray(words, np.float32), -1.0, 1.0)
         return (stacked[0] if single else stacked), after
 
     def _check_state(self, state: Any) -> None:
         for trial in state if isinstance(state, list) else [state]:
-            if getattr(trial, "of", None) is not type(self):
+            if getattr(trial, "of", None) != self._like:
                 raise foreign(f"holds {trial!r}")
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
@@ -181,7 +182,11 @@ class ProcedureAgent(Agent):
 
     def _new_trial(self, first: Observation) -> RunningTrial:
         findings = self.new_findings()
-        return RunningTrial(type(self), self.procedure(first, findings), findings)
+        return RunningTrial(self._like, self.procedure(first, findings), findings)
+
+    @property
+    def _like(self) -> tuple[type[ProcedureAgent], str, int]:
+        return type(self), self.kind, self._motors
 
     @property
     def _motors(self) -> int:
@@ -203,7 +208,7 @@ class ProcedureAgent(Agent):
         before = self.arrays()
         try:
             self.restore(arrays)
-        except (KeyError, ValueError) as error:
+        except (KeyError, ValueError, IndexError, TypeError) as error:
             self.restore(before)
             raise ValueError(f"{path} is damaged: {error}") from error
         self.num_timesteps = motions

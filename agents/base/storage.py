@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .checks import check_number
 
 _HEADER = "calfree.json"
 _VERSION = 1
@@ -18,8 +21,21 @@ _VERSION = 1
 def save(path: str | Path, kind: str, arrays: Mapping[str, NDArray[Any]], motions: int, motors: int) -> None:
     """Writes what an agent knows, its motions and motors, and `kind`: what it is, settings and all."""
     header = json.dumps({"calfree": _VERSION, "kind": kind, "num_timesteps": motions, "motors": motors})
-    with Path(path).open("wb") as file:
+    with whole(path) as file:
         np.savez_compressed(file, **{_HEADER: np.array(header)}, **arrays)  # type: ignore[arg-type]
+
+
+@contextmanager
+def whole(path: str | Path) -> Iterator[BinaryIO]:
+    """A file to write, which takes its place when all is written: an error leaves what stands there."""
+    place = Path(path)
+    partial = place.with_name(f"{place.name}.partial")
+    try:
+        with partial.open("wb") as file:
+            yield file
+        partial.replace(place)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def load(
@@ -43,22 +59,25 @@ def load(
         with np.load(Path(path), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
             header = json.loads(str(arrays.pop(_HEADER)))
+            motions = check_number("num_timesteps", header["num_timesteps"], least=0, whole=True)
+            if not isinstance(header["kind"], str):
+                raise ValueError(f"kind is {header['kind']!r}")
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: there is no such file") from None
     except Exception as error:  # what NumPy raises on a damaged file depends on where the damage is
         raise ValueError(
             f"{path} is damaged or no saved agent; allowed: a file that save of such an agent wrote, {kind}"
         ) from error
-    if header["calfree"] != _VERSION or kind not in (header["kind"], present_kind(header["kind"])):
+    if header.get("calfree") != _VERSION or kind not in (header["kind"], present_kind(header["kind"])):
         raise ValueError(
-            f"{path} holds {header['kind']} (version {header['calfree']}); "
+            f"{path} holds {header['kind']} (version {header.get('calfree')}); "
             f"this agent is {kind} (version {_VERSION})"
         )
     if (saved := header.get("motors", motors)) != motors:
         raise ValueError(f"{path} was saved for {saved} motors; this agent's environment has {motors}")
     if header["kind"] != kind:
         warnings.warn(f"{path} names {header['kind']}, which is now {kind}", stacklevel=3)
-    return arrays, int(header["num_timesteps"])
+    return arrays, motions
 
 
 def prefixed(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

@@ -34,6 +34,9 @@ def is_of_one(observation: Any, space: gym.Space[Any]) -> bool:
             )
         if not np.isfinite(found).all():
             raise ValueError(f"the observation's {key} is {found.tolist()}; all numbers must be finite")
+    rows = {key: np.shape(observation[key])[:-1] for key in STANDARD_KEYS}
+    if len(set(rows.values())) > 1:
+        raise ValueError(f"the observation has rows {rows}; all keys must have as many, or none")
     return bool(np.ndim(observation[STANDARD_KEYS[0]]) == 1)
 
 

@@ -102,7 +102,11 @@ class Seeker:
             gained = 0.0
             while gained <= 0 and damping < _MOST:
                 step = np.zeros(motors)
-                step[free] = -np.linalg.solve((curved + damping * unit)[np.ix_(free, free)], slope[free])
+                try:
+                    step[free] = -np.linalg.solve((curved + damping * unit)[np.ix_(free, free)], slope[free])
+                except np.linalg.LinAlgError:  # images so large that the damping is lost in rounding
+                    damping *= _MORE
+                    continue
                 step *= min(1.0, LONGEST / max(float(np.abs(step).max()), LONGEST))
                 there = np.clip(registers + step, lowest, highest)
                 further = self._views(there)

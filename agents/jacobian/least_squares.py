@@ -27,6 +27,8 @@ class RecursiveLeastSquares(Estimator):
         self._covariance = np.eye(motors) * (UNKNOWN_VARIANCE if start is None else self.START_VARIANCE)
 
     def _learn(self, words: Array, moved: Array, seen: Flags) -> Array:
+        if not words.any():
+            return self._as_seen(words, moved, seen)
         older = self._covariance / self.FORGETTING
         gain = older @ words / (self.NOISE + words @ older @ words)
         missed = (moved - self.jacobian @ words)[seen]

@@ -40,7 +40,7 @@ class TrustRegion(Broyden):
         self.reach_px = self.START_PX
 
     def _learn(self, words: Array, moved: Array, seen: Flags) -> Array:
-        if self.jacobian.any(0).all() and moved[seen].any():
+        if words.any() and self.jacobian.any(0).all() and moved[seen].any():
             missed = np.linalg.norm((moved - self.jacobian @ words)[seen]) / np.linalg.norm(moved[seen])
             change = self.LONGER if missed < self.HELD else self.SHORTER if missed > self.MISSED else 1.0
             self.reach_px = float(np.clip(change * self.reach_px, self.LEAST_PX, self.MOST_PX))

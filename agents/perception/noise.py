@@ -71,6 +71,7 @@ class NoiseEstimate:
     def restore(self, at_once: Array, of_homes: Array) -> None:
         """Estimates it by differences (n,) that are known."""
         self._at_once, self._of_homes = at_once, of_homes
+        self.px = MARKER_NOISE_PX
         pool = (at_once if self.measured else of_homes) / np.sqrt(2)
         if len(pool) < self.ENOUGH:
             return

@@ -202,7 +202,8 @@ class Reach:
         ways = ways[:, variances > self.AS_UNKNOWN * variances[-1]]
         probe = ways @ self._random.normal(size=ways.shape[1])
         moved = here.jacobian @ probe
-        probe *= size / np.sqrt(2 * probe @ unknown @ probe + moved @ moved / POINTS)
+        shown = np.sqrt(2 * probe @ unknown @ probe + moved @ moved / POINTS)
+        probe *= size / max(float(shown), size)
         if here.distance @ here.distance_jacobian @ probe > 0:
             probe = -probe
         for _ in range(self.HALVINGS):

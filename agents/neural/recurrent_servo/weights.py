@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 
@@ -92,6 +93,8 @@ def load_network(
     try:
         network = RecurrentServoNetwork(saved["words"][0], hidden)
         network.load_state_dict(tensors)
-    except RuntimeError as error:
+        if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
+            raise ValueError("a weight is not finite")
+    except (RuntimeError, ValueError) as error:
         raise ValueError(f"{path} is damaged: {error}") from error
     return network, header["training"], motions

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -33,7 +34,7 @@ from ...base.random_state import OwnRandomState
 from ...base.settings import named_settings
 from ...base.trials import begins_trial, foreign, is_of_one
 from .algorithms import algorithm_of, built_settings, policy_name, settings_of
-from .files import Saved, check_tensor, read, write
+from .files import Saved, check_finite, check_tensor, read, write
 from .inputs import GOALS, FlatObservations, ImageDistance, flattened
 
 
@@ -44,7 +45,7 @@ class Sb3Agent(Agent):
         env: The environment, whose reward is what is learned from; or a batched one with SAME_STEP autoreset,
             whose motions are summed. Its rows should stand in one world, which is not checked: where `world`
             names a distribution of different worlds, each row has its own, and a policy without memory
-            learns none of them.
+            learns none of them. What it tells (`tell`) is learned from, too.
         seed: Of the networks and the exploration; the caller's global generators stay as they are.
         algorithm: A dotted name, such as "sb3_contrib.CrossQ".
         word_limit: The largest word, see `calfree_gym.wrappers.ScaledWords`.
@@ -93,6 +94,7 @@ class Sb3Agent(Agent):
         built = built_settings(settings, motors)
         self._by_key = built.get("replay_buffer_class") is HerReplayBuffer
         if self._by_key:
+            self.prior_knowledge |= {PriorKnowledge.MOUNT}
             _warn_of_moving_goals(env)
         if issubclass(learner, OnPolicyAlgorithm) and "n_steps" in built and rows_of_env.num_envs == 1:
             built["n_steps"] *= self.rows
@@ -104,18 +106,21 @@ class Sb3Agent(Agent):
                 "scales": scales,
             },
         }
-        self._about = {
+        about = {
             "algorithm": algorithm,
             "observation": {key: list(spaces[key].shape) for key in sorted(spaces)},
             "words": {"motors": motors, "limit": word_limit, "curvature": word_curvature},
             "networks": {
                 "net_arch": widths,
                 "distance_scales": scales,
-                **settings.get("policy_kwargs", {}),
+                **(settings.get("policy_kwargs") or {}),
             },
         }
+        self._about: dict[str, Any] = json.loads(json.dumps(about, default=_plain))  # as files tell it
         torch.set_num_threads(1)
-        self._random_state = OwnRandomState()
+        self._random_state, self._of_predictions = OwnRandomState(), OwnRandomState()
+        with self._of_predictions.swapped_in():
+            set_random_seed(seed)
         with self._random_state.swapped_in():
             set_random_seed(seed)  # given to the learner, it would draw another world too
             try:
@@ -129,6 +134,9 @@ class Sb3Agent(Agent):
                 raise ValueError(f"{algorithm}: {error}") from error
         self._model.action_space.seed(seed)
         self._model.set_logger(Logger(folder=None, output_formats=[]))  # else it logs to a folder of its own
+        if self._by_key:
+            learner_by_key: Any = self._model
+            learner_by_key.learning_starts = max(learner_by_key.learning_starts, _whole_trials(env))
         self._warm_up = getattr(self._model, "learning_starts", 0)
 
     def _as_vec_env(self, env: Any) -> VecEnv:
@@ -153,8 +161,9 @@ class Sb3Agent(Agent):
         is_of_one(observation, self._space)
         if hasattr(self._model.policy, "lstm_actor"):
             self._check_memory(observation, state, episode_start)
-        inputs = dict(observation) if self._by_key else flattened(observation)
-        with nullcontext() if deterministic else self._random_state.swapped_in():
+        known = {key: observation[key] for key in self._space}
+        inputs = known if self._by_key else flattened(known)
+        with nullcontext() if deterministic else self._of_predictions.swapped_in():
             actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
         return scaled_words(actions, **self._words), state
 
@@ -233,6 +242,7 @@ class Sb3Agent(Agent):
         try:
             for name in variables:
                 check_tensor(name, saved.variables[name], recursive_getattr(self._model, name))
+            check_finite(saved.parameters)
             self._model.set_parameters(saved.parameters, exact_match=True)
         except (ValueError, KeyError, RuntimeError, AttributeError, TypeError) as error:
             self._model.set_parameters(before)
@@ -244,6 +254,8 @@ class Sb3Agent(Agent):
             recursive_setattr(self._model, f"{name}.data", saved.variables[name].data)
         self.num_timesteps = self._model.num_timesteps = saved.motions
         self._model._n_updates = saved.updates
+        if (buffer := getattr(self._model, "replay_buffer", None)) is not None:
+            buffer.reset()
         if hasattr(self._model, "learning_starts"):
             self._model.learning_starts = saved.motions + self._warm_up
         return self
@@ -270,15 +282,27 @@ class _Translated(BaseCallback):
         return should_collect_more_steps(now["train_freq"], now["num_collected_steps"], episodes)
 
 
+def _whole_trials(env: Any) -> int:
+    """Motions of all rows by which one of their trials is over: hindsight learns from whole ones."""
+    longest: Any = getattr(env.spec, "max_episode_steps", None)
+    return int(getattr(env, "num_envs", 1)) * int(longest or getattr(env.unwrapped, "_max_episode_steps", 0))
+
+
 def _warn_of_moving_goals(env: Any) -> None:
-    """Warns where hindsight is wrong: on the waist mount the object's image points move with the arm."""
+    """Warns where hindsight is wrong: on an arm's mount the object's image points move with the arm."""
     spec = getattr(env, "spec", None)
-    if spec is not None and spec.kwargs.get("camera_mount", "waist") == "waist":
+    mount = "stand" if spec is None else spec.kwargs.get("camera_mount", "waist")
+    if set([mount] if isinstance(mount, str) else mount) - {"stand", "world"}:
         warnings.warn(
-            "hindsight relabelling is not valid on the waist mount: the object moves in the images when the "
-            "waist turns. Make the environment with camera_mount='stand'",
+            f"hindsight relabelling is not valid on the {mount} mount: the object moves in the images when "
+            "the arm moves the cameras. Make the environment with camera_mount='stand'",
             stacklevel=5,
         )
+
+
+def _plain(value: Any) -> Any:
+    """A setting that JSON does not know: a number of NumPy as one, a class by its name."""
+    return value.item() if isinstance(value, np.generic) else getattr(value, "__name__", repr(value))
 
 
 def settings_with(given: Mapping[str, Any]) -> dict[str, Any]:

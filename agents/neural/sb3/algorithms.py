@@ -42,8 +42,17 @@ _BOUNDS: dict[str, dict[str, Any]] = {
     "n_epochs": {"least": 1, "whole": True},
     "gradient_steps": {"least": -1, "whole": True},
     "learning_starts": {"least": 0, "whole": True},
+    "tau": {"least": 0, "most": 1},
+    "gae_lambda": {"least": 0, "most": 1},
+    "clip_range": {"above": 0},
+    "max_grad_norm": {"above": 0},
+    "policy_delay": {"least": 1, "whole": True},
+    "target_update_interval": {"least": 1, "whole": True},
 }
 """Of settings that several algorithms share, which stable-baselines3 itself does not check."""
+
+
+_TAKEN = {"net_arch", "features_extractor_class", "features_extractor_kwargs"}
 
 
 def algorithm_of(name: str) -> Algorithm:
@@ -87,6 +96,8 @@ def built_settings(settings: Mapping[str, Any], motors: int) -> dict[str, Any]:
     if not isinstance(given, Mapping):
         raise ValueError(f"policy_kwargs is {given!r}; it must be a mapping")
     policy = dict(given)
+    if taken := sorted(policy.keys() & _TAKEN):
+        raise ValueError(f"policy_kwargs has {', '.join(taken)}; net_arch and distance_scales say these")
     if isinstance(activation := policy.get("activation_fn"), str):
         check_choice("activation_fn", activation, torch.nn.modules.activation.__all__)
         policy["activation_fn"] = getattr(torch.nn, activation)

@@ -12,6 +12,7 @@ from zipfile import ZipFile
 import torch
 
 from ...base.checks import check_number
+from ...base.storage import whole
 
 _HEADER, _PARAMETERS = "calfree.json", "parameters.pt"
 _VERSION = 1
@@ -41,7 +42,7 @@ def write(path: str | Path, saved: Saved) -> None:
     header = {"calfree": _VERSION, **saved._asdict()}
     tensors = io.BytesIO()
     torch.save({name: header.pop(name) for name in ("parameters", "variables")}, tensors)
-    with ZipFile(path, "w") as archive:
+    with whole(path) as file, ZipFile(file, "w") as archive:
         archive.writestr(_HEADER, json.dumps(header, indent=1))
         archive.writestr(_PARAMETERS, tensors.getvalue())
 
@@ -96,6 +97,15 @@ def check_tensor(name: str, saved: Any, ours: torch.Tensor) -> None:
     fits = isinstance(saved, torch.Tensor) and saved.shape == ours.shape and saved.dtype == ours.dtype
     if not fits or not torch.isfinite(saved).all():
         raise ValueError(f"{name} is {saved!r:.80}; it must be finite, {ours.dtype}, of {ours.shape}")
+
+
+def check_finite(parameters: Any) -> None:
+    """Raises ValueError where a tensor of (nested) parameters holds a number that is not finite."""
+    for name, value in parameters.items() if isinstance(parameters, Mapping) else ():
+        if isinstance(value, Mapping):
+            check_finite(value)
+        elif isinstance(value, torch.Tensor) and not torch.isfinite(value).all():
+            raise ValueError(f"{name} holds a number that is not finite")
 
 
 def _header(path: str | Path, entries: Mapping[str, bytes]) -> dict[str, Any]:

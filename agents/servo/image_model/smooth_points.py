@@ -197,7 +197,8 @@ class SmoothPoints:
         variance = (self.noise_px * IMAGE_UNIT) ** 2
         self.gripper = self.gripper.with_look(registers, points[GRIPPER], variance, seen[GRIPPER])
         from_home = points[OBJECT] - self.home
-        if from_home.any():  # the look that tells home tells no more
+        tells_home = observation is self._seen[0] and not from_home.any()
+        if not tells_home and seen[OBJECT].any():  # the look that tells home tells no more
             self.object = self.object.with_look(self._place(registers), from_home, variance, seen[OBJECT])
 
     def leave_out_mistaken(self) -> None:

@@ -147,3 +147,22 @@ def test_an_announced_change_is_saved(make_env, tmp_path):
     observation, _ = agent.env.reset()
     assert agent.expected_px(observation) is None
     assert loaded.expected_px(observation) is None
+
+
+def test_images_without_noise_teach_of_an_object_that_stands_still(make_env, live):
+    """It is seen just where it was seen from home, and is known all the same."""
+    exact = [{"at": {"trial": 0}, "do": {"type": "point_noise", "px": 0.0}}]
+    _, lengths = live("memory", make_env("stand", perturbations=exact), 0, trials=12)
+    assert max(lengths[2:]) < 20
+
+
+def test_a_camera_that_does_not_show_home_tells_of_no_change():
+    adaptation = AdaptiveMemory(known(wild(0), 12))
+    for number in range(12, 16):
+        pairs = trial(wild(0), number)
+        adaptation.detector.home.add(pairs.sensors[0], 0.5, number)
+    points = np.concatenate([pairs.sensors[0], pairs.homes[0]]).reshape(4, 2)
+    points[0] += 0.3
+    for seen, knows in (([True] * 4, False), ([False, True, True, True], True)):
+        home = Observation(points, np.array(seen), np.zeros(3))
+        assert (adaptation.points_for(home, 0.5) is not None) == knows

@@ -163,3 +163,10 @@ def test_homes_count_by_their_trials_and_not_by_their_number():
     home.keep_since(299)
     assert home.trials.tolist() == [300, 310]
     assert home.sensors[:, 0].tolist() == [2.0, 3.0]
+
+
+def test_a_drift_goes_by_trials_also_where_some_did_not_show_home():
+    home = HomeView()
+    for number in range(0, 20, 2):
+        home.add(np.full(4, 0.001 * number), 0.5, number)
+    np.testing.assert_allclose(home.drift_rate(12), 0.001)

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import approx_fprime
 
 import agents
+from agents.adaptation.camera_change import fit_camera
 from agents.adaptation.kept_looks import KeptLooks
 from agents.adaptation.pairs import Pairs
 from agents.adaptation.remembered import Remembered
@@ -191,3 +192,20 @@ def test_of_an_object_that_is_not_seen_at_home_nothing_is_known():
     unknown, known = (remembered.points(home, 0.5).at(there) for home in (None, np.zeros(4)))
     np.testing.assert_array_equal(unknown.gripper.points, known.gripper.points)
     assert (unknown.object.variances > 1).all()
+
+
+def test_cameras_that_changed_together_are_mapped_as_each_was_fitted():
+    """The depth by which one is mapped is told by the other as it was, whichever comes first."""
+    places = np.random.default_rng(0).uniform(-0.5, 0.5, (12, 3))
+    seen = view(places)[:, [1, 0, 3, 2]] * [-1, 1, 1, -1]
+    before = taught(80)
+    pairs = seen_at(places, seen)
+    changes = [fit_camera(before.gripper.function, camera, pairs) for camera in (0, 1)]
+    mapped = []
+    for order in (changes, changes[::-1]):
+        after = before.copy()
+        after.map(order)
+        mapped.append(after.gripper.function.looks.points)
+    np.testing.assert_array_equal(*mapped)
+    alone = changes[1].sensors(before.gripper.function.looks.points.reshape(-1, 4))
+    np.testing.assert_array_equal(mapped[0][:, 1], alone[:, 2:])

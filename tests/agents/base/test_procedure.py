@@ -106,7 +106,9 @@ def test_the_state_of_another_agent_is_refused(make_env):
     observation, _ = env.reset(seed=0)
     _, state = agents.make("memory", env).predict(observation)
     servo = agents.make("paper_servo", env)
-    with pytest.raises(ValueError, match="the state holds a trial of Memory; pass the state back"):
+    with pytest.raises(
+        ValueError, match=r"the state holds a trial of Memory \(.*, 3 motors\); pass the state back"
+    ):
         servo.predict(observation, state)
     with pytest.raises(ValueError, match="the state holds 5; pass"):
         servo.predict(observation, 5)
@@ -114,3 +116,20 @@ def test_the_state_of_another_agent_is_refused(make_env):
         network = agents.make(name, env)
         with pytest.raises(ValueError, match="the state is 5; pass the state back"):
             network.predict(observation, 5)
+
+
+def test_the_state_of_a_like_with_other_settings_is_refused(make_env):
+    env = make_env()
+    observation, _ = env.reset(seed=0)
+    _, state = agents.make("unified_servo", env, probe_px=24.0).predict(observation)
+    with pytest.raises(ValueError, match="the state holds a trial of"):
+        agents.make("unified_servo", env).predict(observation, state)
+
+
+def test_rows_that_differ_are_refused(make_env):
+    env = make_env()
+    observation, _ = env.reset(seed=0)
+    several = {key: np.stack([value] * 2) for key, value in observation.items()}
+    several["observation"] = np.stack([observation["observation"]] * 3)
+    with pytest.raises(ValueError, match="all keys must have as many"):
+        agents.make("unified_servo", env).predict(several)

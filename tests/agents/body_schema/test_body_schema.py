@@ -1,5 +1,7 @@
 """The agent that takes its arm for a chain of joints, on arms and mounts that it is not told of."""
 
+from pathlib import Path
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -89,3 +91,13 @@ def test_a_way_longer_than_one_word_is_no_stop(make_env):
             _, arrived = end.value
     assert not arrived
     np.testing.assert_array_equal(findings.stops.highest, 1.0)
+
+
+def test_an_arm_that_comes_before_its_camera_is_no_end(make_env):
+    """Image points near a camera's plane are so far away that rounding takes the damping."""
+    pusher = Path(gym.__path__[0]) / "envs/mujoco/assets/pusher.xml"
+    env = make_env(arm={"model": str(pusher), "gripper": "tips_arm"})
+    env.reset(seed=0)
+    env.unwrapped.set_world(env.unwrapped.world)
+    env.reset(seed=3)
+    agents.make("body_schema", env).learn(60)

@@ -1,5 +1,6 @@
 """Estimators of the Jacobian against MuJoCo's derivatives, and against algebra where the world is linear."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,8 @@ from hypothesis.extra.numpy import arrays
 
 from agents.base.observation import Observation
 from agents.jacobian import ESTIMATORS, Slopes, TestMotions, distance_jacobian
+from agents.jacobian.least_squares import RecursiveLeastSquares
+from agents.jacobian.rank_one import TrustRegion
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents import analytic
 
@@ -265,3 +268,18 @@ def test_points_are_as_exact_as_the_kalman_filter_says(word):
 
 def lengths(vectors):
     return np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+@pytest.mark.parametrize("estimator", [TrustRegion, RecursiveLeastSquares])
+def test_looking_again_teaches_nothing_of_a_jacobian(estimator):
+    learner = estimator(3)
+    rng = np.random.default_rng(0)
+    for motor in range(3):
+        learner.learn(0.1 * np.eye(3)[motor], rng.normal(size=8), np.ones(4, bool))
+    twin = copy.deepcopy(learner)
+    for _ in range(8):
+        learner.learn(np.zeros(3), 0.01 * rng.normal(size=8), np.ones(4, bool))
+    words, moved = np.array([0.1, -0.05, 0.02]), rng.normal(size=8)
+    for each in (learner, twin):
+        each.learn(words, moved, np.ones(4, bool))
+    np.testing.assert_array_equal(learner.jacobian, twin.jacobian)

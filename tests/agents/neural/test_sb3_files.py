@@ -158,3 +158,39 @@ def test_a_refused_file_changes_nothing(tmp_path):
         agent.load(tmp_path / "liar.zip")
     for old, new in zip(before, agent._model.policy.parameters(), strict=True):
         assert torch.equal(old, new)
+
+
+def test_what_cannot_be_saved_leaves_the_file_that_is_there(tmp_path, monkeypatch):
+    saved = tmp_path / "sac.zip"
+    make().save(saved)
+    before = saved.read_bytes()
+    other = make()
+    monkeypatch.setitem(other._about, "algorithm", object())
+    with pytest.raises(TypeError):
+        other.save(saved)
+    assert saved.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [saved]
+
+
+def test_settings_that_json_does_not_know_last_in_files(tmp_path):
+    settings = {"word_limit": np.float32(0.25), "net_arch": [np.int64(16)]}
+    settings["policy_kwargs"] = {"activation_fn": torch.nn.SiLU, "optimizer_kwargs": {"betas": (0.9, 0.99)}}
+    agent = make(**settings)
+    agent.save(tmp_path / "sac.zip")
+    make(**settings).load(tmp_path / "sac.zip")
+
+
+def test_weights_that_are_not_finite_are_refused(tmp_path):
+    agent = make()
+    next(agent._model.policy.parameters()).data[:] = np.nan
+    agent.save(tmp_path / "sac.zip")
+    with pytest.raises(ValueError, match="not finite"):
+        make().load(tmp_path / "sac.zip")
+
+
+def test_who_loads_forgets_the_motions_of_the_life_before(tmp_path):
+    make().save(tmp_path / "new.zip")
+    agent = make().learn(60)
+    assert agent._model.replay_buffer.pos
+    agent.load(tmp_path / "new.zip")
+    assert agent._model.replay_buffer.size() == 0

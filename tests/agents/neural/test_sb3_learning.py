@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from gymnasium.vector import AutoresetMode
 
 from tests.agents.neural.sb3_learners import make, rows_of_one_world, weights
 
@@ -107,3 +108,27 @@ def test_the_callers_generators_stay_and_learning_follows_from_the_seed_alone(na
         learned.append((weights(agent), words))
     assert torch.equal(learned[0][0], learned[1][0])
     np.testing.assert_array_equal(learned[0][1], learned[1][1])
+
+
+def test_predicting_by_chance_changes_no_learning():
+    alike = []
+    for _ in range(2):
+        env = gym.make("CalFree/ReachDense-v0", dynamics="kinematic", camera_mount="stand")
+        observation, _ = env.reset(seed=0)
+        alike.append(make(env=env).learn(60))
+    alike[0].predict(observation, deterministic=False)
+    first, second = (weights(agent.learn(60)) for agent in alike)
+    assert torch.equal(first, second)
+
+
+def test_hindsight_waits_for_a_whole_trial_of_each_row():
+    envs = gym.make_vec(
+        "CalFree/Reach-v0",
+        num_envs=4,
+        world="nominal",
+        camera_mount="stand",
+        dynamics="kinematic",
+        autoreset_mode=AutoresetMode.SAME_STEP,
+    )
+    agent = make("sac_her", envs).learn(320)
+    assert agent.num_timesteps == 320

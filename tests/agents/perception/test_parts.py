@@ -124,3 +124,12 @@ def test_where_looking_again_never_helped_a_point_is_lost_at_once():
         visibility.add(hidden, again=False)
     assert visibility.may_return
     assert visibility.gaps
+
+
+def test_noise_that_a_file_hardly_tells_is_the_usual_one():
+    noise = NoiseEstimate()
+    usual = noise.px
+    noise.add(np.full((20, 2), 0.1))
+    assert noise.px != usual
+    noise.restore(np.empty(0), np.empty(0))
+    assert noise.px == usual

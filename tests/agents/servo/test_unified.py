@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+import agents
 from agents.servo.trial import Findings
 from agents.servo.unified import Reach, UnifiedServo
 from calfree_gym.image import IMAGE_UNIT
@@ -157,3 +159,15 @@ def test_a_word_is_a_step_alone_where_that_is_expected_to_do():
     np.testing.assert_allclose(
         reach.words(), np.linalg.pinv(arm.jacobian[:4]) @ -arm.observed().distance, atol=0.03
     )
+
+
+@pytest.mark.parametrize("name", ["unified_servo", "memory", "body_schema"])
+def test_words_stay_numbers_where_no_motion_ever_shows(make_env, name):
+    """Frozen images, or an arm without power."""
+
+    class Frozen(gym.ObservationWrapper):
+        def observation(self, observation):
+            still = np.array([0.1, 0.2, 0.1, 0.2], np.float32)
+            return {**observation, "achieved_goal": still, "desired_goal": still + 0.3}
+
+    agents.make(name, Frozen(make_env())).learn(130)
