@@ -56,9 +56,12 @@ class PerturbationScheduler:
         events = tuple(enumerate(parse_schedule(schedule)))
         self.events = {clock: [(i, event) for i, event in events if event.clock == clock] for clock in CLOCKS}
         self._robot, self._mounts, self._as_seen, self._can_begin = robot, mounts, as_seen, can_begin
-        for _, event in events:
+        for place, event in events:
             if not isinstance(event.perturbation, Undo):
-                event.perturbation.check_fits(robot)
+                try:
+                    event.perturbation.check_fits(robot)
+                except ValueError as error:
+                    raise ValueError(f"perturbations.{place}.do: {error}") from None
         self._keep_in_view = keep_in_view
         self._seeds = [0] * rows
         self._drifts: list[dict[int, tuple[Perturbation, bool]]] = [{} for _ in range(rows)]

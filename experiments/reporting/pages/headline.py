@@ -60,7 +60,7 @@ def in_words(
     for when, scores in moments.items():
         common = set.intersection(*(set(values.index) for values in scores.values()))
         if len(common) < ENOUGH_WORLDS:
-            why = f"no ranking, for all came to that in {counted(len(common), 'world')} only"
+            why = f"no ranking: all were scored in {counted(len(common), 'world')} only"
             said.append(f"{_upper(when)}: {_points(scores, few)}; {why}.")
             continue
         scores = {label: values[values.index.isin(common)] for label, values in scores.items()}

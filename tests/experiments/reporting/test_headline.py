@@ -95,4 +95,4 @@ def test_of_four_worlds_only_points_are_told_in_the_order_of_the_suite(said):
 
 def test_agents_are_ranked_in_the_worlds_in_which_all_were_scored(said):
     (few,) = said(20, MOTIONS, unified_servo=[9.0] * 20, memory=[2.0] * 9)
-    assert few.startswith("At the end: unified_servo 9.0, memory 2.0; no ranking, for all came to that in 9")
+    assert few.startswith("At the end: unified_servo 9.0, memory 2.0; no ranking: all were scored in 9")
