@@ -96,7 +96,8 @@ class ArmCheck:
         )
         note = (
             "Span: from home to the farther stop, as far as a control word of 1 moves the motor as built. "
-            f"A motor stops {_listed(robot.stop_margin * unit, frame['unit'])} before its joint does."
+            f"A motor stops {_listed(robot.stop_margin * unit, frame['unit'])} before its joint does. For "
+            f"perturbations: joints {', '.join(robot.joints)}; links {', '.join(robot.links)}."
         )
         return Table(
             "motors", "Motors", frame, dict.fromkeys(["lowest", "highest", "home", "span"], ".1f"), note

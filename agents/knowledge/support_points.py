@@ -31,7 +31,7 @@ class SupportPoints:
     Args:
         motors: Number of registers m.
         points: The most support points that are kept; the most uncertain one is dropped.
-        neighbours: This many nearest points are fitted.
+        neighbours: This many nearest points are fitted, and at least one more than there are motors.
         rate: Share of a miss that one success corrects, where the gain is constant.
         kalman: Whether a Kalman filter for each support point decides instead; then older ones weigh less.
     """
@@ -56,8 +56,8 @@ class SupportPoints:
     def __init__(
         self, motors: int, points: int = 1000, neighbours: int = 8, rate: float = 0.7, kalman: bool = False
     ) -> None:
-        self.neighbours = check_number("neighbours", neighbours, least=motors + 1, whole=True)
-        self.points = check_number("points", points, least=neighbours, whole=True)
+        self.neighbours = max(check_number("neighbours", neighbours, least=1, whole=True), motors + 1)
+        self.points = check_number("points", points, least=self.neighbours, whole=True)
         self.gain = Gain(rate, kalman, self.OBSERVATION_VARIANCE, self.DRIFT_VARIANCE)
         self.registers = np.empty((0, motors))
         self.sensors = np.empty((0, 4))
