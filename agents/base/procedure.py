@@ -145,8 +145,9 @@ class ProcedureAgent(Agent):
         return (stacked[0] if single else stacked), after
 
     def _check_state(self, state: Any) -> None:
+        like = self._like
         for trial in state if isinstance(state, list) else [state]:
-            if getattr(trial, "of", None) != self._like:
+            if getattr(trial, "of", None) != like:
                 raise foreign(f"holds {trial!r}")
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
