@@ -56,12 +56,9 @@ class PerturbationScheduler:
         events = tuple(enumerate(parse_schedule(schedule)))
         self.events = {clock: [(i, event) for i, event in events if event.clock == clock] for clock in CLOCKS}
         self._robot, self._mounts, self._as_seen, self._can_begin = robot, mounts, as_seen, can_begin
-        for place, event in events:
+        for _, event in events:
             if not isinstance(event.perturbation, Undo):
-                try:
-                    event.perturbation.check_fits(robot)
-                except ValueError as error:
-                    raise ValueError(f"perturbations.{place}.do: {error}") from None
+                event.perturbation.check_fits(robot)
         self._keep_in_view = keep_in_view
         self._seeds = [0] * rows
         self._drifts: list[dict[int, tuple[Perturbation, bool]]] = [{} for _ in range(rows)]
