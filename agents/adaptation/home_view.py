@@ -76,10 +76,16 @@ class HomeView:
         return np.asarray(times @ sensors / max(float(times @ times), 1.0))
 
     @property
-    def _assumed_noise_px(self) -> float:
-        """More than is known of it as long as too few trials have told."""
-        told = self.sensors[1:].size >= NoiseEstimate.ENOUGH
-        return self.noise_px if told else max(self.noise_px, NoiseEstimate.NOISY_PX)
+    def _least_px(self) -> float:
+        """A displacement of this length is a change, where both views are single and equally noisy.
+
+        As long as too few trials have told of noise, more of it is assumed. Then, by n numbers, a length of
+        noise is to its estimate as F(2, n) has it: one that is as rare as `SIGMAS` are where noise is known.
+        """
+        numbers = self.sensors[1:].size
+        if numbers < NoiseEstimate.ENOUGH:
+            return self.SIGMAS * max(self.noise_px, NoiseEstimate.NOISY_PX)
+        return self.noise_px * float(np.sqrt(numbers * np.expm1(self.SIGMAS**2 / numbers)))
 
     def _displaced(self, sensors: Array, latest: NDArray[np.int64]) -> Cameras:
         """In which cameras (k, 2) the means of the latest (k,) differ from the means of those before."""
@@ -87,5 +93,4 @@ class HomeView:
         sums = sensors.cumsum(0)
         earlier = sums[-latest - 1]
         apart = (sums[-1] - earlier) / after - earlier / before
-        noise = self._assumed_noise_px * np.sqrt(1 / after + 1 / before)
-        return np.asarray(camera_lengths_px(apart) > self.SIGMAS * noise)
+        return np.asarray(camera_lengths_px(apart) > self._least_px * np.sqrt(1 / after + 1 / before))

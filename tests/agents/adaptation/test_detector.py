@@ -5,6 +5,7 @@ import pytest
 
 from agents.adaptation.detector import ChangeDetector, Verdict
 from agents.adaptation.home_view import HomeView
+from agents.perception.noise import NoiseEstimate
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, MotorSign
 from tests.agents.adaptation.gripper_views import known, trial, wild
@@ -170,3 +171,20 @@ def test_a_drift_goes_by_trials_also_where_some_did_not_show_home():
     for number in range(0, 20, 2):
         home.add(np.full(4, 0.001 * number), 0.5, number)
     np.testing.assert_allclose(home.drift_rate(12), 0.001)
+
+
+def test_noise_that_is_hardly_known_yet_raises_few_alarms():
+    """At most one in 1,000 trials, from the first on, where noise is estimated from the homes themselves."""
+    alarms, lifetimes, trials = 0, 300, 20
+    rng = np.random.default_rng(0)
+    for _ in range(lifetimes):
+        home, noise, before = HomeView(), NoiseEstimate(), None
+        for number in range(trials):
+            seen = rng.normal(0, 3 * IMAGE_UNIT, 4)
+            if before is not None:
+                noise.add_homes((seen - before).reshape(2, 2))
+            alarms += home.jumped(seen).any()
+            home.add(seen, noise.px, number)
+            alarms += home.drifting().any()
+            before = seen
+    assert alarms <= lifetimes * trials / 1_000
