@@ -150,6 +150,10 @@ class AgentConfig(Model):
         return one_of(value, tuple(dict.fromkeys(name for task in OWN for name in agents.names(task))))
 
 
+FIGURES = ("held-out", "training", "profile", "trials")
+"""How names of a scenario's figures end."""
+
+
 class Suite(Model):
     """A question, and the runs that answer it: agents in scenarios and sweeps, each in every world.
 
@@ -182,7 +186,11 @@ class Suite(Model):
         scenarios = info.data.get("scenarios")
         if scenarios == () == value:
             raise ValueError("there is nothing to run: neither scenarios nor sweeps are given")
-        distinct([part.name for part in scenarios or ()] + [sweep.name for sweep in value], "name")
+        names = [part.name for part in scenarios or ()] + [sweep.name for sweep in value]
+        distinct(names, "name")
+        for name in names:
+            if taken := [f"{name}-{figure}" for figure in FIGURES if f"{name}-{figure}" in names]:
+                raise ValueError(f"{taken[0]!r} is what a figure of {name!r} is called; give it another name")
         return value
 
     @field_validator("agents")

@@ -29,6 +29,13 @@ def test_held_out_trials_that_a_lifetime_has_no_room_for_are_refused_by_default_
         load(write_config(short))
 
 
+def test_a_scenario_is_not_called_as_a_figure_of_another(suite_data, write_config):
+    first = suite_data["scenarios"][0]
+    twin = {**first, "name": f"{first['name']}-held-out"}
+    with pytest.raises(ConfigError, match="is what a figure of 'aimed' is called"):
+        load(write_config({**suite_data, "scenarios": [first, twin]}))
+
+
 def test_what_is_written_is_what_is_read(suite_data, write_config):
     suite = load(write_config(suite_data))
     assert suite.scenarios[0].motions == 90
