@@ -111,6 +111,10 @@ def about_environment(env: EnvironmentConfig) -> str:
     )
 
 
+SUCCESS_IN_WORDS = (
+    "Success: the true error at the end is within the tolerance (in grasping: lifted; in inserting: in the "
+    "hole)."
+)
 _SAID = {"id", "world", "arm", "camera_mount", "tolerance_px", "dynamics"}
 """Of an environment, what its words always tell."""
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from agents.base.storage import whole
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.running.plan import runs_of
@@ -42,12 +43,10 @@ def is_done(folder: Path) -> bool:
 
 def write_whole(path: Path, text: str) -> None:
     """Writes a file that is there as a whole or not at all."""
-    partial = path.with_name(f"{path.name}.partial")
-    with partial.open("w", encoding="utf-8") as file:
-        file.write(text)
+    with whole(path) as file:
+        file.write(text.encode())
         file.flush()
         os.fsync(file.fileno())
-    partial.replace(path)
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -96,6 +96,8 @@ class Sb3Agent(Agent):
         if self._by_key:
             self.prior_knowledge |= {PriorKnowledge.MOUNT}
             _warn_of_moving_goals(env)
+            first = {**settings_of(learner), **built}.get("learning_starts", 0)
+            built["learning_starts"] = max(first, _whole_trials(env))
         if issubclass(learner, OnPolicyAlgorithm) and "n_steps" in built and rows_of_env.num_envs == 1:
             built["n_steps"] *= self.rows
         built["policy_kwargs"] |= {
@@ -134,9 +136,6 @@ class Sb3Agent(Agent):
                 raise ValueError(f"{algorithm}: {error}") from error
         self._model.action_space.seed(seed)
         self._model.set_logger(Logger(folder=None, output_formats=[]))  # else it logs to a folder of its own
-        if self._by_key:
-            learner_by_key: Any = self._model
-            learner_by_key.learning_starts = max(learner_by_key.learning_starts, _whole_trials(env))
         self._warm_up = getattr(self._model, "learning_starts", 0)
 
     def _as_vec_env(self, env: Any) -> VecEnv:

@@ -39,6 +39,8 @@ def apply_due(
         for place, event in scheduler.events[clock]
         for row in rows[event.is_due(counts[rows])].tolist()
     ]
+    if not due:
+        return []
     applied: list[Applied] = []
     with undivided(arms, scheduler, {row for *_, row in due}):
         for place, event, row in due:

@@ -22,6 +22,7 @@ from experiments.reporting.finished_suite import (
     MOTIONS,
     RENDEZVOUS,
     SUCCESS,
+    SUCCESS_IN_WORDS,
     FinishedSuite,
     about,
     perturbations_met,
@@ -38,8 +39,7 @@ from experiments.statistics import Array, interquartile_mean
 _HOW_TO_READ = (
     "The agents' own trials, in which they learn. Every number: each world's mean over the trials of a "
     "block, then the mean over worlds (and the interquartile mean), with a 95 % interval over worlds. "
-    "Success: the true error at the end is within the tolerance (in grasping: lifted; in inserting: in the "
-    "hole). Rendezvous: the last observation was within it. A "
+    f"{SUCCESS_IN_WORDS} Rendezvous: the last observation was within it. A "
     "trial without a rendezvous counts as the cap in motions, and as going on to it at its own pace in "
     "robot seconds. Robot seconds are means where a look (settling and evaluating both images, after each "
     f"motion and after the way home) takes {LOOKS[0]:g} to {LOOKS[-1]:g} s: the paper tells none, so they "

@@ -13,6 +13,7 @@ from experiments.reporting.claims.measures import (
     is_share,
 )
 from experiments.reporting.claims.verdicts import Judged, in_words
+from experiments.reporting.finished_suite import SUCCESS_IN_WORDS
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, number, percent
 
@@ -35,8 +36,7 @@ _HOW_TO_READ = (
     "interval meets the criterion. Not confirmed: none of it does. Mixed: neither, or the criteria of a "
     "claim differ. Untested: a run has not finished, no world has such trials, or there are fewer than "
     "20 worlds. Questions are what the paper leaves open; judged is the answer that it suggests. "
-    "Success: the true error at the end is within the tolerance (in grasping: lifted; in inserting: in the "
-    "hole). Rendezvous: the last observation was. "
+    f"{SUCCESS_IN_WORDS} Rendezvous: the last observation was. "
     "Motions a reach: without a rendezvous the cap. A world whose lifetime was over before such trials "
     "is left out."
 )

@@ -7,6 +7,7 @@ from experiments.reporting.finished_suite import (
     MOTIONS,
     RENDEZVOUS,
     SUCCESS,
+    SUCCESS_IN_WORDS,
     FinishedSuite,
     about,
     perturbations_met,
@@ -31,10 +32,9 @@ MOMENTS = ("before", "right after", "at the end")
 _HOW_TO_READ = (
     "Before: the last held-out trials before a run's first perturbation. Right after: the first ones "
     "in the perturbed world. Worlds: runs that finished and came to that moment; lifetime motions: "
-    "the fewest and the most among them. Success: the true error at the end is within the tolerance "
-    "(in grasping: lifted; in inserting: in the hole). "
-    "Rendezvous: the last observation was. Motions per reach: a trial without a rendezvous counts as "
-    "the cap; then the interquartile mean over worlds, the mean of the worst tenth of those met, and "
+    "the fewest and the most among them. "
+    f"{SUCCESS_IN_WORDS} Rendezvous: the last observation was. "
+    "Motions per reach: a trial without a rendezvous counts as the cap; then the interquartile mean over worlds, the mean of the worst tenth of those met, and "
     "the mean over trials with a rendezvous alone. All are means over worlds of each world's mean, "
     "but where said, with 95 % intervals over worlds. Distance: median true distance at the end of a "
     "trial. A run that did not finish counts as no success and as the cap; it has no distance."
