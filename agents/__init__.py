@@ -4,6 +4,8 @@ In the wheel this package is called `calfree_agents`.
 """
 
 from .base.agent import Agent
-from .registry import KNOWLEDGE, NEURAL, SERVOS, default_settings, make, names
+from .registry import NEURAL, default_settings, make, names
+from .registry.makers import KNOWLEDGE
+from .servo import SERVOS
 
 __all__ = ["KNOWLEDGE", "NEURAL", "SERVOS", "Agent", "default_settings", "make", "names"]

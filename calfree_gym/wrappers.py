@@ -26,9 +26,9 @@ def _check(limit: float, curvature: float) -> None:
 class ScaledWords(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
     """Bounds control words: an action a in [-1, 1] becomes the word limit * sign(a) * |a|**curvature.
 
-    A word of 1 moves a motor through half of its range. Learners that explore the whole range of their
-    actions (SAC, TD3) learn small corrections only when their words are bounded. The space of actions
-    stays [-1, 1]. `make_sb3_env(word_limit=...)` does the same for many arms.
+    A word of 1 moves a motor from home to its farther stop or beyond. Learners that explore the whole range
+    of their actions (SAC, TD3) learn small corrections only when their words are bounded. The space of
+    actions stays [-1, 1]. `make_sb3_env(word_limit=...)` does the same for many arms.
 
     Args:
         env: One environment.

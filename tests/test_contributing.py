@@ -13,7 +13,15 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text()
-COPIED = ("calfree_gym", "agents", "experiments", "docs", "pyproject.toml", "README.md")
+COPIED = (
+    "calfree_gym",
+    "agents",
+    "experiments",
+    "docs",
+    "pyproject.toml",
+    "README.md",
+    "tests/test_structure.py",
+)
 RECIPES = {
     part.splitlines()[0].removeprefix("a ").removeprefix("an "): part
     for part in TEXT.split("\n## Recipe: ")[1:]
@@ -79,6 +87,7 @@ def copy(tmp_path):
         if source.is_dir():
             shutil.copytree(source, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__", "results"))
         else:
+            (tmp_path / name).parent.mkdir(exist_ok=True)
             shutil.copy(source, tmp_path / name)
     where = run(sys.executable, "-c", "import calfree_gym, agents; print(calfree_gym.__file__)", cwd=tmp_path)
     assert where.startswith(str(tmp_path))
@@ -97,6 +106,7 @@ def test_recipe(recipe, copy):
     if files:
         run(*ruff, "check", *map(str, files), cwd=copy)
         run(*ruff, "format", "--check", *map(str, files), cwd=copy)
+    run(sys.executable, "-m", "pytest", "-q", "-k", "not loaded", "tests/test_structure.py", cwd=copy)
     check = {
         "perturbation": check_perturbation,
         "agent": check_agent,
@@ -117,6 +127,7 @@ def check_perturbation(copy):
 def check_agent(copy):
     """It has a section in the documentation, and is saved and loaded as all agents are."""
     assert "\n### `plain_servo`\n" in (copy / "docs/agents.md").read_text()
+    assert "\n- `plain_servo`, " in (copy / "docs/tuning.md").read_text()
     code = (
         "import gymnasium as gym, agents\n"
         "env = gym.make('calfree_gym:CalFree/Reach-v0', dynamics='kinematic')\n"

@@ -150,7 +150,7 @@ class StereoArmEnv(Reaching, ArmEnv):
 
     | num | word | effect |
     |---|---|---|
-    | 0 | waist | unknown sign and size, smooth, 0 moves nothing; adds up in a register that ends at +-1 |
+    | 0 | waist | unknown sign and size, smooth, 0 moves nothing; adds up in a register, up to the stop |
     | 1 | shoulder | the same |
     | 2 | elbow | the same |
 

@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 
 from agents.base.observation import Array
+from agents.body_schema.agent import BodySchema
 from agents.servo.image_model.smooth_points import SmoothPoints
+from agents.servo.safe.agent import SafeStart
 from calfree_gym.image import IMAGE_UNIT
 
 UNSURE_PX = 40.0
@@ -21,7 +23,8 @@ class Predictions:
 
     def __init__(self, agent: Any) -> None:
         self._findings: Any = None
-        if hasattr(agent, "new_findings"):
+        other = isinstance(agent, BodySchema | SafeStart)  # a chain of joints; registers in other units
+        if hasattr(agent, "new_findings") and not other:
             self._make = agent.new_findings
             agent.new_findings = self._new_findings
 

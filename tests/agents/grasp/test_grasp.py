@@ -245,6 +245,16 @@ def test_a_servo_that_ends_as_the_arm_goes_aside_ends_no_trial(monkeypatch):
         observation, *_ = env.step(words)
 
 
+@pytest.mark.parametrize("name", ["grasp", "insert"])
+def test_made_with_its_default_settings_it_is_the_same_agent(name):
+    env = gym.make(GRASP if name == "grasp" else "calfree_gym:CalFree/Insert-v0", camera_mount="stand")
+    made = agents.make(name, env).reacher.servo
+    assert made == agents.make(name, env, **agents.default_settings(name)).reacher.servo
+    assert made.sure_px < np.inf
+    assert agents.make(name, env, sure_px=3.0).reacher.servo.sure_px == 3.0
+    assert "sure_px" not in agents.default_settings(name, servo="paper_servo")
+
+
 @pytest.mark.parametrize("knowledge", ["grid_table", "factored_table"])
 def test_its_settings_are_those_that_it_takes(knowledge):
     env = gym.make(GRASP, shape="bar", camera_mount="stand")

@@ -140,7 +140,7 @@ def test_what_is_predicted_comes_true_once_it_is_known_and_asking_changes_nothin
 
 def test_agents_without_such_expectations_predict_nothing():
     env = gym.make("CalFree/Reach-v0", world="wild", dynamics="kinematic")
-    for name in ("random", "paper_servo"):
+    for name in ("random", "paper_servo", "body_schema", "safe_start"):
         agent = agents.make(name, env)
         predictions = Predictions(agent)
         agent.learn(5)
