@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 
 def scaled_words(actions: NDArray[Any], limit: float, curvature: float = 1.0) -> NDArray[np.float32]:
-    """Control words limit * sign(a) * |a|**curvature (...) from actions a (...) in [-1, 1]."""
+    """Control words limit * sign(a) * |a|**curvature (...) from actions a (...), clipped to [-1, 1]."""
+    actions = np.clip(actions, -1.0, 1.0)
     return np.asarray(limit * np.sign(actions) * np.abs(actions) ** curvature, np.float32)
 
 

@@ -43,7 +43,7 @@ class RobotModel:
         camera_axes: Camera axes as columns (..., 2, 3, 3).
         focal_length: In image units (..., 2).
         lens_k1: Radial distortion (..., 2).
-        link_lengths: In m (..., 5), in the order of `calfree_gym.world.LINKS`.
+        link_lengths: In m (..., 5), in the order of `calfree_gym.robot.arms.movemaster.LINKS`.
         joint_zeros: Of J1-J4 in rad (..., 4).
         motor_gain: Relative to the built robot's, with its sign (..., 3).
         motor_curvature: Of the map from register to angle (..., 3).

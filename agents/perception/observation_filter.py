@@ -102,15 +102,14 @@ class ObservationFilter:
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Takes over what `arrays` returned; nothing, where it is of a version that kept nothing."""
-        if "mistaken" in arrays:
-            at_once = checked_array(arrays, "noise_differences", (None,))
-            of_homes = checked_array({"home_differences": np.empty(0), **arrays}, "home_differences", (None,))
-            self.noise.restore(at_once, of_homes)
-            self.gating.counts = checked_array(arrays, "mistaken", (2,))
-            self.home = checked_array(arrays, "last_home", (2, 2), allow_nan=True)
-        if "returns" in arrays:
-            self.visibility.returns = checked_array(arrays, "returns", (2,))
+        """Takes over what `arrays` returned; of a version that kept less, the rest is as in a new one."""
+        arrays = {**ObservationFilter().arrays(), **arrays}
+        self.noise.restore(
+            *(checked_array(arrays, name, (None,)) for name in ("noise_differences", "home_differences"))
+        )
+        self.gating.counts = checked_array(arrays, "mistaken", (2,))
+        self.home = checked_array(arrays, "last_home", (2, 2), allow_nan=True)
+        self.visibility.returns = checked_array(arrays, "returns", (2,))
 
     def first(self, observation: Observation) -> Observing:
         """Observes again until every point has been seen, or is hidden; twice alike where many are mistaken.

@@ -61,7 +61,8 @@ class ArmShared(Copyable, ABC):
         check_flag("keep_in_view", arms["keep_in_view"])
         check_whole("image_size", arms["image_size"], SMALLEST_IMAGE, LARGEST_IMAGE)
         tolerance_px = arms["tolerance_px"]
-        if not (isinstance(tolerance_px, int | float | np.number) and 0 < tolerance_px < MOST_TOLERANCE):
+        is_number = isinstance(tolerance_px, int | float | np.number) and not isinstance(tolerance_px, bool)
+        if not (is_number and 0 < tolerance_px < MOST_TOLERANCE):
             raise ValueError(
                 f"tolerance_px is {tolerance_px!r}; it must be a number in (0, {MOST_TOLERANCE})"
             )

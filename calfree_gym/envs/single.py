@@ -77,12 +77,13 @@ class ArmEnv(ArmShared, gym.Env[Any, Any]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins a trial, see the class."""
+        objects = self._placed(options)
         super().reset(seed=seed)
         if seed is None and self.arms.needs_seed(0):
             seed = int(self.np_random.integers(2**31))
         if seed is not None:
             self.arms.seed(0, seed)
-        applied = self.arms.begin_trial(slice(None), self._placed(options))
+        applied = self.arms.begin_trial(slice(None), objects)
         self.arms.observe()
         observation, _, success = self._outcome()
         info = self._info(success, np.float64(0.0), applied, self._events())

@@ -23,8 +23,8 @@ from calfree_gym.perturbations.undo import Undo
 from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.world import World, WorldChoice
 
-MOST_ROWS, LONGEST_TRIAL, MOST_THREADS = 2**20, 2**31, 2**10
-"""Rows, motions of a trial, and threads of a batched environment (guards)."""
+MOST_ROWS, LONGEST_TRIAL, MOST_THREADS, LARGEST_SEED = 2**20, 2**31, 2**10, 2**64
+"""Rows, motions of a trial, threads and seeds of a batched environment (guards)."""
 
 
 class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
@@ -135,11 +135,11 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
         """
         given = checked_options(options)
         rows = self._masked(given.pop("reset_mask", None))
+        objects = self._placed(given)
         seeds = self._row_seeds(seed)
         for row in rows:
             if (row_seed := seeds[row]) is not None:
                 self.arms.seed(row, row_seed)
-        objects = self._placed(given)
         self._applied = self._begin(rows, None if objects is None else objects[rows])
         self.arms.observe()
         self._show()
@@ -216,11 +216,15 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
 
     def _row_seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         rows = range(self.num_envs)
-        if isinstance(seed, int | np.integer):
+        if isinstance(seed, int | float | np.number):
+            check_whole("seed", seed, 0, LARGEST_SEED)
             return [int(seed) + row for row in rows]
         seeds = [None] * self.num_envs if seed is None else list(seed)
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed has {len(seeds)} entries; it must have {self.num_envs}, one a row")
+        for row, of_row in enumerate(seeds):
+            if of_row is not None:
+                check_whole(f"seed[{row}]", of_row, 0, LARGEST_SEED)
         drawn = int(self.np_random.integers(2**31))
         return [
             drawn + row if seeds[row] is None and self.arms.needs_seed(row) else seeds[row] for row in rows

@@ -133,8 +133,10 @@ class Perturbation:
             ValueError: It is unknown; names those that the arm has.
         """
         for name, allowed in self.settings().items():
-            value = getattr(self, name)
-            if allowed.part and value is not None and value not in (parts := getattr(robot, allowed.part)):
+            value, parts = getattr(self, name), getattr(robot, allowed.part) if allowed.part else ()
+            if allowed.part and not parts:
+                raise ValueError(f"{self.type} changes one of the arm's {allowed.part}; this arm has none")
+            if allowed.part and value is not None and value not in parts:
                 raise ValueError(
                     f"{self.type}.{name} is {value!r}{near_misses(value, parts)}; allowed: {', '.join(parts)}"
                 )

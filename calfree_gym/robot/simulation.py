@@ -151,14 +151,14 @@ class Simulation(ABC):
         model.cam_pos[:], model.cam_quat[:] = self._camera_position[row], self._camera_orientation[row]
         model.cam_intrinsic[:] = self._intrinsic[row]
         model.body_pos[:] = self._body_position[row]
-        place, (*middle, radius, half_height) = self._occluder, self._occluders[row]
-        model.geom_pos[place], model.geom_size[place, :2] = middle, (radius, half_height)
-        model.geom_rbound[place] = np.hypot(radius, half_height)
-        model.geom_rgba[place, 3] = radius > 0
         data.qpos[:] = self._all_qpos[row] if configuration is None else configuration
         if joints is not None:
             data.qpos[self._qpos] = joints
         self.show_object(row, picture, object_)
+        place, (*middle, radius, half_height) = self._occluder, self._occluders[row]
+        model.geom_pos[place], model.geom_size[place, :2] = middle, (radius, half_height)
+        model.geom_rbound[place] = np.hypot(radius, half_height)
+        model.geom_rgba[place, 3] = radius > 0
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)

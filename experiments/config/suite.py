@@ -8,6 +8,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 import agents
 from calfree_gym.errors import near_misses
 from calfree_gym.perturbations import TYPES, parse_perturbation
+from experiments.config.arms import as_told
 from experiments.config.claims import Claim, TrialsOf
 from experiments.config.environment import OWN, EnvironmentConfig
 from experiments.config.model import Model, Name, distinct, one_of
@@ -66,6 +67,7 @@ class ScenarioConfig(Model):
             most = _most_motions(info.data["motions"], info.data["trials"], info.data["env"])
             if value.every > most:
                 raise ValueError(f"evaluation.every is {value.every}; lifetimes have at most {most} motions")
+            check_one_world(info.data["env"], "this scenario")
         return value
 
     @property
@@ -106,7 +108,7 @@ class SweepConfig(Model):
         if do is None:
             return value
         settings = TYPES[do["type"]].settings()
-        numbers = tuple(name for name, setting in settings.items() if not setting.names)
+        numbers = tuple(name for name, setting in settings.items() if not (setting.names or setting.part))
         if value in do:
             raise ValueError(f"do gives {value} already")
         return one_of(value, tuple(name for name in numbers if name not in do))
@@ -231,11 +233,8 @@ class Suite(Model):
                 raise ValueError(f"{lifetime}: only lifetimes counted in trials need no held-out trials")
             if value is not None and value.every > scenario.most_motions:
                 raise ValueError(f"evaluation.every is {value.every}; {lifetime}")
-            if value is not None and scenario.env.redraw != "never":
-                raise ValueError(
-                    f"held-out trials need one world a lifetime; scenario {scenario.name!r} draws another at "
-                    "each trial: set evaluation to null, or redraw to never"
-                )
+            if value is not None:
+                check_one_world(scenario.env, f"scenario {scenario.name!r}")
         return value
 
     @field_validator("claims")
@@ -266,9 +265,26 @@ class Suite(Model):
         """Those that take part in a scenario or sweep, in the order of the suite."""
         return tuple(a for a in self.agents if part.agents is None or a.label in part.agents)
 
+    def told(self) -> dict[str, Any]:
+        """What results say of it: plain values, arms as `as_told` has them, wherever their files lie."""
+        written = self.model_dump(mode="json")
+        for part in (*written["scenarios"], *written["sweeps"]):
+            if isinstance(arm := part["env"]["arm"], dict):
+                part["env"]["arm"] = as_told(arm)
+        return written
+
     def evaluation_of(self, scenario: ScenarioConfig) -> EvaluationConfig | None:
         """When agents are evaluated in a scenario, if ever."""
         return scenario.evaluation or self.evaluation
+
+
+def check_one_world(env: EnvironmentConfig, where: str) -> None:
+    """Raises where held-out trials would be in another world than those before."""
+    if env.redraw != "never":
+        raise ValueError(
+            f"held-out trials need one world a lifetime; {where} draws another at each trial: leave held-out "
+            "trials out (evaluation: null), or set redraw to never"
+        )
 
 
 def _most_motions(motions: int | None, trials: int | None, env: EnvironmentConfig) -> int:

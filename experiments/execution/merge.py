@@ -52,7 +52,7 @@ def merge(parts: Sequence[Path], out: Path) -> list[str]:
     sources: dict[str, Path] = {}
     folders = [out, *parts] if (out / SUITE).exists() else parts
     for part in folders:
-        if read_suite(part)[0] != suite:
+        if read_suite(part)[0].told() != suite.told():
             raise ConfigError(f"{part} is of another configuration than {parts[0]}{changed(part, suite)}")
         for folder in _finished(part):
             if folder.name not in sources:
@@ -111,7 +111,12 @@ def _broken(folder: Path) -> str:
             json.loads(line)
     except FileNotFoundError:
         return f"{name} is missing"
-    except (ValueError, ValidationError):
+    except ValidationError as error:
+        first = error.errors()[0]
+        if "arm" in first["loc"]:  # it is whole, but the arm's files are not where they were
+            raise ConfigError(f"{folder / name} cannot be used here: {first['msg']}") from None
+        return f"{name} cannot be read"
+    except ValueError:
         return f"{name} cannot be read"
     return "" if text.endswith("\n") else f"{TRIALS} ends within a line"
 

@@ -1,5 +1,6 @@
 """Runs made as jobs of Slurm, started as arrays by submitit."""
 
+import math
 import os
 import subprocess
 import time
@@ -20,6 +21,12 @@ def _positive(text: str) -> int:
     return number
 
 
+def _amount(text: str) -> float:
+    if not 0 < (number := float(text)) < math.inf:
+        raise ValueError
+    return number
+
+
 OPTIONS: dict[str, Callable[[str], Any]] = {
     "account": str,
     "array_parallelism": _positive,
@@ -28,17 +35,20 @@ OPTIONS: dict[str, Callable[[str], Any]] = {
     "constraint": str,
     "cpus_per_task": _positive,
     "exclude": str,
-    "mem_gb": float,
+    "mem_gb": _amount,
     "nodelist": str,
     "partition": str,
     "qos": str,
-    "setup": lambda command: [command],
+    "setup": str,
     "timeout_min": _positive,
 }
-"""What `--slurm-option` may set, and of which type. `cluster` is slurm, or local: jobs of this machine."""
+"""What `--slurm-option` may set, and of which type; `setup` several times. `cluster` is slurm, or local: jobs
+of this machine."""
 _GENERIC = ("cpus_per_task", "mem_gb", "timeout_min")
 _TIMEOUT_MIN = 240
 """Submitit would take 5 minutes, in which few runs end."""
+_LARGEST_ARRAY = 1000
+"""Jobs of one array: Slurm takes 1,000 unless its `MaxArraySize` says otherwise."""
 _OUT_OF_TIME = 124
 """Exit code, as that of the command `timeout`."""
 _RESULT_WITHIN = 15.0
@@ -56,8 +66,11 @@ def parse_options(given: Sequence[str]) -> dict[str, Any]:
         key, _, value = text.partition("=")
         if key not in OPTIONS:
             raise ConfigError(f"--slurm-option {text}: found {key!r}; allowed: {', '.join(OPTIONS)}")
+        if key in found and key != "setup":
+            raise ConfigError(f"--slurm-option {text}: {key} is given twice")
         try:
-            found[key] = OPTIONS[key](value)
+            read = OPTIONS[key](value)
+            found[key] = [*found.get(key, []), read] if key == "setup" else read
         except ValueError:
             raise ConfigError(
                 f"--slurm-option {text}: found {value!r}; must be a number above 0, whole but for mem_gb"
@@ -68,7 +81,7 @@ def parse_options(given: Sequence[str]) -> dict[str, Any]:
 
 
 class Slurm:
-    """See `Executor`. All orders that are started together are one array of jobs.
+    """See `Executor`. Orders that are started together are one array of jobs, or several of 1,000.
 
     Args:
         folder: Where submitit keeps scripts and output of jobs; all machines must see it.
@@ -108,11 +121,15 @@ class Slurm:
         now, self._waiting = self._waiting[:room], self._waiting[room:]
         if not now:
             return
-        try:
-            jobs = self._executor.map_array(_attempt_in_job, [str(order.resolve()) for order in now])
-        except (FailedSubmissionError, subprocess.CalledProcessError) as error:
-            raise ConfigError(f"--slurm: sbatch takes no jobs ({error}). What has finished is kept") from None
-        self._jobs |= dict(zip(jobs, now, strict=True))
+        for begin in range(0, len(now), _LARGEST_ARRAY):
+            part = now[begin : begin + _LARGEST_ARRAY]
+            try:
+                jobs = self._executor.map_array(_attempt_in_job, [str(order.resolve()) for order in part])
+            except (FailedSubmissionError, subprocess.CalledProcessError) as error:
+                raise ConfigError(
+                    f"--slurm: sbatch takes no jobs ({error}). What has finished is kept"
+                ) from None
+            self._jobs |= dict(zip(jobs, part, strict=True))
 
     def ended(self, seconds: float) -> list[tuple[Path, int]]:
         """See `Executor`."""

@@ -21,7 +21,6 @@ import pyarrow.parquet as pq
 from pydantic import ValidationError
 
 from calfree_gym.perturbations.undo import Undo
-from experiments.config.arms import as_told
 from experiments.config.suite import FIRST_OWN_TRIALS, ScenarioConfig, Suite
 from experiments.errors import ConfigError
 from experiments.evaluation import THRESHOLDS_PX
@@ -94,7 +93,7 @@ def gather(out: Path) -> Path:
         refuse_foreign(out, suite, read_json(folder_of(out, run.id) / VERSIONS))
     about = {
         "version": _VERSION,
-        "suite": _told(suite),
+        "suite": suite.told(),
         "command": command,
         "versions": _versions(out, runs),
         "outcomes": {run.id: _outcome(folder_of(out, run.id), run) for run in done},
@@ -147,15 +146,6 @@ def read_finished(results: Path, out: Path) -> FinishedSuite:
         raise ConfigError(f"{results} cannot be read: {error}: {_OTHER}") from None
 
 
-def _told(suite: Suite) -> dict[str, Any]:
-    """The suite, whose arms are as `as_told` has them."""
-    written = suite.model_dump(mode="json")
-    for part in (*written["scenarios"], *written["sweeps"]):
-        if isinstance(arm := part["env"]["arm"], dict):
-            part["env"]["arm"] = as_told(arm)
-    return written
-
-
 _OTHER = "it was made by other code; make its report with that code"
 _TIMED = ("run", "wall_seconds", "decision", "learning")
 
@@ -176,21 +166,40 @@ def _outcome(folder: Path, run: Run) -> dict[str, Any]:
     outcome: dict[str, Any] = read_json(folder / DONE)
     if isinstance(run, LifetimeRun):
         outcome["perturbations"] = [
-            (motions, trials, _in_words(perturbation, run.scenario))
+            (motions, trials, _in_words(perturbation, run.scenario, {"motion": motions, "trial": trials}))
             for motions, trials, perturbation in outcome["perturbations"]
         ]
     return outcome
 
 
-def _in_words(perturbation: dict[str, Any], scenario: ScenarioConfig) -> str:
-    """A perturbation as in the schedule, without what it drew (which differs from world to world)."""
+def _in_words(perturbation: dict[str, Any], scenario: ScenarioConfig, over: dict[str, int]) -> str:
+    """A perturbation as in the schedule, without what it drew (which differs from world to world).
+
+    Of the entries that it may be, the one that says most, among those that were due.
+
+    Args:
+        perturbation: With all that it drew.
+        scenario: Has the schedule.
+        over: How many motions and trials were over.
+    """
     schedule = scenario.perturbations
     if perturbation["type"] == Undo.type:
         return f"undo: {_named(schedule[perturbation['event']]['do'])}"
-    given = (entry for entry in schedule if "do" in entry)
-    entry = next((e for e in given if e["do"].items() <= perturbation.items()), {"do": perturbation})
-    drift = "drift" in {**entry, **entry.get("at", {})}
-    return ("drift: " if drift else "") + _named(entry["do"])
+    given = [entry for entry in schedule if entry.get("do", {"": ""}).items() <= perturbation.items()]
+    due = [entry for entry in given if _is_due(entry, over)]
+    entry = max(due or given, key=lambda entry: len(entry["do"]), default={"do": perturbation})
+    return ("drift: " if _drifts(entry) else "") + _named(entry["do"])
+
+
+def _drifts(entry: dict[str, Any]) -> bool:
+    return "drift" in {**entry, **entry.get("at", {})}
+
+
+def _is_due(entry: dict[str, Any], over: dict[str, int]) -> bool:
+    """Whether an entry of a schedule has been applied when so many motions and trials are over."""
+    when = entry.get("at") or entry.get("every") or {}
+    when = when.get("every", when)
+    return _drifts(entry) or all(count <= over[clock] for clock, count in when.items())
 
 
 def _named(perturbation: dict[str, Any]) -> str:

@@ -32,7 +32,8 @@ class Template:
     @property
     def is_alive(self) -> bool:
         """Whether it can make another run."""
-        return self._process.poll() is None
+        assert self._process.stdin is not None
+        return self._process.poll() is None and not self._process.stdin.closed
 
     def make(self, folder: Path, log: IO[str]) -> int:
         """Makes the run that `folder` describes, and writes what is printed, errors too.

@@ -54,9 +54,10 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         super().__init__(config.make_rows(rows, self.world, privileged))
         self.metadata = {**self.env.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
         stereo: Any = self.env.unwrapped
-        arms: Arms = stereo.arms
+        self._arms: Arms = stereo.arms
+        arms = self._arms
         self._scheduler = PerturbationScheduler(
-            1, list(schedule), arms.robot, arms.mounts, config.keep_in_view, arms.as_seen
+            1, list(schedule), arms.robot, arms.mounts, config.keep_in_view, arms.as_seen, arms.can_begin
         )
         self._scheduler.seed(0, seed)
         self._applied = dict.fromkeys(_CLOCKS, -1)
@@ -115,6 +116,7 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
                 for place, event in events:
                     if event.is_due(np.array([due]))[0]:
                         self.world, drawn = self._scheduler.apply(place, event, 0, due, self.world)
+                        self._arms.enter(0, self.world)  # it was in all that was judged
                         if drawn is not None:
                             self.perturbations.append((self.motions, self.trials, drawn.to_dict()))
         if self.world is not before:

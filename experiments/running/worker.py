@@ -87,7 +87,7 @@ class Checkpoints:
 
 
 def print_progress(spec: LifetimeRun, recorder: Recorder, more: str = "") -> None:
-    """Prints how far a lifetime is, as `progress.done_by` reads it."""
+    """Prints how far a lifetime is, as `progress.made_in` reads it."""
     length, of = spec.work
     print(f"{of} {getattr(recorder, of)}/{length}{more}", flush=True)
 

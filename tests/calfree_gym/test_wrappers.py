@@ -17,6 +17,7 @@ def test_an_action_becomes_a_small_word():
     observation, *_ = env.step(np.array([1, -0.5, 0], np.float32))
     np.testing.assert_allclose(observation["observation"][4:], [0.25, -0.0625, 0], atol=1e-6)
     assert env.action_space == gym.spaces.Box(-1, 1, (3,), np.float32)
+    np.testing.assert_allclose(env.action(np.array([4, -9, 0.5])), [0.25, -0.25, 0.0625])
 
 
 def test_the_batched_and_the_sb3_environment_scale_alike():

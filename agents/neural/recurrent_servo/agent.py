@@ -75,6 +75,8 @@ class RecurrentServo(Agent):
         begins = begins_trial(registers, None if state is None else len(state.looks), episode_start)
         memory = self._network.begin(len(begins))
         if state is not None:
+            if [old.shape for old in state] != [new.shape for new in memory]:
+                raise foreign("is of another network")
             begun = torch.from_numpy(begins)
             memory = Memory(
                 *(

@@ -10,10 +10,11 @@ from typing import Any
 import gymnasium as gym
 import torch
 from safetensors import safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
 from ...base.checks import check_number
 from ...base.observation import STANDARD_KEYS
+from ...base.storage import whole
 from .network import RecurrentServoNetwork
 
 KEPT = Path(__file__).parent / "weights.safetensors"
@@ -46,7 +47,8 @@ def save_network(
         "training": dict(training),
     }
     tensors = {name: tensor.float().contiguous() for name, tensor in network.state_dict().items()}
-    save_file(tensors, path, {_HEADER: json.dumps(header)})  # of several entries the order would change
+    with whole(path) as file:
+        file.write(save(tensors, {_HEADER: json.dumps(header)}))  # of several entries the order would change
 
 
 def load_network(

@@ -57,7 +57,7 @@ class Arms(ABC):
 
     state_names: ClassVar[tuple[str, ...]] = (
         *("_choices", "_seeds", "_worlds", "motions", "trials", "_motions_before"),
-        *("registers", "points", "visible", "true_points"),
+        *("registers", "points", "visible", "true_points", "_begun"),
     )
     may_stop_short: ClassVar[bool] = False
     """Whether something may stop an arm on its way, see `stopped_short`."""
@@ -156,6 +156,7 @@ class Arms(ABC):
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`: its world, where that is to be drawn, objects and noise."""
+        self._begun[row] = False
         self.seed_streams(row, seed)
         self.motions[row] = self.trials[row] = self._motions_before[row] = 0
         choice = self._choices[row]
@@ -324,7 +325,6 @@ class Arms(ABC):
             self.enter(row, world)
         self.true_points = self.true_points.copy()  # infos have given it away
         restore(self, row, state)
-        self._begun[row] = True
         for name in self.parts:
             restore(getattr(self, name), row, state[name])
         self.delivered = tuple(each.copy() for each in self.delivered)

@@ -90,6 +90,11 @@ class Arm:
                 "a keyframe's name, or positions by joint name",
             ),
             ("base", self.base is None or isinstance(self.base, str), "the name of a body"),
+            (
+                "assets",
+                self.assets is None or isinstance(self.assets, Mapping),
+                "digests by file, as `to_dict` gives them",
+            ),
         ):
             if not right:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; it must be {what}")

@@ -29,23 +29,24 @@ _HOW_TO_READ = (
     "world, not met, in which nothing works."
 )
 Checkpoint = tuple[int, float]
-"""The number of perturbations before it, and motions since the last one, or since the beginning."""
+"""How many times the world had changed before it, and motions since the last time, or since the beginning."""
 
 
 def with_clocks(rows: pd.DataFrame) -> pd.DataFrame:
     """Held-out trials, each with the `stretch` and the `clock` of its checkpoint.
 
+    The agents' own trials tell of changes, too, after which nothing was held out.
+
     Args:
         rows: What `with_cost` returned.
     """
-    held_out = rows[rows["phase"] == "eval"]
     since = pd.Series(
-        held_out["motions_since_perturbation"].astype("Float64").to_numpy(float, na_value=np.nan)
+        rows["motions_since_perturbation"].astype("Float64").to_numpy(float, na_value=np.nan), rows.index
     )
-    since.index = held_out.index
-    began = held_out["lifetime_motions"] - since
-    stretch = began.groupby([held_out["agent"], held_out["world"]]).rank("dense").fillna(0).astype(int)
-    return held_out.assign(stretch=stretch, clock=since.fillna(held_out["lifetime_motions"]))
+    changed_at = rows["lifetime_motions"] - since
+    stretch = changed_at.groupby([rows["agent"], rows["world"]]).rank("dense").fillna(0).astype(int)
+    clocked = rows.assign(stretch=stretch, clock=since.fillna(rows["lifetime_motions"]))
+    return clocked[clocked["phase"] == "eval"]
 
 
 def shown_checkpoints(held_out: pd.DataFrame) -> dict[Checkpoint, str]:

@@ -71,6 +71,8 @@ def test_lost_and_foreign_states(servo, make_env):
     pair = {key: np.stack([value, value]) for key, value in observation.items()}
     with pytest.raises(ValueError, match="state is of 1 environments, the observation of 2"):
         servo.predict(pair, state)
+    with pytest.raises(ValueError, match="the state is of another network; pass the state back"):
+        servo.predict(observation, type(state)(*(each[..., :1] for each in state)))
 
 
 def test_the_kept_file_says_how_it_came_about(servo):

@@ -201,3 +201,14 @@ def test_what_was_begun_with_is_not_looked_at_twice():
     assert end.value.value is begun
     np.testing.assert_array_equal(filter_.noise.arrays()[0], before)
     assert before.all()
+
+
+def test_a_file_of_a_version_that_kept_less_leaves_nothing_of_this_life():
+    lived = ObservationFilter()
+    lived.gating.counts, lived.home = np.array([9.0, 3.0]), np.zeros((2, 2))
+    kept = lived.arrays()
+    lived.restore({"returns": kept["returns"]})
+    new = ObservationFilter().arrays()
+    assert all(np.array_equal(value, new[name], equal_nan=True) for name, value in lived.arrays().items())
+    lived.restore(kept)
+    assert lived.gating.counts.tolist() == [9, 3]

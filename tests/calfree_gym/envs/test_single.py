@@ -220,6 +220,7 @@ def test_bad_actions(action, message):
         ({"dynamics": "quick"}, "'quick'.*physics, kinematic"),
         ({"tolerance_px": 0}, "tolerance_px is 0"),
         ({"tolerance_px": "4"}, "tolerance_px is '4'"),
+        ({"tolerance_px": True}, "tolerance_px is True"),
         ({"observation": "pixel"}, "'pixel'.*pixels"),
         ({"render_mode": "humans"}, "'humans'.*human"),
         ({"keep_in_view": "no"}, "keep_in_view is 'no'; allowed: True, False"),

@@ -141,6 +141,9 @@ def test_before_the_first_reset_copies_are_made_and_states_are_not():
         made().unwrapped.get_state()
     with pytest.raises(gym.error.ResetNeeded):
         made_rows().unwrapped.get_state()
+    for new in (made(), made_rows()):
+        with pytest.raises(gym.error.ResetNeeded):
+            copy.deepcopy(new).unwrapped.step(new.action_space.sample())
 
 
 def test_spaces_are_copied_where_their_random_numbers_are():

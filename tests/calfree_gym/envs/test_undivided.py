@@ -29,6 +29,32 @@ def test_a_reset_that_fails_applies_no_event_and_ends_the_trial():
     assert sign(env) == -before
 
 
+@pytest.mark.parametrize("rows", [None, 2])
+def test_a_reset_whose_arguments_are_wrong_changes_nothing(rows):
+    make = {"id": "CalFree/Reach-v0", "dynamics": "kinematic"}
+    env = (gym.make_vec(**make, num_envs=rows) if rows else gym.make(**make)).unwrapped
+    env.reset(seed=0)
+    before = str(env.get_state())
+    for wrong in ({"options": {"objekt": FAR}}, {"options": {"object": "here"}}):
+        with pytest.raises(ValueError, match="obje"):
+            env.reset(seed=1, **wrong)
+        assert str(env.get_state()) == before
+
+
+def test_where_no_world_can_be_drawn_the_next_motion_asks_for_a_reset(monkeypatch):
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic").unwrapped
+    env.reset(seed=0)
+
+    def fails(*_):
+        raise ValueError("no world is in view")
+
+    monkeypatch.setattr(env.arms, "_draw_world", fails)
+    with pytest.raises(ValueError, match="no world"):
+        env.reset(seed=1)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(3))
+
+
 def test_a_motion_before_which_an_event_fails_applies_none():
     schedule = [{"at": {"motion": 1}, **REVERSED}, {"at": {"motion": 1}, **OUT_OF_VIEW}]
     env = gym.make("CalFree/Reach-v0", world="nominal", dynamics="kinematic", perturbations=schedule)

@@ -130,6 +130,16 @@ def test_bad_actions_and_seeds():
         gym.make_vec("CalFree/Reach-v0", num_envs=2, autoreset_mode="NextSte")
     with pytest.raises(ValueError, match="3 entries; it must have 2"):
         env.reset(seed=[1, 2, 3])
+    for wrong, name in (
+        (-1, "seed"),
+        (1.5, "seed"),
+        (True, "seed"),
+        ([0, -1], r"seed\[1\]"),
+        ([1.5, 2], r"seed\[0\]"),
+    ):
+        with pytest.raises(ValueError, match=f"^{name} is .*; it must be a whole number"):
+            env.reset(seed=wrong)
+    assert env.unwrapped.arms.needs_seed(0)
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"shape \(3,\); it must be \(2, 3\)"):
         env.step(np.zeros(3))

@@ -198,3 +198,14 @@ def test_a_trial_ends_only_where_all_is_seen():
         ended[all_seen] += 1
     assert ended[False] > 10
     assert ended[True] > 10
+
+
+def test_it_stands_in_the_images_of_a_grasp_too():
+    """The object's geoms are written anew for every picture; the post stays what it is."""
+    env = gym.make("CalFree/Grasp-v0", observation="pixels", camera_mount="stand", image_size=128)
+    before = env.reset(seed=0)[0]["pixels"]
+    assert (env.reset(seed=0)[0]["pixels"] == before).all()
+    env.unwrapped.set_world(Occluder("left", 0.3, 0.4).change(env.unwrapped.world, env.unwrapped.arms.robot))
+    changed = (env.reset(seed=0)[0]["pixels"] != before)[..., :3].any(-1)
+    assert changed.mean() > 0.02
+    env.close()

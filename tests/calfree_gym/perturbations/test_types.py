@@ -1,6 +1,7 @@
 """Perturbations against what they mean for the images."""
 
 import textwrap
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -210,3 +211,8 @@ def test_the_recipe_of_the_package_makes_a_perturbation():
     assert there.motor_curvature[MOVEMASTER.motors.index(drawn.motor)] == drawn.by
     assert_same(drawn.inverse().change(there), nominal())
     assert kind(**{k: v for k, v in drawn.to_dict().items() if k != "type"}) == drawn
+
+
+def test_a_part_that_the_arm_does_not_have_is_told_when_the_environment_is_made():
+    with pytest.raises(ValueError, match="link_length changes one of the arm's links; this arm has none"):
+        LinkLength().check_fits(SimpleNamespace(links=()))

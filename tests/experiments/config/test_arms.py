@@ -131,3 +131,13 @@ def test_the_documentations_suite_runs_to_the_end_and_its_report_names_the_arm(f
     digest = Arm.from_dict(load(folder / "mine.yaml").scenarios[0].env.arm).digest[:12]
     assert f"arm hobby (motors turn, shoulder, elbow; digest {digest})" in report
     assert "cameras on the turret and stand" in report
+
+
+def test_what_is_told_of_a_suite_is_the_same_wherever_the_files_of_its_arms_lie(suite_data, folder):
+    """So parts that were made on different machines can be put together."""
+    elsewhere = shutil.copytree(folder, folder.parent / "elsewhere")
+    arm = {"model": "arms/names.xml", "gripper": "left.arm/tip"}
+    here, there = (load(suite_with(suite_data, each, arm)) for each in (folder, elsewhere))
+    assert here != there
+    assert here.told() == there.told()
+    assert [run.id for run in runs_of(here)] == [run.id for run in runs_of(there)]

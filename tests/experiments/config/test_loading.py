@@ -316,6 +316,26 @@ def test_a_scenario_with_agents_that_are_not_there(suite_data, write_config):
         load(write_config(suite_data))
 
 
+def test_held_out_trials_of_a_scenario_are_in_one_world(suite_data, write_config):
+    scenario = suite_data["scenarios"][0]
+    scenario["evaluation"] = {"every": scenario["motions"], "trials": 2}
+    load(write_config(suite_data))
+    scenario["env"]["redraw"] = "trial"
+    with pytest.raises(
+        ConfigError, match=r"scenarios\.0\.evaluation: found .*: held-out trials need one world"
+    ):
+        load(write_config(suite_data))
+
+
+def test_what_a_sweep_varies_is_a_number(suite_data, write_config):
+    env = {"id": "CalFree/Reach-v0", "dynamics": "kinematic"}
+    suite_data["sweeps"] = [
+        {"name": "zeros", "env": env, "do": {"type": "joint_zero"}, "vary": "joint", "over": [1.0]}
+    ]
+    with pytest.raises(ConfigError, match=r"sweeps\.0\.vary: .*allowed: degrees$"):
+        load(write_config(suite_data))
+
+
 def test_a_scenario_whose_own_evaluation_comes_too_late(suite_data, write_config):
     suite_data["scenarios"][0]["evaluation"] = {"every": 91, "trials": 2}
     with pytest.raises(ConfigError, match=r"evaluation\.every is 91"):

@@ -246,3 +246,12 @@ def test_agents_that_came_to_a_moment_in_other_worlds_are_not_compared_there(sce
     finished = FinishedSuite(tmp_path, suite, "", [], {}, {}, {}, pd.DataFrame(), pd.DataFrame())
     section = comparison_section(finished, scenario, found)
     assert section.summary == []
+
+
+def test_a_change_after_which_nothing_was_held_out_is_counted(scenario):
+    """The agent's own trials tell of it."""
+    rows = [(0, "eval", 0, None, True, 3), (0, "eval", 400, 50, True, 3), (0, "eval", 800, 100, True, 3)]
+    own = [(0, "train", 130, 30, True, 3), (0, "train", 360, 10, True, 3), (0, "train", 720, 20, True, 3)]
+    held_out = with_clocks(table(scenario, *rows, *own))
+    assert list(held_out["stretch"]) == [0, 2, 3]
+    assert list(held_out["clock"]) == [0, 50, 100]

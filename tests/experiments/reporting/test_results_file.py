@@ -9,10 +9,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.__main__ import main
-from experiments.config.suite import FIRST_OWN_TRIALS
+from experiments.config.environment import EnvironmentConfig
+from experiments.config.suite import FIRST_OWN_TRIALS, ScenarioConfig
 from experiments.errors import ConfigError
 from experiments.reporting.report import agents_section
-from experiments.reporting.results_file import MOST_OWN_TRIALS, gather, read_finished
+from experiments.reporting.results_file import MOST_OWN_TRIALS, _in_words, gather, read_finished
 from experiments.running.plan import runs_of
 from experiments.running.results_folder import read_suite
 
@@ -167,3 +168,25 @@ def test_a_run_whose_log_is_damaged_is_named(finished, capsys):
     log.write_text(log.read_text()[:-30])
     assert main(["report", str(out)]) == 2
     assert f"{log} is damaged" in capsys.readouterr().err
+
+
+def test_a_perturbation_is_called_by_the_entry_that_says_most_of_those_that_were_due():
+    scenario = ScenarioConfig(
+        name="changed",
+        env=EnvironmentConfig(id="CalFree/Reach-v0", world="wild"),
+        motions=1000,
+        perturbations=(
+            {"drift": {"per": "motion"}, "do": {"type": "joint_zero"}},
+            {"at": {"trial": 5}, "do": {"type": "joint_zero", "joint": "J2", "degrees": 10}},
+            {"at": {"motion": 100}, "do": {"type": "camera_replace"}},
+            {"at": {"every": {"motion": 200}}, "do": {"type": "camera_replace", "camera": "left"}},
+        ),
+    )
+
+    def words(motions, trials, **drawn):
+        return _in_words(drawn, scenario, {"motion": motions, "trial": trials})
+
+    assert words(1, 0, type="joint_zero", joint="J2", degrees=0.02) == "drift: joint_zero"
+    assert words(40, 5, type="joint_zero", joint="J2", degrees=10) == "joint_zero (joint J2, degrees 10)"
+    assert words(100, 9, type="camera_replace", camera="left", seed=3) == "camera_replace"
+    assert words(200, 12, type="camera_replace", camera="left", seed=4) == "camera_replace (camera left)"

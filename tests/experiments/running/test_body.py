@@ -103,6 +103,8 @@ def test_what_is_killed_is_lost_and_leaves_nothing_behind(folders, suite_data, k
         code = lent.make(folders[0], log)
         thread.join()
     assert code == -signal.SIGKILL
+    if killed == "template":
+        assert not lent.is_alive
     wait_for(found[0])
     next_one, code = make(folders[1])
     assert code == 0

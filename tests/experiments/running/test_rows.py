@@ -182,6 +182,23 @@ def test_perturbations_are_judged_as_the_environment_judges_them():
     assert rows.world == single.world
 
 
+@pytest.mark.parametrize("when", [{"at": {"trial": 0}}, {"drift": {"per": "motion"}}], ids=str)
+def test_where_a_trial_could_not_begin_rows_meet_the_draw_that_a_single_arm_meets(when):
+    """In world 27 the first zero that is drawn leaves the arm touching something at home."""
+    safe = EnvironmentConfig(id="CalFree/SafeReach-v0", world="wild", camera_mount="waist")
+    schedule = ({**when, "do": {"type": "joint_zero"}},)
+    rows = RowsRecorder(safe, 2, (), schedule, 27)
+    single = LifetimeRecorder(safe.make(schedule), 27)
+    for _ in range(3):
+        rows.step(np.zeros((2, 3)))
+    for _ in range(5):
+        single.step(np.zeros(3))
+    assert rows.world == single.world
+    assert rows.env.unwrapped.worlds == [rows.world, rows.world]
+    home = rows.env.unwrapped.arms.motors.joints(np.zeros((2, 3)), slice(None))
+    np.testing.assert_array_equal(home[0], home[1])
+
+
 def test_rows_in_a_new_world_each_trial_are_refused():
     agent = AgentConfig.model_validate(PPO)
     assert requirements(agent, ENV).rows == 4

@@ -70,6 +70,10 @@ def test_a_spec_with_assets_in_memory():
     refused("the MjSpec holds assets in memory", model=spec, gripper="tip")
 
 
+def test_assets_that_are_no_mapping():
+    refused_change("scara", r"assets is \['a.stl'\]; it must be digests by file", assets=["a.stl"])
+
+
 @pytest.mark.parametrize("gripper", ["tipp", "", "world", "shoulder"])
 def test_no_such_gripper(gripper):
     message = refused_change("scara", "the arm has no site or body", gripper=gripper)

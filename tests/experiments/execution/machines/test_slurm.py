@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from experiments.execution.slurm import Slurm, parse_options
 from tests.experiments.execution.machines.conftest import assert_nothing_changed, made_anew_until, results
 
 HERE = ("--slurm", "--slurm-option", "cluster=local", "--slurm-option", "array_parallelism=2")
@@ -98,6 +99,17 @@ def test_runs_are_one_array_with_the_options(run, finished_once, tmp_path, monke
         ),
         (["--slurm", "--slurm-option", "array_parallelism=0"], "array_parallelism=0: found '0'"),
         (["--slurm", "--slurm-option", "cluster=moon"], "cluster=moon: allowed: slurm, local"),
+        *(
+            (
+                ["--slurm", "--slurm-option", f"mem_gb={wrong}"],
+                f"mem_gb={wrong}: found '{wrong}'; must be a number",
+            )
+            for wrong in ("-4", "0", "nan", "inf")
+        ),
+        (
+            ["--slurm", "--slurm-option", "qos=low", "--slurm-option", "qos=high"],
+            "qos=high: qos is given twice",
+        ),
         (["--slurm-option", "mem_gb=4"], "--slurm-option: found without --slurm"),
         (["--slurm"], 'Could not detect "srun"'),
     ],
@@ -109,3 +121,22 @@ def test_a_wrong_option_is_one_error(run, tmp_path, capsys, monkeypatch, options
     error = capsys.readouterr().err
     assert error.startswith("error: ")
     assert said in error
+
+
+def test_setup_may_be_several_commands():
+    given = ("setup=module load mujoco", "mem_gb=0.5", "setup=export A=b=c")
+    assert parse_options(given) == {"setup": ["module load mujoco", "export A=b=c"], "mem_gb": 0.5}
+
+
+def test_more_orders_than_slurm_takes_at_once_are_several_arrays(tmp_path, monkeypatch):
+    slurm, sizes = Slurm(tmp_path, {"cluster": "local", "array_parallelism": 5000}), []
+
+    def submitted(function, orders):
+        sizes.append(len(orders))
+        return [object() for _ in orders]
+
+    monkeypatch.setattr(slurm._executor, "map_array", submitted)
+    orders = [tmp_path / str(i) for i in range(2500)]
+    slurm.start(orders)
+    assert sizes == [1000, 1000, 500]
+    assert list(slurm._jobs.values()) == orders
