@@ -36,8 +36,8 @@ def make_sb3_env(
 
     Raises:
         ImportError: stable-baselines3 is not installed.
-        TypeError: `num_envs` or `autoreset_mode` is among the arguments.
-        ValueError: An argument is not allowed.
+        TypeError: `num_envs` or `autoreset_mode` is among the arguments, or one that is unknown.
+        ValueError: The value of an argument is not allowed.
     """
     import calfree_gym
 

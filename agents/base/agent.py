@@ -34,6 +34,13 @@ class Agent(ABC):
         prior_knowledge: What it is built on beyond its observations; every table prints it.
         rows: How many arms, all in one world, it learns from at once where it can.
         num_timesteps: Motions that it has made in `learn`, over its whole life.
+
+    Args:
+        env: The environment that it learns in, and whose spaces it acts in.
+        seed: Of all that it draws.
+
+    Raises:
+        ValueError: The environment does not tell what it requires, or the seed is none.
     """
 
     privileged: ClassVar[tuple[str, ...]] = ()
@@ -67,7 +74,12 @@ class Agent(ABC):
             deterministic: Part of the surface; of no effect in agents that do not explore.
 
         Returns:
-            Words (motors,) or (n, motors), and the state for the next call. Never changes knowledge.
+            Words (motors,) or (n, motors) in [-1, 1], and the state for the next call. Never changes
+            knowledge.
+
+        Raises:
+            ValueError: The observation is none of such an environment, or the state is not what the last
+                call returned.
         """
 
     @abstractmethod
@@ -80,8 +92,14 @@ class Agent(ABC):
 
     @abstractmethod
     def save(self, path: str | Path) -> None:
-        """Writes what the agent knows to `path`."""
+        """Writes what the agent knows to `path`, as a whole or not at all: numbers, never a pickle."""
 
     @abstractmethod
     def load(self, path: str | Path) -> Self:
-        """Reads what `save` wrote into this agent."""
+        """Reads what `save` wrote into this agent, which then goes on as that one would.
+
+        Raises:
+            FileNotFoundError: There is no such file.
+            ValueError: It is damaged, or of another agent, other settings or another number of motors; this
+                agent is then as before.
+        """

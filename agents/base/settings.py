@@ -15,9 +15,10 @@ def named_settings(maker: Callable[..., Any]) -> dict[str, Any]:
 
 
 def tuned_settings(name: str) -> dict[str, Any]:
-    """The settings in configs/agents/NAME.yaml: the one place of an agent's tuned defaults.
+    """The settings in configs/agents/NAME.yaml; a wheel holds these files within the package.
 
-    A wheel holds these files within the package.
+    They are the defaults of learners of stable-baselines3. Other agents take theirs where they are given, as
+    suites do by `settings: agents/NAME.yaml`.
     """
     import yaml
 

@@ -32,7 +32,10 @@ def task_of(env: gym.Env[Any, Any]) -> str:
         )
     spaces = getattr(space, "spaces", None)
     if not isinstance(spaces, Mapping) or "observation" not in spaces:
-        raise ValueError(f"it needs an environment of calfree_gym; this environment's observation is {space}")
+        raise ValueError(
+            f"it needs an environment of calfree_gym; or one with its spaces: this one's observation is "
+            f"{space}"
+        )
     if missing := [key for key in STANDARD_KEYS if key not in spaces]:
         raise ValueError(
             f"it needs image points ({', '.join(missing)}); this environment's observation has only "
@@ -41,8 +44,8 @@ def task_of(env: gym.Env[Any, Any]) -> str:
     goals = spaces["achieved_goal"].shape
     if goals[-1:] not in ((REACHED,), (GOAL,)):
         raise ValueError(
-            f"it needs an environment of calfree_gym, whose achieved_goal has {REACHED} or {GOAL} numbers; "
-            f"this environment's has shape {goals}"
+            f"it needs an environment of calfree_gym, or one with its spaces, where achieved_goal has {REACHED} "
+            f"or {GOAL} numbers; this environment's has shape {goals}"
         )
     if goals[-1] == REACHED:
         return TASKS[0]

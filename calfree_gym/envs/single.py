@@ -48,7 +48,12 @@ class ArmEnv(ArmShared, gym.Env[Any, Any]):
         return float(self.arms.home_seconds()[0])
 
     def set_world(self, world: World) -> None:
-        """Puts the robot into `world`; later seeds draw objects and noise only."""
+        """Puts the robot into `world`; later seeds draw objects and noise only.
+
+        Raises:
+            TypeError: It is no `World`.
+            ValueError: It is that of another arm, or not in view.
+        """
         self.arms.set_world(0, world)
 
     def get_state(self) -> RowState:
@@ -76,7 +81,11 @@ class ArmEnv(ArmShared, gym.Env[Any, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins a trial, see the class."""
+        """Begins a trial, see the class.
+
+        Raises:
+            ValueError: An option is not allowed, or no world or object can be drawn; says which.
+        """
         objects = self._placed(options)
         super().reset(seed=seed)
         if seed is None and self.arms.needs_seed(0):
@@ -91,7 +100,12 @@ class ArmEnv(ArmShared, gym.Env[Any, Any]):
         return {key: value[0] for key, value in observation.items()}, info
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Executes one motion, see the class."""
+        """Executes one motion, see the class.
+
+        Raises:
+            gymnasium.error.ResetNeeded: No trial has begun.
+            ValueError: Words are not finite, or have another shape.
+        """
         seconds, applied = self.arms.move(slice(None), control_words(action, self._action_shape))
         self.arms.observe()
         observation, distances, success = self._outcome()
@@ -206,7 +220,8 @@ class StereoArmEnv(Reaching, ArmEnv):
     were applied before the motion (a drift counts once, at its first step); `env.unwrapped.applied` lists
     them, with all that they drew.
     `truth`, unless `truth=False`: for scoring only, never for a controller: `error_px` (larger noise-free
-    image distance), `distance_mm`, `points`, `gripper`, `object`, `joints`.
+    image distance), `distance_mm`, `points` (8,) in image units, `gripper` and `object` (3,) in m, `joints`
+    (5,) in rad (of another arm: its motors' joints).
 
     ## Arguments
 

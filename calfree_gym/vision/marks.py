@@ -214,6 +214,6 @@ def yaml_module() -> ModuleType:
         import yaml
     except ImportError:
         raise ImportError(
-            "files of marks need PyYAML: pip install pyyaml, or pip install calfree-gym[vision]"
+            "files of marks need PyYAML: pip install pyyaml, or pip install 'calfree-gym[vision]'"
         ) from None
     return yaml

@@ -17,7 +17,7 @@ from calfree_gym.vision.tracking.completion import completed
 from calfree_gym.vision.tracking.gripper_fit import GripperFit, GripperLayout, fit_gripper
 from calfree_gym.vision.tracking.outline import Array
 from calfree_gym.vision.tracking.parts import Part, find_parts, whole
-from calfree_gym.vision.tracking.tracker import check_images
+from calfree_gym.vision.tracking.tracker import check_images, proportions
 
 POINTS = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
 """What is found, in the order of the points."""
@@ -72,12 +72,12 @@ class GraspTracker:
         """The points in a pair of images, and which of them are seen.
 
         Args:
-            left: RGB (h, w, 3), uint8, of any size.
+            left: RGB (h, w, 3), uint8, of any size. OpenCV gives BGR: turn its last axis round.
             right: As `left`; it may have another size.
 
         Returns:
-            Image points (18, 2), left and right of each of `POINTS`; and flags (18,). A point that is not
-            seen stands where it was seen last, at first at the centre.
+            Image points (18, 2), left and right of each of `POINTS`, in units as of `StereoTracker`; and
+            flags (18,). A point that is not seen stands where it was seen last, at first at the centre.
 
         Raises:
             ValueError: An image is no such array.
@@ -89,7 +89,8 @@ class GraspTracker:
             scale = np.array([image.shape[1], image.shape[0]]) / 2
             visible[:, camera], axes[camera] = self._look(image, camera, scale)
         self._place_ends(axes, visible)
-        return self._points.reshape(-1, 2).copy(), visible.ravel()
+        points = self._points * np.array([proportions(image) for image in (left, right)])
+        return points.reshape(-1, 2), visible.ravel()
 
     def _look(self, image: Image, camera: int, scale: Array) -> tuple[NDArray[np.bool_], Array]:
         """Updates what is seen in one camera's image: flags (9,), and the object's main axis (2,)."""

@@ -127,12 +127,13 @@ class StereoTracker:
         """The points in a pair of images, and which of them are seen.
 
         Args:
-            left: RGB (h, w, 3), uint8, of any size.
+            left: RGB (h, w, 3), uint8, of any size. OpenCV gives BGR: turn its last axis round.
             right: As `left`; it may have another size.
 
         Returns:
-            Image points (4, 2): gripper left and right, object left and right; and flags (4,). A point that
-            is not seen stands where it was seen last, at first at the centre.
+            Image points (4, 2): gripper left and right, object left and right; and flags (4,). They are
+            (x, y) from the middle, x right and y down, in halves of the image's longer side. A point that is
+            not seen stands where it was seen last, at first at the centre.
 
         Raises:
             ValueError: An image is no such array.
@@ -143,7 +144,8 @@ class StereoTracker:
             balls = self._finders[camera](image)
             for row, point in ((camera, gripper_point(balls)), (2 + camera, object_point(balls))):
                 if point is not None:
-                    self._points[row] = 2 * point / [image.shape[1], image.shape[0]] - 1
+                    height, width = image.shape[:2]
+                    self._points[row] = (2 * point / [width, height] - 1) * proportions(image)
                     visible[row] = True
         return self._points.copy(), visible
 
@@ -163,6 +165,12 @@ def gripper_point(balls: dict[str, Ball]) -> Array | None:
 def object_point(balls: dict[str, Ball]) -> Array | None:
     """Image in px (2,) of the object's ball, if it is seen."""
     return balls["object"].centre if "object" in balls else None
+
+
+def proportions(image: Image) -> Array:
+    """Width and height (2,) of an image, by the longer of both: so lengths are alike along both axes."""
+    height, width = image.shape[:2]
+    return np.array([width, height]) / max(width, height)
 
 
 def check_images(left: Any, right: Any) -> None:

@@ -137,6 +137,17 @@ def test_a_drawn_gripper_is_found():
         assert between_lines(axis, true) < 2
 
 
+def test_in_a_wider_image_lengths_are_alike_along_both_axes():
+    """The same picture with a margin on its right: the same places in px."""
+    square, wide = drawn(**LEFT), drawn(**RIGHT)
+    margin = np.broadcast_to(wide[:1, :1], (256, 64, 3))
+    wide = np.concatenate([wide, margin], 1)
+    points, visible = GraspTracker(layout=LAYOUT)(square, wide)
+    assert visible.all()
+    px = 160 * points.reshape(9, 2, 2)[:, 1] + [160, 128]
+    np.testing.assert_allclose(px[:7], wanted(RIGHT), atol=1.2)
+
+
 @pytest.mark.parametrize("hidden", ["jaw_1", "jaw_2", "edge_1", "edge_2", "fingers"])
 def test_a_mark_that_is_hidden_is_told_by_the_others(hidden):
     tracker = GraspTracker(layout=LAYOUT)

@@ -95,11 +95,11 @@ def plain(places, size=(256, 256), radius=8.0):
 HERE = [("gripper_1", 60, 100), ("gripper_2", 100, 100), ("object", 200, 40)]
 
 
-def test_points_are_in_units_of_their_own_image():
+def test_points_are_in_halves_of_the_longer_side_of_their_own_image():
     far = [("gripper_1", 120, 50), ("gripper_2", 200, 70), ("object", 300, 90)]
     points, visible = StereoTracker()(plain(HERE), plain(far, (120, 400), 5.0))
     assert visible.all()
-    expected = [(80 / 128 - 1, 100 / 128 - 1), (-0.2, 0.0), (200 / 128 - 1, 40 / 128 - 1), (0.5, 0.5)]
+    expected = [(80 / 128 - 1, 100 / 128 - 1), (-0.2, 0.0), (200 / 128 - 1, 40 / 128 - 1), (0.5, 0.15)]
     np.testing.assert_allclose(points, expected, atol=0.003)
 
 
