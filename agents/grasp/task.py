@@ -44,8 +44,8 @@ def task_of(env: gym.Env[Any, Any]) -> str:
     goals = spaces["achieved_goal"].shape
     if goals[-1:] not in ((REACHED,), (GOAL,)):
         raise ValueError(
-            f"it needs an environment of calfree_gym, or one with its spaces, where achieved_goal has {REACHED} "
-            f"or {GOAL} numbers; this environment's has shape {goals}"
+            f"it needs an environment of calfree_gym, or one with its spaces, where achieved_goal has "
+            f"{REACHED} or {GOAL} numbers; this environment's has shape {goals}"
         )
     if goals[-1] == REACHED:
         return TASKS[0]
