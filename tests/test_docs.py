@@ -143,6 +143,18 @@ def test_environments_page_is_the_docstrings(site):
     assert {"num_envs", "autoreset_mode", "threads"} <= page.table(batched).keys()
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_members_that_a_page_asks_for_are_shown(site, page):
+    """A class shows none that it inherits, or that has no docstring, without a word."""
+    text = (ROOT / page).read_text()
+    for name, members in re.findall(
+        r"^::: (\S+)\n    options:\n(?:      .*\n)*?      members: \[(.*)\]", text, re.M
+    ):
+        built = (site / page.removeprefix("docs/")).with_suffix(".html").read_text()
+        lacking = [member for member in members.split(", ") if f'id="{name}.{member}"' not in built]
+        assert not lacking, f"{name}: {lacking}"
+
+
 @pytest.mark.parametrize("column", ["coarse", "wild"])
 def test_worlds_page_tells_what_is_drawn(site, column):
     (head, *rows), *_ = Page(site / "worlds.html").tables["distributions"]

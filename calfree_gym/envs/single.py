@@ -25,13 +25,15 @@ class ArmEnv(ArmShared, gym.Env[Any, Any]):
     """One arm: what a single environment of any task has."""
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012
+    applied: list[Perturbation | Undo]
+    """The perturbations that were applied before the last motion, with all that they drew."""
 
     def _build_one(self, arguments: dict[str, Any]) -> None:
         del arguments["self"]
         self._build(1, 1, **arguments)
         self.observation_space, self.action_space = self._spaces()
         self._action_shape = tuple(self.action_space.shape or ())
-        self.applied: list[Perturbation | Undo] = []
+        self.applied = []
 
     @property
     def world(self) -> World:
