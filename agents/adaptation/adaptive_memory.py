@@ -100,8 +100,8 @@ class AdaptiveMemory:
     EXPLAINED_TRIALS = 30
     """This many trials after a change its explanation is final. Tuned (wild worlds 3000-)."""
     REFIT_TRIALS = 5
-    """In each of the first 5 trials after a change the explanation is fitted again, later in every fifth. A
-    choice between time and accuracy."""
+    """Up to this trial, that of the change included, the explanation is fitted again in each, later in every
+    fifth. A choice between time and accuracy."""
     SELDOM = 1000.0
     """Beforehand the world changes once in so many trials. Choice."""
     DRIFT_TRIALS = 12
@@ -284,7 +284,7 @@ class AdaptiveMemory:
         """Takes over what `arrays` returned.
 
         Raises:
-            KeyError: An array of the archive or of a change is missing.
+            KeyError: An array of a change is missing.
             ValueError: Another array is missing, or one has another shape.
         """
         if self.on_change == "keep":

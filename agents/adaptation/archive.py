@@ -7,6 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from ..base.checks import checked_array
 from ..base.observation import Array, camera_lengths_px
 from ..base.storage import prefixed, under
 from .home_view import HomeView
@@ -49,7 +50,12 @@ class Archive:
         }
 
     def restore(self, arrays: Arrays) -> None:
-        """Takes over what `arrays` returned."""
+        """Takes over what `arrays` returned.
+
+        Raises:
+            ValueError: Of a world it is not told where the gripper was seen at home.
+        """
         self.worlds = []
         while known := under(f"archive/{len(self.worlds)}", arrays):
+            checked_array(known, "home", (4,), allow_nan=True)
             self.worlds.append(known)

@@ -78,8 +78,8 @@ class ChangeDetector:
     """The usual score is known after this many trials; until then nothing away from home is inconsistent.
     Tuned (wild worlds 3000-)."""
     CONFIRM_TRIALS = 4
-    """Suspects are confirmed where another inconsistent trial follows within this many. Tuned (wild worlds
-    3000-)."""
+    """Suspects are confirmed where another trial of so many, their own included, is inconsistent. Tuned (wild
+    worlds 3000-)."""
     MISTAKEN_PX = 30.0
     """What was further off, and was not confirmed, is not learned. Tuned (wild worlds 3000-)."""
     ENOUGH_IN_ONE_TRIAL = 4

@@ -67,7 +67,7 @@ class Body:
     STEPS = 60
     """Of a fit (a guard: from what is known, two or three are enough)."""
     RECENT = 5
-    """For so many trials after a change, what is seen tells more of that change. Choice."""
+    """In so many trials, that of a change included, what is seen tells more of that change. Choice."""
 
     def __init__(self, motors: int, seed: int = 0) -> None:
         self.motors = motors

@@ -198,6 +198,8 @@ def _rolled_and_zoomed(fit: _LeastSquares, signs: Array) -> Array:
         for point in (camera, len(CAMERAS) + camera):
             for trial in range(measured.trials):
                 rows = (measured.trial == trial) & measured.seen[:, point]
+                if not rows.any():
+                    continue
                 expected, seen = (
                     points[rows, point, 0] + 1j * points[rows, point, 1]
                     for points in (predicted, measured.points)
@@ -205,6 +207,8 @@ def _rolled_and_zoomed(fit: _LeastSquares, signs: Array) -> Array:
                 expected, seen = expected - expected.mean(), seen - seen.mean()
                 overlap += np.vdot(expected, seen)
                 square += np.vdot(expected, expected).real
+        if not square:  # it has shown nothing twice
+            continue
         off["camera_turn"][camera, 2] = np.angle(overlap)
         zoom = np.log(np.abs(overlap) / square)
         off["focal_length"][camera] = np.clip(zoom, -_LARGEST_ZOOM, _LARGEST_ZOOM)

@@ -65,6 +65,7 @@ class SelfCalibrating(ProcedureAgent):
       only signs, gains and curvatures are unknown;
     * of the cameras, what they are fixed to, a lens of one coefficient, and where they were meant to be and
       to look, to within 15 cm and 0.6 rad of tilt; their roll is free;
+    * of objects, where they may lie (`OBJECT_BOUND`), with a weak prior;
     * of all these, how widely the simulator's wild worlds differ, as a prior (`PARAMETERS`).
 
     So its model is never wrong in kind, only in numbers. With `motor_curve="linear"` and `lens="none"` it is:

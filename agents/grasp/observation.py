@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -50,7 +49,6 @@ class GraspObservation:
     opening: float
     held: bool
     goal: Array
-    privileged: Mapping[str, Array] = field(default_factory=dict)
     last: bool = False
 
     @classmethod

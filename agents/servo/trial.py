@@ -251,7 +251,7 @@ class Trial:
                 self._adapt(motor, float(executed[motor]), moved_px)
                 if self._measured(self.CLEAR)[motor]:
                     return
-                if largest or max(moved_px, self.filter.noise.px) < self.LEAST_PX:
+                if largest:
                     self.still[motor] = True
                     return
                 self.test_words[motor] *= -1

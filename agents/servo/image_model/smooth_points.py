@@ -82,7 +82,7 @@ class SmoothPoints:
     seen from home.
 
     Attributes:
-        home: Where the object is seen from home (2, 2), in image units; zero until it was looked at.
+        home: Where the object is seen from home (2, 2), in image units; zero where nothing is remembered.
         noise_px: Standard deviation of an image coordinate.
         remembers: Whether it knows what was seen in earlier trials.
 

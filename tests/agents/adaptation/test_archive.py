@@ -61,3 +61,13 @@ def test_a_copy_knows_what_was_archived_and_changes_nothing_else():
     nothing = remembered.copy_of(remembered.nothing().arrays())
     assert len(copy.gripper) == len(remembered.gripper) + 5
     assert len(nothing.gripper) == len(nothing.object) == 0
+
+
+def test_a_damaged_archive_is_told_when_it_is_loaded():
+    archive = Archive()
+    archive.add({"registers": np.zeros(1)}, np.zeros(4))
+    arrays = archive.arrays()
+    Archive().restore(arrays)
+    del arrays["archive/0/home"]
+    with pytest.raises(ValueError, match="holds no home"):
+        Archive().restore(arrays)

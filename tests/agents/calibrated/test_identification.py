@@ -138,3 +138,13 @@ def test_points_not_seen_are_not_fitted(mount):
     np.testing.assert_array_equal(found.signs, world.motor_sign)
     assert np.abs(found.residuals_px).max() < 0.6
     assert not found.residuals_px[~seen].any()
+
+
+def test_a_camera_that_saw_but_one_place_is_taken_as_built_at_first_and_spoils_nothing(mount):
+    measured, _ = measurements_of(calfree_gym.nominal(), mount, np.random.default_rng(3))
+    seen = measured.seen.copy()
+    seen[1:, [0, 2]] = False
+    found = identify(replace(measured, seen=seen), built(mount))
+    assert np.isfinite(found.cost)
+    assert np.isfinite(found.parameters).all()
+    assert np.abs(found.residuals_px[:, [1, 3]]).max() < 1
