@@ -12,11 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-import yaml
 from markdown.extensions.toc import slugify
 
 import agents
-import calfree_gym
 from calfree_gym import WorldDistribution, nominal
 from calfree_gym.envs.single import StereoArmEnv
 from calfree_gym.envs.spaces import observation_space
@@ -343,15 +341,3 @@ def test_architecture_page_shows_the_folders():
 def test_architecture_page_names_files_that_exist():
     for file in re.findall(r"`([\w/]+\.py)`", (ROOT / "docs/architecture.md").read_text()):
         assert (ROOT / file).is_file(), file
-
-
-def test_citation_is_complete_and_of_this_version():
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert citation.keys() >= {"cff-version", "message", "title", "authors"}, "what CFF 1.2.0 requires"
-    assert citation["cff-version"] == "1.2.0"
-    assert citation["authors"] == [{"name": "The calfree authors"}]
-    assert citation["version"] == calfree_gym.__version__
-    (paper,) = citation["references"]
-    assert paper.keys() >= {"type", "title", "authors"}, "what CFF 1.2.0 requires of a reference"
-    assert (paper["title"], paper["authors"][0]["family-names"]) == ("Calibration-Free Robots", "Graefe")
-    assert paper["year"] == 1999

@@ -9,6 +9,7 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
+import yaml
 
 import calfree_gym
 
@@ -160,3 +161,15 @@ def test_each_package_loads_the_agents_that_the_other_has_saved(wheel, tmp_path)
     ZipFile(wheel).extractall(tmp_path)
     path = os.pathsep.join((str(tmp_path), str(REPOSITORY)))
     run(sys.executable, "-c", BOTH_NAMES, cwd=tmp_path, PYTHONPATH=path)
+
+
+def test_citation_is_complete_and_of_this_version():
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())
+    assert citation.keys() >= {"cff-version", "message", "title", "authors"}, "what CFF 1.2.0 requires"
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["authors"] == [{"name": "The calfree authors"}]
+    assert citation["version"] == calfree_gym.__version__
+    (paper,) = citation["references"]
+    assert paper.keys() >= {"type", "title", "authors"}, "what CFF 1.2.0 requires of a reference"
+    assert (paper["title"], paper["authors"][0]["family-names"]) == ("Calibration-Free Robots", "Graefe")
+    assert paper["year"] == 1999
