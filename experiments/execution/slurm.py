@@ -119,8 +119,6 @@ class Slurm:
     def _submit(self) -> None:
         room = len(self._waiting) if self._room is None else self._room - len(self._jobs)
         now, self._waiting = self._waiting[:room], self._waiting[room:]
-        if not now:
-            return
         for begin in range(0, len(now), _LARGEST_ARRAY):
             part = now[begin : begin + _LARGEST_ARRAY]
             try:

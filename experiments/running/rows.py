@@ -54,8 +54,8 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         super().__init__(config.make_rows(rows, self.world, privileged))
         self.metadata = {**self.env.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
         stereo: Any = self.env.unwrapped
-        self._arms: Arms = stereo.arms
-        arms = self._arms
+        arms: Arms = stereo.arms
+        self._arms = arms
         self._scheduler = PerturbationScheduler(
             1, list(schedule), arms.robot, arms.mounts, config.keep_in_view, arms.as_seen, arms.can_begin
         )
@@ -111,14 +111,18 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         count = {"motion": self.motions, "trial": self.trials}[clock]
         since, self._applied[clock] = self._applied[clock] + 1, count
         before = self.world
-        if events := self._scheduler.events[clock]:
-            for due in range(since, count + 1):
-                for place, event in events:
-                    if event.is_due(np.array([due]))[0]:
-                        self.world, drawn = self._scheduler.apply(place, event, 0, due, self.world)
-                        self._arms.enter(0, self.world)  # it was in all that was judged
-                        if drawn is not None:
-                            self.perturbations.append((self.motions, self.trials, drawn.to_dict()))
+        due = [
+            (at, place, event)
+            for at in range(since, count + 1)
+            for place, event in self._scheduler.events[clock]
+            if event.is_due(np.array([at]))[0]
+        ]
+        for at, place, event in due:
+            self.world, drawn = self._scheduler.apply(place, event, 0, at, self.world)
+            if drawn is not None:
+                self.perturbations.append((self.motions, self.trials, drawn.to_dict()))
+        if due:
+            self._arms.enter(0, self.world)  # it was in all that was judged
         if self.world is not before:
             rows: Any = self.env.unwrapped
             rows.set_world(self.world)
