@@ -22,7 +22,7 @@ from ..jacobian import Slopes
 from ..servo.image_model.smooth_points import SmoothPoints
 from .archive import Archive
 from .detector import NO_CAMERA, ChangeDetector, Finding, Verdict
-from .explanation import as_seen_now, explain_drift, explain_jump
+from .explanation import as_seen_now, changed_in_mid_trial, explain_drift, explain_jump
 from .home_view import Cameras
 from .pairs import Pairs
 from .remembered import Remembered
@@ -193,13 +193,19 @@ class AdaptiveMemory:
         return True
 
     def _meet_jump(self, found: Finding) -> None:
-        """Sets aside what was known, and recalls, discards or maps it."""
-        self.detector.begin_anew(found.pairs)
-        before = self.known.copy()
-        archived = self._recalled(found.pairs.sensors[0])
+        """Sets aside what was known, and recalls, discards or maps it.
+
+        Where the change came in mid-trial, home was seen before it, and the object from there.
+        """
+        before, home, first = self.known.copy(), found.pairs.sensors[0], int(found.pairs.trials[0])
+        in_mid_trial = changed_in_mid_trial(before, found.pairs, found.first, found.cameras)
+        if in_mid_trial:
+            later = found.pairs.only(np.arange(len(found.pairs)) >= found.first)
+            found = replace(found, pairs=later.without_objects())
+        self.detector.begin_anew(first + in_mid_trial)
+        archived = None if in_mid_trial else self._recalled(home)
         self.archive.add(before.arrays(), found.home_before)
         self.change, self._recent = None, self._none
-        first = int(found.pairs.trials[0])
         if self.on_change == "discard":
             self.events.append(Event(first, "unknown", "discard"))
             self.known = before.nothing()

@@ -39,12 +39,14 @@ class Finding:
         pairs: CHANGED: all that shows the change. Else: what may be learned.
         cameras: CHANGED: in which cameras (2,) it shows.
         home_before: CHANGED: where the gripper was seen at home (4,) before.
+        first: CHANGED: the first of `pairs` that shows it; those before it may be older than the change.
     """
 
     verdict: Verdict
     pairs: Pairs
     cameras: Cameras = field(default_factory=NO_CAMERA.copy)
     home_before: Array = field(default_factory=NOWHERE.copy)
+    first: int = 0
 
 
 class ChangeDetector:
@@ -111,21 +113,24 @@ class ChangeDetector:
         if jumped.any():
             return self._changed(pairs, jumped)
         if gripper.any() or object_.any():
-            if len(self.suspects) or self._enough(gripper):
-                return self._changed(self.suspects + pairs, np.asarray((gripper | object_).any(0)))
+            cameras = np.asarray((gripper | object_).any(0))
+            if len(self.suspects):
+                return self._changed(self.suspects + pairs, cameras)
+            if self._enough(gripper):
+                return self._changed(pairs, cameras, 1 + int(gripper.any(1).argmax()))
             self.suspects = pairs
             return Finding(Verdict.SUSPECT, unconfirmed)
         if since == self.CONFIRM_TRIALS - 1:
             unconfirmed = self._cleared(known)
         return Finding(Verdict.UNCHANGED, unconfirmed + pairs)
 
-    def _changed(self, pairs: Pairs, cameras: Cameras) -> Finding:
+    def _changed(self, pairs: Pairs, cameras: Cameras, first: int = 0) -> Finding:
         self.suspects = self._none
-        return Finding(Verdict.CHANGED, pairs, cameras, self.home.before(int(pairs.trials[0])))
+        return Finding(Verdict.CHANGED, pairs, cameras, self.home.before(int(pairs.trials[0])), first)
 
-    def begin_anew(self, since: Pairs) -> None:
-        """The world has changed: from now on only what was seen since counts."""
-        self.home.keep_since(int(since.trials[0]))
+    def begin_anew(self, trial: int) -> None:
+        """The world has changed: from now on only home views since that trial count."""
+        self.home.keep_since(trial)
         self.usual_scores = np.empty((0, 2))
 
     def _home_jump(self, pairs: Pairs, known: Remembered) -> tuple[Pairs, Cameras]:

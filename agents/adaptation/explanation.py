@@ -39,7 +39,8 @@ class Explanation:
         """That by changes, at least one; what was seen of the object tells how well they hold for it."""
         known = before.copy()
         known.map(changes)
-        errors, variances, _ = known.object_errors(since.only(since.with_object))
+        away = since.registers.any(1)
+        errors, variances, _ = known.object_errors(since.only(since.with_object & away))
         if len(errors):
             off = np.square(errors).mean((0, 2)) - variances.mean(0)
             known.object.doubt(np.sqrt(np.maximum(off, 0.0)))
@@ -69,6 +70,25 @@ def explain_jump(before: Remembered, since: Pairs, cameras: Cameras, may_discard
         kind = "replaced" if cameras.sum() == 1 else "unknown"
         explanations.append(Explanation(kind, (), before.nothing()))
     return max(explanations, key=lambda each: each.odds(since))
+
+
+def changed_in_mid_trial(before: Remembered, pairs: Pairs, first: int, cameras: Cameras) -> bool:
+    """Whether pairs before the first that shows a change are rather older than the change.
+
+    The gripper tells: where home would show the object after the change nobody knows.
+
+    Args:
+        before: What was known before the change.
+        pairs: Of one trial, in which home was seen as ever.
+        first: The first of them that shows the change.
+        cameras: Those (2,) that show it.
+    """
+    if not first:
+        return False
+    seen, later = pairs.without_objects(), np.arange(len(pairs)) >= first
+    earlier, since = seen.only(~later), seen.only(later)
+    apart = before.evidence(earlier) + explain_jump(before, since, cameras, True).odds(since)
+    return bool(apart > explain_jump(before, seen, cameras, True).odds(seen))
 
 
 def explain_drift(before: Remembered, recent: Pairs, cameras: Cameras) -> Explanation:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -60,7 +59,7 @@ class KeptLooks:
         noisier = len(places) and (self.function.looks.variances < variances[-1] / NOISIER).any()
         refit = noisier or self._seen >= self._next_refit
         if refit:
-            self._refit()
+            self._refit(float(variances[-1]))
         if refit or len(self) > self._settled + self.SPARE:
             self._drop()
 
@@ -68,28 +67,41 @@ class KeptLooks:
         """As `add`, and chooses distances anew; how probable these looks were then, as a logarithm."""
         if not len(places):
             return 0.0
-        before, count = self.function.evidence.max(), len(self) + len(places)
+        least = float(variances[-1])
+        before = self._no_less_noisy(least).evidence.max()
         self.function = self._with(places, points, variances)
         self._seen += len(places)
-        self._refit()
-        return float(self.function.evidence.max() - before + (count - len(self)) * price())
+        mistaken = self._refit(least)
+        return float(self.function.evidence.max() - before + mistaken * price())
 
     def _is_told(self, place: Array, variance: float) -> bool:
         """Whether the others tell to the share `TOLD` of its noise what a look would be."""
         return bool(self._settled and self.function.variance(place) <= self.TOLD**2 * variance)
 
-    def _refit(self) -> None:
-        """Chooses distances anew, where no look is less noisy than the latest; leaves out mistaken ones."""
-        looks, motors = self.function.looks, self.function.motors
-        looks = looks._replace(variances=np.maximum(looks.variances, looks.variances[-1]))
-        self.function = replace(self.function, looks=looks).refitted()
+    def _refit(self, least: float) -> int:
+        """Chooses distances anew, where no look has less than this variance; leaves out mistaken ones.
+
+        Returns:
+            How many points of looks it took for mistaken.
+        """
+        self.function = self._no_less_noisy(least).refitted()
+        looks, motors, mistaken = self.function.looks, self.function.motors, 0
         lengths = np.full(looks.places.shape[1], self.function.USUAL)
-        right = np.asarray(right_looks(self.function.of(looks, motors, lengths)).all(1))
+        right = right_looks(self.function.of(looks, motors, lengths))
         if not right.all():
-            other = self.function.of(looks.only(right), motors, lengths).refitted()
+            other = self.function.of(looks.only(np.asarray(right.all(1))), motors, lengths).refitted()
             if other.evidence[0] + np.count_nonzero(~right) * price() > self.function.evidence[0]:
-                self.function = other
+                self.function, mistaken = other, int(np.count_nonzero(~right))
         self._settled, self._next_refit = len(self), self.MORE * self._seen
+        return mistaken
+
+    def _no_less_noisy(self, least: float) -> SmoothFunction:
+        """What was seen, where no look has less than this variance."""
+        function, looks = self.function, self.function.looks
+        if not len(self) or looks.variances.min() >= least:
+            return function
+        looks = looks._replace(variances=np.maximum(looks.variances, least))
+        return function.of(looks, function.motors, function.lengths[function.best])
 
     def evidence(self, places: Array, points: Array, variances: Array) -> float:
         """The logarithm of how probable such looks are, given those before."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
@@ -99,6 +99,10 @@ class Pairs:
     def only(self, chosen: NDArray[np.bool_]) -> Pairs:
         """Those that are chosen (n,)."""
         return Pairs(*(array[chosen] for array in self.arrays().values()))
+
+    def without_objects(self) -> Pairs:
+        """The same, as if the object had not been seen."""
+        return replace(self, objects=np.full_like(self.objects, np.nan))
 
     def away(self) -> Pairs:
         """All but the first, in a trial that begins at home."""

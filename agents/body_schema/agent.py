@@ -17,7 +17,7 @@ from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
 from ..servo.servo_agent import Servo, ServoAgent
-from ..servo.trial import Findings, Stops
+from ..servo.trial import Findings, Stops, back
 from .body import Body
 from .known import Known
 from .meeting import Meeting, Seeker
@@ -81,7 +81,7 @@ class BodySchema(ServoAgent):
             enough_px = max(self.LEFT * now.distance_px, self.NOISES * noise_px)
             near = self._off_px(place, known) <= enough_px
             if near or known.fits:
-                slopes = Slopes.of(place.jacobian, now.registers)
+                slopes = Slopes.of(place.jacobian, place.registers)
                 findings.estimator = self.servo.new_estimator(self.motors, slopes)
             if not near:
                 break
@@ -112,7 +112,7 @@ class BodySchema(ServoAgent):
         settled = yield from findings.filter.settle(after, now, expected, deviations_px)
         findings.trusted.append(settled)
         if findings.filter.lost.any():
-            settled = yield now.registers - settled.registers
+            settled = yield from back(now, settled, findings)
         arrived = np.abs(registers - after.registers).max() <= Stops.STOPPED
         return settled, bool(arrived or not (after.registers != now.registers).any())
 

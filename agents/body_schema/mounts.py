@@ -36,8 +36,8 @@ def likely_mounts(pairs: Pairs, count: int) -> list[Mounts]:
     home = np.median(pairs.sensors[at_home], axis=0)
     gripper = _squares(pairs.registers, pairs.sensors - home)
     object_ = _squares(seen.registers, moved)
-    unlike = [gripper[:, :split].sum(1) + object_[:, split:].sum(1) for split in range(motors)]
-    splits = np.array(unlike)  # (m, cameras)
+    unlike = [gripper[:, :split].sum(1) + object_[:, split:].sum(1) for split in range(motors + 1)]
+    splits = np.array(unlike)  # (m + 1, cameras)
     splits /= gripper.sum(1) + object_.sum(1)
     left, right = splits.argmin(0)
     alike = [(int(k), int(k)) for k in splits.sum(1).argsort()]

@@ -81,6 +81,8 @@ class AffineStereo(ProcedureAgent):
         known = [now]
         for along in self.spacing * self.DIRECTIONS:
             now = yield from self._go(filter_, now, self._words(now, along))
+            while not (now.visible | filter_.visibility.lost).all():
+                now = yield from self._go(filter_, now, np.zeros_like(now.registers))
             known.append(now)
         affine = Affine.through(
             np.array([each.privileged["gripper_position"] for each in known]),

@@ -37,14 +37,17 @@ class Kalman(Estimator):
 
     def __init__(self, motors: int, start: Slopes | None = None) -> None:
         super().__init__(motors, start)
-        self._noise = (self.noise_px * IMAGE_UNIT) ** 2
+        self._noise: float | None = None
         unsure = UNKNOWN_VARIANCE if start is None else self.START_DEVIATION**2
-        self._covariance = np.tile(np.diag([self._noise, *[unsure] * motors]), (4, 1, 1))
+        diagonal = [(self.noise_px * IMAGE_UNIT) ** 2, *[unsure] * motors]
+        self._covariance = np.tile(np.diag(diagonal), (4, 1, 1))
         self._transition = np.eye(1 + motors)
         self._columns = np.arange(1, 1 + motors)
 
     def _learn(self, words: Array, moved: Array, seen: Flags) -> Array:
         noise = (self.noise_px * IMAGE_UNIT) ** 2
+        if self._noise is None:
+            self._covariance[:, 0, 0] = self._noise = noise
         expected = self.jacobian @ words
         self._transition[0, 1:] = words
         predicted = self._transition @ (self._covariance * (noise / self._noise)) @ self._transition.T

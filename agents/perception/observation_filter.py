@@ -67,8 +67,8 @@ class ObservationFilter:
 
     @property
     def lost(self) -> Flags:
-        """Which points (4,) must be out of view."""
-        return self.visibility.lost
+        """Which points (4,) must have got out of view in this trial."""
+        return self.visibility.lost & self.visibility.ever
 
     @property
     def often_mistaken(self) -> bool:
@@ -127,7 +127,7 @@ class ObservationFilter:
         points, found = observation.points.copy(), observation.visible
         self._take_in(observation)
         for _ in range(self.MOST_OBSERVATIONS):
-            if (found | self.lost).all():
+            if (found | self.visibility.lost).all():
                 break
             observation = yield np.zeros_like(observation.registers)
             self._take_in(observation)
@@ -194,6 +194,7 @@ class ObservationFilter:
             return observation
         surely_px = lengths_px(expected - before.points) - radii
         observations = yield from self.latency.wait(observation, before.points, surely_px, self.noise.px)
+        self._last = observations[-1]
         while True:
             radii = self.gating.radii(deviations_px, self.noise.px)
             estimate = self.gating.estimate(observations, expected, radii, self.noise.px)
@@ -214,7 +215,7 @@ class ObservationFilter:
     def _worth_another(self, observations: list[Observation], found: Flags) -> bool:
         """Whether one more observation at this place may show what is not trusted yet."""
         seen = np.array([each.visible for each in observations]).any(0)
-        waiting = ~self.lost & (not self.visibility.gaps)
+        waiting = ~self.visibility.lost & (not self.visibility.gaps)
         return bool((~found & (seen | waiting)).any())
 
     def _take_in(self, observation: Observation) -> None:

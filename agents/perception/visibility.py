@@ -14,6 +14,7 @@ class Visibility:
         gaps: Whether a point has come or gone without a motion: points are missing at times.
         returns: How many points that were not seen were seen in one more observation of the same place, and
             how many were not (2,).
+        ever: Which points (4,) have been seen at all.
     """
 
     PATIENCE = 4
@@ -27,6 +28,7 @@ class Visibility:
     def __init__(self) -> None:
         self.gaps = False
         self.returns = np.zeros(2)
+        self.ever = np.zeros(POINTS, bool)
         self._unseen = np.zeros(POINTS, int)
 
     def add(self, visible: Flags, again: bool) -> None:
@@ -35,6 +37,7 @@ class Visibility:
         if again:
             self.returns = self.returns + np.array([(missing & visible).sum(), (missing & ~visible).sum()])
             self.gaps |= bool((missing == visible).any())
+        self.ever = self.ever | visible
         self._unseen = np.where(visible, 0, self._unseen + 1)
 
     @property

@@ -294,6 +294,12 @@ def jump(registers: Array, home: Observation, findings: Findings[Any]) -> Observ
     after = yield registers - home.registers
     after = yield from findings.filter.settle(after, home, after.points, np.zeros(POINTS))
     findings.trusted.append(after)
-    if not after.visible.all():
-        after = yield home.registers - after.registers
+    return after if after.visible.all() else (yield from back(home, after, findings))
+
+
+def back(before: Observation, now: Observation, findings: Findings[Any]) -> Observing:
+    """Returns to where a motion began that lost a point from view: there all is seen as before."""
+    after = yield before.registers - now.registers
+    after = yield from findings.filter.settle(after, now, before.points, np.zeros(POINTS))
+    findings.trusted.append(after)
     return after

@@ -149,7 +149,7 @@ class Reach:
     @property
     def blind(self) -> bool:
         """Whether a point is hidden that was seen before, and is expected too unsurely to go on by that."""
-        lost = self.filter.lost & self._seen
+        lost = self.filter.lost
         if not lost.any():
             return False
         here = self.points.at(self.now.registers)

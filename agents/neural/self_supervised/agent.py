@@ -133,13 +133,16 @@ class SelfTaughtAgent(ProcedureAgent):
                 return
         seen = before.visible.all() and after.visible.all()
         if self.detector and seen and (after.registers != before.registers).any():
-            self._judge(self.detector, Pairs.of(before, after))
+            self._judge(self.detector, Pairs.of(before, after), findings)
         steps = self.schedule.updates
         pairs = self.replay.sample(steps * self.schedule.batch, self._rng, self._consecutive)
         self.model.train(pairs, steps, self._usual_error)
 
-    def _judge(self, detector: ChangeDetector, motion: Pairs) -> None:
-        """Judges by a motion whether the replay is still true, and doubts or mends what is not."""
+    def _judge(self, detector: ChangeDetector, motion: Pairs, findings: Reach) -> None:
+        """Judges by a motion whether the replay is still true, and doubts or mends what is not.
+
+        What the trial's motions showed is of the network as it was before it was mended.
+        """
         made, said, size = self.model.judge(motion)
         usual_error = detector.usual_error()
         judged = Judged(made[0], said[0], float(size[0]), self.replay.added, self._trials)
@@ -154,6 +157,8 @@ class SelfTaughtAgent(ProcedureAgent):
         else:
             self.replay.reverse(change.signs, change.since)
             self.model.reverse(change.signs)
+            findings.changes.clear()
+            findings.residuals.clear()
 
     def load(self, path: str | Path) -> Self:
         """See `ProcedureAgent`."""

@@ -7,7 +7,7 @@ import agents
 from agents.adaptation.adaptive_memory import AdaptiveMemory, Event, Jump
 from agents.adaptation.detector import Finding, Verdict
 from agents.base.observation import Observation
-from calfree_gym.perturbations import CameraAim
+from calfree_gym.perturbations import CameraAim, CameraReplace
 from tests.agents.adaptation.gripper_views import known, trial, wild
 
 
@@ -115,6 +115,24 @@ def test_where_nothing_has_changed_what_is_seen_explains_it_better(monkeypatch, 
     assert len(memory.known.gripper) > looks
 
 
+@pytest.mark.parametrize("perturbation", [CameraAim(camera="left", degrees=8), CameraReplace(camera="right")])
+def test_a_camera_that_changes_in_mid_trial_is_met_once_and_costs_no_trial(perturbation):
+    """That trial's home, and the object from there, were seen before."""
+    world = wild(4112)
+    memory, changed = AdaptiveMemory(known(world)), perturbation.apply(world, np.random.default_rng(0))
+    for number in range(25):
+        memory.learn(looks_of(trial(world, 100 + number)), 0.5)
+    assert not memory.events
+    earlier, later = looks_of(trial(world, 200)), looks_of(trial(changed, 200, places=6))
+    memory.learn([*earlier[:2], *later[2:]], 0.5)
+    (event,) = memory.events
+    assert memory.known_for(later[0]) is memory.known
+    for number in range(6):
+        memory.learn(looks_of(trial(changed, 201 + number)), 0.5)
+    assert [each.trial for each in memory.events] == [event.trial]
+    assert np.median(memory.known.errors(trial(changed, 300, places=9))[0]) < 8
+
+
 def test_a_trial_in_which_nothing_changed_tells_more_of_the_change_before(monkeypatch):
     world = wild(4112)
     memory = AdaptiveMemory(known(world))
@@ -131,11 +149,14 @@ def learn_as_changed(memory, seen, monkeypatch):
     changed = Finding(Verdict.CHANGED, seen, np.array([True, False]), seen.sensors[0])
     memory.detector.home.add(seen.sensors[0], 0.5, int(seen.trials[0]))
     monkeypatch.setattr(memory.detector, "examine", lambda *_: changed)
+    memory.learn(looks_of(seen), 0.5)
+
+
+def looks_of(seen):
+    """Pairs as they were observed."""
     shown = np.concatenate([seen.sensors, seen.objects], 1).reshape(-1, 4, 2)
-    memory.learn(
-        [Observation(*each) for each in zip(shown, np.isfinite(shown).all(2), seen.registers, strict=True)],
-        0.5,
-    )
+    visible = np.isfinite(shown).all(2)
+    return [Observation(*each) for each in zip(np.nan_to_num(shown), visible, seen.registers, strict=True)]
 
 
 def test_an_announced_change_is_saved(make_env, tmp_path):

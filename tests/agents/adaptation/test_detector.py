@@ -77,7 +77,7 @@ def test_a_turned_camera_shows_at_once_and_by_its_side(acquainted, perturbation,
     assert finding.verdict is Verdict.CHANGED
     assert finding.cameras.tolist() == cameras
     assert finding.pairs.trials.tolist() == [TRIALS] * len(pairs)
-    detector.begin_anew(finding.pairs)
+    detector.begin_anew(TRIALS)
     assert len(detector.home.sensors) == 1
     before = trial(acquainted[0], 99).sensors[0]
     np.testing.assert_allclose(finding.home_before, before, atol=2.5 * IMAGE_UNIT)

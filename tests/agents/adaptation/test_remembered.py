@@ -102,6 +102,20 @@ def test_noise_that_is_found_out_late_holds_for_earlier_looks():
     np.testing.assert_allclose(remembered.gripper.function.looks.variances, (3 * IMAGE_UNIT) ** 2)
 
 
+def test_what_is_learned_anew_is_as_probable_as_noise_has_it_whatever_noise_was_assumed_before():
+    """Two that differ in nothing but the noise of earlier looks are as surprised by noisier looks."""
+    registers = np.random.default_rng(5).uniform(-0.5, 0.5, (6, 3))
+    noisy = seen_at(
+        registers, view(registers) + np.random.default_rng(6).normal(0, 4 * IMAGE_UNIT, (6, 4)), 4
+    )
+    before, anew = taught(20, noise_px=0.5), taught(20, noise_px=0.5)
+    looks = before.gripper.function.looks
+    raised = looks._replace(variances=np.maximum(looks.variances, (4 * IMAGE_UNIT) ** 2))
+    function = before.gripper.function
+    before.gripper.function = function.of(raised, 3, function.lengths[function.best])
+    np.testing.assert_allclose(anew.learn_anew(noisy), before.learn_anew(noisy), rtol=1e-6)
+
+
 def test_it_keeps_what_adds_most_and_no_more_than_its_bound(monkeypatch):
     monkeypatch.setattr(KeptLooks, "TOLD", 0.0)
     few = taught(200, looks=60)

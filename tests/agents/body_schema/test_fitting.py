@@ -49,7 +49,7 @@ def test_what_is_known_but_for_some_is_the_marginal_of_the_others():
     np.testing.assert_allclose(left.root @ left.root.T, found)
 
 
-@pytest.mark.parametrize("mount", [0, 1, 3, 5])
+@pytest.mark.parametrize("mount", [0, 1, 3, 5, 7])
 def test_the_mount_is_among_the_guesses(mount):
     arm = Arm("redundant.xml", "tool", mount)
     assert (mount, mount) in likely_mounts(arm.pairs(trials=6, seed=8, reach=0.2), Body.GUESSES)

@@ -81,6 +81,25 @@ def test_it_uses_four_positions_and_none_after_them():
     np.testing.assert_array_equal(words_of(None), words_of(np.full(3, np.nan)))
 
 
+def test_a_position_at_which_a_point_is_missing_is_looked_at_again():
+    """And so the affine function is the same as where none was."""
+    world, steps = AffineWorld(np.random.default_rng(5)), []
+    for missing in (False, True):
+        world.registers = np.zeros(3)
+        running, looks = AffineStereo(environment()).procedure(world.observe(), None), 0
+        words, made = next(running), []
+        while len(made) < 6:
+            world.registers, looks = world.registers + words, looks + 1
+            if words.any():
+                made.append(words)
+            seen = world.observe()
+            if missing and looks in (1, 3):
+                seen = seen.estimated(np.full((4, 2), 9.0), np.array([True, True, False, True]))
+            words = running.send(seen)
+        steps.append(made)
+    np.testing.assert_allclose(*steps, atol=1e-6)
+
+
 def test_linear_errors_of_the_arm_are_corrected_by_the_known_positions():
     """The same steps, whatever linear map stands between the nominal arm and the true one."""
     rng = np.random.default_rng(0)

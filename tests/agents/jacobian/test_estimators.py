@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from agents.base.observation import Observation
-from agents.jacobian import ESTIMATORS, Slopes, TestMotions, distance_jacobian
+from agents.jacobian import ESTIMATORS, Kalman, Slopes, TestMotions, distance_jacobian
 from agents.jacobian.least_squares import RecursiveLeastSquares
 from agents.jacobian.rank_one import TrustRegion
 from calfree_gym.image import IMAGE_UNIT, lengths_px
@@ -178,6 +178,16 @@ def test_what_was_not_seen_changes_nothing(estimator):
     rows = np.repeat(seen, 2)
     np.testing.assert_allclose(found.jacobian[~rows], start[~rows], atol=1e-9)
     assert (np.abs(found.jacobian - start)[rows] > 1e-3).all()
+
+
+@pytest.mark.parametrize("noise_px", [0.1, 5.0])
+def test_how_sure_a_jacobian_from_before_is_does_not_depend_on_the_noise_of_the_first_motion(noise_px):
+    """Noise tells how sure that is which was concluded from motions."""
+    estimator = Kalman(3, Slopes.of(np.random.default_rng(0).normal(size=(8, 3))))
+    before = estimator.deviations(np.ones(3))
+    estimator.noise_px = noise_px
+    estimator.learn(np.zeros(3), np.zeros((4, 2)), ALL)
+    np.testing.assert_allclose(estimator.deviations(np.ones(3)), before)
 
 
 @pytest.mark.parametrize("estimator", EVERY)

@@ -111,6 +111,45 @@ def test_observations_that_come_late_are_waited_for(observe):
     assert settled(filter_, [before, after])[1] == 2
 
 
+def test_late_observations_teach_no_noise(observe):
+    """They differ from the next ones, where nothing moves, by the motion."""
+    filter_, rng, noise_px = ObservationFilter(), np.random.default_rng(0), 0.7
+    before = PLACES
+    for motion in range(12):
+        there, after = (motion + 1) * THERE, before + MOVED_PX * (-1) ** motion * IMAGE_UNIT
+        seen = [
+            observe(each + rng.normal(0, noise_px * IMAGE_UNIT, (4, 2)), there)
+            for each in [before, *[after] * 9]
+        ]
+        running = filter_.settle(seen[0], observe(before, there - THERE), before, np.zeros(4))
+        with contextlib.suppress(StopIteration):
+            next(running)
+            for later in seen[1:]:
+                running.send(later)
+        before = after
+    assert filter_.latency.motions == 1
+    assert filter_.noise.px == pytest.approx(noise_px, rel=0.35)
+
+
+def test_a_point_that_was_never_seen_did_not_get_lost(observe):
+    filter_ = ObservationFilter()
+    blind = observe(PLACES, np.zeros(3), (True, True, False, True))
+    running = filter_.first(blind)
+    with contextlib.suppress(StopIteration):
+        next(running)
+        while True:
+            running.send(blind)
+    assert not filter_.lost.any()
+    settled(filter_, [observe(places(MOVED_PX), THERE)] * 2, known=False)
+    gone = observe(places(2 * MOVED_PX), 2 * THERE, (True, True, False, True))
+    running = filter_.settle(gone, observe(places(MOVED_PX), THERE), places(2 * MOVED_PX), np.ones(4))
+    with contextlib.suppress(StopIteration):
+        next(running)
+        while True:
+            running.send(gone)
+    assert filter_.lost.tolist() == [False, False, True, False]
+
+
 @pytest.mark.parametrize(("noise_px", "mistaken"), [(0.7, 0.0), (5.0, 0.0), (20.0, 0.0), (0.7, 0.4)])
 def test_noise_is_learned_from_observations_at_one_place(observe, noise_px, mistaken):
     rng, found = np.random.default_rng(0), []

@@ -61,6 +61,7 @@ def test_a_step_that_loses_a_point_is_taken_back_and_the_next_one_is_shorter(los
     jacobian = np.concatenate([0.3 * np.eye(4, 3), np.zeros((4, 3))])
     steps, words = steps_in(jacobian, np.zeros((4, 2))), np.array([0.2, 0.0, 0.0])
     trial = steps.trial
+    assert not list(trial.begin())
     trial.filter.latency.confirmed = True
     trial.known[:] = True
     running = steps.make(words)

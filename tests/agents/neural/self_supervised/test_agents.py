@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import agents
+from agents.neural.self_supervised.reach import Reach
 from tests.agents.neural.self_supervised.conftest import QUICK, LinearWorld
 
 
@@ -53,6 +54,22 @@ def test_a_reversed_motor_is_told_and_the_replay_mended(linear):
     true = np.isclose(pairs.change, pairs.words * env.signs @ env.jacobian.T, atol=1e-5).all(1)
     assert true.mean() > 0.98  # it dates the change to a motion or two
     assert lengths(agent, env).mean() < 4
+
+
+def test_what_a_trial_showed_of_the_network_does_not_correct_the_one_that_was_mended(linear, monkeypatch):
+    """It would undo the mending."""
+    agent, env = linear(motions=250)
+    corrections, reverse = [], agent.model.reverse
+    monkeypatch.setattr(agent, "new_findings", lambda: corrections.append(Reach()) or corrections[-1])
+    monkeypatch.setattr(
+        agent.model, "reverse", lambda signs: found.extend(corrections[-1:]) or reverse(signs)
+    )
+    found = []
+    env.signs[1] = -1
+    agent.learn(60, callback=lambda progress: not found)
+    assert found
+    assert not found[0].changes
+    assert not found[0].residuals
 
 
 def test_another_change_is_told_and_the_replay_doubted(linear):
