@@ -177,7 +177,7 @@ class Trial:
         return executed, moved
 
     def _move(self, words: Array) -> Motions:
-        before = self.now
+        before, words = self.now, np.clip(words, -1.0, 1.0)
         observation = yield words
         executed = observation.registers - before.registers
         moving = executed != 0

@@ -124,7 +124,7 @@ class Reach:
 
     def move(self, words: Array) -> Motions:
         """Executes words (m,), and learns from what is then seen."""
-        before = self.now
+        before, words = self.now, np.clip(words, -1.0, 1.0)
         observation = yield words
         self.stops.learn(words, words - (observation.registers - before.registers), observation.registers)
         expected = self.points.at(observation.registers).points

@@ -64,6 +64,15 @@ def test_where_a_motor_stops_is_learned_from_what_it_does_not_execute():
     np.testing.assert_allclose(lowest, [-1.2, 0.0, -1.1])
 
 
+def test_a_word_that_is_longer_than_words_can_be_meets_no_stop():
+    """As on the way back from afar; environments execute a word of one."""
+    arm = LinearArm([400.0] * 3)
+    trial = trial_of(arm, TestMotions(3))
+    (words,) = carry_out(trial.move(np.array([-1.6, 0.4, 0.0])), arm)
+    np.testing.assert_allclose(words, [-1.0, 0.4, 0.0])
+    np.testing.assert_allclose(trial.stops.lowest, -1.0)
+
+
 def test_a_motor_at_its_stop_is_tested_the_other_way():
     arm = LinearArm([400.0] * 3, highest=np.array([0.001, 1, 1]))
     trial = trial_of(arm, TestMotions(3))
