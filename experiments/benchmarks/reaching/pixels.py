@@ -55,14 +55,14 @@ LEARNERS = {
         },
     ),
     "SAC": Learner(
-        10_000,
+        12_000,
         {
             "learning_starts": 500,
-            "buffer_size": 10_000,
-            "batch_size": 128,
+            "buffer_size": 12_000,
+            "batch_size": 256,
             "gamma": 0.5,
             "learning_rate": 0.0005,
-            "gradient_steps": 8,  # every sixteen motions
+            "gradient_steps": 16,  # one for each motion; half as many of 128 learned next to nothing
             "ent_coef": "auto_0.01",
         },
     ),
