@@ -1,4 +1,4 @@
-"""The Jacobian as it usually is: what trials teach the next one."""
+"""The Jacobian as it usually is, and how smooth points are: what trials teach the next one."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from ..base.observation import POINTS, Array, Flags
 DIFFERENT = 0.3
 """Beforehand a trial's Jacobian differs from the usual one by this share of its root mean square: tuned on
 wild worlds 3000 and up."""
+ALIKE_LOOKS = 8.0
+"""Beforehand points are as smooth along one motor as along another, as if so many looks had told that; a
+trial of fewer tells nothing of it. Choice: as many as those by which `KeptLooks` first chooses lengths."""
 
 
 class Slopes(NamedTuple):
-    """The Jacobian as it usually is where a trial begins, as far as it is known.
+    """The Jacobian as it usually is where a trial begins, as far as it is known, and lengths of smoothness.
 
     It differs from trial to trial: with the place, and where the cameras move also with the object.
 
@@ -24,6 +27,9 @@ class Slopes(NamedTuple):
         variances: Covariances of a row of it, for each point (4, m, m), where they are known.
         changes: Variances of what a trial's row differs by, for each point and motor (4, m).
         trials: So many trials have told that.
+        lengths: Over how many registers gripper and object points are smooth along each motor (2, m), beside
+            the others: factors whose product is one.
+        looks: So many looks (2,) have told that.
     """
 
     registers: Array
@@ -31,6 +37,8 @@ class Slopes(NamedTuple):
     variances: Array
     changes: Array
     trials: int
+    lengths: Array
+    looks: Array
 
     @classmethod
     def of(cls, jacobian: Array, registers: Array | None = None, variances: Array | None = None) -> Self:
@@ -43,6 +51,8 @@ class Slopes(NamedTuple):
             np.zeros((POINTS, motors, motors)) if variances is None else variances,
             np.tile((DIFFERENT**2 * squares).repeat(2)[:, None], motors),
             0,
+            np.ones((2, motors)),
+            np.full(2, ALIKE_LOOKS),
         )
 
     def corrected(self, seen: Self, hold: Flags) -> Self:
@@ -72,4 +82,12 @@ class Slopes(NamedTuple):
             np.where(hold[:, None, None], variances, seen.variances),
             np.where(hold[:, None], changes, self.changes),
             self.trials + 1,
+            self.lengths,
+            self.looks,
         )
+
+    def with_lengths(self, lengths: Array, looks: Array) -> Self:
+        """With what one more trial tells of lengths (2, m) by so many looks (2,): a geometric mean."""
+        logarithms = [each * np.log(of) for each, of in ((self.looks, self.lengths.T), (looks, lengths.T))]
+        total = self.looks + looks
+        return self._replace(lengths=np.exp(sum(logarithms) / total).T, looks=total)

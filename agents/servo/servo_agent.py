@@ -80,13 +80,14 @@ class ServoAgent(ProcedureAgent):
         """See `ProcedureAgent`."""
         arrays = self.filter.arrays()
         if self.slopes is not None:
-            registers, jacobian, variances, changes, trials = self.slopes
+            registers, jacobian, variances, changes, trials, lengths, looks = self.slopes
             arrays |= {"jacobian": jacobian, "slope_registers": registers, "slope_variances": variances}
             arrays |= {"slope_changes": changes, "slope_trials": np.array([trials])}
+            arrays |= {"smooth_lengths": lengths, "smooth_looks": looks}
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`. Files of version 0.1 have no variances, and older ones no registers."""
+        """See `ProcedureAgent`. Files of 0.1 have no variances and lengths, older ones no registers."""
         self.slopes = None
         self.filter.restore(arrays)
         if "jacobian" in arrays:
@@ -96,6 +97,11 @@ class ServoAgent(ProcedureAgent):
                 variances=checked_array(arrays, "slope_variances", (POINTS, self.motors, self.motors)),
                 changes=checked_array(arrays, "slope_changes", (POINTS, self.motors)),
                 trials=int(checked_array(arrays, "slope_trials", (1,))[0]),
+            )
+        if self.slopes is not None and "smooth_lengths" in arrays:
+            self.slopes = self.slopes._replace(
+                lengths=checked_array(arrays, "smooth_lengths", (2, self.motors)),
+                looks=checked_array(arrays, "smooth_looks", (2,)),
             )
         if self.slopes is not None and "slope_registers" in arrays:
             registers = checked_array(arrays, "slope_registers", (self.motors,))

@@ -32,7 +32,9 @@ class UnifiedServo:
     least, and among equals to the nearest. Where it would leave too much of the distance, a probe is added:
     it moves the motors in a way of which least is known, several at once.
 
-    So it does not matter how many motors there are, or whether some move nothing in the images.
+    So it does not matter how many motors there are, or whether some move nothing in the images. What a trial
+    leaves to the next one are `Slopes`: the Jacobian where trials begin, and along which motors points are
+    smooth over many registers. It remembers no place.
 
     Attributes:
         probe_px: How far a probe is to move the points in the images. Choice: as far as test motions of other

@@ -38,10 +38,11 @@ class Expected(NamedTuple):
 class SmoothFunction:
     """One point in both images as Gaussian processes over places: registers, and what else it depends on.
 
-    No motor is told from another, and nothing is said of how many there are. Over what distance points are
-    smooth is what explains the looks best (the evidence, Rasmussen & Williams 2006, section 5.4.1): so points
-    that hardly move, and robots whose words do much or little, need no setting. Slopes that are known from
-    before are looks at the derivative; where they do not explain what is seen, they do not count.
+    Nothing is said of how many motors there are, and only what earlier trials showed tells one from another
+    (`relative_lengths`). Over what distance points are smooth is what explains the looks best (the evidence,
+    Rasmussen & Williams 2006, section 5.4.1): so points that hardly move, and robots whose words do much or
+    little, need no setting. Slopes that are known from before are looks at the derivative; where they do not
+    explain what is seen, they do not count.
 
     A look makes a new function of an old one: the inverse Cholesky factors grow by a row.
 
@@ -87,13 +88,22 @@ class SmoothFunction:
     """Hypotheses of so much less evidence are given up. A guard: one in three millions."""
 
     @classmethod
-    def unknown(cls, dimensions: int, motors: int) -> Self:
-        """One of which nothing was seen, over places of that many components."""
+    def unknown(cls, dimensions: int, motors: int, relative: Array | None = None) -> Self:
+        """One of which nothing was seen, over places of that many components.
+
+        Args:
+            dimensions: Components of a place.
+            motors: m; the first components of a place are registers.
+            relative: Over how many registers it is smooth along each motor (m,), beside the others; alike
+                unless given.
+        """
         hypotheses = len(cls.LENGTHS)
+        lengths = np.tile(cls.LENGTHS[:, None], dimensions)
+        lengths[:, :motors] *= 1.0 if relative is None else relative
         return cls(
             looks=Looks.none(dimensions),
             motors=motors,
-            lengths=np.tile(cls.LENGTHS[:, None], dimensions),
+            lengths=lengths,
             evidence=-(np.log(cls.LENGTHS / cls.USUAL) ** 2) / (2 * cls.UNUSUAL**2),
             whitening=np.empty((hypotheses, 1, 0, 0)),
             white=np.empty((hypotheses, 2, 0, 2)),
@@ -166,8 +176,8 @@ class SmoothFunction:
             place: Where (d,).
         """
         motors, unit = self.motors, np.eye(self.motors)
-        steep = (self.SPREAD / self.lengths[:, 0, None, None, None]) ** 2
-        factors = np.linalg.cholesky(covariances.mean(0) + unit * steep)
+        steep = (self.SPREAD / self.lengths[:, :motors]) ** 2
+        factors = np.linalg.cholesky(covariances.mean(0) + unit * steep[:, None, None])
         whitening = np.linalg.inv(factors)
         white = whitening @ slopes.swapaxes(1, 2)
         return replace(

@@ -15,6 +15,7 @@ from ...jacobian import Slopes
 from ...perception.noise import MARKER_NOISE_PX
 from .looks import NOISIER
 from .mistaken import without_mistaken
+from .relative_lengths import relative_lengths
 from .smooth_function import Expected, SmoothFunction
 
 GRIPPER, OBJECT = slice(0, 2), slice(2, 4)
@@ -105,10 +106,11 @@ class SmoothPoints:
     @cached_property
     def before(self) -> tuple[SmoothFunction, SmoothFunction]:
         """What was known of gripper and object before the first look of this trial."""
-        gripper = SmoothFunction.unknown(self.motors, self.motors)
-        object_ = SmoothFunction.unknown(self.motors + 4, self.motors)
+        lengths = (None, None) if self._slopes is None else self._slopes.lengths
+        gripper = SmoothFunction.unknown(self.motors, self.motors, lengths[0])
+        object_ = SmoothFunction.unknown(self.motors + 4, self.motors, lengths[1])
         if self._slopes is not None:
-            registers, jacobian, variances, changes, _ = self._slopes
+            registers, jacobian, variances, changes, *_ = self._slopes
             slopes = jacobian.reshape(POINTS, 2, -1)
             variances = variances + changes[:, None] * np.eye(self.motors)
             gripper = gripper.with_slopes(slopes[GRIPPER], variances[GRIPPER], registers)
@@ -219,7 +221,10 @@ class SmoothPoints:
         """As `look`, where the world has changed: forgets earlier looks; known slopes may still hold."""
         now = self._slopes_at(observation.registers)
         if self._slopes is not None:
-            now = now._replace(changes=self._slopes.changes, trials=self._slopes.trials)
+            before = self._slopes
+            now = now._replace(
+                changes=before.changes, trials=before.trials, lengths=before.lengths, looks=before.looks
+            )
         self._slopes = now
         self._forget()
         self.look(observation, noise_px)
@@ -229,10 +234,13 @@ class SmoothPoints:
         if self._began is None:
             return self._slopes
         now = self._slopes_at(self._began)
-        if self._slopes is None:
-            return now
-        hold = [self.gripper.slopes_hold] * 2 + [self.object.slopes_hold] * 2
-        return self._slopes.corrected(now, np.array(hold))
+        if self._slopes is not None:
+            hold = [self.gripper.slopes_hold] * 2 + [self.object.slopes_hold] * 2
+            now = self._slopes.corrected(now, np.array(hold))
+        functions = zip((self.gripper, self.object), self.before, strict=True)
+        told = [relative_lengths(each, len(before.looks.places)) for each, before in functions]
+        lengths, looks = zip(*told, strict=True)
+        return now.with_lengths(np.array(lengths), np.array(looks))
 
     def _slopes_at(self, registers: Array) -> Slopes:
         expected = self.at(registers)

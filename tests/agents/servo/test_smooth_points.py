@@ -42,14 +42,20 @@ def rng():
     return np.random.default_rng(0)
 
 
-@pytest.fixture(params=["nothing", "slopes"])
+RELATIVE = np.array([0.5, 2.0, 0.8, 1.25])
+"""Lengths along four motors, beside each other."""
+
+
+@pytest.fixture(params=["nothing", "slopes", "slopes and lengths"])
 def scene(request, rng):
-    """A function, looks at it, some of which miss points, and slopes from before or none."""
+    """A function, looks at it, some of which miss points, and slopes and lengths from before or none."""
     points, jacobian = wavy(rng, 1.0)
     at = rng.uniform(-0.5, 0.5, (9, MOTORS))
     seen = rng.random((9, 4)) < 0.8
     start = Slopes.of(jacobian(at[0]), at[0], np.full((4, 1, 1), 0.02) * np.eye(MOTORS))
-    return points, at, seen, start if request.param == "slopes" else None
+    if request.param == "slopes and lengths":
+        start = start._replace(lengths=np.tile(RELATIVE, (2, 1)))
+    return points, at, seen, start if request.param != "nothing" else None
 
 
 def test_slopes_and_those_of_the_variances_are_derivatives(scene, rng):
@@ -78,6 +84,7 @@ def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(sc
     monkeypatch.setattr(SmoothFunction, "CHANGED", 1e-300)
     points, at, seen, start = scene
     known = looked(points, at, start, seen)
+    length = np.full(MOTORS, length) if start is None else length * start.lengths[0]
     new = rng.uniform(-0.4, 0.4, MOTORS)
     expected = known.at(new)
     noise = (NOISE_PX * IMAGE_UNIT) ** 2
@@ -89,7 +96,7 @@ def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(sc
         if start is not None:
             error = start.variances[point] + np.diag(start.changes[point])
             across = with_slopes(places, start.registers, length)
-            own = np.eye(MOTORS) * SmoothFunction.SPREAD**2 / length**2 + error
+            own = np.diag(SmoothFunction.SPREAD**2 / length**2) + error
             joint = np.block([[joint, across], [across.T, own]])
             order = [*range(len(shown)), *range(len(places), len(joint)), len(shown)]
             joint = joint[np.ix_(order, order)]
@@ -102,8 +109,8 @@ def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(sc
 
 
 def covariances(one, other, length):
-    squares = np.square(one[:, None] - other).sum(-1)
-    return SmoothFunction.SPREAD**2 * np.exp(-squares / (2 * length**2)) + SmoothFunction.OFFSET**2
+    squares = np.square((one[:, None] - other) / length).sum(-1)
+    return SmoothFunction.SPREAD**2 * np.exp(-squares / 2) + SmoothFunction.OFFSET**2
 
 
 def with_slopes(places, where, length):
@@ -128,6 +135,31 @@ def test_points_are_as_far_off_as_it_expects_them_to_be(length):
     within = np.mean(np.abs(deviations) < 0.6745)
     assert 0.3 < within < 0.7
     assert np.mean(np.abs(deviations) > 4) < 0.03
+
+
+def test_trials_tell_the_next_along_which_motors_points_are_smooth(rng):
+    """And then less is known beforehand of what is far along a motor of short lengths."""
+    start = None
+    for _ in range(6):
+        points, _ = wavy(rng, RELATIVE)
+        start = looked(points, rng.uniform(-0.6, 0.6, (16, MOTORS)), start).slopes_for_next()
+    assert (start.looks > 6 * 16).all()
+    np.testing.assert_allclose(start.lengths.prod(1), 1)
+    assert np.corrcoef(np.log(start.lengths[0]), np.log(RELATIVE))[0, 1] > 0.8
+    known = looked(points, np.zeros((1, MOTORS)), start)
+    unsure = [known.at(0.3 * way).gripper.variances.mean() for way in np.eye(MOTORS)]
+    assert np.argmax(unsure) == 0
+    assert np.argmin(unsure) == 1
+
+
+def test_a_handful_of_looks_tells_nothing_of_one_motor_beside_another(rng):
+    points, _ = wavy(rng, RELATIVE)
+    slopes = looked(points, rng.uniform(-0.6, 0.6, (7, MOTORS))).slopes_for_next()
+    np.testing.assert_array_equal(slopes.lengths, 1)
+    unseen = np.tile([True, False, True, True], (12, 1))
+    slopes = looked(points, rng.uniform(-0.6, 0.6, (12, MOTORS)), seen=unseen).slopes_for_next()
+    np.testing.assert_array_equal(slopes.lengths[0], 1)
+    assert (slopes.lengths[1] != 1).any()
 
 
 def test_slopes_are_found_that_are_not_along_the_motors(rng):
