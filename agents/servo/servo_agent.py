@@ -1,4 +1,4 @@
-"""A servo alone: what it keeps from one trial to the next is its last Jacobian."""
+"""A servo alone: what it keeps from one trial to the next are slopes, and no place."""
 
 from __future__ import annotations
 
