@@ -93,7 +93,7 @@ def test_a_position_at_which_a_point_is_missing_is_looked_at_again():
             if words.any():
                 made.append(words)
             seen = world.observe()
-            if missing and looks in (1, 3):
+            if missing and looks in (1, 4):
                 seen = seen.estimated(np.full((4, 2), 9.0), np.array([True, False, True, True]))
             words = running.send(seen)
         steps.append(made)
