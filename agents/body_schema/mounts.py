@@ -11,7 +11,7 @@ from ..base.observation import Array
 
 Mounts = tuple[int, int]
 STILL = 6.0
-"""An object is not moved that is seen within so many times the noise of where it was from home. Choice."""
+"""What is seen within so many times the noise of where it was from home is not moved. Choice."""
 MOVED = 0.1
 """It is moved where this share of its coordinates is. Choice: some are mistaken."""
 RIDGE = 1e-3
@@ -27,21 +27,28 @@ def likely_mounts(pairs: Pairs, count: int) -> list[Mounts]:
     motors = pairs.registers.shape[1]
     seen = pairs.only(pairs.with_object)
     moved = seen.objects - seen.homes
-    far = np.abs(moved) > STILL * seen.noise_px[:, None] * IMAGE_UNIT
-    if not len(far) or far.mean() < MOVED:
+    if not _moves(moved, seen.noise_px):
         return [(0, 0)]
     at_home = ~pairs.registers.any(1)
     if not (at_home.any() and pairs.registers.any()):
         return [(0, 0)]
     home = np.median(pairs.sensors[at_home], axis=0)
+    if not _moves(pairs.sensors - home, pairs.noise_px):
+        return [(motors, motors)]
     gripper = _squares(pairs.registers, pairs.sensors - home)
     object_ = _squares(seen.registers, moved)
-    unlike = [gripper[:, :split].sum(1) + object_[:, split:].sum(1) for split in range(motors + 1)]
-    splits = np.array(unlike)  # (m + 1, cameras)
+    unlike = [gripper[:, :split].sum(1) + object_[:, split:].sum(1) for split in range(motors)]
+    splits = np.array(unlike)  # (m, cameras)
     splits /= gripper.sum(1) + object_.sum(1)
     left, right = splits.argmin(0)
     alike = [(int(k), int(k)) for k in splits.sum(1).argsort()]
     return list(dict.fromkeys([(int(left), int(right)), *alike]))[:count]
+
+
+def _moves(moved: Array, noise_px: Array) -> bool:
+    """Whether sensor vectors that are so much from home (n, 4) are moved, in noise of (n,) pixels."""
+    far = np.abs(moved) > STILL * noise_px[:, None] * IMAGE_UNIT
+    return bool(len(far) and far.mean() >= MOVED)
 
 
 def _squares(registers: Array, moved: Array) -> Array:
