@@ -8,6 +8,9 @@ from ...base.observation import Array
 from ...jacobian.slopes import ALIKE_LOOKS
 from .smooth_function import SmoothFunction
 
+LATEST = 100
+"""So many looks tell (a guard: it takes time)."""
+
 
 def relative_lengths(function: SmoothFunction, since: int) -> tuple[Array, int]:
     """Over how many registers a point is smooth along each motor, by the looks from the index `since` on.
@@ -17,7 +20,7 @@ def relative_lengths(function: SmoothFunction, since: int) -> tuple[Array, int]:
         both images; where they are fewer than `ALIKE_LOOKS`, none.
     """
     looks = function.looks.only(slice(since, None))
-    looks = looks.only(np.asarray(np.isfinite(looks.variances).all(1)))
+    looks = looks.only(np.asarray(np.isfinite(looks.variances).all(1))).only(slice(-LATEST, None))
     if len(looks.places) < ALIKE_LOOKS:
         return np.ones(function.motors), 0
     fitted = function.of(looks, function.motors, function.lengths[function.best]).refitted()
