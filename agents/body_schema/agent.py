@@ -81,7 +81,8 @@ class BodySchema(ServoAgent):
             enough_px = max(self.LEFT * now.distance_px, self.NOISES * noise_px)
             near = self._off_px(place, known) <= enough_px
             if near or known.fits:
-                slopes = Slopes.of(place.jacobian, place.registers)
+                begins = place.registers if near else now.registers
+                slopes = Slopes.of(known.jacobian(begins, home.object), begins)
                 findings.estimator = self.servo.new_estimator(self.motors, slopes)
             if not near:
                 break

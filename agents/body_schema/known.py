@@ -14,7 +14,7 @@ from calfree_gym.image import CAMERAS, IMAGE_UNIT
 
 from ..adaptation.pairs import Pairs
 from ..base.checks import checked_array
-from ..base.observation import Array, Flags
+from ..base.observation import POINTS, Array, Flags
 from ..base.storage import prefixed, under
 from .chain import Chain, Views
 from .fitting import Fit, Fitted, Gaussian, log_evidence, seen_points
@@ -89,6 +89,11 @@ class Known:
         """
         views = Views(self.chain, self.fitted.numbers, registers[None], home[None])
         return views.points[0], np.sqrt(self._variances(views)[0]) / IMAGE_UNIT
+
+    def jacobian(self, registers: Array, home: Array) -> Array:
+        """How points change with registers (8, m) there (m,), of an object that home shows at `home` (4,)."""
+        views = Views(self.chain, self.fitted.numbers, registers[None], home[None])
+        return views.by_registers()[0].reshape(2 * POINTS, -1)
 
     def contradicted(self, pairs: Pairs, least: int = LEAST) -> Flags:
         """Which cameras (2,) see something else than they should, in so many looks at least."""

@@ -37,13 +37,11 @@ class Meeting(NamedTuple):
         registers: There (m,).
         left_px: How far from each other they are then, root mean square of both images, in pixels.
         deviation_px: Standard deviation of that, what is not known included.
-        jacobian: Of gripper and object points there, by registers (8, m).
     """
 
     registers: Array
     left_px: float
     deviation_px: float
-    jacobian: Array
 
 
 class Seeker:
@@ -118,10 +116,10 @@ class Seeker:
             registers, views, apart, cost = there, further, apart_there, cost - gained
             if cost > ENOUGH * (cost + gained):
                 break
-        by_numbers, by_registers = views.by_numbers()[0], views.by_registers()[0]
+        by_numbers = views.by_numbers()[0]
         by = (by_numbers[:2] - by_numbers[2:]).reshape(POINTS, -1)
         unsure = np.einsum("cx,xy,cy->", by, self._known.covariance, by)
         left, deviation = (
             float(np.sqrt(square / 2)) / IMAGE_UNIT for square in (apart @ apart, apart @ apart + unsure)
         )
-        return Meeting(registers, left, deviation, by_registers.reshape(2 * POINTS, -1))
+        return Meeting(registers, left, deviation)
