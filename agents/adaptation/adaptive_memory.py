@@ -22,7 +22,7 @@ from ..jacobian import Slopes
 from ..servo.image_model.smooth_points import SmoothPoints
 from .archive import Archive
 from .detector import NO_CAMERA, ChangeDetector, Finding, Verdict
-from .explanation import as_seen_now, changed_in_mid_trial, explain_drift, explain_jump
+from .explanation import as_seen_now, explain_drift, explain_jump, since_mid_trial
 from .home_view import Cameras
 from .pairs import Pairs
 from .remembered import Remembered
@@ -198,10 +198,9 @@ class AdaptiveMemory:
         Where the change came in mid-trial, home was seen before it, and the object from there.
         """
         before, home, first = self.known.copy(), found.pairs.sensors[0], int(found.pairs.trials[0])
-        in_mid_trial = changed_in_mid_trial(before, found.pairs, found.first, found.cameras)
-        if in_mid_trial:
-            later = found.pairs.only(np.arange(len(found.pairs)) >= found.first)
-            found = replace(found, pairs=later.without_objects())
+        since = since_mid_trial(before, found.pairs, found.first, found.cameras)
+        if in_mid_trial := since is not None:
+            found = replace(found, pairs=since)
         self.detector.begin_anew(first + in_mid_trial)
         archived = None if in_mid_trial else self._recalled(home)
         self.archive.add(before.arrays(), found.home_before)

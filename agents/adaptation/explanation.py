@@ -72,8 +72,8 @@ def explain_jump(before: Remembered, since: Pairs, cameras: Cameras, may_discard
     return max(explanations, key=lambda each: each.odds(since))
 
 
-def changed_in_mid_trial(before: Remembered, pairs: Pairs, first: int, cameras: Cameras) -> bool:
-    """Whether pairs before the first that shows a change are rather older than the change.
+def since_mid_trial(before: Remembered, pairs: Pairs, first: int, cameras: Cameras) -> Pairs | None:
+    """The pairs since a change in mid-trial; None where those before `first` are rather no older than it.
 
     The gripper tells: where home would show the object after the change nobody knows.
 
@@ -84,11 +84,11 @@ def changed_in_mid_trial(before: Remembered, pairs: Pairs, first: int, cameras: 
         cameras: Those (2,) that show it.
     """
     if not first:
-        return False
+        return None
     seen, later = pairs.without_objects(), np.arange(len(pairs)) >= first
     earlier, since = seen.only(~later), seen.only(later)
     apart = before.evidence(earlier) + explain_jump(before, since, cameras, True).odds(since)
-    return bool(apart > explain_jump(before, seen, cameras, True).odds(seen))
+    return since if apart > explain_jump(before, seen, cameras, True).odds(seen) else None
 
 
 def explain_drift(before: Remembered, recent: Pairs, cameras: Cameras) -> Explanation:

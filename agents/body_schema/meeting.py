@@ -56,7 +56,7 @@ class Seeker:
     """
 
     def __init__(self, known: Known, home: Array, now: Observation, noise_px: float, stops: Stops) -> None:
-        self._known, self._home, self._now, self._stops = known, home[None], now.registers, stops
+        self._known, self._home, self._now, self._stops = known, home, now.registers, stops
         self._offset = np.zeros(POINTS)
         if now.registers.any():
             offset = now.distance - self._distance(self._views(now.registers))
@@ -80,7 +80,7 @@ class Seeker:
         return best
 
     def _views(self, registers: Array) -> Views:
-        return Views(self._known.chain, self._known.fitted.numbers, registers[None], self._home)
+        return self._known.views_at(registers, self._home)
 
     def _distance(self, views: Views) -> Array:
         return np.asarray(views.points[0, :2] - views.points[0, 2:]).reshape(POINTS) + self._offset
