@@ -37,12 +37,13 @@ docs: venv
 
 # Every kept result anew, training and tuning apart. Started again, it goes on where it was.
 SUITES := paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions
-BENCHMARKS := coverage controllers sensitivity speed
+BENCHMARKS := coverage controllers priors knowledge insert orientations safe_start
+ALONE := changes sensitivity speed  # they take all cores, or measure time
 parts_of_controllers := controllers models robust servo table
 
 results: results-suites
-	printf '%s\n' $(filter-out speed,$(BENCHMARKS)) | xargs -P $(JOBS) -I{} $(MAKE) benchmark-{}
-	$(MAKE) benchmark-speed  # alone, for it measures time
+	printf '%s\n' $(BENCHMARKS) | xargs -P $(JOBS) -I{} $(MAKE) benchmark-{}
+	$(MAKE) -j 1 $(addprefix benchmark-,$(ALONE))
 	$(BIN)/python -m experiments results-tables
 
 results-suites: venv $(if $(filter arms unseen-arms body-schema,$(SUITES)),arms)
@@ -51,10 +52,12 @@ results-suites: venv $(if $(filter arms unseen-arms body-schema,$(SUITES)),arms)
 		&& $(BIN)/python -m experiments keep build/results/$$suite || exit 1; \
 	done
 
+benchmark-safe_start: arms
 benchmark-%: venv
 	commit=$$($(BIN)/python -c 'from experiments.running.versions import commit; print(commit())') && \
 	grep -qs "\"commit\": \"$$commit\"" build/results/$*.json \
 	|| $(BIN)/python -m experiments benchmark $(or $(parts_of_$*),$*) --out build/results/$*.json
+	mkdir -p experiments/results/$*
 	cp build/results/$*.json experiments/results/$*/$*.json
 
 # Tables between markers in README.md and docs/, from the kept results in experiments/results.

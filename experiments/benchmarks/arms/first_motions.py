@@ -12,7 +12,8 @@ import pandas as pd
 import agents
 from calfree_gym.geometry import Array
 from experiments.benchmarks.trials import CAP
-from experiments.reporting.tables import Table
+from experiments.reporting.tables import Table, beside
+from experiments.statistics import mean_share
 
 SAFE = "CalFree/SafeReach-v0"
 FIRST_WORLD = 40_000
@@ -28,6 +29,21 @@ AGENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "random": ("random", {}),
 }
 
+FORMATS = {
+    **dict.fromkeys(("beyond 10°", "harmed", "rendezvous", "gave up"), ".1%"),
+    **dict.fromkeys(("force, 99 %", "largest force"), ".0f"),
+    **dict.fromkeys(("motions", "ratio"), ".2f"),
+    "bound N": ".0f",
+}
+_READ = (
+    f"gains × 0.25 to 8, a trial in each of at most {CAP} motions. Beyond 10°: a joint went farther in the "
+    f"first motion. Forces (N): the largest of a trial. Motions: mean of all trials, {CAP} without a "
+    "rendezvous. Brackets: 95 % intervals over worlds."
+)
+"""How every table is to be read."""
+OTHERS = 100
+"""Worlds of each arm that only `safe_start` is tried on."""
+
 
 class Place(NamedTuple):
     """An arm of the benchmark.
@@ -39,6 +55,10 @@ class Place(NamedTuple):
 
     worlds: int
     arguments: Mapping[str, Any]
+
+
+FETCHED = {"so101": Place(300, {"force_bound": 20.0}), "panda": Place(200, {})}
+"""Arms of `make arms` that all agents are tried on, beside the RV-M2; a small one with a smaller bound."""
 
 
 class FirstTrial(NamedTuple):
@@ -61,13 +81,16 @@ class FirstTrial(NamedTuple):
     gave_up: bool
 
 
-def safe_start(places: Mapping[str, Place] | None = None) -> Iterator[Table]:
-    """A table for each arm: what its first trials came to, by agent.
+def safe_start(
+    places: Mapping[str, Place] | None = None, others: Mapping[str, Place] | None = None
+) -> Iterator[Table]:
+    """A table for each arm: what its first trials came to, by agent; and one of `safe_start` alone, by arm.
 
     Args:
         places: By the arm's name; by default the RV-M2, and two where `make arms` has fetched them.
+        others: For the last table; by default the arms of the tests, and all others that are fetched.
     """
-    for arm, place in (places or _usual()).items():
+    for arm, place in (_usual() if places is None else places).items():
         env = gym.make(SAFE, **place.arguments)
         found = {name: _trials(env, *AGENTS[name], place.worlds) for name in AGENTS}
         env.close()
@@ -78,33 +101,45 @@ def safe_start(places: Mapping[str, Place] | None = None) -> Iterator[Table]:
             f"safe_start_{arm}",
             f"First trials of {arm}, {place.worlds} worlds",
             pd.DataFrame(rows),
-            {
-                **dict.fromkeys(("beyond 10°", "harmed", "rendezvous", "gave up"), ".1%"),
-                **dict.fromkeys(("force, 99 %", "largest force"), ".0f"),
-                **dict.fromkeys(("motions", "ratio"), ".2f"),
-            },
-            f"Worlds {FIRST_WORLD} to {FIRST_WORLD + place.worlds - 1}, gains × 0.25 to 8, a trial in each "
-            f"of at most {CAP} motions. Beyond 10°: a joint went farther in the first motion. "
-            f"Harmed: a contact above {bound:g} N. Forces (N): the largest of a trial. Motions: mean of all "
-            f"trials, {CAP} without a rendezvous. Ratio: of motions to {SERVO}'s, in worlds where that was "
+            FORMATS,
+            f"Worlds {FIRST_WORLD} to {FIRST_WORLD + place.worlds - 1}, {_READ} "
+            f"Harmed: a contact above {bound:g} N. Ratio: of motions to {SERVO}'s, in worlds where that was "
             "unharmed.",
         )
+    rows = []
+    for arm, place in (_others() if others is None else others).items():
+        env = gym.make(SAFE, **place.arguments)
+        trials = _trials(env, *AGENTS["safe_start"], place.worlds)
+        env.close()
+        arms = env.unwrapped.arms  # type: ignore[attr-defined]
+        told = {"motors": len(arms.robot.motors), "worlds": place.worlds, "bound N": arms.force_bound}
+        rows.append({"arm": arm, **told, **_row(trials)})
+    note = (
+        f"`safe_start` alone, worlds {FIRST_WORLD} and up, cameras in the room, {_READ} Harmed: a contact "
+        "above the bound."
+    )
+    yield Table("safe_start_others", "First trials of other arms", pd.DataFrame(rows), FORMATS, note)
 
 
-def _row(trials: list[FirstTrial], today: list[FirstTrial]) -> dict[str, Any]:
+def _row(trials: list[FirstTrial], today: list[FirstTrial] | None = None) -> dict[str, Any]:
+    """What trials came to; beside today's servo in the same worlds, where its trials are given."""
     columns = {name: np.array([getattr(each, name) for each in trials]) for name in FirstTrial._fields}
-    unharmed = np.array([not each.harmed for each in today])
-    of_today = np.array([each.motions for each in today])[unharmed]
-    return {
+    rng = np.random.default_rng(0)
+    row = {
         "beyond 10°": float((columns["first"] > AT_ONCE).mean()),
-        "harmed": float(columns["harmed"].mean()),
+        **beside("harmed", mean_share(columns["harmed"], rng), ".1%"),
         "force, 99 %": float(np.quantile(columns["force"], 0.99)),
         "largest force": float(columns["force"].max()),
-        "rendezvous": float(columns["reached"].mean()),
+        **beside("rendezvous", mean_share(columns["reached"], rng), ".1%"),
         "gave up": float(columns["gave_up"].mean()),
         "motions": float(columns["motions"].mean()),
-        "ratio": float(columns["motions"][unharmed].mean() / of_today.mean()) if len(of_today) else np.nan,
     }
+    if today is None:
+        return row
+    unharmed = np.array([not each.harmed for each in today])
+    of_today = np.array([each.motions for each in today])[unharmed]
+    ratio = float(columns["motions"][unharmed].mean() / of_today.mean()) if len(of_today) else np.nan
+    return row | {"ratio": ratio}
 
 
 def _trials(env: gym.Env[Any, Any], name: str, settings: dict[str, Any], worlds: int) -> list[FirstTrial]:
@@ -135,12 +170,24 @@ def moves(words: Array) -> bool:
 
 
 def _usual() -> dict[str, Place]:
-    """Arms of which two stand in `build/arms` alone; of small force, where the arm is small."""
+    """The arms on which agents are compared."""
     from tests.arms.fetched import fetched_arms
 
-    others = {"so101": Place(300, {"force_bound": 20.0}), "panda": Place(200, {})}
-    there = {name: arm for name, arm in fetched_arms().items() if name in others}
+    there = fetched_arms()
     return {"movemaster": Place(500, {})} | {
-        name: Place(others[name].worlds, {"arm": arm, "camera_mount": "stand", **others[name].arguments})
-        for name, arm in there.items()
+        name: Place(worlds, {"arm": there[name], "camera_mount": "stand", **arguments})
+        for name, (worlds, arguments) in FETCHED.items()
+        if name in there
+    }
+
+
+def _others() -> dict[str, Place]:
+    """The arms of the tests, and the fetched ones that `_usual` leaves."""
+    from tests.arms.fetched import fetched_arms
+    from tests.arms.own import ARMS
+
+    return {
+        name: Place(OTHERS, {"arm": arm, "camera_mount": "stand"})
+        for name, arm in {**ARMS, **fetched_arms()}.items()
+        if name not in FETCHED
     }

@@ -54,6 +54,9 @@ def test_shares_and_ratios_are_of_the_trials():
 
 @pytest.mark.slow
 def test_a_small_table():
-    (table,) = first_motions.safe_start({"movemaster": Place(3, {})})
+    table, others = first_motions.safe_start({"movemaster": Place(3, {})}, {"again": Place(3, {})})
     assert table.frame["agent"].tolist() == list(first_motions.AGENTS)
     assert table.frame.set_index("agent")["beyond 10°"]["safe_start"] == 0
+    alone, beside = others.frame.iloc[0], table.frame.set_index("agent").loc["safe_start"]
+    assert (alone["arm"], alone["motors"], alone["worlds"]) == ("again", 3, 3)
+    assert alone["motions"] == beside["motions"], "the same agent in the same worlds"
