@@ -148,3 +148,12 @@ def test_a_camera_that_saw_but_one_place_is_taken_as_built_at_first_and_spoils_n
     assert np.isfinite(found.cost)
     assert np.isfinite(found.parameters).all()
     assert np.abs(found.residuals_px[:, [1, 3]]).max() < 1
+
+
+def test_an_object_that_one_camera_never_saw_is_looked_for_where_the_other_saw_it(mount):
+    measured, _ = measurements_of(calfree_gym.nominal(), mount, np.random.default_rng(3), trials=(12,))
+    seen = measured.seen.copy()
+    seen[:, 2] = False
+    found = identify(replace(measured, seen=seen), built(mount))
+    np.testing.assert_array_equal(found.signs, calfree_gym.nominal().motor_sign)
+    assert np.abs(found.residuals_px).max() < 1
