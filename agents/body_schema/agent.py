@@ -58,6 +58,7 @@ class BodySchema(ServoAgent):
         self.prior_knowledge |= {
             PriorKnowledge.IMAGE_SCALE,
             PriorKnowledge.NOISE,
+            PriorKnowledge.CAMERA_MODEL,
             PriorKnowledge.CHAIN,
             PriorKnowledge.MOTOR_ORDER,
         }
@@ -147,6 +148,8 @@ class BodySchema(ServoAgent):
             self.body.learn(self._pairs(findings))
         if len(self.body.events) > changes:
             self.stops = Stops(np.zeros(self.motors))
+        if self.body.known is not None:
+            self.stops.forget_passed(self.body.known.seen.registers)
 
     @property
     def kind(self) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...base.checks import checked_array
 from ...base.observation import POINTS, Array, Observation
+from ...base.prior_knowledge import PriorKnowledge
 from ...base.procedure import Procedure, RunningTrial
 from ...jacobian import Slopes
 from ..servo_agent import Servo, ServoAgent
@@ -56,7 +57,7 @@ class SafeStart(ServoAgent):
     def __init__(self, env: Any, servo: Servo, seed: int = 0) -> None:
         super().__init__(env, servo, seed)
         self.units = self.tested = np.ones(self.motors)
-        self.prior_knowledge = servo.prior_knowledge | SERVO_KNOWLEDGE
+        self.prior_knowledge = (servo.prior_knowledge | SERVO_KNOWLEDGE) - {PriorKnowledge.WORD_LIMIT}
 
     def new_findings(self) -> SafeFindings:
         """See `ProcedureAgent`."""

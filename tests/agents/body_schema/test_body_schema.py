@@ -8,7 +8,9 @@ import pytest
 
 import agents
 from agents.base.observation import Observation
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.body_schema.chain import Views
+from experiments.benchmarks import priors
 from tests.agents.body_schema.chains import MODELS, Arm
 
 
@@ -101,3 +103,9 @@ def test_an_arm_that_comes_before_its_camera_is_no_end(make_env):
     env.unwrapped.set_world(env.unwrapped.world)
     env.reset(seed=3)
     agents.make("body_schema", env).learn(60)
+
+
+def test_a_motor_that_another_one_stopped_is_free_again_in_the_next_trial():
+    """A belt couples elbow and shoulder: the elbow's joint ends where its motor has been before."""
+    motions = priors.motions("body_schema", 5000, 4, priors.ALTERATIONS[PriorKnowledge.ARM])
+    assert motions[1:].max() <= 8
