@@ -90,7 +90,7 @@ class Stops:
         return False
 
     def forget_passed(self, registers: Array) -> None:
-        """Forgets stops beyond which motors have stood, at registers (n, m): no end of theirs held them there.
+        """Forgets stops beyond which motors have stood, at registers (n, m): no end of theirs stopped them.
 
         So where a linkage joins two motors, the one stops by where the other is.
         """
