@@ -20,7 +20,7 @@ from experiments.benchmarks.priors import (
 SOME = ("oracle", "unified_servo", "affine_stereo", "model_based")
 """Cheap ones that between them declare nothing, a few words, and nearly all."""
 NEARLY = {("unified_servo", PriorKnowledge.NOISE)}
-"""Declared all the same: it finds out how noisy points are, and takes 1.35 times as long (24 worlds: 1.54)."""
+"""Declared all the same: it finds out the noise, and needs 1.35 times the motions (24 worlds: 1.54)."""
 
 
 def breaks(name, word, **size):
