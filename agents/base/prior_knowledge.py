@@ -19,7 +19,7 @@ class PriorKnowledge(StrEnum):
     ARM = "arm"
     """The arm's joints, links, or the form of its motors' curves."""
     CHAIN = "chain of joints"
-    """That the arm is one, with a joint for each motor, before pinhole cameras; none of their numbers."""
+    """That the arm is one, with a joint for each motor; none of its numbers."""
     MOUNT = "mount"
     """What the cameras are fixed to."""
     MOTOR_ORDER = "which motor is which"

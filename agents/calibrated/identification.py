@@ -219,8 +219,7 @@ def _triangulated(measurements: Measurements, model: RobotModel) -> Array:
     """Where the trials' objects (trials, 3) were last seen by `model`; where they never were, `AIM`."""
     objects = np.tile(AIM, (measurements.trials, 1))
     rows = np.flatnonzero(measurements.seen[:, 2:].all(1))
-    if len(rows):
-        objects[measurements.trial[rows]] = model.triangulate(
-            measurements.points[rows, 2:].reshape(-1, 4), model.joints(measurements.registers[rows])
-        )
+    objects[measurements.trial[rows]] = model.triangulate(
+        measurements.points[rows, 2:].reshape(-1, 4), model.joints(measurements.registers[rows])
+    )
     return np.clip(objects, AIM - _INSIDE_BOUND * OBJECT_BOUND, AIM + _INSIDE_BOUND * OBJECT_BOUND)

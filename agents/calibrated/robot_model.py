@@ -135,6 +135,8 @@ class RobotModel:
         Returns:
             Points (n, 3) in the room, in m.
         """
+        if not len(sensors):  # of no points OpenCV makes None
+            return np.empty((0, 3))
         left, right = (
             cv2.undistortPoints(sensors[:, None, 2 * i : 2 * i + 2], *lens, criteria=_UNDISTORTING)[:, 0].T
             for i, lens in enumerate(self._lenses)

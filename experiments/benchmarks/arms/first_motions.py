@@ -11,6 +11,7 @@ import pandas as pd
 
 import agents
 from calfree_gym.geometry import Array
+from experiments.benchmarks.arms.rendezvous import arms_of_tests
 from experiments.benchmarks.trials import CAP
 from experiments.reporting.tables import Table, beside
 from experiments.statistics import mean_share
@@ -57,7 +58,7 @@ class Place(NamedTuple):
     arguments: Mapping[str, Any]
 
 
-FETCHED = {"so101": Place(300, {"force_bound": 20.0}), "panda": Place(200, {})}
+COMPARED = {"so101": Place(300, {"force_bound": 20.0}), "panda": Place(200, {})}
 """Arms of `make arms` that all agents are tried on, beside the RV-M2; a small one with a smaller bound."""
 
 
@@ -171,23 +172,18 @@ def moves(words: Array) -> bool:
 
 def _usual() -> dict[str, Place]:
     """The arms on which agents are compared."""
-    from tests.arms.fetched import fetched_arms
-
-    there = fetched_arms()
+    there = arms_of_tests()
     return {"movemaster": Place(500, {})} | {
         name: Place(worlds, {"arm": there[name], "camera_mount": "stand", **arguments})
-        for name, (worlds, arguments) in FETCHED.items()
+        for name, (worlds, arguments) in COMPARED.items()
         if name in there
     }
 
 
 def _others() -> dict[str, Place]:
     """The arms of the tests, and the fetched ones that `_usual` leaves."""
-    from tests.arms.fetched import fetched_arms
-    from tests.arms.own import ARMS
-
     return {
         name: Place(OTHERS, {"arm": arm, "camera_mount": "stand"})
-        for name, arm in {**ARMS, **fetched_arms()}.items()
-        if name not in FETCHED
+        for name, arm in arms_of_tests().items()
+        if name not in COMPARED
     }

@@ -34,7 +34,7 @@ def arms(worlds: int = WORLDS, chosen: Mapping[str, Mapping[str, Any]] | None = 
     Raises:
         ValueError: An arm cannot be used.
     """
-    every = {name: Arm.from_dict(given) for name, given in (chosen or _of_tests()).items()}
+    every = {name: Arm.from_dict(given) for name, given in (chosen or arms_of_tests()).items()}
     rows = [
         {"arm": name, "motors": len(arm.robot.motors), **_on_mount(arm, mount, worlds)}
         for name, arm in every.items()
@@ -67,7 +67,7 @@ def arms(worlds: int = WORLDS, chosen: Mapping[str, Mapping[str, Any]] | None = 
     )
 
 
-def _of_tests() -> dict[str, dict[str, Any]]:
+def arms_of_tests() -> dict[str, dict[str, Any]]:
     """The arms of the tests, which stand in the repository alone."""
     from tests.arms.fetched import fetched_arms
     from tests.arms.own import ARMS
