@@ -10,7 +10,7 @@ import pandas as pd
 
 from experiments.benchmarks import changes, coverage, priors
 from experiments.benchmarks.arms import first_motions, rendezvous
-from experiments.benchmarks.contact import insert, orientations
+from experiments.benchmarks.contact import first_grasps, insert, orientations
 from experiments.benchmarks.knowledge import study as knowledge
 from experiments.benchmarks.reaching import baselines, controllers, pixels
 from experiments.benchmarks.sensitivity import study as sensitivity
@@ -35,6 +35,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "pictures": pictures.pictures,
     "pixels": pixels.pixels,
     "grasping": grasping.grasping,
+    "first_grasps": first_grasps.first_grasps,
     "insert": insert.insert,
     "orientations": orientations.orientations,
     "safe_start": first_motions.safe_start,

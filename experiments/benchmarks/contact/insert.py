@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pandas as pd
 
 import agents
+from calfree_gym import MOUNTS
+from experiments.benchmarks.contact.first_trial import first_trial
 from experiments.reporting.tables import Table, beside
 from experiments.statistics import mean_share
 
@@ -22,23 +24,6 @@ ASKED, ASKED_OF = 2.0, 0.90
 """At this clearance (mm) so many pegs are to go in."""
 MOST_FORCE = 20.0
 """95 % of insertions are to press on the plate with no more (N)."""
-MOUNTS = ("waist", "stand")
-
-
-class Trial(NamedTuple):
-    """What came of a trial, by the truth but for `told`.
-
-    Attributes:
-        success: Whether the peg is in.
-        told: Whether images tell so.
-        motions: Made.
-        force: The largest on the plate (N).
-    """
-
-    success: bool
-    told: bool
-    motions: int
-    force: float
 
 
 def insert(worlds: int = WORLDS, clearances: tuple[float, ...] = CLEARANCES) -> Iterator[Table]:
@@ -71,7 +56,7 @@ def insert(worlds: int = WORLDS, clearances: tuple[float, ...] = CLEARANCES) -> 
 
 def _row(name: str, mount: str, clearance: float, worlds: int) -> dict[str, Any]:
     env = gym.make(INSERT, camera_mount=mount, clearance=clearance, disable_env_checker=True)
-    trials = [_trial(name, env, FIRST_WORLD + world) for world in range(worlds)]
+    trials = [first_trial(name, env, FIRST_WORLD + world) for world in range(worlds)]
     env.close()
     success = mean_share(np.array([[trial.success] for trial in trials]), np.random.default_rng(0))
     return {
@@ -83,20 +68,6 @@ def _row(name: str, mount: str, clearance: float, worlds: int) -> dict[str, Any]
         "required": ASKED_OF if clearance == ASKED else None,
         "told": np.mean([trial.told for trial in trials]),
         "motions": np.median([trial.motions for trial in trials]),
-        "force N": np.percentile([trial.force for trial in trials], 95),
+        "force N": np.percentile([trial.truth["force"] for trial in trials], 95),
         "required N": MOST_FORCE,
     }
-
-
-def _trial(name: str, env: gym.Env[Any, Any], seed: int) -> Trial:
-    """The first trial of an agent that knows nothing yet."""
-    agent = agents.make(name, env)
-    observation, info = env.reset(seed=seed)
-    state, motions, over = None, 0, False
-    while not over:
-        words, state = agent.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(words)
-        motions, over = motions + 1, terminated or truncated
-    truth = info["truth"]
-    solved = bool(env.unwrapped.is_solved(truth))  # type: ignore[attr-defined]
-    return Trial(solved, bool(info["is_success"]), motions, float(truth["force"]))

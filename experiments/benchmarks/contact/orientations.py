@@ -10,19 +10,19 @@ import gymnasium as gym
 import numpy as np
 import pandas as pd
 
-import agents
+from calfree_gym import MOUNTS
 from calfree_gym.geometry import Array, rotation_matrix
 from calfree_gym.robot.grasping.held import PITCHES, HeldSimulation, drawn_pose
 from calfree_gym.robot.grasping.jaws import STROKE
 from calfree_gym.robot.grasping.orientations import ROLLS
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
+from experiments.benchmarks.contact.first_trial import first_trial
 from experiments.reporting.tables import Table, beside
 from experiments.statistics import mean_share
 
 GRASP = "calfree_gym:CalFree/Grasp-v0"
 FIRST_WORLD, WORLDS = 40_000, 50
 """Wild worlds that nobody tuned on."""
-MOUNTS = ("waist", "stand")
 ASKED_OF = 0.90
 """Of things that can be grasped, the agent is to grasp so many."""
 SQUARELY = np.cos(np.radians(15.0))
@@ -111,7 +111,7 @@ def _searched(shape: str, mount: str, worlds: int) -> dict[str, Any]:
         pose = _pose(arms, np.random.default_rng(seed))
         told = _told(arms, pose)
         lifted = search(arms, pose)
-        found.append((*told[1:], lifted, lifted and _grasped(env, seed, pose)))
+        found.append((*told[1:], lifted, lifted and first_trial("grasp", env, seed, pose).success))
     env.close()
     mapped, down, squarely, searched, grasped = np.array(found).T
     return {
@@ -183,15 +183,3 @@ def _lifts(simulation: HeldSimulation, pose: Array, before: Array, at: Array, up
     simulation.refresh()
     gripper, object_ = simulation.positions()
     return bool(np.linalg.norm(gripper[0] - object_[0]) < HANGS)
-
-
-def _grasped(env: gym.Env[Any, Any], seed: int, pose: Array) -> bool:
-    """Whether the agent grasps the thing of a world at a pose (7,), in its first trial."""
-    agent = agents.make("grasp", env, seed=seed)
-    observation, info = env.reset(seed=seed, options={"object": pose})
-    state, over = None, False
-    while not over:
-        words, state = agent.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(words)
-        over = terminated or truncated
-    return bool(env.unwrapped.is_solved(info["truth"]))  # type: ignore[attr-defined]
