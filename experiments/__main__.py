@@ -30,6 +30,7 @@ BENCHMARKS = (
     "pictures",
     "pixels",
     "grasping",
+    "first_grasps",
     "insert",
     "orientations",
     "safe_start",

@@ -46,9 +46,7 @@ class Remembered:
             motors.
     """
 
-    prior_knowledge: ClassVar = frozenset(
-        {PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE, PriorKnowledge.WORD_LIMIT}
-    )
+    prior_knowledge: ClassVar = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE})
 
     def __init__(self, motors: int, looks: int = 300) -> None:
         self.looks = check_number("looks", looks, least=10, whole=True)

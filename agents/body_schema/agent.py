@@ -61,6 +61,7 @@ class BodySchema(ServoAgent):
             PriorKnowledge.CAMERA_MODEL,
             PriorKnowledge.CHAIN,
             PriorKnowledge.MOTOR_ORDER,
+            PriorKnowledge.WORD_LIMIT,
         }
         self.body = Body(self.motors, seed)
         self.stops = Stops(np.zeros(self.motors))

@@ -29,6 +29,8 @@ from .orientation import ORIENTATION, direction_key
 from .trial import OPEN, GraspTrial, Motions
 from .turning import Turning
 
+GRASP_KNOWLEDGE = frozenset({PriorKnowledge.MOTOR_ORDER, PriorKnowledge.WORD_LIMIT})
+"""What it is built on beside the agent that reaches: which word turns the jaws; test turns of one size."""
 SHARES = (0.5, 0.15, 0.0)
 """Of the way from the intermediate position that are left after each motion of the descent. Choice. Where the
 arm meets something, it comes down once more: near the object by the last two, for of a short way it goes back
@@ -86,7 +88,7 @@ class Grasp(ProcedureAgent):
         arm = env.action_space.shape[-1] - 2  # type: ignore[index]
         self.reacher: ServoAgent = reacher(Reaching(arm))
         self.intermediate, self.orientation, self.tries = intermediate, orientation, tries
-        self.prior_knowledge = self.reacher.prior_knowledge | {PriorKnowledge.MOTOR_ORDER}
+        self.prior_knowledge = self.reacher.prior_knowledge | GRASP_KNOWLEDGE
         if intermediate == "pixel_offset":
             self.prior_knowledge |= {PriorKnowledge.CAMERA_MODEL}
         self.turning = Turning.unknown(arm)

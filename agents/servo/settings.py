@@ -8,7 +8,7 @@ from ..base.checks import check_number
 from ..base.prior_knowledge import PriorKnowledge
 
 SERVO_KNOWLEDGE = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE, PriorKnowledge.WORD_LIMIT})
-"""What all servos are built on: lengths in pixels, the noise of a good marker, sizes of words."""
+"""What most servos are built on: lengths in pixels, the noise of a good marker, sizes of words."""
 SMALLEST = 1e-6
 """Of settings that must be positive (a guard: some are divided by)."""
 

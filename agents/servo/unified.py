@@ -15,6 +15,7 @@ from calfree_gym.image import IMAGE_UNIT
 
 from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
+from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
 from ..jacobian import Slopes
 from .image_model.least_distance import LEFT, Seeker
@@ -53,7 +54,7 @@ class UnifiedServo:
     border: float = 0.95
     sure_px: float = math.inf
 
-    prior_knowledge = SERVO_KNOWLEDGE
+    prior_knowledge = SERVO_KNOWLEDGE - {PriorKnowledge.WORD_LIMIT}
 
     def __post_init__(self) -> None:
         for name in ("probe_px", "border"):

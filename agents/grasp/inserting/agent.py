@@ -9,10 +9,9 @@ import gymnasium as gym
 from numpy.typing import NDArray
 
 from ...base.observation import Array, RawObservation
-from ...base.prior_knowledge import PriorKnowledge
 from ...base.procedure import ProcedureAgent
 from ...servo.servo_agent import ServoAgent
-from ..agent import Reaching
+from ..agent import GRASP_KNOWLEDGE, Reaching
 from ..findings import GraspFindings
 from ..observation import ARM
 from ..trial import GraspTrial, Motions
@@ -54,7 +53,7 @@ class Insert(ProcedureAgent):
     def __init__(self, env: gym.Env[Any, Any], reacher: Any, seed: int = 0) -> None:
         super().__init__(env, seed)
         self.reacher: ServoAgent = reacher(Reaching(ARM))
-        self.prior_knowledge = self.reacher.prior_knowledge | {PriorKnowledge.MOTOR_ORDER}
+        self.prior_knowledge = self.reacher.prior_knowledge | GRASP_KNOWLEDGE
 
     def observed(self, raw: RawObservation) -> InsertObservation:
         """See `ProcedureAgent`."""

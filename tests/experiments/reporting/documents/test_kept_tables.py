@@ -51,7 +51,7 @@ def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
     heads = " | ".join(f"{moment}: rendezvous; interquartile mean of motions" for moment in moments)
     assert lines[0] == f"| agent | what it must know | {heads} | at the end: success |"
     cells = lines[3].strip("| ").split(" | ")
-    assert cells[:2] == ["`unified_servo`", "image scale, noise, word limit"]
+    assert cells[:2] == ["`unified_servo`", "image scale, noise"]
     report = (finished_once / "report.md").read_text().splitlines()
     of_report = [line.split(" | ") for line in report if line.startswith("| unified_servo | before")]
     rendezvous, _, middle = of_report[0][5:8]
