@@ -96,6 +96,7 @@ class BodySchema(ServoAgent):
             if misses > self.MISSES:
                 break
             known = self.body.with_looks(self._pairs(findings), sure=surprised)
+        findings.stops = Stops(now.registers)  # a stop may have been where other motors were
         yield from self.servo(now, findings)
 
     def _go(
@@ -149,8 +150,6 @@ class BodySchema(ServoAgent):
             self.body.learn(self._pairs(findings))
         if len(self.body.events) > changes:
             self.stops = Stops(np.zeros(self.motors))
-        if self.body.known is not None:
-            self.stops.forget_passed(self.body.known.seen.registers)
 
     @property
     def kind(self) -> str:

@@ -89,14 +89,6 @@ class Stops:
         self.lowest = np.where(short < -self.STOPPED, registers, self.lowest)
         return False
 
-    def forget_passed(self, registers: Array) -> None:
-        """Forgets stops beyond which motors have stood, at registers (n, m): no end of theirs stopped them.
-
-        So where a linkage joins two motors, the one stops by where the other is.
-        """
-        self.lowest = np.where(registers.min(0) < self.lowest - self.STOPPED, -1.0, self.lowest)
-        self.highest = np.where(registers.max(0) > self.highest + self.STOPPED, 1.0, self.highest)
-
 
 class Trial:
     """What a servo knows in a trial, and the motions that all servos are made of.

@@ -109,3 +109,9 @@ def test_a_motor_that_another_one_stopped_is_free_again_in_the_next_trial():
     """A belt couples elbow and shoulder: the elbow's joint ends where its motor has been before."""
     motions = priors.motions("body_schema", 5000, 4, priors.ALTERATIONS[PriorKnowledge.ARM])
     assert motions[1:].max() <= 8
+
+
+def test_where_the_chain_is_wrong_the_servo_finds_out_by_itself_where_motors_stop():
+    """The same belt: the elbow has to go where the shoulder's posture stopped it before."""
+    motions = priors.motions("body_schema", 5022, 3, priors.ALTERATIONS[PriorKnowledge.ARM])
+    assert motions[2] <= 20

@@ -125,11 +125,3 @@ def test_a_motor_always_stands_between_its_stops(registers, motions):
         stops.learn(words, words - executed, registers)
         assert (stops.lowest <= registers).all()
         assert (registers <= stops.highest).all()
-
-
-def test_what_stopped_a_motor_this_side_of_where_it_stood_before_was_not_its_own_end():
-    stops = Stops(np.zeros(3))
-    stops.learn(np.array([0.5, -0.6, 0.4]), np.array([0.1, -0.3, 0.1]), np.array([0.4, -0.3, 0.3]))
-    stops.forget_passed(np.array([[0.0, 0.0, 0.0], [0.7, -0.3, 0.3], [0.4, 0.2, 0.1]]))
-    np.testing.assert_array_equal(stops.lowest, [-1, -0.3, -1])
-    np.testing.assert_array_equal(stops.highest, [1, 1, 0.3])
