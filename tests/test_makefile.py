@@ -41,7 +41,16 @@ def made(tmp_path):
     return make
 
 
-SIDE_BY_SIDE = ("controllers", "coverage", "insert", "knowledge", "orientations", "priors", "safe_start")
+SIDE_BY_SIDE = (
+    "controllers",
+    "coverage",
+    "first_grasps",
+    "insert",
+    "knowledge",
+    "orientations",
+    "priors",
+    "safe_start",
+)
 ALONE = ("changes", "sensitivity", "speed")
 
 
