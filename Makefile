@@ -38,7 +38,7 @@ docs: venv
 # Every kept result anew, training and tuning apart. Started again, it goes on where it was.
 SUITES := paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions
 BENCHMARKS := coverage controllers priors knowledge first_grasps insert orientations safe_start
-ALONE := changes sensitivity speed  # they take all cores, or measure time
+ALONE := changes right_actions sensitivity speed  # they take all cores, or measure time
 parts_of_controllers := controllers models robust servo table
 
 results: results-suites

@@ -22,6 +22,7 @@ BENCHMARKS = (
     "table",
     "knowledge",
     "changes",
+    "right_actions",
     "sac",
     "priors",
     "sensitivity",

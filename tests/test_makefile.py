@@ -51,7 +51,7 @@ SIDE_BY_SIDE = (
     "priors",
     "safe_start",
 )
-ALONE = ("changes", "sensitivity", "speed")
+ALONE = ("changes", "right_actions", "sensitivity", "speed")
 
 
 def test_results_are_made_once_for_each_commit(made):

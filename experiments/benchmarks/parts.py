@@ -27,6 +27,7 @@ PARTS: dict[str, Callable[[], Iterator[Table]]] = {
     "table": baselines.table,
     "knowledge": knowledge.knowledge,
     "changes": changes.changes,
+    "right_actions": changes.actions,
     "sac": baselines.sac,
     "priors": priors.priors,
     "sensitivity": sensitivity.tables,
