@@ -12,9 +12,8 @@ import pandas as pd
 
 from calfree_gym import MOUNTS
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
-from experiments.benchmarks.contact.first_trial import first_trial
-from experiments.reporting.tables import Table, beside
-from experiments.statistics import mean_share
+from experiments.benchmarks.contact.first_trial import first_trials, success_of
+from experiments.reporting.tables import Table
 
 GRASP = "calfree_gym:CalFree/Grasp-v0"
 FIRST_WORLD = 90_000
@@ -42,16 +41,14 @@ def first_grasps(worlds: Mapping[str, int] = WORLDS) -> Iterator[Table]:
 
 def _row(observation: str, shape: str, mount: str, worlds: int) -> dict[str, Any]:
     env = gym.make(GRASP, shape=shape, camera_mount=mount, observation=observation, disable_env_checker=True)
-    trials = [first_trial("grasp", env, FIRST_WORLD + world) for world in range(worlds)]
-    env.close()
+    trials = first_trials("grasp", env, range(FIRST_WORLD, FIRST_WORLD + worlds))
     motions = [trial.motions for trial in trials]
-    success = np.array([[trial.success] for trial in trials])
     return {
         "observation": observation,
         "shape": shape,
         "mount": mount,
         "worlds": worlds,
-        **beside("success", mean_share(success, np.random.default_rng(0)), ".0%"),
+        **success_of(trials),
         "told": np.mean([trial.told for trial in trials]),
         "motions": np.median(motions),
         "motions, 95th percentile": np.percentile(motions, 95),

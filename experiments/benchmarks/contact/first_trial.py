@@ -1,14 +1,17 @@
-"""The first trial of an agent that knows nothing yet, and what came of it."""
+"""First trials of agents that know nothing yet, and what came of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gymnasium as gym
+import numpy as np
 
 import agents
 from calfree_gym.geometry import Array
+from experiments.reporting.tables import beside
+from experiments.statistics import mean_share
 
 
 class Trial(NamedTuple):
@@ -45,3 +48,16 @@ def first_trial(name: str, env: gym.Env[Any, Any], seed: int, object_: Array | N
         motions, over = motions + 1, terminated or truncated
     solved = bool(env.unwrapped.is_solved(info["truth"]))  # type: ignore[attr-defined]
     return Trial(solved, bool(info["is_success"]), motions, info["truth"])
+
+
+def first_trials(name: str, env: gym.Env[Any, Any], seeds: range) -> list[Trial]:
+    """One in the world of each seed, each by a fresh agent; the environment is closed."""
+    trials = [first_trial(name, env, seed) for seed in seeds]
+    env.close()
+    return trials
+
+
+def success_of(trials: Sequence[Trial]) -> dict[str, Any]:
+    """Columns of a table: the share of successes, and its interval over worlds."""
+    found = np.array([[trial.success] for trial in trials])
+    return beside("success", mean_share(found, np.random.default_rng(0)), ".0%")

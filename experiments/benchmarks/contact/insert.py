@@ -11,9 +11,8 @@ import pandas as pd
 
 import agents
 from calfree_gym import MOUNTS
-from experiments.benchmarks.contact.first_trial import first_trial
-from experiments.reporting.tables import Table, beside
-from experiments.statistics import mean_share
+from experiments.benchmarks.contact.first_trial import first_trials, success_of
+from experiments.reporting.tables import Table
 
 INSERT = "calfree_gym:CalFree/Insert-v0"
 FIRST_WORLD, WORLDS = 40_000, 100
@@ -56,15 +55,13 @@ def insert(worlds: int = WORLDS, clearances: tuple[float, ...] = CLEARANCES) -> 
 
 def _row(name: str, mount: str, clearance: float, worlds: int) -> dict[str, Any]:
     env = gym.make(INSERT, camera_mount=mount, clearance=clearance, disable_env_checker=True)
-    trials = [first_trial(name, env, FIRST_WORLD + world) for world in range(worlds)]
-    env.close()
-    success = mean_share(np.array([[trial.success] for trial in trials]), np.random.default_rng(0))
+    trials = first_trials(name, env, range(FIRST_WORLD, FIRST_WORLD + worlds))
     return {
         "agent": name,
         "mount": mount,
         "clearance mm": clearance,
         "worlds": worlds,
-        **beside("success", success, ".0%"),
+        **success_of(trials),
         "required": ASKED_OF if clearance == ASKED else None,
         "told": np.mean([trial.told for trial in trials]),
         "motions": np.median([trial.motions for trial in trials]),
