@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import time
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -55,10 +59,10 @@ LEARNERS = {
         },
     ),
     "SAC": Learner(
-        12_000,
+        16_000,
         {
             "learning_starts": 500,
-            "buffer_size": 12_000,
+            "buffer_size": 16_000,
             "batch_size": 256,
             "gamma": 0.5,
             "learning_rate": 0.0005,
@@ -70,48 +74,60 @@ LEARNERS = {
 
 
 def pixels(share: float = 1.0, looks: int = 5, trials: int = 100) -> Iterator[Table]:
-    """PPO and SAC, one run each, looked at now and then.
+    """PPO and SAC, one run each, side by side, looked at now and then.
 
     Args:
         share: Of the motions of `LEARNERS`.
         looks: How often each is looked at.
         trials: Held-out trials of a look.
     """
-    rows = [row for name in LEARNERS for row in _learned(name, share, looks, trials)]
+    learned = partial(_learned, share=share, looks=looks, trials=trials)
+    with ProcessPoolExecutor(len(LEARNERS), multiprocessing.get_context("spawn")) as pool:
+        rows = chain.from_iterable(pool.map(learned, LEARNERS, LEARNERS.values()))
+        frame = pd.DataFrame(rows)
     yield Table(
         "pixels",
         "Networks that see pixels",
-        pd.DataFrame(rows),
+        frame,
         {"motions": ",.0f", **dict.fromkeys(("rendezvous", "true error ≤ 4 px"), ".0%")}
         | dict.fromkeys(("motions per reach", "CPU minutes"), ".1f"),
         f"The nominal world, cameras in the room, 84 x 84 pixels, tolerance 16 px of 512, {ARMS} arms, words "
         f"within {WORD_LIMIT}; one run each, {trials} held-out trials in the same world, so no interval over "
-        f"worlds. A trial without a rendezvous counts as {CAP} motions.",
+        f"worlds. A trial without a rendezvous counts as {CAP} motions. Networks ran on: {_device()}.",
     )
 
 
-def _learned(name: str, share: float, looks: int, trials: int) -> Iterator[dict[str, Any]]:
+def _device() -> str:
+    import torch
+
+    return torch.cuda.get_device_name() if torch.cuda.is_available() else "one core"
+
+
+def _learned(name: str, learner: Learner, share: float, looks: int, trials: int) -> list[dict[str, Any]]:
+    """A row of each look."""
     import stable_baselines3
     import torch
 
     torch.set_num_threads(1)
-    learner = LEARNERS[name]
     envs = make_sb3_env(DENSE, ARMS, WORD_LIMIT, seed=0, **WORLD)
     held_out = ScaledWords(gym.make(DENSE, **WORLD), WORD_LIMIT)
     model = getattr(stable_baselines3, name)("MultiInputPolicy", envs, seed=0, **learner.settings)
-    seconds = 0.0
+    seconds, rows = 0.0, []
     for _ in range(looks):
         since = time.process_time()
         model.learn(round(share * learner.motions / looks), reset_num_timesteps=False)
         seconds += time.process_time() - since
         records = evaluate(model, held_out, trials, HELD_OUT)
-        yield {
-            "learner": name,
-            "motions": model.num_timesteps,
-            "rendezvous": np.mean([record.rendezvous for record in records]),
-            "motions per reach": np.mean([record.motions_per_reach(CAP) for record in records]),
-            "true error ≤ 4 px": np.mean([record.error_px <= 4 for record in records]),
-            "CPU minutes": seconds / 60,
-        }
+        rows.append(
+            {
+                "learner": name,
+                "motions": model.num_timesteps,
+                "rendezvous": np.mean([record.rendezvous for record in records]),
+                "motions per reach": np.mean([record.motions_per_reach(CAP) for record in records]),
+                "true error ≤ 4 px": np.mean([record.error_px <= 4 for record in records]),
+                "CPU minutes": seconds / 60,
+            }
+        )
     envs.close()
     held_out.close()
+    return rows
