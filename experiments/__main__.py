@@ -148,7 +148,7 @@ def _add_benchmark(commands: Any) -> None:
 
 def _add_check_arm(commands: Any) -> None:
     check = commands.add_parser("check-arm", help="show what comes of an arm's MJCF, and draw it")
-    check.add_argument("model", metavar="FILE", help="MJCF file")
+    check.add_argument("model", metavar="FILE", help="MJCF or URDF file")
     check.add_argument("--gripper", required=True, metavar="NAME", help="site or body")
     check.add_argument("--motors", nargs="+", metavar="JOINT", help="default: all from base to gripper")
     home = check.add_mutually_exclusive_group()

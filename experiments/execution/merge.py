@@ -12,6 +12,7 @@ from experiments.execution.orders import clear, order_of, place
 from experiments.running.plan import parse_run, runs_of
 from experiments.running.results_folder import (
     DONE,
+    RUNS,
     SPEC,
     SUITE,
     TIMINGS,
@@ -87,7 +88,7 @@ def _finished(part: Path) -> list[Path]:
     Raises:
         ConfigError: One of them is half-written.
     """
-    folders = sorted(folder for folder in (part / "runs").glob("*") if is_done(folder))
+    folders = sorted(folder for folder in (part / RUNS).glob("*") if is_done(folder))
     for folder in folders:
         if broken := _broken(folder):
             raise ConfigError(

@@ -12,7 +12,15 @@ from pathlib import Path
 from uuid import uuid4
 
 from experiments.running.plan import Run
-from experiments.running.results_folder import SPEC, VERSIONS, folder_of, is_done, write_json, write_whole
+from experiments.running.results_folder import (
+    RUNS,
+    SPEC,
+    VERSIONS,
+    folder_of,
+    is_done,
+    write_json,
+    write_whole,
+)
 
 _ATTEMPTS = ".attempts"
 _NOT_BEGUN = 0
@@ -21,7 +29,7 @@ _NOT_BEGUN = 0
 
 def order_of(out: Path, run: str) -> Path:
     """The folder of a run's order, and of the attempts at it."""
-    return out / "runs" / _ATTEMPTS / run
+    return out / RUNS / _ATTEMPTS / run
 
 
 def target_of(order: Path) -> Path:
@@ -104,7 +112,7 @@ def place(attempt: Path) -> None:
 
 def discard(folder: Path) -> None:
     """Deletes a folder; whoever may still work in it finds it gone at once, not half there."""
-    root = next(parent for parent in folder.parents if parent.name == "runs") / _ATTEMPTS
+    root = next(parent for parent in folder.parents if parent.name == RUNS) / _ATTEMPTS
     root.mkdir(parents=True, exist_ok=True)
     rubbish = root / f".{uuid4().hex}"
     try:
@@ -116,7 +124,7 @@ def discard(folder: Path) -> None:
 
 def clear(out: Path) -> None:
     """Deletes all orders and attempts, those that a killed runner left behind, too."""
-    root = out / "runs" / _ATTEMPTS
+    root = out / RUNS / _ATTEMPTS
     for folder in list(root.glob("*")):
         discard(folder)
     shutil.rmtree(root, ignore_errors=True)

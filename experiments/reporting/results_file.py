@@ -163,7 +163,7 @@ def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
 
 def _outcome(folder: Path, run: Run) -> dict[str, Any]:
     """What a finished run says about itself, its perturbations in words."""
-    outcome: dict[str, Any] = read_json(folder / DONE)
+    outcome = read_json(folder / DONE)
     if isinstance(run, LifetimeRun):
         outcome["perturbations"] = [
             (motions, trials, _in_words(perturbation, run.scenario, {"motion": motions, "trial": trials}))
@@ -216,8 +216,8 @@ def _rows(folder: Path, run: Run) -> list[dict[str, Any]]:
     path = folder / TRIALS
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
-        rows = [json.loads(line) for line in lines]
-    except (FileNotFoundError, ValueError) as error:
+        rows = [{**json.loads(line)} for line in lines]
+    except (FileNotFoundError, TypeError, ValueError) as error:
         raise ConfigError(f"{path} is damaged ({error}): delete {folder}, and run the suite again") from None
     of_run = {"run": run.id, **run.where}
     return [of_run | row for row in (_thinned(rows) if _counts_motions(run) else rows)]
@@ -245,7 +245,8 @@ def _without_first_motions(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def _times(out: Path, done: list[Run]) -> pd.DataFrame:
     """Seconds of each finished run, one a row."""
-    found = [(run.id, read_json(path)) for run in done if (path := folder_of(out, run.id) / TIMINGS).exists()]
+    paths = {run.id: folder_of(out, run.id) / TIMINGS for run in done}
+    found = [(run, read_json(path, "wall_seconds", CPU)) for run, path in paths.items() if path.exists()]
     rows = [{"run": run, "wall_seconds": each["wall_seconds"], **each[CPU]} for run, each in found]
     return pd.DataFrame(rows, columns=_TIMED)
 

@@ -17,6 +17,7 @@ from experiments.errors import ConfigError
 from experiments.running.plan import runs_of
 
 SUITE = "suite.json"
+RUNS = "runs"
 LOCK = ".lock"
 SPEC = "run.json"
 VERSIONS = "versions.json"
@@ -33,7 +34,7 @@ PATIENCE = 10.0
 
 def folder_of(out: Path, run: str) -> Path:
     """Where a run keeps what it makes."""
-    return out / "runs" / run
+    return out / RUNS / run
 
 
 def is_done(folder: Path) -> bool:
@@ -54,9 +55,32 @@ def write_json(path: Path, value: Any) -> None:
     write_whole(path, json.dumps(value, indent=2))
 
 
-def read_json(path: Path) -> Any:
-    """Reads what `write_json` wrote."""
-    return json.loads(path.read_text(encoding="utf-8"))
+def read_json(path: Path, *keys: str) -> dict[str, Any]:
+    """Reads a mapping that `write_json` wrote.
+
+    Args:
+        path: The file.
+        keys: It must have.
+
+    Raises:
+        ConfigError: The file is damaged.
+    """
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise _damaged(path, error) from None
+    if not isinstance(found, dict):
+        raise _damaged(path, f"found {type(found).__name__}; allowed: a mapping")
+    if lacking := ", ".join(key for key in keys if key not in found):
+        raise _damaged(path, f"{lacking} is missing")
+    return found
+
+
+def _damaged(path: Path, what: object) -> ConfigError:
+    do = "use the code that made it, or run the suite again with another --out"
+    if path.name != SUITE:
+        do = f"delete {path.parent if path.parent.parent.name == RUNS else path}, and run it again"
+    return ConfigError(f"{path} is damaged, or of an earlier form ({what}); {do}")
 
 
 def read_suite(out: Path) -> tuple[Suite, str]:
@@ -66,19 +90,13 @@ def read_suite(out: Path) -> tuple[Suite, str]:
         ConfigError: No suite was run there, or the file is damaged or of an earlier form.
     """
     try:
-        about = read_json(out / SUITE)
+        about = read_json(out / SUITE, "suite", "command")
         return Suite.model_validate(about["suite"]), about["command"]
     except (FileNotFoundError, NotADirectoryError) as error:
         raise ConfigError(f"{out}: no results here ({error.filename} is missing)") from None
-    except (KeyError, TypeError, ValueError) as error:
-        what = repr(error)
-        if isinstance(error, ValidationError):
-            first = error.errors()[0]
-            what = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-        raise ConfigError(
-            f"{out / SUITE} is damaged, or of an earlier form ({what}); use the code that made it, or run "
-            "the suite again with another --out"
-        ) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise _damaged(out / SUITE, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
 
 
 @contextmanager
@@ -134,14 +152,14 @@ def refuse_foreign(out: Path, suite: Suite, versions: dict[str, str]) -> None:
         ConfigError: Names the runs, what differs, and what can be done.
     """
     known = {spec.id for spec in runs_of(suite)}
-    finished = sorted(folder for folder in (out / "runs").glob("*") if is_done(folder))
+    finished = sorted(folder for folder in (out / RUNS).glob("*") if is_done(folder))
     if foreign := [folder.name for folder in finished if folder.name not in known]:
         raise ConfigError(
             f"{out} holds {len(foreign)} finished runs that this configuration does not have: "
             f"{_some(foreign)}{changed(out, suite)}. Give another --out, or delete {out}"
         )
     for folder in finished:
-        made_by = read_json(folder / VERSIONS)
+        made_by = read_json(folder / VERSIONS) if (folder / VERSIONS).exists() else {}
         other = [
             f"{key} {made_by.get(key, 'unknown')} there, {versions[key]} here"
             for key in versions

@@ -167,7 +167,10 @@ class TuningConfig(Model):
             ValueError: One of them is not tuned here.
         """
         for name in names:
-            one_of(name, tuple(agent.name for agent in self.agents))
+            try:
+                one_of(name, tuple(agent.name for agent in self.agents))
+            except ValueError as error:
+                raise ValueError(f"found {name!r}: {error}") from None
         chosen = tuple(agent for agent in self.agents if agent.name in names)
         return self.model_copy(update={"agents": chosen})
 

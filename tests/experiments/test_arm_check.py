@@ -97,7 +97,10 @@ def test_a_picture_shows_the_arm_with_both_images(tmp_path, capsys):
         ([HOBBY, "--gripper", "tip", "--motors", "turn"], "it must have 3 to 7"),
         ([HOBBY, "--gripper", "tip", "--base", "stant"], "did you mean stand?"),
         ([HOBBY, "--gripper", "tip", "--home", "up"], "no keyframe 'up'"),
-        ([HOBBY, "--gripper", "tip", "--home-degrees", "elbow=200"], "its range is 0 to 2.4"),
+        (
+            [HOBBY, "--gripper", "tip", "--home-degrees", "elbow=200"],
+            "its range is 0 to 2.4 rad (0 to 137.51 degrees)",
+        ),
         ([HOBBY, "--gripper", "tip", "--camera-mount", "nose"], "camera_mount is 'nose'"),
         ([HOBBY, "--gripper", "tip", "--camera-mount", "hand", "nose"], "allowed: waist, stand, turret"),
     ],

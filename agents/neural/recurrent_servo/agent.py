@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
@@ -50,6 +51,8 @@ class RecurrentServo(Agent):
     )
 
     def __init__(self, env: gym.Env[Any, Any], seed: int = 0, weights: str | None = None) -> None:
+        if not isinstance(weights, str | PathLike | None):
+            raise ValueError(f"weights is {weights!r}; it must be the name of a file that save wrote")
         super().__init__(env, seed)
         torch.set_num_threads(1)
         self._shapes = observation_format(env.observation_space, env.action_space)

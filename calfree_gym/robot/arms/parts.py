@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import mujoco
@@ -108,7 +109,10 @@ class Parts:
         for joint in (joint for joint in told if model.jnt_limited[joint]):
             name, value, (low, high) = self.joints[joint], qpos[model.jnt_qposadr[joint]], self.range(joint)
             if not low <= value <= high:
-                raise ValueError(f"home has {name!r} at {value:g}; its range is {low:g} to {high:g}")
+                unit = f"rad ({math.degrees(low):g} to {math.degrees(high):g} degrees)"
+                if model.jnt_type[joint] == SLIDE:
+                    unit = "m"
+                raise ValueError(f"home has {name!r} at {value:g}; its range is {low:g} to {high:g} {unit}")
         return qpos
 
     def _gripper(self, name: str) -> tuple[tuple[str, str], int, Array]:

@@ -259,8 +259,9 @@ def test_a_full_disk_loses_nothing(suite_data, write_config, tmp_path, capsys, m
     ("text", "what"),
     [
         ('{"suite": {"name": "a", "runs": 3}, "command": "c"}', r"earlier form \(question: Field required\)"),
-        ('{"command": "c"}', r"earlier form \(KeyError\('suite'\)\)"),
-        ('{"suite"', "is damaged"),
+        ('{"command": "c"}', r"earlier form \(suite is missing\)"),
+        ("[]", r"earlier form \(found list; allowed: a mapping\)"),
+        ('{"suite"', r"earlier form \(Expecting"),
     ],
 )
 def test_a_folder_of_earlier_code_is_one_message(tmp_path, capsys, text, what):

@@ -170,6 +170,18 @@ def test_a_run_whose_log_is_damaged_is_named(finished, capsys):
     assert f"{log} is damaged" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("text", ["{", "[]", '"a"'])
+@pytest.mark.parametrize("name", ["DONE.json", "versions.json", "timings.json", "trials.jsonl"])
+def test_whatever_is_damaged_in_a_run_is_named(finished, capsys, name, text):
+    _, out = finished
+    (damaged, *_) = sorted(out.glob(f"runs/*/{name}"))
+    damaged.write_text(text)
+    assert main(["report", str(out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{damaged} is damaged" in line
+    assert f"delete {damaged.parent}, and run" in line
+
+
 def test_a_perturbation_is_called_by_the_entry_that_says_most_of_those_that_were_due():
     scenario = ScenarioConfig(
         name="changed",

@@ -109,7 +109,8 @@ def test_user_errors_are_one_message(tuning_data, write_config, tmp_path, capsys
     words = ["tune", str(config), "--out", str(tmp_path / "out")]
     assert main([*words, "--agent", "jacobian_serwo"]) == 2
     assert (
-        "--agent: unknown (did you mean jacobian_servo?); allowed: jacobian_servo" in capsys.readouterr().err
+        "--agent: found 'jacobian_serwo': unknown (did you mean jacobian_servo?); allowed: jacobian_servo"
+        in capsys.readouterr().err
     )
     assert main([*words, "--set", "tires=3"]) == 2
     assert "tires: unknown key (did you mean tries?)" in capsys.readouterr().err
