@@ -32,6 +32,7 @@ from experiments.running.results_folder import (
     FAILED,
     TIMINGS,
     VERSIONS,
+    damaged,
     folder_of,
     is_done,
     read_json,
@@ -218,7 +219,7 @@ def _rows(folder: Path, run: Run) -> list[dict[str, Any]]:
         lines = path.read_text(encoding="utf-8").splitlines()
         rows = [{**json.loads(line)} for line in lines]
     except (FileNotFoundError, TypeError, ValueError) as error:
-        raise ConfigError(f"{path} is damaged ({error}): delete {folder}, and run the suite again") from None
+        raise damaged(path, error) from None
     of_run = {"run": run.id, **run.where}
     return [of_run | row for row in (_thinned(rows) if _counts_motions(run) else rows)]
 

@@ -68,15 +68,16 @@ def read_json(path: Path, *keys: str) -> dict[str, Any]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise _damaged(path, error) from None
+        raise damaged(path, error) from None
     if not isinstance(found, dict):
-        raise _damaged(path, f"found {type(found).__name__}; allowed: a mapping")
+        raise damaged(path, f"found {type(found).__name__}; allowed: a mapping")
     if lacking := ", ".join(key for key in keys if key not in found):
-        raise _damaged(path, f"{lacking} is missing")
+        raise damaged(path, f"{lacking} is missing")
     return found
 
 
-def _damaged(path: Path, what: object) -> ConfigError:
+def damaged(path: Path, what: object) -> ConfigError:
+    """What to raise where a file of a results folder cannot be used: what is wrong, and what to do."""
     do = "use the code that made it, or run the suite again with another --out"
     if path.name != SUITE:
         do = f"delete {path.parent if path.parent.parent.name == RUNS else path}, and run it again"
@@ -96,7 +97,7 @@ def read_suite(out: Path) -> tuple[Suite, str]:
         raise ConfigError(f"{out}: no results here ({error.filename} is missing)") from None
     except ValidationError as error:
         first = error.errors()[0]
-        raise _damaged(out / SUITE, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        raise damaged(out / SUITE, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
 
 
 @contextmanager
