@@ -14,11 +14,12 @@ from calfree_gym.image import IMAGE_UNIT
 from ..base.checks import check_number
 from ..base.observation import Array, Observation, RawObservation
 from ..base.procedure import Procedure
+from ..base.registers import at_home
 from ..jacobian import Slopes
 from ..servo.image_model.least_distance import Seeker
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.servo_agent import Servo, ServoAgent
-from ..servo.trial import Findings, jump
+from ..servo.trial import Findings, Stops, jump
 from ..servo.unified import UnifiedServo
 from .adaptive_memory import AdaptiveMemory
 from .remembered import Remembered
@@ -76,8 +77,8 @@ class Memory(ServoAgent):
 
     def _recall(self, points: SmoothPoints) -> tuple[Array, float]:
         """Registers (m,) where the least distance is expected, and how long it is there, in pixels."""
-        stops = np.ones(self.motors)
-        found = Seeker(points, np.zeros(self.motors), -stops, stops, caution=1.0).seek()
+        home, stops = np.zeros(self.motors), Stops(np.zeros(self.motors))
+        found = Seeker(points, home, stops.lowest, stops.highest, caution=1.0).seek()
         return found.registers, found.length / IMAGE_UNIT
 
     def expected_px(self, first: RawObservation) -> float | None:
@@ -90,7 +91,7 @@ class Memory(ServoAgent):
             The distance in an image, root mean square, in pixels; None where it remembers nothing of this
             world, or does not see the object.
         """
-        home = Observation.of(first)
+        home = at_home(Observation.of(first))
         if not home.visible.all():
             return None
         points = self.adaptation.points_for(home, self.filter.noise.px, self.slopes)

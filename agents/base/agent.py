@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .checks import check_number
 from .observation import RawObservation
 from .prior_knowledge import PriorKnowledge
+from .trials import TrialBeginnings
 
 
 class Progress(Protocol):
@@ -56,6 +57,7 @@ class Agent(ABC):
         self.env = env
         self.seed = check_number("seed", seed, least=0, whole=True)
         self.num_timesteps = 0
+        self._beginnings = TrialBeginnings()
 
     @abstractmethod
     def predict(

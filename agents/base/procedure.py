@@ -7,10 +7,11 @@ writes into its *findings*. `learn` hands the findings of a finished trial to th
 from __future__ import annotations
 
 from abc import abstractmethod
+import warnings
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,44 +20,84 @@ from . import storage
 from .agent import Agent, Callback
 from .checks import check_number
 from .observation import Array, Observation, RawObservation
-from .trials import begins_trial, foreign, is_of_one
+from .registers import RegisterEstimate
+from .trials import foreign, is_of_one
 
 Procedure = Generator[Array, Observation, None]
 """Seeks the rendezvous in one trial. After its end the agent sends zero words."""
 
 
-@dataclass(repr=False)
 class RunningTrial:
     """A procedure at work, and what it has found out so far.
 
+    It stands between the procedure and the robot: words are sent so that motors execute what is wanted, and
+    registers, which are measured, come in as where motors stand. As long as no point was seen, nothing moves.
+
     Attributes:
         of: Whose procedure it is: the agent's class, kind and motors.
-        procedure: It.
         findings: Where it writes what it finds out.
+        says: Why it does not go on, or nothing.
+
+    Args:
+        agent: Whose trial it is.
+        measured: What registers say (m,) where it begins.
     """
 
-    of: tuple[type[ProcedureAgent], str, int]
-    procedure: Procedure
-    findings: Any
+    UNSEEN = "no point has been seen in either image, so nothing moves"
+
+    def __init__(self, agent: ProcedureAgent, measured: Array) -> None:
+        self.of = agent._like
+        self.findings = agent.new_findings()
+        self.says = ""
+        self._agent = agent
+        self._registers = RegisterEstimate(measured)
+        self._sent: Array | None = None
+        self._procedure: Procedure | None = None
 
     def __repr__(self) -> str:
         agent, kind, motors = self.of
         return f"a trial of {agent.__name__} ({kind}, {motors} motors)"
 
-    def begin(self, first: Observation) -> Array:
-        """The first control words (m,)."""
-        return next(self.procedure, np.zeros_like(first.registers))
+    def look(self, observed: Any) -> Any:
+        """What is observed, with registers as where motors stand."""
+        if self._sent is not None:
+            self._registers.after(self._sent, observed.registers)
+        return replace(observed, registers=self._registers.registers)
 
-    def go_on(self, observation: Observation) -> Array:
-        """The next control words (m,); zero words once the procedure has ended."""
+    def words(self, now: Any) -> Array:
+        """The next control words (m,) to send; zero words once the procedure has ended."""
+        wanted = self._wanted(now)
+        why = self.UNSEEN if self._procedure is None else self._agent.why_still(self.findings)
+        if why and not self.says:
+            warnings.warn(f"{self!r} goes on looking: {why}", stacklevel=3)
+        self.says = why
+        return self.send(self._registers.words(np.asarray(wanted, float)))
+
+    def send(self, words: Array) -> Array:
+        """Notes that these words (m,) are sent."""
+        self._sent = np.asarray(words, np.float32)
+        return words
+
+    def _wanted(self, now: Any) -> Array:
         try:
-            return self.procedure.send(observation)
+            if self._procedure is not None:
+                return self._procedure.send(now)
+            if now.visible.any() or not self._agent.needs_points:
+                self._procedure = self._agent.procedure(now, self.findings)
+                return next(self._procedure)
         except StopIteration:
-            return np.zeros_like(observation.registers)
+            pass
+        return np.zeros_like(now.registers)
 
 
 class ProcedureAgent(Agent):
-    """An agent whose behaviour in one trial is a procedure."""
+    """An agent whose behaviour in one trial is a procedure.
+
+    Attributes:
+        needs_points: Whether it cannot begin before a point is seen.
+    """
+
+    needs_points: ClassVar[bool] = True
 
     @abstractmethod
     def procedure(self, first: Observation, findings: Any) -> Procedure:
@@ -83,6 +124,10 @@ class ProcedureAgent(Agent):
             last: The trial's last observation.
             ended: Whether the environment ended it. A trial that was cut off teaches no end.
         """
+
+    def why_still(self, findings: Any) -> str:
+        """Why the procedure that wrote these findings knows no further motion; or nothing."""
+        return ""
 
     def explore(self, words: Array, now: Observation) -> Array:
         """Words (m,) that `learn` makes in place of the procedure's; the same, unless it explores."""
@@ -131,17 +176,15 @@ class ProcedureAgent(Agent):
             self._check_state(state)
         rows = [self.observed(row) for row in ([observation] if single else _rows(observation))]
         registers = np.array([row.registers for row in rows])
-        begins = begins_trial(registers, None if state is None else len(state), episode_start)
+        begins = self._beginnings.where(registers, None if state is None else len(state), episode_start)
         words, after = [], []
-        for i, now in enumerate(rows):
-            if state is None or begins[i]:
-                trial = self._new_trial(now)
-                words.append(trial.begin(now))
-            else:
-                trial = state[i]
-                words.append(trial.go_on(now))
+        for i, observed in enumerate(rows):
+            new = state is None or begins[i]
+            trial = RunningTrial(self, observed.registers) if new else state[i]  # type: ignore[index]
+            words.append(trial.words(trial.look(observed)))
             after.append(trial)
-        stacked = np.clip(np.asarray(words, np.float32), -1.0, 1.0)
+        stacked = np.asarray(words, np.float32)
+        self._beginnings.sent(registers, stacked)
         return (stacked[0] if single else stacked), after
 
     def _check_state(self, state: Any) -> None:
@@ -162,28 +205,25 @@ class ProcedureAgent(Agent):
     def _live_trial(self, target: int, callback: Callback | None) -> bool:
         """One trial of its own, cut off where `target` motions were made; whether the callback goes on."""
         raw, _ = self.env.reset()
-        now = self.observed(raw)
-        trial = self._new_trial(now)
-        words = trial.begin(now)
+        observed = self.observed(raw)
+        trial = RunningTrial(self, observed.registers)
+        now = trial.look(observed)
+        words = trial.words(now)
         while True:
-            words = self.explore(words, now)
+            words = trial.send(self.explore(words, now))
             raw, _, terminated, truncated, _ = self.env.step(words.astype(np.float32))
-            before, now = now, self.observed(raw)
+            before, now = now, trial.look(self.observed(raw))
             self.num_timesteps += 1
             self.learn_motion(trial.findings, before, now)
             over = bool(terminated or truncated)
             if over:
                 now = replace(now, last=True)
-                trial.go_on(now)
+                trial.words(now)
                 self.learn_trial(trial.findings, now, bool(terminated))
             go_on = callback is None or callback(self)
             if over or not go_on or self.num_timesteps >= target:
                 return go_on
-            words = trial.go_on(now)
-
-    def _new_trial(self, first: Observation) -> RunningTrial:
-        findings = self.new_findings()
-        return RunningTrial(self._like, self.procedure(first, findings), findings)
+            words = trial.words(now)
 
     @property
     def _like(self) -> tuple[type[ProcedureAgent], str, int]:

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 from .observation import STANDARD_KEYS, Array, Flags
+from .registers import RegisterEstimate
 
 
 def is_of_one(observation: Any, space: gym.Space[Any]) -> bool:
@@ -48,31 +49,52 @@ def foreign(found: str) -> ValueError:
 _KEYS = ", ".join(STANDARD_KEYS)
 
 
-def begins_trial(registers: Array, rows_of_state: int | None, episode_start: Flags | None) -> Flags:
-    """Where (n,) a new trial begins.
+class TrialBeginnings:
+    """Tells where trials begin, and where a caller has lost the state in the middle of one.
 
-    Args:
-        registers: Of one environment (m,), or a batch of n (n, m).
-        rows_of_state: How many environments the state is of; None where there is no state.
-        episode_start: Where (n,) the caller says that one begins.
-
-    Raises:
-        ValueError: There is no state in the middle of a trial, or it is of another number of environments.
+    Registers at home are measured: near zero, not zero. So it also knows what was told last: registers that
+    stand where those words led, away from home, are of the middle of a trial, however small the words were.
     """
-    registers = np.atleast_2d(registers)
-    rows = len(registers)
-    starts = np.zeros(rows, bool) if episode_start is None else np.atleast_1d(episode_start)
-    if rows_of_state is not None and rows_of_state != rows:
-        raise ValueError(f"the state is of {rows_of_state} environments, the observation of {rows}")
-    if len(starts) != rows:
-        raise ValueError(f"episode_start has {len(starts)} entries for {rows} environments")
-    if rows_of_state is not None:
-        return np.asarray(starts, bool)
-    away = ~starts.astype(bool) & (registers != 0).any(1)
-    if away.any():
-        raise ValueError(
-            "predict got state=None in the middle of a trial (registers are "
-            f"{registers[away.argmax()].tolist()}): pass the state back that the last call returned, "
-            "or episode_start where a new trial begins"
-        )
-    return np.ones(rows, bool)
+
+    def __init__(self) -> None:
+        self._registers, self._words = np.zeros((2, 0, 0))
+
+    def sent(self, registers: Array, words: Array) -> None:
+        """Words (n, m), or (m,), were sent where registers were (n, m)."""
+        self._registers, self._words = registers, np.reshape(words, registers.shape)
+
+    def where(self, registers: Array, rows_of_state: int | None, episode_start: Flags | None) -> Flags:
+        """Where (n,) a new trial begins.
+
+        Args:
+            registers: Of a batch of n environments (n, m).
+            rows_of_state: How many environments the state is of; None where there is no state.
+            episode_start: Where (n,) the caller says that one begins.
+
+        Raises:
+            ValueError: There is no state in the middle of a trial, or it is of another number of environments.
+        """
+        rows = len(registers)
+        starts = np.zeros(rows, bool) if episode_start is None else np.atleast_1d(episode_start)
+        if rows_of_state is not None and rows_of_state != rows:
+            raise ValueError(f"the state is of {rows_of_state} environments, the observation of {rows}")
+        if len(starts) != rows:
+            raise ValueError(f"episode_start has {len(starts)} entries for {rows} environments")
+        if rows_of_state is not None:
+            return np.asarray(starts, bool)
+        away = ~starts.astype(bool) & ((np.abs(registers) >= RegisterEstimate.HOME).any(1) | self._led(registers))
+        if away.any():
+            raise ValueError(
+                "predict got state=None in the middle of a trial (registers are "
+                f"{registers[away.argmax()].tolist()}): pass the state back that the last call returned, "
+                "or episode_start where a new trial begins"
+            )
+        return np.ones(rows, bool)
+
+    def _led(self, registers: Array) -> Flags:
+        """Where (n,) the last words led to these registers (n, m), away from home."""
+        if registers.shape != self._registers.shape:
+            return np.zeros(len(registers), bool)
+        far = np.abs(self._words).max(1) / 2
+        off = np.abs(registers - self._registers - self._words).max(1)
+        return np.asarray((off < far) & (np.abs(registers).max(1) > far))

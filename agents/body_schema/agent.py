@@ -15,6 +15,7 @@ from ..base.checks import checked_array
 from ..base.observation import Array, Observation, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
+from ..base.registers import at_home
 from ..jacobian import Slopes
 from ..servo.servo_agent import Servo, ServoAgent
 from ..servo.trial import Findings, Stops, back
@@ -50,6 +51,8 @@ class BodySchema(ServoAgent):
     """It moves where it expects to leave no more than this share of the distance. Choice."""
     NOISES = 6.0
     """A distance is none that is within so many times the noise. Choice."""
+    THERE = 0.1
+    """It is there where no more than this share of its way is left. Choice: motors may fall short of words."""
     MISSES = 1
     """After more motions that left too much, the servo goes on alone. Choice."""
 
@@ -107,8 +110,8 @@ class BodySchema(ServoAgent):
         Returns:
             What is then observed, and whether it got there: words are no longer than one, and motors stop.
         """
-        words = registers - now.registers
-        words = words / max(1.0, float(np.abs(words).max()))
+        way = registers - now.registers
+        words = way / max(1.0, float(np.abs(way).max()))
         after = yield words
         short = words - (after.registers - now.registers)
         _stops(findings).learn(words, short, after.registers)
@@ -117,8 +120,9 @@ class BodySchema(ServoAgent):
         findings.trusted.append(settled)
         if findings.filter.lost.any():
             settled = yield from back(now, settled, findings)
-        arrived = np.abs(registers - after.registers).max() <= Stops.STOPPED
-        return settled, bool(arrived or not (after.registers != now.registers).any())
+        arrived = np.abs(registers - after.registers).max() <= self.THERE * np.abs(way).max()
+        return settled, bool(arrived or (short == words).all())
+
 
     def _pairs(self, findings: Findings[Any]) -> Pairs:
         return Pairs.of_trial(findings.trusted, findings.filter.noise.px, self.body.trials)
@@ -133,7 +137,7 @@ class BodySchema(ServoAgent):
             The distance in an image, root mean square, in pixels; None where it knows nothing, or does not
             see the object.
         """
-        home, known, noise_px = Observation.of(first), self.body.known, self.filter.noise.px
+        home, known, noise_px = at_home(Observation.of(first)), self.body.known, self.filter.noise.px
         if known is None or not home.visible.all():
             return None
         return self._off_px(Seeker(known, home.object, home, noise_px, self.stops).seek(), known)
@@ -158,16 +162,20 @@ class BodySchema(ServoAgent):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `ProcedureAgent`."""
-        stops = {"lowest": self.stops.lowest, "highest": self.stops.highest}
+        lowest, highest = np.where(np.isfinite(self.stops.found), self.stops.found, np.nan)
+        stops = {"lowest": lowest, "highest": highest, "been": self.stops.been}
         return super().arrays() | self.body.arrays() | stops
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """See `ProcedureAgent`."""
         super().restore(arrays)
         self.body.restore(arrays)
-        self.stops.lowest, self.stops.highest = (
-            checked_array(arrays, name, (self.motors,)) for name in ("lowest", "highest")
-        )
+        stops = Stops(np.zeros(self.motors))
+        if "been" in arrays:  # files of 0.1 have none
+            stops.been = checked_array(arrays, "been", (2, self.motors))
+        found = [checked_array(arrays, name, (self.motors,), allow_nan=True) for name in ("lowest", "highest")]
+        stops.found = np.where(np.isnan(found), stops.found, found)
+        self.stops = stops
 
 
 def _stops(findings: Findings[Any]) -> Stops:

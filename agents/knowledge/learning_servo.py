@@ -14,6 +14,7 @@ from calfree_gym.errors import check_flag
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array, Observation, RawObservation
 from ..base.procedure import Procedure
+from ..base.registers import at_home
 from ..base.storage import with_present_names
 from ..jacobian import Slopes, distance_jacobian
 from ..servo.redundancy import solve
@@ -103,7 +104,7 @@ class LearningServo(ServoAgent):
             The standard deviation in the worse image, in pixels; None where it knows too little to move at
             once, or does not see the object.
         """
-        home = Observation.of(first)
+        home = at_home(Observation.of(first))
         recall = self._recall(home) if home.visible.all() else None
         return None if recall is None else recall.deviation_px
 

@@ -15,6 +15,7 @@ class Oracle(ProcedureAgent):
     """
 
     privileged = ("object_registers",)
+    needs_points = False
 
     @property
     def kind(self) -> str:

@@ -67,6 +67,10 @@ class ServoAgent(ProcedureAgent):
             self.slopes = slopes
         self.filter = findings.filter
 
+    def why_still(self, findings: Findings[Any]) -> str:
+        """See `ProcedureAgent`."""
+        return findings.gave_up
+
     @property
     def kind(self) -> str:
         """See `ProcedureAgent`."""

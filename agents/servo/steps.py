@@ -36,6 +36,8 @@ class Steps:
     SHORTER, LONGER = 0.4, 1.5
     """Steps get shorter by this where one lost a point from view, and longer again with each that did not:
     tuned on wild worlds 3000 and up."""
+    UNFINISHED = 0.1
+    """A motor has not finished its word of which more than this share is left. Choice."""
     LEAST_SHARE = 0.1
     """A step that leads out of the images keeps this share at least: else nothing would move (a guard)."""
 
@@ -47,8 +49,18 @@ class Steps:
         self._border = border
 
     def make(self, words: Array) -> Motions:
-        """Executes words (m,) as far as they may go; where a point got lost, goes back, and then shorter."""
-        yield from self.trial.move(self.confidence * self.bounded(words))
+        """Executes words (m,) as far as they may go; where a point got lost, goes back, and then shorter.
+
+        A step that motors did not finish goes on as long as they move: so it needs no new test motions where a
+        motion has a greatest length.
+        """
+        words = self.confidence * self.bounded(words)
+        goal, going = self.trial.now.registers + words, words != 0
+        while going.any() and not self.trial.filter.lost.any():
+            before = goal - self.trial.now.registers
+            yield from self.trial.move(before)
+            left = (goal - self.trial.now.registers) / np.where(going, words, 1.0)
+            going &= (left > self.UNFINISHED) & (left < before / np.where(going, words, 1.0))
         if not self.trial.filter.lost.any():
             self.confidence = min(1.0, self.LONGER * self.confidence)
         else:

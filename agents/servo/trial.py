@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
@@ -32,12 +33,14 @@ class Findings(Generic[E]):
         filter: What is known of observations.
         trusted: The observations that passed the filter, none of their points merely predicted.
         stops: Where motors are known to stop, if that is known beforehand.
+        gave_up: Why no further motion is known, or nothing.
     """
 
     estimator: E
     filter: ObservationFilter = field(default_factory=ObservationFilter)
     trusted: list[Observation] = field(default_factory=list)
     stops: Stops | None = None
+    gave_up: str = ""
 
 
 ALIKE = 0.1
@@ -46,7 +49,7 @@ ALIKE = 0.1
 
 def met_something(words: Array, short: Array) -> bool:
     """Whether all words (m,), two at least, were executed but for the same share: `short` (m,)."""
-    sent = np.abs(words) > Stops.STOPPED
+    sent = words != 0
     shares = short[sent] / words[sent]
     return len(shares) > 1 and bool(shares.min() > ALIKE / 2 and np.ptp(shares) < ALIKE)
 
@@ -54,39 +57,63 @@ def met_something(words: Array, short: Array) -> bool:
 class Stops:
     """Where motors are known to stop.
 
+    A motor stops where it fell short of most of its word, and then did not move at all by another one in the
+    same direction: else it may only be slow, or its register coarse.
+
     Attributes:
-        lowest, highest: Registers (m,) there; at first the ends of what registers can be. A motor always
-            stands between them.
+        found: Stops that were found, lower and upper ones (2, m); infinite where none is known.
+        been: The lowest and the highest registers (2, m) where motors have been.
 
     Args:
         registers: Where motors stand (m,).
     """
 
-    STOPPED = 1e-4
-    """A motor that executes so much less than its word has met a stop (a guard above float32 rounding)."""
-
     def __init__(self, registers: Array) -> None:
-        self.lowest, self.highest = np.minimum(registers, -1.0), np.maximum(registers, 1.0)
+        self.been = np.tile(registers, (2, 1))
+        self._word = np.outer([-1.0, 1.0], np.ones(len(registers)))
+        self.forget()
+
+    def forget(self) -> None:
+        """No stop is known."""
+        self.found = np.inf * self._word
+        self._fell_short = np.full_like(self.been, np.nan)
 
     def of(self, units: Array) -> Stops:
         """The same, of registers in these units (m,)."""
-        stops = Stops(np.zeros(len(units)))
-        stops.lowest, stops.highest = self.lowest / units, self.highest / units
+        stops = copy(self)
+        stops.found, stops.been, stops._word = self.found / units, self.been / units, self._word / units
+        stops._fell_short = self._fell_short / units
         return stops
 
+    @property
+    def lowest(self) -> Array:
+        """Registers (m,) that no motor passes: its stop, or a word beyond the lowest where it has been."""
+        return np.asarray(np.maximum(self.found[0], self.been[0] + self._word[0]))
+
+    @property
+    def highest(self) -> Array:
+        """The same on the other side."""
+        return np.asarray(np.minimum(self.found[1], self.been[1] + self._word[1]))
+
     def learn(self, words: Array, short: Array, registers: Array) -> bool:
-        """Motors whose words (m,) were executed but for `short` (m,) have met a stop at `registers` (m,).
+        """Motors whose words (m,) were executed but for `short` (m,) stand at `registers` (m,).
 
         Where several were, all but for the same share, the arm has met something: that is no motor's stop.
 
         Returns:
             Whether it has.
         """
-        self.lowest, self.highest = np.minimum(self.lowest, registers), np.maximum(self.highest, registers)
+        self.been, self.found = (
+            np.stack([np.minimum(each[0], registers), np.maximum(each[1], registers)])
+            for each in (self.been, self.found)
+        )
         if met_something(words, short):
             return True
-        self.highest = np.where(short > self.STOPPED, registers, self.highest)
-        self.lowest = np.where(short < -self.STOPPED, registers, self.lowest)
+        told = self._word * words > 0
+        stays = told & (short == words)
+        self.found = np.where(stays & (self._fell_short == registers), registers, self.found)
+        fell = np.where(2 * short * words > words**2, registers, np.nan)
+        self._fell_short = np.where(told, fell, self._fell_short)
         return False
 
 
@@ -112,11 +139,9 @@ class Trial:
 
     TRIES = 6
     """A test motion is repeated at most this often (a guard: words double at least every other time)."""
-    EXECUTED = 0.5
-    """A test motion of which a smaller share was executed is made anew, the other way: tuned on wild worlds
-    3000 and up."""
-    SMALLER = 0.5
-    """A test word shrinks by this where a point got lost. Choice: halves."""
+    SMALLER, GROWTH = 0.5, 2.0
+    """A test word shrinks by this where a point got lost, and grows by this where a motor moved neither way.
+    Choice: halves and doubles."""
     SMALLEST_TEST, LARGEST_TEST = 0.01, 0.5
     """Sizes of test words: tuned likewise."""
     MOST_GROWTH = 4.0
@@ -229,12 +254,17 @@ class Trial:
     def test(self, motor: int) -> Motions:
         """Measures one motor's column of the Jacobian by a test motion, towards the object as last known.
 
-        Where the motor meets its stop or a point gets lost it tries the other way; where too little moves in
-        the images to stand out from noise it tries a larger word, back and forth.
+        Where the motor does not move or a point gets lost it tries the other way; where too little moves in
+        the images to stand out from noise it tries a larger word, back and forth, and motors that were never
+        tested begin with that.
         """
         slope = self.jacobian[:, motor] @ self.now.distance
         if slope:
             self.test_words[motor] = -np.sign(slope) * abs(self.test_words[motor])
+        lowest, highest = (bound[motor] for bound in self.word_bounds)
+        if not lowest <= self.test_words[motor] <= highest:
+            self.test_words[motor] *= -1
+        stood = 0
         for _ in range(self.TRIES):
             words = np.zeros_like(self.test_words)
             words[motor] = self.test_words[motor]
@@ -242,8 +272,9 @@ class Trial:
             if self.filter.lost.any():
                 self.test_words[motor] *= -self.SMALLER
                 yield from self.go_back()
-            elif abs(executed[motor]) < self.EXECUTED * abs(words[motor]):
-                self.test_words[motor] *= -1
+            elif not executed[motor]:
+                stood += 1
+                self.test_words[motor] *= -1 if stood % 2 else -self.GROWTH
             else:
                 self._tested[motor] = executed[motor]
                 moved_px = float(lengths_px(moved).max())
@@ -255,6 +286,8 @@ class Trial:
                     self.still[motor] = True
                     return
                 self.test_words[motor] *= -1
+                never = self._tested == 0
+                self.test_words[never] = np.maximum(self.test_words[never], abs(self.test_words[motor]))
 
     def unmeasured(self) -> Iterator[int]:
         """The motors of whose columns nothing is known now, or no more than noise."""

@@ -15,7 +15,7 @@ from ...base.agent import Agent, Callback
 from ...base.checks import check_number
 from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
-from ...base.trials import begins_trial, foreign, is_of_one
+from ...base.trials import foreign, is_of_one
 from .network import Memory
 from .weights import KEPT, load_network, observation_format, save_network
 
@@ -75,7 +75,7 @@ class RecurrentServo(Agent):
         if state is not None and not isinstance(state, Memory):
             raise foreign(f"is {state!r}")
         registers = np.atleast_2d(observation["observation"])[:, POINTS:]
-        begins = begins_trial(registers, None if state is None else len(state.looks), episode_start)
+        begins = self._beginnings.where(registers, None if state is None else len(state.looks), episode_start)
         memory = self._network.begin(len(begins))
         if state is not None:
             if [old.shape for old in state] != [new.shape for new in memory]:
@@ -96,6 +96,7 @@ class RecurrentServo(Agent):
                 torch.as_tensor(rest[:, POINTS:], dtype=torch.float64),
                 memory,
             )
+        self._beginnings.sent(registers, words.numpy())
         shape = np.shape(observation["achieved_goal"])[:-1]
         return words.numpy().astype(np.float32).reshape(*shape, -1), memory
 

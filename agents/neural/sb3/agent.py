@@ -32,7 +32,7 @@ from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.random_state import OwnRandomState
 from ...base.settings import named_settings
-from ...base.trials import begins_trial, foreign, is_of_one
+from ...base.trials import foreign, is_of_one
 from .algorithms import algorithm_of, built_settings, policy_name, settings_of
 from .files import Saved, check_finite, check_tensor, read, write
 from .inputs import GOALS, FlatObservations, ImageDistance, flattened
@@ -164,7 +164,10 @@ class Sb3Agent(Agent):
         inputs = known if self._by_key else flattened(known)
         with nullcontext() if deterministic else self._of_predictions.swapped_in():
             actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
-        return scaled_words(actions, **self._words), state
+        words = scaled_words(actions, **self._words)
+        if state is not None:
+            self._beginnings.sent(np.atleast_2d(observation["observation"])[:, POINTS:], words)
+        return words, state
 
     def _check_memory(
         self, observation: RawObservation, state: Any, episode_start: NDArray[np.bool_] | None
@@ -174,7 +177,9 @@ class Sb3Agent(Agent):
             raise foreign(f"is {state!r}")
         registers = np.atleast_2d(observation["observation"])[:, POINTS:]
         if registers.shape[1:] == self._model.action_space.shape:
-            begins_trial(registers, None if state is None else np.shape(state[0])[1], episode_start)
+            self._beginnings.where(
+                registers, None if state is None else np.shape(state[0])[1], episode_start
+            )
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
         """See `Agent`. Rows make whole steps: the motions are rounded down to a multiple of their number.

@@ -22,8 +22,9 @@ class FirstMotions:
     """Stands still to learn how noisy images are, then moves motor after motor, there and back and farther.
 
     A motor goes to one side of where it began, then farther to the other side, and so on: as long as the
-    images answer in proportion, and until they have moved clearly. Where words are not executed, a point is
-    lost, or the images answer otherwise, it goes back, and on by half as much, the other way.
+    images answer in proportion, and until they have moved clearly. Where words are executed in part, a point
+    is lost, or the images answer otherwise, it goes back, and on by half as much, the other way; where a
+    register shows nothing of a word, on by twice as much, the other way: it may be coarse.
 
     Attributes:
         now: The last look.
@@ -73,8 +74,11 @@ class FirstMotions:
     straight."""
     TRIES = 12
     """Motions of a motor at most (a guard)."""
-    EXECUTED = 0.95
-    """Words of which a smaller share was executed met something (a guard above rounding)."""
+    EXECUTED = 0.5
+    """Words of which a smaller share was executed met something. Choice: registers may be coarse."""
+    UNSHOWN = 16.0
+    """A motor whose register shows nothing of words so many times the first, either way, is blocked. Choice:
+    no encoder is coarser than a thirtieth of its motor's way."""
 
     def __init__(self, first: Observation, filter_: ObservationFilter) -> None:
         motors = len(first.registers)
@@ -141,6 +145,13 @@ class FirstMotions:
             lost = bool((began.visible & ~self.now.visible).any())
             moved = (self.now.points - began.points)[began.visible & self.now.visible]
             moved_px = float(lengths_px(moved).max(initial=0.0))
+            if at == offset and not lost:
+                refused.add(side)
+                if len(refused) == 2 and size > self.UNSHOWN * self.FIRST_WORD:
+                    self.blocked[motor] = not self.tested[motor]
+                    return
+                size, side = self.DOUBLE * size, -side
+                continue
             if short or lost:
                 refused.add(side)
                 if lost:

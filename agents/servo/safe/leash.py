@@ -74,6 +74,8 @@ class Leash:
     MOST_SHARE = 0.9
     """Words that are shortened are shortened at least to this share. Choice: so servos tell it from a motor's
     stop."""
+    DONE = 0.1
+    """A word is executed of which no more than this share is left. Choice: motors may fall short of words."""
     PARTS = 8
     """In so many motions at most a single motor's words are executed (a guard)."""
     MOST_CONTACTS = 6
@@ -138,11 +140,11 @@ class Leash:
         words = next(servo, None)
         while words is not None:
             words = words * self._units
-            target = np.clip(self.now.registers + words, -1.0, 1.0)
+            there = self.now.registers + words
+            target = np.clip(there, self.stops.lowest, self.stops.highest)
             left = target - self.now.registers
-            ends_at_stop = bool((np.abs(left - words) > Stops.STOPPED).any())
-            in_parts = whole and (np.count_nonzero(words) == 1 or ends_at_stop)
-            stopped = np.zeros(len(words), bool)
+            in_parts = whole and (np.count_nonzero(words) == 1 or bool((target != there).any()))
+            stood = np.zeros(len(words), bool)
             for _ in range(self.PARTS):
                 before = self.now
                 part = self.allowed(left, before.registers)
@@ -153,10 +155,10 @@ class Leash:
                 short = part - (now.registers - before.registers)
                 if met_something(part, short):
                     break
-                stopped |= np.abs(short) > Stops.STOPPED
-                in_parts |= whole and bool(stopped.any())
-                left = np.where(stopped, 0.0, target - now.registers)
-                done = not in_parts or bool((np.abs(left) < Stops.STOPPED).all())
+                stood |= (part != 0) & (short == part)
+                in_parts |= whole and bool(stood.any())
+                left = np.where(stood, 0.0, target - now.registers)
+                done = not in_parts or bool((np.abs(left) <= self.DONE * np.abs(words)).all())
                 if now.last or done or (before.visible & ~now.visible).any():
                     break
             try:

@@ -7,9 +7,11 @@ import numpy as np
 from ...base.observation import Array, Observation
 from ...base.procedure import Procedure
 from ...jacobian import distance_jacobian
-from ..trial import Stops
 from .leash import Leash
 from .linear_view import LinearView
+
+NEITHER = 1e-4
+"""A word, or a part of one, that is no motion (a guard above rounding)."""
 
 
 class StraightWay:
@@ -58,7 +60,7 @@ class StraightWay:
                 if now.distance_px < self.NEAR_PX or failures >= self.FAILURES:
                     break
                 words, seen_at = self.words(now), now.registers
-            if now.last or np.abs(words).max() < Stops.STOPPED:
+            if now.last or np.abs(words).max() < NEITHER:
                 break
             before, jacobian = now, distance_jacobian(self._view.jacobian) * self._units
             contacts = self._leash.contacts
@@ -89,7 +91,7 @@ class StraightWay:
         while True:
             free = unit - np.linalg.pinv(closed[pressed]) @ closed[pressed]
             words = -free @ np.linalg.pinv(free @ square @ free, hermitian=True) @ free @ slope
-            presses = closed @ words > Stops.STOPPED
+            presses = closed @ words > NEITHER
             if not (presses & ~pressed).any():
                 return np.clip(now.registers + words, stops.lowest, stops.highest) - now.registers
             pressed |= presses

