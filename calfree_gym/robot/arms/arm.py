@@ -9,7 +9,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property, lru_cache
+from html import unescape
 from numbers import Real
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Self
 
@@ -23,6 +25,8 @@ MOVEMASTER_NAME = "movemaster"
 """The arm that is used where none is given."""
 _FOLDERS = re.compile(r"""\s(assetdir|meshdir|texturedir)\s*=\s*("[^"]*"|'[^']*')""")
 """Where MJCF says in which folders its assets are."""
+_QUOTED = re.compile(r"""(?<=["'])([^"'<>]*)(?=["'])""")
+"""What may be the place of an asset in MJCF."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,7 @@ class Arm:
     actuators they have. Contacts are off.
 
     Attributes:
-        model: MJCF text, with the folders of assets written out. Given: also a path, or an `MjSpec`.
+        model: MJCF text, with the places of assets written out. Given: also a path, or an `MjSpec`.
         gripper: Name of the site or body that is the gripper point.
         motors: Names of the joints that the controller's words move. By default all hinges and slides from
             `base` to the gripper. Three to seven.
@@ -150,9 +154,8 @@ def digest_of(values: Mapping[str, Any]) -> str:
     """SHA-256 of all that an arm is, wherever its files are; of what `Arm.to_dict` gives."""
     assets: Mapping[str, str] = values["assets"]
     text = _FOLDERS.sub("", values["model"])
-    for file in assets:
-        text = text.replace(str(Path(file).parent), "")
-    named = sorted((Path(file).name, digest) for file, digest in assets.items())
+    text = _QUOTED.sub(lambda each: assets.get(unescape(each[1]), each[0]), text)
+    named = sorted(((Path(file).name, digest) for file, digest in assets.items()), key=itemgetter(0))
     value = {**values, "model": text, "assets": named}
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 

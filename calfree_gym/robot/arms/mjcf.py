@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,13 +16,22 @@ TEXT = "the MJCF text"
 """What errors call a model that was given as text."""
 Source = str | Path | Any
 """A path, MJCF text, or an `mujoco.MjSpec`, whose type is not declared."""
+_KINDS = {
+    "meshes": ("mesh", "meshdir"),
+    "hfields": ("hfield", "meshdir"),
+    "skins": ("skin", "meshdir"),
+    "textures": ("tex", "texturedir"),
+}
+"""What has files: what a compiled model calls it, and which folder of its compiler the files are in."""
+_TAKES_FROM_OTHERS = re.compile(r"<(include|model|flexcomp)\b")
+"""Elements whose files become part of the model's text."""
 
 
 def read(source: Source) -> tuple[str, dict[str, str]]:
-    """The MJCF text of a model, with the folders of its assets written out, and the assets' hashes.
+    """The MJCF text of a model, with the places of its assets written out, and the assets' hashes.
 
-    MuJoCo writes numbers with six digits. So text whose folders are written out, and which includes no file,
-    stays as it is: it would drift each time.
+    MuJoCo writes numbers with six digits. So text whose places are written out, and which takes nothing from
+    other models, stays as it is: it would drift each time.
 
     Args:
         source: Path of an MJCF file, MJCF text, or an `MjSpec`.
@@ -37,19 +48,22 @@ def read(source: Source) -> tuple[str, dict[str, str]]:
             f"{what} holds assets in memory ({', '.join(sorted(spec.assets))}); write them to files beside "
             "the model, so that they can be found again"
         )
-    meshes, textures = ((folder / each).resolve() for each in (spec.meshdir, spec.texturedir))
-    files = sorted(set(_files(spec, meshes, textures)))
-    assets = {str(file): _digest(file, what) for file in files}
-    written_out = (str(meshes), str(textures)) == (spec.meshdir, spec.texturedir)
-    if what == TEXT and (written_out or not files) and "<include" not in str(source):
-        return str(source), assets
-    spec.meshdir, spec.texturedir = str(meshes), str(textures)
+    written_out = not spec.strippath and all(os.path.isabs(path) for _, path in _files(spec))
+    if what == TEXT and written_out and not _TAKES_FROM_OTHERS.search(str(source)):
+        return str(source), _digests(spec, what)
+    spec.meshdir, spec.texturedir = (
+        str((folder / each).resolve()) for each in (spec.meshdir, spec.texturedir)
+    )
     _keep_all(spec)
     try:
+        _write_out(spec)
         spec.compile()
-        return spec.to_xml(), assets
+        text = spec.to_xml()
     except ValueError as error:
+        if missing := re.search(r"Error opening file '(.*)'", str(error)):
+            raise _unreadable(spec, what, missing[1]) from error
         raise ValueError(f"{what} cannot be compiled by MuJoCo: {error}") from error
+    return text, _digests(mujoco.MjSpec.from_string(text), what)
 
 
 def compiled(text: str) -> tuple[Any, mujoco.MjModel]:
@@ -100,21 +114,60 @@ def _spec(source: Source) -> tuple[Any, str, Path]:
         raise ValueError(f"{what} is no MJCF that MuJoCo can read: {error}") from error
 
 
-def _files(spec: Any, meshes: Path, textures: Path) -> Iterator[Path]:
-    """The files that the model's meshes, height fields, skins and textures are in."""
-    for folder, elements in (
-        (meshes, (*spec.meshes, *spec.hfields, *spec.skins)),
-        (textures, spec.textures),
-    ):
-        for element in elements:
-            cubes = [file for file in getattr(element, "cubefiles", ()) if file]
-            yield from ((folder / file).resolve() for file in (element.file, *cubes) if file)
+def _files(spec: Any) -> Iterator[tuple[Any, str]]:
+    """Element and path of each file; the paths of attached elements begin where their model is."""
+    for kind, (_, folder) in _KINDS.items():
+        for element in getattr(spec, kind):
+            for file in [element.file] if element.file else getattr(element, "cubefiles", ()):
+                if file:
+                    file = os.path.basename(file) if spec.strippath else file
+                    inside = "" if ":/" in file else getattr(element.compiler, folder)
+                    yield element, os.path.normpath(os.path.join(inside, file))
 
 
-def _digest(file: Path, what: str) -> str:
-    try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()
-    except OSError as error:
-        raise ValueError(
-            f"{what} names {file.name}, which cannot be read at {file}: {error.strerror}"
-        ) from error
+def _write_out(spec: Any) -> None:
+    """Writes out the paths of files that are not where the spec's own folders say, as MuJoCo finds them."""
+    model = spec.compile()
+
+    def found(kind: str, element: Any) -> str:
+        start = getattr(model, f"{_KINDS[kind][0]}_pathadr")[element.id]
+        return os.path.abspath(os.fsdecode(model.paths[start:].split(b"\0", 1)[0]))
+
+    for kind, (_, folder) in _KINDS.items():
+        for element in getattr(spec, kind):
+            own = os.path.join(getattr(spec, folder), element.file)
+            if element.file and found(kind, element) != os.path.normpath(own):
+                element.file = found(kind, element)
+    for face in range(6):  # a model tells one path of a texture, its file's: each face takes that place
+        cubes = [texture for texture in spec.textures if not texture.file and texture.cubefiles[face]]
+        for texture in cubes:
+            texture.file, texture.gridsize[:] = texture.cubefiles[face], 1
+        model = spec.compile() if cubes else model
+        for texture in cubes:
+            texture.cubefiles[face], texture.file = found("textures", texture), ""
+    spec.strippath = False
+
+
+def _digests(spec: Any, what: str) -> dict[str, str]:
+    """SHA-256 of each file of a spec whose paths are written out."""
+    digests = {}
+    for _, path in _files(spec):
+        try:
+            digests[path] = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        except OSError as error:
+            raise _unreadable(spec, what, path) from error
+    return digests
+
+
+def _unreadable(spec: Any, what: str, path: str) -> ValueError:
+    """The error that names a file and the elements that it is for."""
+    path = os.path.normpath(path)
+    users = [
+        f"{type(element).__name__[3:].lower()} {element.name!r}"
+        for element, each in _files(spec)
+        if each == path
+    ]
+    where = path if os.path.isabs(path) else f"{path}, seen from the model that names it"
+    return ValueError(
+        f"{what} names {os.path.basename(path)}, which cannot be read at {where} ({', '.join(users)})"
+    )
