@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import os
+import weakref
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 
 Picture = tuple[mujoco.MjModel, mujoco.MjData]
 _POSITION_STAGE = int(mujoco.mjtStage.mjSTAGE_POS)
+_has_threads: weakref.WeakSet[Any] = weakref.WeakSet()
+_kept: list[Any] = []
 
 
 class Simulation(ABC):
@@ -48,6 +52,7 @@ class Simulation(ABC):
         self._robot = robot
         self._model, self.prefix, self.covers = scene.model, scene.prefix, scene.covers
         self._batch = Batch(self._model, rows, nthread=threads)
+        keep_in_copies(self._batch)
         self._physics = self._batch.state  # all that MuJoCo integrates, the solver's warm start included
         self._occluder = self._model.geom(self.prefix + "occluder").id
         self._occluders = np.zeros((rows, 5))
@@ -176,3 +181,12 @@ def write(array: Array, rows: Rows, columns: slice | Places, values: Array) -> N
     """Writes values (n, k) into these columns of these rows of an array."""
     both_listed = not (isinstance(rows, slice) or isinstance(columns, slice))
     array[rows[:, None] if both_listed else rows, columns] = values  # type: ignore[index]
+
+
+def keep_in_copies(thing: Any) -> None:
+    """Lets no process that is forked from this one free a thing, whose threads are not there."""
+    _has_threads.add(thing)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=lambda: _kept.extend(_has_threads))

@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.rendering.gl import drawing_context, gl_context
+from calfree_gym.envs.rendering.gl import current, drawing_context, gl_context, is_copy
+from calfree_gym.robot.simulation import keep_in_copies
 
 Image = NDArray[np.uint8]
 
@@ -19,7 +20,9 @@ SHADOW_MAP = 512
 SLICES, STACKS = 12, 8
 """Of round geoms. Choice: vertices cost most of the time; with these a ball is round to 3 % of its
 radius."""
-MOST_GEOMS = 1_000
+SPARE = 1_000
+"""Room in a scene beyond geoms and sites, for tendons, skins and the like; where that is full, it is doubled.
+Choice."""
 
 
 class Renderer:
@@ -50,9 +53,11 @@ class Renderer:
         model.vis.global_.offwidth = model.vis.global_.offheight = size
         self._size = size, size
         self._gl = gl_context(size)
-        self._context = drawing_context(model)
+        with current(self._gl):
+            self._context = drawing_context(model)
         self._options = mujoco.MjvOption()
-        self._scene = mujoco.MjvScene(model, maxgeom=MOST_GEOMS)
+        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nsite + SPARE)
+        keep_in_copies(self)
 
     def draw(
         self,
@@ -76,25 +81,35 @@ class Renderer:
         Returns:
             Colours (height, width, 3); and the depths (height, width) along the camera's axis in m, or None.
         """
-        self._gl.make_current()
-        if width > self._size[0] or height > self._size[1]:
-            self._size = max(width, self._size[0]), max(height, self._size[1])
-            mujoco.mjr_resizeOffscreen(*self._size, self._context)
         self._options.geomgroup[:] = np.isin(range(mujoco.mjNGROUP), groups)
+        self._update(camera)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
-        everything = int(mujoco.mjtCatBit.mjCAT_ALL)
-        mujoco.mjv_updateScene(self.model, self.data, self._options, None, camera, everything, self._scene)
         viewport = mujoco.MjrRect(0, 0, width, height)
-        mujoco.mjr_render(viewport, self._scene, self._context)
         image = np.empty((height, width, 3), np.uint8)
         buffer = np.empty((height, width), np.float32) if depth else None
-        mujoco.mjr_readPixels(image, buffer, viewport, self._context)
+        with current(self._gl):
+            if width > self._size[0] or height > self._size[1]:
+                self._size = max(width, self._size[0]), max(height, self._size[1])
+                mujoco.mjr_resizeOffscreen(*self._size, self._context)
+            mujoco.mjr_render(viewport, self._scene, self._context)
+            mujoco.mjr_readPixels(image, buffer, viewport, self._context)
         return image, None if buffer is None else self._metres(buffer)
+
+    def _update(self, camera: mujoco.MjvCamera) -> None:
+        """Puts all that is shown into the scene, which grows until nothing is left out."""
+        everything = int(mujoco.mjtCatBit.mjCAT_ALL)
+        while True:
+            mujoco.mjv_updateScene(
+                self.model, self.data, self._options, None, camera, everything, self._scene
+            )
+            if self._scene.ngeom < self._scene.maxgeom:
+                return
+            self._scene = mujoco.MjvScene(self.model, maxgeom=2 * self._scene.maxgeom)
 
     def upload_texture(self, texture: int) -> None:
         """Tells OpenGL that the pixels of a texture of the model have changed."""
-        self._gl.make_current()
-        mujoco.mjr_uploadTexture(self.model, self._context, texture)
+        with current(self._gl):
+            mujoco.mjr_uploadTexture(self.model, self._context, texture)
 
     def _metres(self, buffer: NDArray[np.float32]) -> NDArray[np.float32]:
         """Depths in m of a depth buffer."""
@@ -104,10 +119,10 @@ class Renderer:
 
     def close(self) -> None:
         """Frees the GL context; nothing can be drawn after that."""
-        if self._gl is not None:
-            self._gl.make_current()
-            self._context.free()
-            self._gl.free()
+        if self._gl is not None and not is_copy():
+            with current(self._gl):
+                self._context.free()
+                self._gl.free()
             self._gl = None
 
     def __del__(self) -> None:

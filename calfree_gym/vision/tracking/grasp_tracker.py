@@ -14,6 +14,7 @@ from calfree_gym.vision.marks import GraspMarks
 from calfree_gym.vision.tracking.blobs import find_blobs
 from calfree_gym.vision.tracking.colours import ColourTable, Image
 from calfree_gym.vision.tracking.completion import completed
+from calfree_gym.vision.tracking.frozen import FrozenCameras
 from calfree_gym.vision.tracking.gripper_fit import GripperFit, GripperLayout, fit_gripper
 from calfree_gym.vision.tracking.outline import Array
 from calfree_gym.vision.tracking.parts import Part, find_parts, whole
@@ -52,10 +53,11 @@ class GraspTracker:
             raise ValueError(f"marks must be GraspMarks; found {marks!r}")
         self.marks, self._layout = marks or GraspMarks(), layout or GripperLayout()
         self._table = ColourTable(self.marks)
+        self._cameras = FrozenCameras()
         self.reset()
 
     def reset(self) -> None:
-        """Forgets all images: what was never seen stands at the centre."""
+        """Forgets what was seen: what was never seen stands at the centre. A frozen camera stays frozen."""
         self._points, self._opposed = np.zeros((len(POINTS), 2, 2)), 0.0
         self._areas: list[dict[str, tuple[float, ...]]] = [{} for _ in CAMERAS]
         self._fits: list[GripperFit | None] = [None for _ in CAMERAS]
@@ -64,16 +66,18 @@ class GraspTracker:
     def copy(self) -> GraspTracker:
         """One that remembers the same, and goes on by itself."""
         other = copy.copy(self)
+        other._cameras = copy.deepcopy(self._cameras)
         other._points, other._areas = self._points.copy(), [dict(areas) for areas in self._areas]
         other._fits, other._objects = list(self._fits), list(self._objects)
         return other
 
-    def __call__(self, left: Image, right: Image) -> tuple[Array, NDArray[np.bool_]]:
+    def __call__(self, left: Image, right: Image, moved: bool = False) -> tuple[Array, NDArray[np.bool_]]:
         """The points in a pair of images, and which of them are seen.
 
         Args:
             left: RGB (h, w, 3), uint8, of any size. OpenCV gives BGR: turn its last axis round.
             right: As `left`; it may have another size.
+            moved: As of `StereoTracker`.
 
         Returns:
             Image points (18, 2), left and right of each of `POINTS`, in units as of `StereoTracker`; and
@@ -85,7 +89,10 @@ class GraspTracker:
         check_images(left, right)
         visible = np.zeros((len(POINTS), 2), bool)
         axes = np.zeros((2, 2))
+        frozen = self._cameras((left, right), moved)
         for camera, image in enumerate((left, right)):
+            if frozen[camera]:
+                continue
             scale = np.array([image.shape[1], image.shape[0]]) / 2
             visible[:, camera], axes[camera] = self._look(image, camera, scale)
         self._place_ends(axes, visible)

@@ -13,6 +13,7 @@ from calfree_gym.vision.marks import MARK_NAMES, Marks
 from calfree_gym.vision.tracking.balls import Ball, measure_ball
 from calfree_gym.vision.tracking.blobs import find_blobs
 from calfree_gym.vision.tracking.colours import ColourTable, Image
+from calfree_gym.vision.tracking.frozen import FrozenCameras
 from calfree_gym.vision.tracking.outline import Array
 
 LEAST_SIZE = 16
@@ -108,10 +109,11 @@ class StereoTracker:
         self.marks = marks or Marks()
         finder = BallFinder(self.marks)
         self._finders = [finder.copy() for _ in CAMERAS]
+        self._cameras = FrozenCameras()
         self.reset()
 
     def reset(self) -> None:
-        """Forgets all images: what was never seen stands at the centre."""
+        """Forgets what was seen: what was never seen stands at the centre. A frozen camera stays frozen."""
         for finder in self._finders:
             finder.reset()
         self._points = np.zeros((4, 2))
@@ -120,15 +122,18 @@ class StereoTracker:
         """One that remembers the same, and goes on by itself."""
         other = copy.copy(self)
         other._finders = [finder.copy() for finder in self._finders]
+        other._cameras = copy.deepcopy(self._cameras)
         other._points = self._points.copy()
         return other
 
-    def __call__(self, left: Image, right: Image) -> tuple[Array, NDArray[np.bool_]]:
+    def __call__(self, left: Image, right: Image, moved: bool = False) -> tuple[Array, NDArray[np.bool_]]:
         """The points in a pair of images, and which of them are seen.
 
         Args:
             left: RGB (h, w, 3), uint8, of any size. OpenCV gives BGR: turn its last axis round.
             right: As `left`; it may have another size.
+            moved: Whether motors have moved since the last images. A live camera has noise: one whose image
+                is the last one, to the byte, has frozen then: its points are not seen, and a warning says so.
 
         Returns:
             Image points (4, 2): gripper left and right, object left and right; and flags (4,). They are
@@ -140,7 +145,10 @@ class StereoTracker:
         """
         visible = np.zeros(4, bool)
         check_images(left, right)
+        frozen = self._cameras((left, right), moved)
         for camera, image in enumerate((left, right)):
+            if frozen[camera]:
+                continue
             balls = self._finders[camera](image)
             for row, point in ((camera, gripper_point(balls)), (2 + camera, object_point(balls))):
                 if point is not None:

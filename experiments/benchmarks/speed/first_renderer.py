@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.rendering.gl import gl_context
+from calfree_gym.envs.rendering.gl import current, gl_context
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.robot.line_of_sight import SEEN
 from calfree_gym.robot.simulation import Picture
@@ -33,8 +33,9 @@ class FirstRenderer:
         quality.offsamples, quality.shadowsize = 4, 2048
         model.vis.global_.offwidth = model.vis.global_.offheight = self._source
         self._gl: Any = gl_context(self._source)
-        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        with current(self._gl):
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
 
     def pair(self, world: World) -> list[NDArray[np.uint8]]:
         """What both cameras see, each (size, size, 3)."""
@@ -55,7 +56,6 @@ class FirstRenderer:
         return np.asarray(image, np.uint8)
 
     def _pinhole(self, camera: int) -> NDArray[np.uint8]:
-        self._gl.make_current()
         view, options = mujoco.MjvCamera(), mujoco.MjvOption()
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, camera
         options.geomgroup[:] = np.isin(range(mujoco.mjNGROUP), SEEN)
@@ -63,13 +63,14 @@ class FirstRenderer:
         everything = int(mujoco.mjtCatBit.mjCAT_ALL)
         mujoco.mjv_updateScene(self._model, self._data, options, None, view, everything, scene)
         viewport = mujoco.MjrRect(0, 0, self._source, self._source)
-        mujoco.mjr_render(viewport, scene, self._context)
         image = np.empty((self._source, self._source, 3), np.uint8)
-        mujoco.mjr_readPixels(image, None, viewport, self._context)
+        with current(self._gl):
+            mujoco.mjr_render(viewport, scene, self._context)
+            mujoco.mjr_readPixels(image, None, viewport, self._context)
         return np.ascontiguousarray(image[::-1])
 
     def close(self) -> None:
         """Frees the GL context."""
-        self._gl.make_current()
-        self._context.free()
-        self._gl.free()
+        with current(self._gl):
+            self._context.free()
+            self._gl.free()

@@ -305,6 +305,8 @@ def test_the_tracker_needs_no_mujoco():
         "types",
         "argparse",
         "sys",
+        "warnings",
+        "zlib",
     }
     allowed |= {"cv2", "numpy", "numpy.typing", "yaml", "calfree_gym.errors", "calfree_gym.image"}
     vision = folder.parent
