@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any, Self
 
 from calfree_gym.errors import near_misses
+from calfree_gym.errors.yaml_values import read
 
 LEAST_SATURATION = 0.5
 """Of a mark. Choice: a background has at most 0.3, and one needs some distance from it."""
@@ -140,7 +141,7 @@ class MarkSet:
         """
         yaml = yaml_module()
         try:
-            return cls.from_dict(yaml.safe_load(Path(path).read_text(encoding="utf-8")))
+            return cls.from_dict(read(Path(path).read_text(encoding="utf-8")))
         except (ValueError, yaml.YAMLError) as error:
             raise ValueError(f"{path}: {error}") from None
 
