@@ -9,7 +9,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -19,6 +18,7 @@ from . import storage
 from .agent import Agent, Callback
 from .checks import check_number
 from .observation import Array, Observation, RawObservation
+from .storage import AgentFile
 from .trials import begins_trial, foreign, is_of_one
 
 Procedure = Generator[Array, Observation, None]
@@ -193,11 +193,11 @@ class ProcedureAgent(Agent):
     def _motors(self) -> int:
         return int(self.env.action_space.shape[-1])  # type: ignore[index]
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: AgentFile) -> None:
         """See `Agent`."""
         storage.save(path, self.kind, self.arrays(), self.num_timesteps, self._motors)
 
-    def load(self, path: str | Path) -> Self:
+    def load(self, path: AgentFile) -> Self:
         """See `Agent`.
 
         Raises:

@@ -29,10 +29,10 @@ def check_flag(name: str, value: object) -> None:
         raise ValueError(f"{name} is {value!r}; allowed: True, False")
 
 
-def check_whole(name: str, value: object, least: int, most: int) -> None:
-    """Raises ValueError where an argument is no whole number between `least` and `most`."""
+def check_whole(name: str, value: object, least: int, most: int, besides: str = "") -> None:
+    """Raises ValueError, naming what is allowed `besides`, where an argument is no whole number within."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
-        raise ValueError(f"{name} is {value!r}; it must be a whole number from {least} to {most}")
+        raise ValueError(f"{name} is {value!r}; it must be a whole number from {least} to {most}{besides}")
 
 
 def known_arguments(function: Callable[P, None]) -> Callable[P, None]:
