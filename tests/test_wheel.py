@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 import venv
 from pathlib import Path
 from zipfile import ZipFile
@@ -67,7 +68,7 @@ for name in calfree_agents.names():
     except ModuleNotFoundError as error:
         assert name in calfree_agents.NEURAL, name
         assert f"agent {name!r} needs {error.name}" in str(error)
-        assert "pip install 'calfree-gym[agents]'" in str(error)
+        assert "pip install '.[agents]'" in str(error)
     print(name)
 """
 
@@ -161,6 +162,18 @@ def test_each_package_loads_the_agents_that_the_other_has_saved(wheel, tmp_path)
     ZipFile(wheel).extractall(tmp_path)
     path = os.pathsep.join((str(tmp_path), str(REPOSITORY)))
     run(sys.executable, "-c", BOTH_NAMES, cwd=tmp_path, PYTHONPATH=path)
+
+
+def test_hints_name_what_can_be_installed():
+    """The project is on no package index."""
+    extras = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    named = set()
+    for package in ("calfree_gym", "agents", "experiments", "examples"):
+        for path in (REPOSITORY / package).rglob("*.py"):
+            text = path.read_text()
+            assert "calfree-gym[" not in text, path
+            named |= set(re.findall(r"to_install\([\"'](\w+)[\"']\)", text))
+    assert named == {"agents", "cluster", "vision"} <= extras.keys()
 
 
 def test_citation_is_complete_and_of_this_version():

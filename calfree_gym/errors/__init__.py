@@ -16,6 +16,11 @@ def near_misses(name: object, known: Iterable[str]) -> str:
     return f" (did you mean {' or '.join(close)}?)" if close else ""
 
 
+def to_install(extra: str) -> str:
+    """What to type for an extra of this project, which no package index has."""
+    return f"pip install '.[{extra}]' in the repository of calfree"
+
+
 def check_choice(name: str, value: object, allowed: Iterable[str]) -> None:
     """Raises ValueError, with near misses, where an argument is none of those allowed."""
     allowed = tuple(allowed)

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Self
 
-from calfree_gym.errors import near_misses
+from calfree_gym.errors import near_misses, to_install
 from calfree_gym.errors.yaml_values import read
 
 LEAST_SATURATION = 0.5
@@ -215,6 +215,6 @@ def yaml_module() -> ModuleType:
         import yaml
     except ImportError:
         raise ImportError(
-            "files of marks need PyYAML: pip install pyyaml, or pip install 'calfree-gym[vision]'"
+            f"files of marks need PyYAML: pip install pyyaml, or {to_install('vision')}"
         ) from None
     return yaml
