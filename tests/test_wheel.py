@@ -20,6 +20,7 @@ FOLDERS = {
     "calfree_gym": "calfree_gym",
     "agents": "calfree_agents",
     "configs/agents": "calfree_agents/configs",
+    "examples": "calfree_gym/examples",
 }
 """What the wheel holds, and under which name."""
 BLOCKS = [
@@ -140,6 +141,19 @@ def test_the_wheel_alone_makes_and_steps_every_id(python, tmp_path):
 @pytest.mark.slow
 def test_the_wheel_alone_runs_every_classical_agent_and_says_what_neural_ones_need(python, tmp_path):
     assert "self_supervised" in run(python, "-c", CLASSICAL, cwd=tmp_path).split()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("example", "said"),
+    [
+        ("servo --trials 2", "reached in 2 of 2 worlds"),
+        ("knocked_camera --motions 20", "reached"),
+        ("own_robot --motions 10", "motions of each reach: "),
+    ],
+)
+def test_the_wheel_alone_runs_its_examples(example, said, python, tmp_path, opengl):
+    assert said in run(python, "-m", *f"calfree_gym.examples.{example}".split(), cwd=tmp_path)
 
 
 @pytest.mark.slow
