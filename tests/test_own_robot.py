@@ -231,7 +231,7 @@ def test_words_that_are_multiples_are_no_steps_of_the_robot():
 )
 def test_a_robot_that_tells_its_registers_as_real_ones_do_is_learned(robot, opengl):
     line, told = output("own_robot.py", "--motions", "40", "--registers", *robot).splitlines()
-    motions = [int(each) for each in line.removeprefix("motions of each reach: ").split()]
+    motions = [int(each) for each in line.partition(":")[2].split()]
     assert len(motions) >= 3
     assert max(motions[:3]) <= 15
     assert told.startswith("registers: RegisterErrors(noise=array([")
