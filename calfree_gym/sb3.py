@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from calfree_gym.errors import to_install
 from calfree_gym.wrappers import VectorScaledWords
 
 if TYPE_CHECKING:
@@ -70,9 +71,7 @@ def as_sb3_env(envs: VectorEnv[Any, Any, Any]) -> VecEnv:
     try:
         from stable_baselines3.common.vec_env import VecMonitor
     except ImportError as error:
-        raise ImportError(
-            "make_sb3_env needs stable-baselines3: pip install 'calfree-gym[agents]'"
-        ) from error
+        raise ImportError(f"make_sb3_env needs stable-baselines3: {to_install('agents')}") from error
     from calfree_gym.envs.sb3_vec_env import StereoArmVecEnv
 
     return VecMonitor(StereoArmVecEnv(envs))

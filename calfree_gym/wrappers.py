@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from numbers import Real
+from sys import float_info
 from typing import Any
 
 import gymnasium as gym
@@ -17,11 +19,13 @@ def scaled_words(actions: NDArray[Any], limit: float, curvature: float = 1.0) ->
     return np.asarray(limit * np.sign(actions) * np.abs(actions) ** curvature, np.float32)
 
 
-def _check(limit: float, curvature: float) -> None:
-    if not 0 < limit <= 1 or not 0 < curvature < np.inf:
-        raise ValueError(
-            f"limit is {limit} and curvature is {curvature}; allowed: 0 < limit <= 1, finite curvature > 0"
-        )
+def _check(limit: object, curvature: object) -> None:
+    for name, value, most, allowed in (
+        ("limit", limit, 1.0, "0 < limit <= 1"),
+        ("curvature", curvature, float_info.max, "finite curvature > 0"),
+    ):
+        if isinstance(value, bool) or not isinstance(value, Real) or not 0 < float(value) <= most:
+            raise ValueError(f"{name} is {value!r}; allowed: {allowed}")
 
 
 class ScaledWords(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
@@ -37,7 +41,7 @@ class ScaledWords(gym.ActionWrapper[Any, Any, Any], RecordConstructorArgs):
         curvature: Above 1, small words get finer.
 
     Raises:
-        ValueError: The limit is outside (0, 1], or the curvature is not positive.
+        ValueError: The limit is no number in (0, 1], or the curvature none that is finite and positive.
     """
 
     def __init__(self, env: gym.Env[Any, Any], limit: float = 0.25, curvature: float = 1.0) -> None:

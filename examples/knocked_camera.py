@@ -3,7 +3,11 @@
 import argparse
 
 import gymnasium as gym
-from servo import reach
+
+try:
+    from servo import reach
+except ModuleNotFoundError:  # installed
+    from calfree_gym.examples.servo import reach
 
 
 def main() -> None:

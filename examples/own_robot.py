@@ -4,34 +4,73 @@ Run as it is, the simulator stands in for the robot: it goes to registers and gi
 """
 
 import argparse
+import math
 from collections.abc import Callable
-from typing import Any
+from concurrent.futures import Future
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-import agents  # installed: calfree_agents
-from calfree_gym.image import lengths_px
+from calfree_gym.image import CAMERAS, lengths_px
 from calfree_gym.vision import Marks, StereoTracker
 
 Array = NDArray[Any]
+BEYOND = 0.1
+"""How far noise may take registers beyond -1 and 1, at most (choice)."""
+ENOUGH = 20
+"""Motions of a motor before anything is said of its registers (choice)."""
+FINEST_STEP = 1e-4
+"""Steps of registers that are found (choice): a motor with 16 bits a turn."""
+UNSURE = 0.005
+"""The largest standard error of a shortfall that is told (choice)."""
+
+
+class LostCameraError(RuntimeError):
+    """A camera gives no picture. Nothing moves until both do."""
+
+
+class RegisterErrors(NamedTuple):
+    """How a robot tells registers, one number a motor (m,), in units of registers.
+
+    All are nan of a motor that has not been asked to move in `ENOUGH` motions.
+
+    Attributes:
+        noise: Standard deviation of where a motor says it stands after a motion.
+        step: Registers are told in such steps; 0 where none as large as `FINEST_STEP` were found.
+        shortfall: Share of a motion that is not executed; nan where motions were too small to be sure.
+    """
+
+    noise: Array
+    step: Array
+    shortfall: Array
 
 
 class OwnRobot(gym.Env[dict[str, Array], Array]):
     """Reaching, as agents know it: control words in, image points and registers out.
 
+    All functions are called in one thread, which is not the main one. Where one gives what is not allowed,
+    fails or hangs, an error says so before anything moves any further.
+
     Args:
         motors: How many.
         go_to: Sends the motors to registers (m,), waits until the arm stands still, and tells the registers
-            at which it stands: others than those asked for where it met a stop. Registers are what a motor is
-            set to, in units of your own: 0 at home, within -1 to 1. Nobody needs to know what they mean.
+            (m,) at which it stands, as it measures them: others than those asked for where it met a stop.
+            Registers are what a motor is set to, in units of your own: 0 at home, within -1 to 1. Nobody
+            needs to know what they mean.
         take_pictures: What both cameras see now: two RGB images (h, w, 3), uint8. OpenCV's are BGR: turn
-            their last axis round, `frame[..., ::-1]`.
-        place_object: Has the next object placed, where both cameras see it; called before each trial.
+            their last axis round, `frame[..., ::-1]`. Of a camera that gives none, None.
+        place_object: Has the next object placed, where both cameras see it; called before each trial, and
+            waited for as long as it takes.
         marks: The colours of your balls, as `python -m calfree_gym.vision pick` learns them from a picture.
         tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px.
         most_motions: A trial is cut off after so many.
+        greatest_motion: No register is asked to change by more at once; words are clipped, and the way home
+            is divided. Begin with a small one, such as 0.05.
+        patience: Seconds in which `go_to` and `take_pictures` must end.
     """
 
     def __init__(
@@ -43,7 +82,13 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         marks: Marks | None = None,
         tolerance_px: float = 4.0,
         most_motions: int = 60,
+        greatest_motion: float = 1.0,
+        patience: float = 30.0,
     ) -> None:
+        for name, value, most in (("greatest_motion", greatest_motion, 1), ("patience", patience, 1e6)):
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most:
+                raise ValueError(f"{name} is {value!r}; it must be a number above 0, at most {most:g}")
+
         def numbers(size: int) -> gym.spaces.Box[Any]:
             return gym.spaces.Box(-1.0, 1.0, (size,), np.float32)
 
@@ -54,45 +99,183 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         self._go_to, self._take_pictures, self._place_object = go_to, take_pictures, place_object
         self._tracker = StereoTracker(marks)
         self._tolerance_px, self._most_motions = tolerance_px, most_motions
-        self._registers, self._motions = np.zeros(motors), 0
+        self._greatest_motion, self._patience = greatest_motion, patience
+        self._registers, self._motions, self._begun = np.zeros(motors), 0, False
+        self._told: list[tuple[Array, Array, Array]] = []
+        self._calls: SimpleQueue[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]] = SimpleQueue()
+        self._hangs = ""
+        Thread(target=self._work, daemon=True).start()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Goes home, where registers are 0, and begins the next trial."""
+        """Goes home, where registers are about 0, and begins the next trial."""
         super().reset(seed=seed)
-        self._place_object()
-        self._go_to(np.zeros_like(self._registers))
-        self._registers, self._motions = np.zeros_like(self._registers), 0
+        self._begun = False
+        self._call(self._place_object, patience=None)
+        self._pictures()
+        for _ in range(max(1, math.ceil(np.abs(self._registers).max() / self._greatest_motion))):
+            self._go_by(-self._registers)
+        self._motions = 0
         self._tracker.reset()
         observation, reached = self._look()
+        self._begun = True
         return observation, {"is_success": reached}
 
     def step(self, action: Array) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
-        """One motion: control words (m,) are added to the registers."""
-        self._registers = self._go_to(np.clip(self._registers + np.clip(action, -1, 1), -1, 1))
+        """One motion: control words (m,) are added to the registers.
+
+        Raises:
+            gymnasium.error.ResetNeeded: No trial has begun, or there was an error since.
+            ValueError: The words are no numbers (m,), or a function gave what is not allowed.
+            LostCameraError: A camera gives no picture.
+            TimeoutError: A function hangs.
+        """
+        if not self._begun:
+            raise gym.error.ResetNeeded("call reset first: no trial has begun, or there was an error since")
+        words = np.clip(_numbers("the action holds", action, len(self._registers)), -1, 1)
+        self._begun = False
+        asked, before = self._go_by(words)
+        self._told.append((asked - before, self._registers - asked, self._registers))
         self._motions += 1
         observation, reached = self._look()
+        self._begun = True
         reward = 0.0 if reached else -1.0
         return observation, reward, reached, self._motions >= self._most_motions, {"is_success": reached}
 
+    @property
+    def register_errors(self) -> RegisterErrors | None:
+        """How the robot tells its registers, by the motions of all trials; None before there are any."""
+        return None if not self._told else _register_errors(*np.swapaxes(self._told, 0, 1))
+
+    def _go_by(self, words: Array) -> tuple[Array, Array]:
+        """Changes registers by (clipped) words; those that were asked for, and those before."""
+        before, most = self._registers, self._greatest_motion
+        asked = np.clip(before + np.clip(words, -most, most), -1, 1)
+        told = self._call(self._go_to, asked.copy(), patience=self._patience)
+        self._registers = _numbers("go_to told", told, len(before), 1 + BEYOND)
+        return asked, before
+
     def _look(self) -> tuple[dict[str, Array], bool]:
         """The observation, and whether gripper and object are seen at one place in both images."""
-        points, seen = self._tracker(*self._take_pictures())
+        points, seen = self._tracker(*self._pictures())
         observation = {
             "achieved_goal": points[:2].ravel(),  # gripper, left and right
             "desired_goal": points[2:].ravel(),  # object
-            "observation": np.concatenate([seen, self._registers]),
+            "observation": np.concatenate([seen, np.clip(self._registers, -1, 1)]),
         }
         near = lengths_px(points[:2] - points[2:]) <= self._tolerance_px
         floats = {name: values.astype(np.float32) for name, values in observation.items()}
         return floats, bool(seen.all() and near.all())
 
+    def _pictures(self) -> list[Array]:
+        try:
+            found = self._call(self._take_pictures, patience=self._patience)
+        except Exception as error:
+            if self._hangs:
+                raise
+            raise LostCameraError(f"take_pictures failed: {error!r}") from error
+        allowed = "allowed: two RGB images, arrays (h, w, 3) of uint8"
+        pictures: list[Any] = [None] * 2 if found is None else list(found) if np.iterable(found) else [found]
+        if len(pictures) != 2:
+            raise ValueError(f"take_pictures gave {found!r:.200}; {allowed}")
+        for camera, picture in zip(CAMERAS, pictures, strict=True):
+            if picture is None:
+                raise LostCameraError(f"take_pictures gave None as the {camera} picture; {allowed}")
+            shape, kind = np.shape(picture), getattr(picture, "dtype", type(picture).__name__)
+            if kind != np.uint8 or len(shape) != 3 or shape[2] != 3:
+                raise ValueError(f"take_pictures gave a {camera} picture {shape} of {kind}; {allowed}")
+        return pictures
+
+    def _call(self, function: Callable[..., Any], *arguments: Any, patience: float | None) -> Any:
+        if self._hangs:
+            raise TimeoutError(f"{self._hangs} still hangs: mend it, and make the environment anew")
+        result: Future[Any] = Future()
+        self._calls.put((result, function, arguments))
+        try:
+            return result.result(patience)
+        except TimeoutError:
+            if result.done():  # its own
+                raise
+            self._hangs = getattr(function, "__name__", repr(function))
+            raise TimeoutError(f"{self._hangs} has not ended after {patience:g} s (patience)") from None
+
+    def _work(self) -> None:
+        while True:
+            result, function, arguments = self._calls.get()
+            try:
+                result.set_result(function(*arguments))
+            except BaseException as error:
+                result.set_exception(error)
+
+
+def _numbers(what: str, found: Any, count: int, most: float = math.inf) -> Array:
+    """What was found, where it is `count` numbers of an absolute value of at most `most`."""
+    try:
+        values = np.asarray(found)
+    except ValueError:  # lists of several lengths
+        values = np.array(None)
+    right = values.dtype.kind in "fiu" and values.shape == (count,) and np.isfinite(values).all()
+    if not right or np.abs(values).max() > most:
+        raise ValueError(f"{what} {found!r:.200}; allowed: {count} finite numbers within -1 to 1")
+    return values.astype(float)
+
+
+def _register_errors(words: Array, missed: Array, told: Array) -> RegisterErrors:
+    """By motions of `words` (n, m) that ended at registers `told` (n, m), by `missed` from where they should.
+
+    Medians, so what meets a stop now and then changes little.
+    """
+    found = []
+    for by, off, at in zip(words.T, missed.T, told.T, strict=True):
+        by, off, at = (values[by != 0] for values in (by, off, at))
+        if len(by) < ENOUGH:
+            found.append((math.nan,) * 3)
+            continue
+        shortfall = _median(-off / by, np.abs(by))
+        rest = np.abs(off + shortfall * by)
+        noise = _spread(rest)
+        for _ in range(3):
+            noise = _spread(rest[rest <= 4 * noise])  # the others met a stop
+        step = _step(at)
+        rounded = noise > step / 20  # else the words were multiples themselves
+        sure = 1.25 * noise <= UNSURE * math.sqrt(by @ by)  # the standard error of a median
+        found.append((noise, step if rounded else 0.0, shortfall if sure else math.nan))
+    return RegisterErrors(*np.array(found).T)
+
+
+def _spread(rest: Array) -> float:
+    """The standard deviation of normal numbers by their absolute values."""
+    return 1.4826 * float(np.median(rest))
+
+
+def _median(values: Array, weights: Array) -> float:
+    order = np.argsort(values)
+    return float(values[order][np.searchsorted(np.cumsum(weights[order]), weights.sum() / 2)])
+
+
+def _step(values: Array) -> float:
+    """The largest number of which all differences of values are multiples, by Euclid's algorithm."""
+    small, step = FINEST_STEP / 20, 0.0
+    for gap in np.diff(np.unique(values)):
+        while gap > small:
+            step, gap = gap, abs(step - gap * round(step / gap))
+    return step if step >= FINEST_STEP else 0.0
+
 
 class StandIn:
-    """The simulator in place of a robot and its cameras."""
+    """The simulator in place of a robot and its cameras.
 
-    def __init__(self, seed: int) -> None:
+    Args:
+        seed: Of the world, and of the noise.
+        register_noise: Standard deviation of the registers that it tells.
+        register_step: It tells them in such steps; 0: exactly.
+        shortfall: Share of each motion that it leaves out.
+    """
+
+    def __init__(
+        self, seed: int, register_noise: float = 0.0, register_step: float = 0.0, shortfall: float = 0.0
+    ) -> None:
         self._env: Any = gym.make(
             "calfree_gym:CalFree/Reach-v0",
             observation="rgb",
@@ -103,18 +286,24 @@ class StandIn:
             max_episode_steps=10**6,
             disable_env_checker=True,
         )
-        self._look, _ = self._env.reset(seed=seed)
+        self._seed: int | None = seed
+        self._rng = np.random.default_rng(seed)
+        self._noise, self._step, self._executed = register_noise, register_step, 1 - shortfall
 
     def place_object(self) -> None:
         """Puts the next object somewhere."""
+        if self._seed is not None:
+            self._env.reset(seed=self._seed)
+            self._seed = None
         self._look, _ = self._env.reset()
 
     def go_to(self, registers: Array) -> Array:
         """Goes there, by motions of one word at most, and tells where the motors stand."""
-        for _ in range(2):  # from one end to the other
-            words = np.clip(registers - self._look["observation"], -1, 1)
+        way = self._executed * (registers - self._look["observation"])
+        for words in (way / 2, way / 2):  # from one end to the other
             self._look, *_ = self._env.step(words.astype(np.float32))
-        return np.asarray(self._look["observation"], float)
+        told = self._look["observation"] + self._noise * self._rng.normal(size=len(registers))
+        return np.asarray(np.round(told / self._step) * self._step if self._step else told, float)
 
     def take_pictures(self) -> tuple[Array, Array]:
         """Of both cameras."""
@@ -123,16 +312,28 @@ class StandIn:
 
 def main() -> None:
     """Lets an agent reach for objects, learning on, and tells in how many motions."""
+    try:
+        import calfree_agents as agents
+    except ModuleNotFoundError:  # its name in the repository
+        import agents
+
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--agent", default="memory")
     parser.add_argument("--motions", type=int, default=60, help="in all")
     parser.add_argument("--seed", type=int, default=0, help="of the world, which nobody knows")
-    arguments = parser.parse_args()
-    robot = StandIn(arguments.seed)
-    env = OwnRobot(3, robot.go_to, robot.take_pictures, robot.place_object)
+    parser.add_argument("--greatest-motion", type=float, default=1.0, help="in registers")
+    for name in ("register-noise", "register-step", "shortfall"):
+        parser.add_argument(f"--{name}", type=float, default=0.0, help="of the robot that is simulated")
+    parser.add_argument("--registers", action="store_true", help="tell how the robot tells its registers")
+    given = parser.parse_args()
+    robot = StandIn(given.seed, given.register_noise, given.register_step, given.shortfall)
+    functions = robot.go_to, robot.take_pictures, robot.place_object
+    env = OwnRobot(3, *functions, greatest_motion=given.greatest_motion)
     watched = gym.wrappers.RecordEpisodeStatistics(env)
-    agents.make(arguments.agent, watched).learn(arguments.motions)
+    agents.make(given.agent, watched).learn(given.motions)
     print("motions of each reach:", *watched.length_queue)
+    if given.registers:
+        print("registers:", env.register_errors)
 
 
 if __name__ == "__main__":

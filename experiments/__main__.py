@@ -326,7 +326,10 @@ def _results_tables(options: argparse.Namespace) -> int:
 def _benchmark(options: argparse.Namespace) -> int:
     from experiments.benchmarks.parts import dumped, measure
     from experiments.reporting.tables import Table, show
-    from experiments.running.results_folder import write_whole
+    from experiments.running.results_folder import made_folder, write_whole
+
+    if options.out:
+        made_folder(options.out.parent)
 
     def shown(tables: Iterable[Table]) -> None:
         if not options.json:
@@ -337,7 +340,6 @@ def _benchmark(options: argparse.Namespace) -> int:
     if options.json:
         print(found)
     if options.out:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
         write_whole(options.out, found)
     return 0
 

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 import venv
 from pathlib import Path
 from zipfile import ZipFile
@@ -19,6 +20,7 @@ FOLDERS = {
     "calfree_gym": "calfree_gym",
     "agents": "calfree_agents",
     "configs/agents": "calfree_agents/configs",
+    "examples": "calfree_gym/examples",
 }
 """What the wheel holds, and under which name."""
 BLOCKS = [
@@ -67,7 +69,7 @@ for name in calfree_agents.names():
     except ModuleNotFoundError as error:
         assert name in calfree_agents.NEURAL, name
         assert f"agent {name!r} needs {error.name}" in str(error)
-        assert "pip install 'calfree-gym[agents]'" in str(error)
+        assert "pip install '.[agents]'" in str(error)
     print(name)
 """
 
@@ -142,6 +144,19 @@ def test_the_wheel_alone_runs_every_classical_agent_and_says_what_neural_ones_ne
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("example", "said"),
+    [
+        ("servo --trials 2", "reached in 2 of 2 worlds"),
+        ("knocked_camera --motions 20", "reached"),
+        ("own_robot --motions 10", "motions of each reach: "),
+    ],
+)
+def test_the_wheel_alone_runs_its_examples(example, said, python, tmp_path, opengl):
+    assert said in run(python, "-m", *f"calfree_gym.examples.{example}".split(), cwd=tmp_path)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("block", BLOCKS)
 def test_the_wheel_alone_runs_what_the_documentation_shows(block, python, tmp_path):
     assert len([line for line in block.splitlines() if line]) <= 10
@@ -161,6 +176,18 @@ def test_each_package_loads_the_agents_that_the_other_has_saved(wheel, tmp_path)
     ZipFile(wheel).extractall(tmp_path)
     path = os.pathsep.join((str(tmp_path), str(REPOSITORY)))
     run(sys.executable, "-c", BOTH_NAMES, cwd=tmp_path, PYTHONPATH=path)
+
+
+def test_hints_name_what_can_be_installed():
+    """The project is on no package index."""
+    extras = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    named = set()
+    for package in ("calfree_gym", "agents", "experiments", "examples"):
+        for path in (REPOSITORY / package).rglob("*.py"):
+            text = path.read_text()
+            assert "calfree-gym[" not in text, path
+            named |= set(re.findall(r"to_install\([\"'](\w+)[\"']\)", text))
+    assert named == {"agents", "cluster", "vision"} <= extras.keys()
 
 
 def test_citation_is_complete_and_of_this_version():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self
 
 import gymnasium as gym
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from .checks import check_number
 from .observation import RawObservation
 from .prior_knowledge import PriorKnowledge
+from .storage import AgentFile
 from .trials import TrialBeginnings
 
 
@@ -93,15 +93,27 @@ class Agent(ABC):
         """
 
     @abstractmethod
-    def save(self, path: str | Path) -> None:
-        """Writes what the agent knows to `path`, as a whole or not at all: numbers, never a pickle."""
+    def save(self, path: AgentFile) -> None:
+        """Writes what the agent knows, as a whole or not at all: numbers, never a pickle.
+
+        Args:
+            path: Of a file, whose folder is made where it is missing; or an open binary file.
+
+        Raises:
+            TypeError: It is neither.
+        """
 
     @abstractmethod
-    def load(self, path: str | Path) -> Self:
+    def load(self, path: AgentFile) -> Self:
         """Reads what `save` wrote into this agent, which then goes on as that one would.
+
+        Args:
+            path: As for `save`. An open file is read from where it stands on; where that is its end, from its
+                beginning on.
 
         Raises:
             FileNotFoundError: There is no such file.
+            TypeError: It is neither a path nor a binary file.
             ValueError: It is damaged, or of another agent, other settings or another number of motors; this
                 agent is then as before.
         """

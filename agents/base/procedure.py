@@ -6,11 +6,10 @@ writes into its *findings*. `learn` hands the findings of a finished trial to th
 
 from __future__ import annotations
 
-from abc import abstractmethod
 import warnings
+from abc import abstractmethod
 from collections.abc import Generator, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -21,6 +20,7 @@ from .agent import Agent, Callback
 from .checks import check_number
 from .observation import Array, Observation, RawObservation
 from .registers import RegisterEstimate
+from .storage import AgentFile
 from .trials import foreign, is_of_one
 
 Procedure = Generator[Array, Observation, None]
@@ -233,11 +233,11 @@ class ProcedureAgent(Agent):
     def _motors(self) -> int:
         return int(self.env.action_space.shape[-1])  # type: ignore[index]
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: AgentFile) -> None:
         """See `Agent`."""
         storage.save(path, self.kind, self.arrays(), self.num_timesteps, self._motors)
 
-    def load(self, path: str | Path) -> Self:
+    def load(self, path: AgentFile) -> Self:
         """See `Agent`.
 
         Raises:

@@ -20,10 +20,10 @@ def tuned_settings(name: str) -> dict[str, Any]:
     They are the defaults of learners of stable-baselines3. Other agents take theirs where they are given, as
     suites do by `settings: agents/NAME.yaml`.
     """
-    import yaml
+    from calfree_gym.errors.yaml_values import read
 
     package = Path(__file__).parents[1]
     folders = (package / "configs", package.parent / "configs" / "agents")
     folder = next(folder for folder in folders if folder.is_dir())
-    settings: dict[str, Any] = yaml.safe_load((folder / f"{name}.yaml").read_text(encoding="utf-8"))
+    settings: dict[str, Any] = read((folder / f"{name}.yaml").read_text(encoding="utf-8"))
     return settings

@@ -6,6 +6,8 @@ import json
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from io import BytesIO
+from os import PathLike
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -14,19 +16,69 @@ from numpy.typing import NDArray
 
 from .checks import check_number
 
+AgentFile = str | PathLike[str] | BinaryIO
+"""Where an agent is saved: a path, whose folder is made, or an open binary file."""
 _HEADER = "calfree.json"
 _VERSION = 1
 
 
-def save(path: str | Path, kind: str, arrays: Mapping[str, NDArray[Any]], motions: int, motors: int) -> None:
+def save(file: AgentFile, kind: str, arrays: Mapping[str, NDArray[Any]], motions: int, motors: int) -> None:
     """Writes what an agent knows, its motions and motors, and `kind`: what it is, settings and all."""
     header = json.dumps({"calfree": _VERSION, "kind": kind, "num_timesteps": motions, "motors": motors})
-    with whole(path) as file:
-        np.savez_compressed(file, **{_HEADER: np.array(header)}, **arrays)  # type: ignore[arg-type]
+    with written(file) as place:
+        np.savez_compressed(place, **{_HEADER: np.array(header)}, **arrays)  # type: ignore[arg-type]
 
 
 @contextmanager
-def whole(path: str | Path) -> Iterator[BinaryIO]:
+def written(file: AgentFile) -> Iterator[BinaryIO]:
+    """Where an agent's file is written: it, or its path, is as before where an error comes in between.
+
+    Raises:
+        TypeError: It is neither a path nor a binary file.
+    """
+    if isinstance(file, str | PathLike):
+        Path(file).parent.mkdir(parents=True, exist_ok=True)
+        with whole(file) as place:
+            yield place
+    else:
+        _check_open(file, "write", b"")
+        buffer = BytesIO()
+        yield buffer
+        file.write(buffer.getvalue())
+
+
+def content(file: AgentFile) -> bytes:
+    """What stands in a file; of an open one, from where it stands on, or all where that is its end.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        TypeError: It is neither a path nor a binary file.
+    """
+    if isinstance(file, str | PathLike):
+        try:
+            return Path(file).read_bytes()
+        except FileNotFoundError:
+            raise FileNotFoundError(f"{file}: there is no such file") from None
+    _check_open(file, "read", 0)
+    found = file.read()
+    if not found and file.seekable():
+        file.seek(0)
+        found = file.read()
+    return found
+
+
+def _check_open(file: BinaryIO, use: str, nothing: bytes | int) -> None:
+    """Raises TypeError where it is no binary file that can be put to use: tried with nothing."""
+    try:
+        is_binary = getattr(file, use)(nothing) in (b"", 0, None)
+    except (AttributeError, TypeError, OSError, ValueError):
+        is_binary = False
+    if not is_binary:
+        raise TypeError(f"found {file!r}; allowed: a path, or a binary file that is open to {use}")
+
+
+@contextmanager
+def whole(path: str | PathLike[str]) -> Iterator[BinaryIO]:
     """A file to write, which takes its place when all is written: an error leaves what stands there."""
     place = Path(path)
     partial = place.with_name(f"{place.name}.partial")
@@ -39,12 +91,12 @@ def whole(path: str | Path) -> Iterator[BinaryIO]:
 
 
 def load(
-    path: str | Path, kind: str, motors: int, present_kind: Callable[[str], str] = lambda saved: saved
+    file: AgentFile, kind: str, motors: int, present_kind: Callable[[str], str] = lambda saved: saved
 ) -> tuple[dict[str, NDArray[Any]], int]:
     """Reads the arrays and the number of motions that `save` wrote for an agent of the same `kind`.
 
     Args:
-        path: The file.
+        file: Its path, or itself, open.
         kind: What this agent is, with all settings.
         motors: Of this agent; a file of an earlier version does not tell its own.
         present_kind: From what a file of an earlier version calls itself to what that is called now; such a
@@ -52,31 +104,31 @@ def load(
 
     Raises:
         FileNotFoundError: There is no such file.
+        TypeError: It is neither a path nor a binary file.
         ValueError: The file is damaged, no saved agent, of another kind or other settings, or of an arm of
             other motors; says which.
     """
+    found = content(file)
     try:
-        with np.load(Path(path), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        with np.load(BytesIO(found), allow_pickle=False) as saved_arrays:
+            arrays = {name: saved_arrays[name] for name in saved_arrays.files}
             header = json.loads(str(arrays.pop(_HEADER)))
             motions = check_number("num_timesteps", header["num_timesteps"], least=0, whole=True)
             if not isinstance(header["kind"], str):
                 raise ValueError(f"kind is {header['kind']!r}")
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{path}: there is no such file") from None
     except Exception as error:  # what NumPy raises on a damaged file depends on where the damage is
         raise ValueError(
-            f"{path} is damaged or no saved agent; allowed: a file that save of such an agent wrote, {kind}"
+            f"{file} is damaged or no saved agent; allowed: a file that save of such an agent wrote, {kind}"
         ) from error
     if header.get("calfree") != _VERSION or kind not in (header["kind"], present_kind(header["kind"])):
         raise ValueError(
-            f"{path} holds {header['kind']} (version {header.get('calfree')}); "
+            f"{file} holds {header['kind']} (version {header.get('calfree')}); "
             f"this agent is {kind} (version {_VERSION})"
         )
     if (saved := header.get("motors", motors)) != motors:
-        raise ValueError(f"{path} was saved for {saved} motors; this agent's environment has {motors}")
+        raise ValueError(f"{file} was saved for {saved} motors; this agent's environment has {motors}")
     if header["kind"] != kind:
-        warnings.warn(f"{path} names {header['kind']}, which is now {kind}", stacklevel=3)
+        warnings.warn(f"{file} names {header['kind']}, which is now {kind}", stacklevel=3)
     return arrays, motions
 
 

@@ -82,7 +82,9 @@ class TrialBeginnings:
             raise ValueError(f"episode_start has {len(starts)} entries for {rows} environments")
         if rows_of_state is not None:
             return np.asarray(starts, bool)
-        away = ~starts.astype(bool) & ((np.abs(registers) >= RegisterEstimate.HOME).any(1) | self._led(registers))
+        away = ~starts.astype(bool) & (
+            (np.abs(registers) >= RegisterEstimate.HOME).any(1) | self._led(registers)
+        )
         if away.any():
             raise ValueError(
                 "predict got state=None in the middle of a trial (registers are "

@@ -123,7 +123,6 @@ class BodySchema(ServoAgent):
         arrived = np.abs(registers - after.registers).max() <= self.THERE * np.abs(way).max()
         return settled, bool(arrived or (short == words).all())
 
-
     def _pairs(self, findings: Findings[Any]) -> Pairs:
         return Pairs.of_trial(findings.trusted, findings.filter.noise.px, self.body.trials)
 
@@ -173,7 +172,9 @@ class BodySchema(ServoAgent):
         stops = Stops(np.zeros(self.motors))
         if "been" in arrays:  # files of 0.1 have none
             stops.been = checked_array(arrays, "been", (2, self.motors))
-        found = [checked_array(arrays, name, (self.motors,), allow_nan=True) for name in ("lowest", "highest")]
+        found = [
+            checked_array(arrays, name, (self.motors,), allow_nan=True) for name in ("lowest", "highest")
+        ]
         stops.found = np.where(np.isnan(found), stops.found, found)
         self.stops = stops
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from inspect import Parameter
 from typing import Any
 
-from calfree_gym.errors import check_choice, near_misses
+from calfree_gym.errors import check_choice, near_misses, to_install
 
 from ..base.agent import Agent
 from ..grasp.task import TASKS, task_of
@@ -111,6 +111,6 @@ def _told_what_to_install(name: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            f"agent {name!r} needs {error.name}, which is not installed: pip install 'calfree-gym[agents]'",
+            f"agent {name!r} needs {error.name}, which is not installed: {to_install('agents')}",
             name=error.name,
         ) from error

@@ -25,6 +25,8 @@ from calfree_gym.world import World, WorldChoice
 
 MOST_ROWS, LONGEST_TRIAL, MOST_THREADS, LARGEST_SEED = 2**20, 2**31, 2**10, 2**64
 """Rows, motions of a trial, threads and seeds of a batched environment (guards)."""
+NO_LIMIT = -1
+"""Of motions of a trial, as for `gymnasium.make`."""
 
 
 class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
@@ -45,13 +47,14 @@ class ArmVectorEnv(ArmShared, HasRows, VectorEnv[Any, Any, Any]):
             arguments.pop(name) for name in ("num_envs", "max_episode_steps", "autoreset_mode", "threads")
         )
         check_whole("num_envs", num_envs, 1, MOST_ROWS)
-        check_whole("max_episode_steps", max_episode_steps, 1, LONGEST_TRIAL)
+        if max_episode_steps != NO_LIMIT:
+            check_whole("max_episode_steps", max_episode_steps, 1, LONGEST_TRIAL, ", or -1: no limit")
         check_whole("threads", threads, 0, MOST_THREADS)
         modes = tuple(mode.value for mode in AutoresetMode)
         check_choice("autoreset_mode", getattr(autoreset_mode, "value", autoreset_mode), modes)
         self._build(num_envs, threads, **arguments)
         self.num_envs = num_envs
-        self._max_episode_steps = max_episode_steps
+        self._max_episode_steps = np.inf if max_episode_steps == NO_LIMIT else max_episode_steps
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space, self.single_action_space = self._spaces()
@@ -261,7 +264,7 @@ class StereoArmVectorEnv(Reaching, ArmVectorEnv):
 
     Args:
         num_envs: Rows.
-        max_episode_steps: Motions after which a trial is truncated.
+        max_episode_steps: Motions after which a trial is truncated; -1: never.
         autoreset_mode: Of `gymnasium.vector.AutoresetMode`. NEXT_STEP: a row whose trial is over begins the
             next one at the next step, which ignores its action. SAME_STEP: at once; its last observation is
             in `infos["final_obs"]`. DISABLED: by `reset(options={"reset_mask": ...})`.

@@ -8,7 +8,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Self
 
-from calfree_gym.errors import near_misses
+from calfree_gym.errors import near_misses, to_install
+from calfree_gym.errors.yaml_values import read
 
 LEAST_SATURATION = 0.5
 """Of a mark. Choice: a background has at most 0.3, and one needs some distance from it."""
@@ -140,7 +141,7 @@ class MarkSet:
         """
         yaml = yaml_module()
         try:
-            return cls.from_dict(yaml.safe_load(Path(path).read_text(encoding="utf-8")))
+            return cls.from_dict(read(Path(path).read_text(encoding="utf-8")))
         except (ValueError, yaml.YAMLError) as error:
             raise ValueError(f"{path}: {error}") from None
 
@@ -214,6 +215,6 @@ def yaml_module() -> ModuleType:
         import yaml
     except ImportError:
         raise ImportError(
-            "files of marks need PyYAML: pip install pyyaml, or pip install 'calfree-gym[vision]'"
+            f"files of marks need PyYAML: pip install pyyaml, or {to_install('vision')}"
         ) from None
     return yaml

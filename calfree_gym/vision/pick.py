@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from calfree_gym.errors import check_choice
+from calfree_gym.errors.yaml_values import read
 from calfree_gym.vision.marks import LEAST_SATURATION, MARK_NAMES, Mark, Marks, yaml_module
 from calfree_gym.vision.tracking.colours import LEAST_CHROMA, Image, hues_and_saturations
 from calfree_gym.vision.tracking.tracker import BallFinder
@@ -61,7 +62,7 @@ def pick(picture: Path, box: Sequence[int], name: str, file: Path) -> Pick:
     values: dict[str, Any] = {}
     if file.exists():
         Marks.load(file)
-        values = yaml.safe_load(file.read_text(encoding="utf-8"))
+        values = read(file.read_text(encoding="utf-8"))
     values[name] = mark.to_dict()
     marks = Marks.from_dict(values)
     file.write_text(yaml.safe_dump(values, sort_keys=False, default_flow_style=None), encoding="utf-8")

@@ -8,6 +8,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from calfree_gym.errors import near_misses
+from calfree_gym.errors.yaml_values import UnclearNumberError, read
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.overrides import with_overrides
 from experiments.config.requirements import requirements
@@ -44,20 +45,6 @@ KINDS = (
 
 
 _EXTENDS = "extends"
-
-
-class _StrictLoader(yaml.SafeLoader):
-    """`yaml.SafeLoader`, except that a key that stands twice is an error."""
-
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        node = super().compose_mapping_node(anchor)
-        keys = [(key.tag, key.value) for key, _ in node.value]
-        for (key_node, _), key in zip(node.value, keys, strict=True):
-            if keys.count(key) > 1:
-                raise yaml.MarkedYAMLError(
-                    problem=f"the key {key_node.value!r} stands twice", problem_mark=key_node.start_mark
-                )
-        return node
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
@@ -141,10 +128,12 @@ def read_yaml(path: Path) -> Any:
     """The plain values in a YAML file.
 
     Raises:
-        ConfigError: The file cannot be read, is no YAML, or has a key twice.
+        ConfigError: The file cannot be read, is no YAML, or has a key twice or an unclear number.
     """
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)
+        return read(path.read_text(encoding="utf-8"))
+    except UnclearNumberError as error:
+        raise ConfigError(f"{path}:\n  {error}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from None
     except yaml.YAMLError as error:

@@ -5,6 +5,7 @@ from typing import Any
 
 import yaml
 
+from calfree_gym.errors.yaml_values import UnclearNumberError, read
 from experiments.errors import ConfigError
 
 
@@ -24,7 +25,9 @@ def with_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str, 
         if not equals or not path:
             raise ConfigError(f"--set {override}: found no key=value; allowed: such as worlds=2")
         try:
-            value = yaml.safe_load(text)
+            value = read(text)
+        except UnclearNumberError as error:
+            raise ConfigError(f"--set {override}: {error}") from None
         except (yaml.YAMLError, ValueError) as error:
             raise ConfigError(f"--set {override}: the value is not valid YAML: {error}") from None
         data = _replaced(data, path.split("."), value, override)

@@ -21,6 +21,7 @@ from experiments.running.results_folder import (
     folder_of,
     is_done,
     locked,
+    made_folder,
     read_json,
     read_suite,
     refuse_foreign,
@@ -68,8 +69,7 @@ def merge(parts: Sequence[Path], out: Path) -> list[str]:
     made_by = read_json(next(iter(sources.values())) / VERSIONS)
     for part in parts:
         refuse_foreign(part, suite, made_by)
-    out.mkdir(parents=True, exist_ok=True)
-    with locked(out):
+    with locked(made_folder(out)):
         refuse_foreign(out, suite, made_by)
         clear(out)
         commits = sorted({commit for folder in folders for commit in commit_of(folder).split(", ")})

@@ -4,6 +4,7 @@ import argparse
 import shlex
 from pathlib import Path
 
+from calfree_gym.errors import to_install
 from experiments.errors import ConfigError
 from experiments.execution.executor import Executor
 from experiments.execution.part import WHOLE, Part
@@ -88,7 +89,7 @@ def executor_of(options: argparse.Namespace) -> Executor:
     except ModuleNotFoundError as error:
         where = "--slurm" if options.slurm else "--cluster"
         raise ConfigError(
-            f"{where} needs {error.name}, which is not installed: pip install '.[cluster]'"
+            f"{where} needs {error.name}, which is not installed: {to_install('cluster')}"
         ) from None
     from experiments.execution.local import Local
 

@@ -28,6 +28,7 @@ from experiments.running.results_folder import (
     folder_of,
     is_done,
     locked,
+    made_folder,
     refuse_foreign,
     write_json,
 )
@@ -84,13 +85,12 @@ class Runner:
             The ids of the runs that failed, or that a failed one stopped.
 
         Raises:
-            ConfigError: Another runner is at work in the folder, results of other code or of another
-                configuration are there, or the machines went away; what has finished stays.
+            ConfigError: The folder cannot be made, another runner is at work in it, results of other code or
+                of another configuration are there, or the machines went away; what has finished stays.
             OSError: The folder cannot be written; what has finished stays.
         """
         runs = self._part.of_runs(runs_of(self._suite))
-        self._out.mkdir(parents=True, exist_ok=True)
-        with locked(self._out), closing(self._executor):
+        with locked(made_folder(self._out)), closing(self._executor):
             here = versions()
             refuse_foreign(self._out, self._suite, here)
             pending = [spec for spec in runs if not is_done(folder_of(self._out, spec.id))]

@@ -15,6 +15,7 @@ from experiments.film.files import FilmFiles
 from experiments.film.predictions import Predictions
 from experiments.film.recorder import FilmRecorder
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
+from experiments.running.results_folder import made_folder
 
 
 def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
@@ -28,8 +29,9 @@ def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
         The files, and what all trials came to.
 
     Raises:
-        ConfigError: OpenGL or the codec is missing.
+        ConfigError: The folder cannot be made, or OpenGL or the codec is missing.
     """
+    made_folder(out)
     gif = config.gif
     rates = config.frames_per_second, gif.width, gif.frames_per_second
     required = requirements(config.agent, config.env)

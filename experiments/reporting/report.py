@@ -19,7 +19,7 @@ from experiments.reporting.pages.markdown import markdown_page
 from experiments.reporting.results_file import TIMES
 from experiments.reporting.sweep.section import sweep_sections
 from experiments.reporting.tables import Table
-from experiments.running.results_folder import LOG, folder_of, write_whole
+from experiments.running.results_folder import LOG, folder_of, made_folder, write_whole
 
 SUMMARY, PAGE, MARKDOWN = "summary.csv", "report.html", "report.md"
 
@@ -35,7 +35,7 @@ def write_report(finished: FinishedSuite) -> Path:
     Returns:
         The path of the HTML page.
     """
-    out = finished.out
+    out = made_folder(finished.out)
     sections = [_failures(finished)] if finished.unfinished else []
     if finished.suite.claims:
         sections.append(claims_section(judge(finished.results, finished.suite)))
@@ -48,7 +48,6 @@ def write_report(finished: FinishedSuite) -> Path:
             sections.append(trial_section(finished, scenario))
     sections += sweep_sections(finished)
     sections += [agents_section(finished), _versions(finished), _provenance(finished)]
-    out.mkdir(parents=True, exist_ok=True)
     write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
     title, question = finished.suite.name, finished.suite.question
     page = out / PAGE

@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,6 +31,23 @@ ENDED = "\0ended "
 
 PATIENCE = 10.0
 """Seconds in which a runner that was killed has let go of the folder."""
+
+
+def made_folder(out: Path) -> Path:
+    """A folder to write into, which is made where it is missing: asked for before anything is begun.
+
+    Raises:
+        ConfigError: It cannot be made, or nothing can be written into it.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            return out
+    except OSError as error:
+        raise ConfigError(
+            f"{out}: this folder cannot be made or written into ({error.strerror}); nothing was run; "
+            "allowed: a folder that can"
+        ) from None
 
 
 def folder_of(out: Path, run: str) -> Path:

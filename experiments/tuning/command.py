@@ -9,7 +9,7 @@ import optuna
 
 from experiments.errors import ConfigError
 from experiments.reporting.tables import show
-from experiments.running.results_folder import locked, write_whole
+from experiments.running.results_folder import locked, made_folder, write_whole
 from experiments.running.versions import REPOSITORY, commit, versions
 from experiments.tuning.config import TuningConfig
 from experiments.tuning.processes import LostError, Processes
@@ -42,7 +42,7 @@ def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bo
         agents = config.only(names).agents if names else config.agents
     except ValueError as error:
         raise ConfigError(f"--agent: {error}") from None
-    (out / STUDIES).mkdir(parents=True, exist_ok=True)
+    made_folder(out / STUDIES)
     with locked(out):
         processes = Processes()
         made_by = {**versions(_MAKES_A_TRY), "optuna": optuna.__version__}

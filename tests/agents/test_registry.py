@@ -77,7 +77,7 @@ def test_a_batched_environment_to_learn_in_is_refused():
 def test_a_neural_agent_says_what_to_install(make_env, monkeypatch, ask):
     monkeypatch.setitem(sys.modules, "yaml", None)  # as if it were not installed
     with pytest.raises(
-        ModuleNotFoundError, match=r"agent 'sac' needs yaml.*pip install 'calfree-gym\[agents\]'"
+        ModuleNotFoundError, match=r"agent 'sac' needs yaml.*pip install '\.\[agents\]' in the repository"
     ):
         ask("sac", make_env())
 

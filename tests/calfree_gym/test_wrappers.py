@@ -1,5 +1,7 @@
 """Bounded words, in one environment and in many."""
 
+import re
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -45,12 +47,30 @@ def test_a_wrapped_environment_is_made_again_from_its_spec():
     assert (env.limit, env.curvature) == (0.25, 2.0)
 
 
-@pytest.mark.parametrize("wrong", [{"limit": 0}, {"limit": 1.5}, {"curvature": 0}, {"curvature": np.inf}])
-def test_bounds_that_bound_nothing_are_errors(wrong):
-    with pytest.raises(ValueError, match=str(next(iter(wrong.values())))):
-        ScaledWords(gym.make("CalFree/Reach-v0"), **wrong)
-    with pytest.raises(ValueError, match="allowed: 0 < limit <= 1"):
-        VectorScaledWords(gym.make_vec("CalFree/Reach-v0", num_envs=1), **wrong)
+NO_NUMBERS = ["a", None, True, np.nan, [0.5], 1j]
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong", "allowed"),
+    [
+        *(("limit", wrong, "0 < limit <= 1") for wrong in (0, 1.5, *NO_NUMBERS)),
+        *(("curvature", wrong, "finite curvature > 0") for wrong in (0, np.inf, *NO_NUMBERS)),
+    ],
+)
+def test_bounds_that_bound_nothing_are_errors(name, wrong, allowed):
+    said = re.escape(f"{name} is {wrong!r}; allowed: {allowed}")
+    with pytest.raises(ValueError, match=said):
+        ScaledWords(gym.make("CalFree/Reach-v0"), **{name: wrong})
+    with pytest.raises(ValueError, match=said):
+        VectorScaledWords(gym.make_vec("CalFree/Reach-v0", num_envs=1), **{name: wrong})
+    with pytest.raises(ValueError, match=said):
+        make_sb3_env(n_envs=1, **{f"word_{name}": wrong})
+
+
+@pytest.mark.parametrize("number", [1, np.float32(0.5), np.float64(0.5), np.int64(1)])
+def test_numbers_of_numpy_bound_words(number):
+    env = ScaledWords(gym.make("CalFree/Reach-v0"), limit=number, curvature=number)
+    np.testing.assert_allclose(env.action(np.ones(3)), number)
 
 
 def test_only_rows_that_begin_again_at_once_suit_stable_baselines3():

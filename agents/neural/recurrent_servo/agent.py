@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from os import PathLike
-from pathlib import Path
 from typing import Any, Self
 
 import gymnasium as gym
@@ -15,6 +14,7 @@ from ...base.agent import Agent, Callback
 from ...base.checks import check_number
 from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
+from ...base.storage import AgentFile
 from ...base.trials import foreign, is_of_one
 from .network import Memory
 from .weights import KEPT, load_network, observation_format, save_network
@@ -116,11 +116,11 @@ class RecurrentServo(Agent):
             go_on = callback is None or callback(self)
         return self
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: AgentFile) -> None:
         """See `Agent`. The weights, how they came about, and the number of motions."""
         save_network(path, self._network, self._shapes, self.training, self.num_timesteps)
 
-    def load(self, path: str | Path) -> Self:
+    def load(self, path: AgentFile) -> Self:
         """See `Agent`.
 
         Raises:

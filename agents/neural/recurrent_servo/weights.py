@@ -9,12 +9,11 @@ from typing import Any
 
 import gymnasium as gym
 import torch
-from safetensors import safe_open
-from safetensors.torch import save
+from safetensors.torch import load, save
 
 from ...base.checks import check_number
 from ...base.observation import STANDARD_KEYS
-from ...base.storage import whole
+from ...base.storage import AgentFile, content, written
 from .network import RecurrentServoNetwork
 
 KEPT = Path(__file__).parent / "weights.safetensors"
@@ -32,7 +31,7 @@ def observation_format(observations: Any, actions: Any) -> dict[str, list[int]]:
 
 
 def save_network(
-    path: str | Path,
+    path: AgentFile,
     network: RecurrentServoNetwork,
     shapes: Mapping[str, list[int]],
     training: Mapping[str, Any],
@@ -47,12 +46,12 @@ def save_network(
         "training": dict(training),
     }
     tensors = {name: tensor.float().contiguous() for name, tensor in network.state_dict().items()}
-    with whole(path) as file:
+    with written(path) as file:
         file.write(save(tensors, {_HEADER: json.dumps(header)}))  # of several entries the order would change
 
 
 def load_network(
-    path: str | Path, shapes: Mapping[str, list[int]]
+    path: AgentFile, shapes: Mapping[str, list[int]]
 ) -> tuple[RecurrentServoNetwork, dict[str, Any], int]:
     """Reads a network that observes what `shapes` says, how it was trained, and its motions of `learn`.
 
@@ -60,12 +59,10 @@ def load_network(
         FileNotFoundError: There is no such file.
         ValueError: The file is damaged, no such network, or of another observation format.
     """
-    if not Path(path).exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
+    found = content(path)
     try:
-        with safe_open(path, "pt") as file:
-            header = json.loads((file.metadata() or {}).get(_HEADER, "{}"))
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        tensors = load(found)
+        header = json.loads(_metadata(found).get(_HEADER, "{}"))
     except Exception as error:  # what is raised on a damaged file depends on where the damage is
         raise ValueError(f"{path} is damaged or no safetensors file: {error!r}") from error
     if not isinstance(header, dict):
@@ -100,3 +97,10 @@ def load_network(
     except (RuntimeError, ValueError) as error:
         raise ValueError(f"{path} is damaged: {error}") from error
     return network, header["training"], motions
+
+
+def _metadata(found: bytes) -> dict[str, str]:
+    """What stands in a safetensors file beside tensors: under one key of the JSON with which it begins."""
+    size = int.from_bytes(found[:8], "little")
+    metadata: dict[str, str] = json.loads(found[8 : 8 + size]).get("__metadata__", {})
+    return metadata

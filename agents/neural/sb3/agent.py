@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from pathlib import Path
 from typing import Any, Self
 
 import gymnasium as gym
@@ -32,6 +32,7 @@ from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.random_state import OwnRandomState
 from ...base.settings import named_settings
+from ...base.storage import AgentFile
 from ...base.trials import foreign, is_of_one
 from .algorithms import algorithm_of, built_settings, policy_name, settings_of
 from .files import Saved, check_finite, check_tensor, read, write
@@ -177,9 +178,7 @@ class Sb3Agent(Agent):
             raise foreign(f"is {state!r}")
         registers = np.atleast_2d(observation["observation"])[:, POINTS:]
         if registers.shape[1:] == self._model.action_space.shape:
-            self._beginnings.where(
-                registers, None if state is None else np.shape(state[0])[1], episode_start
-            )
+            self._beginnings.where(registers, None if state is None else np.shape(state[0])[1], episode_start)
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
         """See `Agent`. Rows make whole steps: the motions are rounded down to a multiple of their number.
@@ -208,7 +207,7 @@ class Sb3Agent(Agent):
             )
         return self
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: AgentFile) -> None:
         """See `Agent`. The replay buffer is left out: learning goes on as from new, with trained networks."""
         _, variables = self._model._get_torch_save_params()
         write(
@@ -222,12 +221,12 @@ class Sb3Agent(Agent):
             ),
         )
 
-    def load(self, path: str | Path, trusted: bool = False) -> Self:
+    def load(self, path: AgentFile, trusted: bool = False) -> Self:
         """See `Agent`. Nothing is unpickled unless the file is trusted.
 
         Args:
-            path: A file of `save`; or one that stable-baselines3 has saved, of which networks, optimisers and
-                counts are taken. It does not tell how words were scaled.
+            path: As for `Agent.load`; or of a file that stable-baselines3 has saved, of which networks,
+                optimisers and counts are taken. It does not tell how words were scaled.
             trusted: Whether tensors may be unpickled, which executes what the file says.
 
         Raises:
@@ -287,9 +286,13 @@ class _Translated(BaseCallback):
 
 
 def _whole_trials(env: Any) -> int:
-    """Motions of all rows by which one of their trials is over: hindsight learns from whole ones."""
-    longest: Any = getattr(env.spec, "max_episode_steps", None)
-    return int(getattr(env, "num_envs", 1)) * int(longest or getattr(env.unwrapped, "_max_episode_steps", 0))
+    """Motions of all rows by which one of their trials is over: hindsight learns from whole ones.
+
+    Nothing where motions of a trial have no limit.
+    """
+    of_spec: Any = getattr(env.spec, "max_episode_steps", None)
+    longest = getattr(env.unwrapped, "_max_episode_steps", of_spec) or 0
+    return 0 if longest == math.inf else int(getattr(env, "num_envs", 1)) * int(longest)
 
 
 def _warn_of_moving_goals(env: Any) -> None:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 from zipfile import ZipFile
 
 import torch
 
 from ...base.checks import check_number
-from ...base.storage import whole
+from ...base.storage import AgentFile, content, written
 
 _HEADER, _PARAMETERS = "calfree.json", "parameters.pt"
 _VERSION = 1
@@ -37,32 +36,31 @@ class Saved(NamedTuple):
     variables: dict[str, torch.Tensor]
 
 
-def write(path: str | Path, saved: Saved) -> None:
+def write(path: AgentFile, saved: Saved) -> None:
     """Writes a file that `read` reads."""
     header = {"calfree": _VERSION, **saved._asdict()}
     tensors = io.BytesIO()
     torch.save({name: header.pop(name) for name in ("parameters", "variables")}, tensors)
-    with whole(path) as file, ZipFile(file, "w") as archive:
+    with written(path) as file, ZipFile(file, "w") as archive:
         archive.writestr(_HEADER, json.dumps(header, indent=1))
         archive.writestr(_PARAMETERS, tensors.getvalue())
 
 
-def read(path: str | Path, trusted: bool = False) -> Saved:
+def read(path: AgentFile, trusted: bool = False) -> Saved:
     """Reads what `write` or stable-baselines3 wrote. Of the latter's file only tensors and counts are read.
 
     Args:
-        path: The file.
+        path: Of the file, or it, open.
         trusted: Whether tensors may be unpickled, which executes what the file says.
 
     Raises:
         FileNotFoundError: There is no such file.
         ValueError: It is damaged, no saved learner, or needs unpickling and is not trusted.
     """
+    found_bytes = content(path)
     try:
-        with ZipFile(path) as archive:
+        with ZipFile(io.BytesIO(found_bytes)) as archive:
             entries = {name: archive.read(name) for name in archive.namelist()}
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{path}: there is no such file") from None
     except Exception as error:  # what is raised on a damaged file depends on where the damage is
         raise ValueError(f"{path} is damaged or no saved learner: {error!r}") from error
     header = _header(path, entries)
@@ -108,7 +106,7 @@ def check_finite(parameters: Any) -> None:
             raise ValueError(f"{name} holds a number that is not finite")
 
 
-def _header(path: str | Path, entries: Mapping[str, bytes]) -> dict[str, Any]:
+def _header(path: AgentFile, entries: Mapping[str, bytes]) -> dict[str, Any]:
     """The JSON header: ours, or stable-baselines3's, whose pickles stay the texts that they are in JSON."""
     ours = _HEADER in entries and _PARAMETERS in entries
     if not ours and not {_FOREIGN_HEADER, "policy.pth"} <= entries.keys():
@@ -129,7 +127,7 @@ def _header(path: str | Path, entries: Mapping[str, bytes]) -> dict[str, Any]:
         raise ValueError(f"{path} is damaged: {error!r}") from error
 
 
-def _tensors(path: str | Path, name: str, content: bytes, trusted: bool) -> Any:
+def _tensors(path: AgentFile, name: str, content: bytes, trusted: bool) -> Any:
     try:
         return {**torch.load(io.BytesIO(content), map_location="cpu", weights_only=not trusted)}
     except Exception as error:  # what torch raises on a damaged file depends on where the damage is

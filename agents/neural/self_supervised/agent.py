@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Self
 
 import gymnasium as gym
@@ -15,7 +14,7 @@ from ...base.agent import Callback
 from ...base.checks import check_number, checked_array
 from ...base.observation import Array, Observation
 from ...base.procedure import Procedure, ProcedureAgent
-from ...base.storage import prefixed, under
+from ...base.storage import AgentFile, prefixed, under
 from .change_detector import ChangeDetector, Judged
 from .inverse_model import InverseModel
 from .reach import Reach, random_words, reach
@@ -160,7 +159,7 @@ class SelfTaughtAgent(ProcedureAgent):
             findings.changes.clear()
             findings.residuals.clear()
 
-    def load(self, path: str | Path) -> Self:
+    def load(self, path: AgentFile) -> Self:
         """See `ProcedureAgent`."""
         super().load(path)
         self.changes = []

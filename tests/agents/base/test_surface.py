@@ -4,6 +4,7 @@ import json
 import warnings
 import zipfile
 import zlib
+from io import BytesIO, StringIO
 
 import gymnasium as gym
 import numpy as np
@@ -81,6 +82,46 @@ def test_a_saved_agent_loads_and_acts_alike(name, tmp_path):
     assert again.num_timesteps == agent.num_timesteps == 80
     held_out = environment(name, world=env.unwrapped.world)
     np.testing.assert_array_equal(words_of(agent, held_out), words_of(again, held_out))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_agent_is_saved_in_open_files_and_in_folders_that_are_not_there_yet(name, tmp_path):
+    agent, env = make(name)
+    agent.learn(80)
+    file = BytesIO(b"mine")
+    file.seek(4)
+    agent.save(file)
+    agent.save(tmp_path / "of" / "mine" / "agent")
+    file.seek(4)
+    held_out = environment(name, world=env.unwrapped.world)
+    words = words_of(agent, held_out)
+    with (tmp_path / "of" / "mine" / "agent").open("rb") as saved:
+        for place in (file, saved, str(tmp_path / "of" / "mine" / "agent")):
+            again = make(name)[0].load(place)
+            assert again.num_timesteps == 80
+            np.testing.assert_array_equal(words_of(again, held_out), words)
+    agent.save(file := BytesIO())
+    assert make(name)[0].load(file).num_timesteps == 80, "from its beginning: it stands at its end"
+
+
+@pytest.mark.parametrize("name", ["memory", "recurrent_servo", "sac"])
+def test_what_is_neither_a_path_nor_a_binary_file_is_told(name, tmp_path):
+    agent, _ = make(name)
+    (tmp_path / "there").write_bytes(b"whole")
+    with (tmp_path / "there").open("rb") as to_read, (tmp_path / "text").open("w+") as text:
+        for wrong in (7, None, StringIO(), text, to_read):
+            with pytest.raises(TypeError, match=r"found .*; allowed: a path, or a binary file .* to write"):
+                agent.save(wrong)
+        for wrong in (7, None, StringIO(), text):
+            with pytest.raises(TypeError, match=r"found .*; allowed: a path, or a binary file .* to read"):
+                agent.load(wrong)
+        with pytest.raises(ValueError, match="damaged or no s"):
+            agent.load(to_read)
+    assert (tmp_path / "there").read_bytes() == b"whole"
+    with pytest.raises(FileExistsError, match="there"):
+        agent.save(tmp_path / "there" / "agent")
+    with pytest.raises(FileNotFoundError, match="nowhere: there is no such file"):
+        agent.load(tmp_path / "nowhere")
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -119,6 +119,14 @@ def test_a_recurrent_network_remembers_within_a_trial_and_not_beyond():
     np.testing.assert_array_equal(first, again)
 
 
+def test_hindsight_waits_for_a_whole_trial_of_its_own_environment():
+    stand = {"dynamics": "kinematic", "camera_mount": "stand", "autoreset_mode": "SameStep"}
+    for motions, waits in ((90, 180), (-1, 5)):
+        rows = gym.make_vec("CalFree/Reach-v0", num_envs=2, max_episode_steps=motions, **stand)
+        agent = agents.make("sac_her", rows, net_arch=[8], learning_starts=5)
+        assert agent._model.learning_starts == waits
+
+
 def test_a_rollout_is_as_long_in_one_environment_as_in_rows():
     settings = {"rows": 4, "n_steps": 5, "batch_size": 10}
     assert make("ppo", **settings)._model.n_steps == 20

@@ -117,6 +117,27 @@ def test_worlds_may_differ_by_row():
         gym.make_vec("CalFree/Reach-v0", num_envs=2, world=["wild"] * 3)
 
 
+def test_trials_may_go_on_without_limit_as_single_ones_may():
+    arguments = {"max_episode_steps": -1, "terminate_on_success": False, "dynamics": "kinematic"}
+    for env in (
+        gym.make_vec("CalFree/Reach-v0", num_envs=2, **arguments),
+        gym.make("CalFree/Reach-v0", **arguments),
+    ):
+        env.reset(seed=0)
+        still = np.zeros(env.action_space.shape, np.float32)
+        assert not any(np.any(env.step(still)[3]) for _ in range(62)), "60 is the usual limit"
+
+
+@pytest.mark.parametrize("task", ["Reach", "SafeReach", "Grasp", "Insert"])
+def test_limits_of_trials_are_checked_in_every_task(task):
+    gym.make_vec(f"CalFree/{task}-v0", num_envs=2, max_episode_steps=-1)
+    for wrong in (0, -2):
+        with pytest.raises(ValueError, match=rf"is {wrong}; it must be .* from 1 to \d+, or -1: no limit"):
+            gym.make_vec(f"CalFree/{task}-v0", num_envs=2, max_episode_steps=wrong)
+        with pytest.raises(ValueError, match=f"`max_episode_steps` to be positive, actually: {wrong}"):
+            gym.make(f"CalFree/{task}-v0", max_episode_steps=wrong)
+
+
 def test_bad_actions_and_seeds():
     env = gym.make_vec("CalFree/Reach-v0", num_envs=2)
     with pytest.raises(gym.error.ResetNeeded):

@@ -220,7 +220,23 @@ def test_fail_fast_stops_at_the_first_failure(suite_data, write_config, tmp_path
 def test_a_folder_that_cannot_be_written_is_one_message(suite_data, write_config, tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert run(write_config(suite_data), tmp_path / "file" / "out") == 2
-    assert capsys.readouterr().err.startswith("error: Not a directory")
+    said = (
+        f"error: {tmp_path / 'file' / 'out'}: this folder cannot be made or written into (Not a directory); "
+    )
+    assert capsys.readouterr().err == f"{said}nothing was run; allowed: a folder that can\n"
+
+
+@pytest.mark.parametrize("command", ["run", "film", "benchmark", "merge", "report"])
+def test_where_nothing_can_be_written_nothing_is_begun(command, finished, capsys, monkeypatch):
+    """/proc takes no folder of anybody, however mighty."""
+    config, done = finished
+    for begins in ("execution.orders.write_order", "film.command.requirements", "benchmarks.parts.measure"):
+        monkeypatch.setattr(f"experiments.{begins}", None)
+    what = {"run": config, "film": REPOSITORY / "configs/film.yaml", "benchmark": "speed"}.get(command, done)
+    out = "/proc/xx/speed.json" if command == "benchmark" else "/proc/xx"
+    assert main([command, str(what), "--out", out]) == 2
+    said = "error: /proc/xx: this folder cannot be made or written into (No such file or directory); nothing"
+    assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", [["run"], ["tune"], ["film"], ["merge"], ["report"]])

@@ -16,6 +16,11 @@ def near_misses(name: object, known: Iterable[str]) -> str:
     return f" (did you mean {' or '.join(close)}?)" if close else ""
 
 
+def to_install(extra: str) -> str:
+    """What to type for an extra of this project, which no package index has."""
+    return f"pip install '.[{extra}]' in the repository of calfree"
+
+
 def check_choice(name: str, value: object, allowed: Iterable[str]) -> None:
     """Raises ValueError, with near misses, where an argument is none of those allowed."""
     allowed = tuple(allowed)
@@ -29,10 +34,10 @@ def check_flag(name: str, value: object) -> None:
         raise ValueError(f"{name} is {value!r}; allowed: True, False")
 
 
-def check_whole(name: str, value: object, least: int, most: int) -> None:
-    """Raises ValueError where an argument is no whole number between `least` and `most`."""
+def check_whole(name: str, value: object, least: int, most: int, besides: str = "") -> None:
+    """Raises ValueError, naming what is allowed `besides`, where an argument is no whole number within."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
-        raise ValueError(f"{name} is {value!r}; it must be a whole number from {least} to {most}")
+        raise ValueError(f"{name} is {value!r}; it must be a whole number from {least} to {most}{besides}")
 
 
 def known_arguments(function: Callable[P, None]) -> Callable[P, None]:

@@ -1,0 +1,237 @@
+"""The environment for a robot of one's own, `examples/own_robot.py`: what it asks of her functions."""
+
+import importlib.util
+import re
+import threading
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from tests.test_examples import output
+
+spec = importlib.util.spec_from_file_location(
+    "own_robot", Path(__file__).parents[1] / "examples" / "own_robot.py"
+)
+own_robot = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(own_robot)
+DARK = np.zeros((48, 64, 3), np.uint8)
+
+
+class Arm:
+    """Goes where it is sent, with errors, and shows nothing; `gives` replaces what a function gives."""
+
+    def __init__(self, motors=5, noise=0.0, step=0.0, shortfall=0.0, stop=1.0):
+        self.gives, self.sent, self.at = {}, [], np.zeros(motors)
+        self.noise, self.step, self.shortfall, self.stop = noise, step, shortfall, stop
+        self.rng = np.random.default_rng(0)
+
+    def go_to(self, registers):
+        self.sent.append(registers)
+        if "go_to" in self.gives:
+            return self.gives["go_to"]()
+        self.at = self.at + (1 - self.shortfall) * (registers - self.at)
+        self.at = np.clip(self.at, -self.stop, self.stop)
+        told = self.at + self.noise * self.rng.normal(size=len(self.at))
+        return np.round(told / self.step) * self.step if self.step else told
+
+    def take_pictures(self):
+        return self.gives["take_pictures"]() if "take_pictures" in self.gives else (DARK, DARK)
+
+    def place_object(self):
+        if "place_object" in self.gives:
+            self.gives["place_object"]()
+
+
+def made(arm=None, **arguments):
+    arm = arm or Arm()
+    env = own_robot.OwnRobot(len(arm.at), arm.go_to, arm.take_pictures, arm.place_object, **arguments)
+    return arm, env
+
+
+def moved(env, motions=200, size=0.1):
+    """After random words, and a way home now and then."""
+    rng = np.random.default_rng(1)
+    for motion in range(motions):
+        if motion % 20 == 0:
+            env.reset()
+        env.step(rng.uniform(-size, size, env.action_space.shape))
+    return env.register_errors
+
+
+def test_it_is_an_environment():
+    check_env(made()[1], skip_render_check=True)
+
+
+FIVE = "allowed: 5 finite numbers within -1 to 1"
+PICTURES = "allowed: two RGB images, arrays (h, w, 3) of uint8"
+
+
+@pytest.mark.parametrize(
+    ("function", "gives", "error", "said"),
+    [
+        ("go_to", np.zeros(3), ValueError, f"go_to told array([0., 0., 0.]); {FIVE}"),
+        ("go_to", None, ValueError, f"go_to told None; {FIVE}"),
+        ("go_to", [0, 0, np.nan, 0, 0], ValueError, f"go_to told [0, 0, nan, 0, 0]; {FIVE}"),
+        ("go_to", ["0"] * 5, ValueError, f"go_to told ['0', '0', '0', '0', '0']; {FIVE}"),
+        ("go_to", [[0], 1], ValueError, f"go_to told [[0], 1]; {FIVE}"),
+        ("go_to", [0, 0, 0, 0, 90], ValueError, f"go_to told [0, 0, 0, 0, 90]; {FIVE}"),
+        ("take_pictures", None, "lost", f"take_pictures gave None as the left picture; {PICTURES}"),
+        ("take_pictures", (DARK, None), "lost", f"gave None as the right picture; {PICTURES}"),
+        ("take_pictures", OSError("unplugged"), "lost", "take_pictures failed: OSError('unplugged')"),
+        ("take_pictures", TimeoutError("no frame"), "lost", "take_pictures failed: TimeoutError('no frame')"),
+        ("take_pictures", (DARK,), ValueError, f"take_pictures gave ({DARK!r:.20}"),
+        ("take_pictures", 3, ValueError, f"take_pictures gave 3; {PICTURES}"),
+        ("take_pictures", (DARK, DARK[..., 0]), ValueError, f"a right picture (48, 64) of uint8; {PICTURES}"),
+        ("take_pictures", (DARK / 255, DARK), ValueError, "a left picture (48, 64, 3) of float64"),
+        ("take_pictures", (DARK, "DARK"), ValueError, "a right picture () of str"),
+        ("go_to", OSError("no bus"), OSError, "no bus"),
+    ],
+)
+def test_what_a_function_gives_is_checked_before_anything_moves_further(function, gives, error, said):
+    def give():
+        if isinstance(gives, Exception):
+            raise gives
+        return gives
+
+    error = own_robot.LostCameraError if error == "lost" else error
+    arm, env = made()
+    env.reset()
+    arm.gives[function] = give
+    before = len(arm.sent)
+    with pytest.raises(error, match=re.escape(said)):
+        env.step(np.full(5, 0.1))
+    assert len(arm.sent) == before + 1
+    with pytest.raises(gym.error.ResetNeeded, match="an error since"):
+        env.step(np.full(5, 0.1))
+    with pytest.raises(error, match=re.escape(said)):
+        env.reset()
+    assert len(arm.sent) == before + 1 + (function == "go_to"), "a lost camera is told before the way home"
+    del arm.gives[function]
+    env.reset()
+    env.step(np.full(5, 0.1))
+
+
+@pytest.mark.parametrize("words", [np.zeros(3), np.full(5, np.nan), None, ["a"] * 5])
+def test_words_are_checked_before_anything_moves(words):
+    arm, env = made()
+    with pytest.raises(gym.error.ResetNeeded, match="reset first"):
+        env.step(np.zeros(5))
+    env.reset()
+    before = len(arm.sent)
+    with pytest.raises(ValueError, match=f"the action holds .*{re.escape(FIVE)}"):
+        env.step(words)
+    assert len(arm.sent) == before
+
+
+@pytest.mark.parametrize("function", ["go_to", "take_pictures"])
+def test_a_function_that_hangs_is_named_and_called_no_more(function):
+    arm, env = made(patience=0.2)
+    env.reset()
+    go_on = threading.Event()
+    arm.gives[function] = go_on.wait
+    for again in (lambda: env.step(np.full(5, 0.1)), env.reset):
+        with pytest.raises(
+            TimeoutError, match=rf"{function} has not ended after 0.2 s|{function} still hangs"
+        ):
+            again()
+    assert len(arm.sent) == 2
+    go_on.set()
+
+
+def test_the_object_may_be_placed_for_as_long_as_it_takes():
+    arm, env = made(patience=0.1)
+    arm.gives["place_object"] = lambda: threading.Event().wait(0.3)
+    env.reset()
+
+
+def test_no_motor_goes_farther_at_once_than_it_may():
+    arm, env = made(greatest_motion=0.125)
+    env.reset()
+    for _ in range(4):
+        observation, *_ = env.step(np.array([1, -1, 0.1, 0, 0.5], np.float32))
+    np.testing.assert_allclose(observation["observation"][4:], [0.5, -0.5, 0.4, 0, 0.5], atol=1e-6)
+    env.reset()
+    ways = np.diff(arm.sent, axis=0)
+    assert np.abs(ways).max() == pytest.approx(0.125)
+    assert not arm.at.any()
+
+
+@pytest.mark.parametrize("wrong", [0, -0.1, 1.5, np.nan, "a", None, True])
+def test_a_greatest_motion_that_is_none_is_refused(wrong):
+    with pytest.raises(ValueError, match=f"greatest_motion is {wrong!r}; it must be a number above 0"):
+        made(greatest_motion=wrong)
+
+
+def test_home_is_told_as_it_was_measured():
+    arm, env = made(Arm(noise=0.001))
+    observation, _ = env.reset()
+    told = observation["observation"][4:]
+    assert told.any()
+    assert np.abs(told).max() < 0.01
+    assert not arm.sent[-1].any()
+    observation, *_ = env.step(np.full(5, 0.1))
+    np.testing.assert_allclose(arm.sent[-1], told + 0.1, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [0.1, 0.5])
+@pytest.mark.parametrize(
+    ("noise", "step", "shortfall"),
+    [
+        (0, 0, 0),
+        (0.002, 0, 0),
+        (0, 0.0015, 0),
+        (0, 2 * np.pi / 4096, 0.02),
+        (0.0005, 0.0015, 0.05),
+        (0.001, 0, 0.01),
+    ],
+)
+def test_errors_of_registers_are_found(noise, step, shortfall, size):
+    """Against those that the arm has: of steps 0.29 of one, as those of a uniform distribution."""
+    _, env = made(Arm(noise=noise, step=step, shortfall=shortfall, stop=0.6))
+    found = moved(env, size=size)
+    spread = np.hypot(noise, step / np.sqrt(12))
+    np.testing.assert_allclose(found.noise, spread, rtol=0.6, atol=1e-9)
+    np.testing.assert_allclose(found.step, step, rtol=1e-6)
+    np.testing.assert_allclose(found.shortfall, shortfall, atol=3 * own_robot.UNSURE)
+
+
+def test_nothing_is_said_before_there_is_enough():
+    _, env = made(Arm(noise=0.01))
+    assert env.register_errors is None
+    assert np.isnan(moved(env, own_robot.ENOUGH - 1)).all()
+    assert not np.isnan(moved(env, 1).noise).any()
+    _, env = made(Arm(noise=0.01))
+    assert np.isnan(moved(env, 100, size=0.01).shortfall).all(), "noise hides it"
+    _, env = made(Arm(noise=0.01))
+    env.reset()
+    for _ in range(50):
+        env.step(np.array([0.05, 0, 0, 0, 0]))
+        env.step(np.array([-0.05, 0, 0, 0, 0]))
+    assert np.isnan(env.register_errors.noise).tolist() == [False, True, True, True, True]
+
+
+def test_words_that_are_multiples_are_no_steps_of_the_robot():
+    _, env = made()
+    env.reset()
+    for motion in range(60):
+        env.step(np.full(5, 0.125 if motion % 3 else -0.25))
+    assert not env.register_errors.step.any()
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        ["--register-noise", "0.001"],
+        ["--register-step", "0.0015"],
+        ["--shortfall", "0.01"],
+    ],
+)
+def test_a_robot_that_tells_its_registers_as_real_ones_do_is_learned(robot, opengl):
+    line, told = output("own_robot.py", "--motions", "40", "--registers", *robot).splitlines()
+    motions = [int(each) for each in line.partition(":")[2].split()]
+    assert len(motions) >= 3
+    assert max(motions[:3]) <= 15
+    assert told.startswith("registers: RegisterErrors(noise=array([")
