@@ -171,6 +171,11 @@ class WorldDistribution:
                 f"calfree_gym.World or one of {', '.join(DISTRIBUTIONS)}"
             )
 
+    @property
+    def register_bound(self) -> float:
+        """As `World.register_bound`, of all that it draws."""
+        return 1.0
+
     def sample(self, seed: int, attempt: int = 0, trial: int = 0, robot: Robot = MOVEMASTER) -> World:
         """The world of `seed`.
 

@@ -61,6 +61,16 @@ def test_worlds_are_read_only():
         ({"image_noise": [np.inf, 0]}, "image_noise must be finite"),
         ({"occluder": [0, 0, 0, -0.1, 0]}, "occluder has a negative radius or height"),
         ({"occluder": [0, 0, 0, 0.1]}, r"occluder has shape \(4,\); it must be \(5,\)"),
+        ({"register_noise": -1e-3}, "register_noise must not be negative"),
+        ({"register_step": [0, 0, -1]}, "register_step must not be negative"),
+        ({"shortfall": 0.91}, r"shortfall must be in \[0, 0.9\], found \[0.91"),
+        ({"longest_motion": 0}, "longest_motion must be positive"),
+        ({"longest_motion": [1, 1, 1.1]}, r"longest_motion must be in \(0, 1\]"),
+        ({"word_gain": 0}, r"word_gain must be in \[0.001, 1000\]"),
+        ({"dead_zone": [0, 2, 0]}, r"dead_zone must be in \[0, 1\]"),
+        ({"gear_ripple": (0, 0, 0.1)}, r"gear_ripple must have periods \(first\) in \[0.001, 1000\]"),
+        ({"gear_ripple": (0.1, 0, 1)}, r"and depths \(third\) in \[0, 1\), found \[\[0.1, 0.0, 1.0\]"),
+        ({"gear_ripple": 0.1}, r"gear_ripple has shape \(\); it must be \(3, 3\)"),
     ],
 )
 def test_worlds_that_cannot_be(fields, message):
