@@ -15,9 +15,7 @@ from calfree_gym.envs.arms.state import RowState, arm_state, check_fits, check_s
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.perturbations.application import Applied, PerturbationScheduler
 from calfree_gym.robot.arms.robot import Robot
-from calfree_gym.robot.motor_errors import MotorErrors
-from calfree_gym.robot.motors import MotorMap
-from calfree_gym.robot.registers import Registers
+from calfree_gym.robot.motors import MotorErrors, MotorMap, Registers
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.robot.workspace import Workspaces, check_in_view, first_in_view
 from calfree_gym.vision.latency import Latency

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Rows
-from calfree_gym.robot.motors import MotorMap
+from calfree_gym.robot.motors.map import MotorMap
 from calfree_gym.streams import MotionNumbers
 
 if TYPE_CHECKING:
