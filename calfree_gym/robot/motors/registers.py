@@ -40,6 +40,7 @@ class Registers:
         self._stood = np.zeros((2, *shape))
         self._longest, self._factor, self._gain = (np.ones(shape) for _ in range(3))
         self._dead_zone, self._noise, self._step = (np.zeros(shape) for _ in range(3))
+        self._exact = True
         self._numbers = MotionNumbers(shape[0], "register_noise", shape[1:], normal=True)
 
     def seed(self, row: int, seed: int) -> None:
@@ -52,6 +53,8 @@ class Registers:
         self._factor[row] = (1 - world.shortfall) * world.word_gain
         self._dead_zone[row], self._noise[row] = world.dead_zone, world.register_noise
         self._step[row] = world.register_step
+        ones, zeros = (self._longest, self._factor, self._gain), (self._dead_zone, self._noise, self._step)
+        self._exact = all((each == 1).all() for each in ones) and not any(each.any() for each in zeros)
 
     def check_fits(self, world: World) -> None:
         """Raises where registers of a world go beyond the bound.
@@ -78,14 +81,20 @@ class Registers:
 
     def move(self, rows: Rows, words: Array) -> Array:
         """Executes control words (n, m): positions (n, m) to which the motors' joints are sent."""
-        lowest, highest, longest = self._motors.lowest[rows], self._motors.highest[rows], self._longest[rows]
-        before, stood = self.executed[rows], self.joints[rows]
-        after = before + np.minimum(np.maximum(words, -longest), longest) * self._factor[rows]
-        after = np.minimum(np.maximum(after, lowest), highest)
-        along = np.where(stood == before, after, stood + (after - before))
-        joints = np.where(np.abs(words) <= self._dead_zone[rows], stood, along)
-        self.executed[rows], self.joints[rows] = after, np.minimum(np.maximum(joints, lowest), highest)
-        return self._motors.positions(self.joints[rows], rows)
+        lowest, highest = self._motors.lowest[rows], self._motors.highest[rows]
+        exact = self._exact and not (self.joints != self.executed).any()
+        before, sent = self.executed[rows], words
+        if not exact:
+            longest = self._longest[rows]
+            sent = np.minimum(np.maximum(words, -longest), longest) * self._factor[rows]
+        after = joints = np.minimum(np.maximum(before + sent, lowest), highest)
+        if not exact:
+            stood = self.joints[rows]
+            along = np.where(stood == before, after, stood + (after - before))
+            joints = np.where(np.abs(words) <= self._dead_zone[rows], stood, along)
+            joints = np.minimum(np.maximum(joints, lowest), highest)
+        self.executed[rows], self.joints[rows] = after, joints
+        return self._motors.positions(joints, rows)
 
     def stop(self, row: int, share: float) -> Array:
         """The motion of `row` ended at this share of its way: positions (m,) that send its joints there."""
@@ -106,6 +115,8 @@ class Registers:
             trials: The trial of all rows (N,).
             motions: Their motion of the trial (N,).
         """
+        if self._exact:
+            return self.executed.copy()
         told = self.in_words(self.executed)
         if self._noise.any():
             told = told + self._noise * self._numbers.at(trials, motions)
@@ -113,5 +124,5 @@ class Registers:
         if (stepped := self._step > 0).any():
             step = np.where(stepped, self._step, 1.0)
             most = np.floor(self._bound / step)
-            told = np.where(stepped, step * np.clip(np.rint(told / step), -most, most), told)
+            told = np.where(stepped, step * np.clip(np.rint(told / step), -most, most) + 0.0, told)
         return told
