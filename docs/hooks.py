@@ -10,11 +10,14 @@ from calfree_gym.perturbations import TYPES, Perturbation
 from calfree_gym.perturbations.base import Setting
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 
-UNITS = dict.fromkeys(("degrees", "direction", "azimuth", "elevation"), "degrees") | {
+UNITS = dict.fromkeys(("degrees", "direction", "azimuth", "elevation", "phase"), "degrees") | {
     "metres": "m",
     "px": "pixels",
     "motions": "motions",
     "levels": "grey levels",
+    "registers": "registers",
+    "period": "registers",
+    "words": "words",
 }
 
 

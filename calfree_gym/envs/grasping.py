@@ -20,6 +20,7 @@ from calfree_gym.envs.spaces import (
     joined,
     pixel_box,
     pixels_of,
+    state_box,
     unit_box,
 )
 from calfree_gym.envs.vector import ArmVectorEnv
@@ -54,15 +55,16 @@ class Grasping(ArmShared):
         return GraspingArms(observation=self._kind, **self._arguments)
 
     def _spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
-        registers = len(self.arms.robot.motors) + 1
-        felt, seen = registers + 1, 2 * len(POINTS) + 2 * (2 * len(POINTS) - 2)
+        registers, bound = len(self.arms.robot.motors), self.arms.register_bound
+        flags, others = 2 * len(POINTS), 2 * (2 * len(POINTS) - 2)
         boxes: dict[str, spaces.Space[Any]]
         if self._kind in GOALS:
             boxes = {key: unit_box(5) for key in ("achieved_goal", "desired_goal")}
-            boxes["observation"] = unit_box(felt + seen)
+            boxes["observation"] = state_box(flags, registers, 2 + others, bound)
         else:
-            boxes = {"pixels": pixel_box(self._arguments["image_size"]), "observation": unit_box(felt)}
-        return spaces.Dict(boxes), action_space(registers)
+            boxes = {"pixels": pixel_box(self._arguments["image_size"])}
+            boxes["observation"] = state_box(0, registers, 2, bound)
+        return spaces.Dict(boxes), action_space(registers + 1)
 
     def is_solved(self, truth: Mapping[str, Any]) -> bool:
         """Whether the truth of an arm's info says that the task is done."""
@@ -78,7 +80,7 @@ class Grasping(ArmShared):
         desired = joined(arms.goals, np.ones((rows, 1)))
         observed: Observation = {}
         openings = np.minimum(np.maximum(arms.openings, 0.0), 1.0)
-        felt = [arms.registers, arms.jaws[:, None], openings[:, None]]
+        felt = [arms.told_registers(), arms.jaws[:, None], openings[:, None]]
         if self._kind in GOALS:
             others = (points[:, part].reshape(rows, -1) for part in (_BEFORE, _AFTER))
             state = [visible, *felt, *others]

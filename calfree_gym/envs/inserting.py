@@ -14,7 +14,7 @@ from calfree_gym.envs.arms.inserting_arms import BASE, HOLE, TIP, InsertingArms
 from calfree_gym.envs.reaching import placed_objects
 from calfree_gym.envs.shared import ArmShared, Events, GoalRewards
 from calfree_gym.envs.single import ArmEnv
-from calfree_gym.envs.spaces import Observation, action_space, joined, unit_box
+from calfree_gym.envs.spaces import Observation, action_space, joined, state_box, unit_box
 from calfree_gym.envs.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice, known_arguments
 from calfree_gym.image import IMAGE_SIZE
@@ -61,7 +61,7 @@ class Inserting(GoalRewards, ArmShared):
     def _spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
         words, points = len(self.arms.robot.motors), 2 * len(POINTS)
         boxes: dict[str, spaces.Space[Any]] = {key: unit_box(5) for key in ("achieved_goal", "desired_goal")}
-        boxes["observation"] = unit_box(points + words + 2 * len(_OTHERS))
+        boxes["observation"] = state_box(points, words, 2 * len(_OTHERS), self.arms.register_bound)
         return spaces.Dict(boxes), action_space(words)
 
     def is_solved(self, truth: Mapping[str, Any]) -> bool:
@@ -84,7 +84,7 @@ class Inserting(GoalRewards, ArmShared):
         observed: Observation = {
             "achieved_goal": achieved,
             "desired_goal": desired,
-            "observation": joined(visible, arms.registers, points[:, _OTHERS].reshape(rows, -1)),
+            "observation": joined(visible, arms.told_registers(), points[:, _OTHERS].reshape(rows, -1)),
         }
         return observed, *self._judged(achieved, desired)
 

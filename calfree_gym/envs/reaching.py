@@ -47,7 +47,8 @@ class Reaching(ArmShared):
 
     def _spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
         robot, size = self.arms.robot, self._arguments["image_size"]
-        return observation_space(self._kind, size, self._tell, robot), action_space(len(robot.motors))
+        observed = observation_space(self._kind, size, self._tell, robot, self.arms.register_bound)
+        return observed, action_space(len(robot.motors))
 
     def is_solved(self, truth: Mapping[str, Any]) -> bool:
         """Whether the truth of an arm's info says that the task is done."""

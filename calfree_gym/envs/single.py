@@ -182,6 +182,9 @@ class StereoArmEnv(Reaching, ArmEnv):
     | desired_goal | (4,) | the object's sensor vector |
     | observation | (7,) | 1 where seen now: gripper left, right, object left, right; then 3 registers |
 
+    Registers tell what was executed, as exactly as the world does. They are within +-1, or as far as words of
+    the worlds that the environment is made with add up (`World.word_gain`).
+
     A point is seen if it is in front of a camera and inside its image; with `occlusion` also only where
     neither the arm nor a mark nor a thing in the way hides its marks. A point that is not seen keeps its last
     value of this trial; before it is first seen it is (0, 0), the centre. One that would show a rendezvous
@@ -229,7 +232,7 @@ class StereoArmEnv(Reaching, ArmEnv):
 
     Args:
         world: A `World`, also as the dict of its `to_dict`, or the distribution to draw from: "nominal",
-            "coarse", "wild".
+            "coarse", "wild", "rough".
         arm: "movemaster" (the paper's), a `calfree_gym.Arm`, or a mapping of its arguments.
         camera_mount: "waist" (cameras on the body that the first motor moves, turning with it: the object
             then moves in the images, and hindsight relabelling is not valid), "stand" (in the room), the name

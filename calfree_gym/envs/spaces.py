@@ -23,7 +23,9 @@ FARTHEST = 100.0
 """Bound of depths (m)."""
 
 
-def observation_space(kind: str, image_size: int, tell: Sequence[str], robot: Robot) -> spaces.Dict[Any]:
+def observation_space(
+    kind: str, image_size: int, tell: Sequence[str], robot: Robot, register_bound: float = 1.0
+) -> spaces.Dict[Any]:
     """The observations of one arm.
 
     Args:
@@ -31,6 +33,7 @@ def observation_space(kind: str, image_size: int, tell: Sequence[str], robot: Ro
         image_size: Width and height in pixels of the images.
         tell: Names of privileged quantities, see `PRIVILEGED`.
         robot: The arm.
+        register_bound: Of registers.
     """
     boxes: dict[str, spaces.Space[Any]] = {}
     registers, size = len(robot.motors), image_size
@@ -42,10 +45,10 @@ def observation_space(kind: str, image_size: int, tell: Sequence[str], robot: Ro
         boxes |= {f"{name}_image": spaces.Box(0, 255, (size, size, 3), np.uint8) for name in CAMERAS}
     else:
         boxes |= {f"{name}_depth": spaces.Box(0.0, FARTHEST, (size, size), np.float32) for name in CAMERAS}
-    boxes["observation"] = unit_box(registers + 4 * (kind in GOALS))
+    boxes["observation"] = state_box(4 * (kind in GOALS), registers, 0, register_bound)
     for name in tell:
         quantity = PRIVILEGED[name]
-        bound = quantity.bound(robot)
+        bound = quantity.bound(robot, register_bound)
         boxes[name] = spaces.Box(-bound, bound, (quantity.size(robot),), np.float32)
     return spaces.Dict(boxes)
 
@@ -53,6 +56,13 @@ def observation_space(kind: str, image_size: int, tell: Sequence[str], robot: Ro
 def unit_box(size: int) -> spaces.Box[Any]:
     """Numbers in [-1, 1]."""
     return spaces.Box(-1.0, 1.0, (size,), np.float32)
+
+
+def state_box(before: int, registers: int, behind: int, register_bound: float) -> spaces.Box[Any]:
+    """Registers within their bound; so many numbers in [-1, 1] before and behind them."""
+    most = np.ones(before + registers + behind, np.float32)
+    most[before : before + registers] = register_bound
+    return spaces.Box(-most, most)
 
 
 def pixel_box(size: int) -> spaces.Box[Any]:
@@ -72,7 +82,7 @@ def joined(*parts: NDArray[Any]) -> NDArray[np.float32]:
 
 def observations(kind: str, tell: Sequence[str], arms: StereoArms) -> Observation:
     """What all rows deliver now, batched."""
-    registers = arms.registers.astype(np.float32)
+    registers = arms.told_registers().astype(np.float32)
     points, visible, *images = arms.delivered
     observed: Observation
     if kind in GOALS:

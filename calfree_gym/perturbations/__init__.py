@@ -3,8 +3,8 @@
 To add a perturbation:
 
 1. Write a frozen dataclass, derived from `base.Perturbation`, in the module of what it changes: `camera`,
-   `arm`, `image`, `image_points` or `occluder`. Its docstring says what it changes and what it draws for
-   omitted settings; it becomes part of the documentation.
+   `arm`, `registers`, `image`, `image_points` or `occluder`. Its docstring says what it changes and what it
+   draws for omitted settings; it becomes part of the documentation.
 2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`,
    `base.one_of_the_arms`, `base.amount`, `base.factor` or `base.setting`.
 3. Define `change(world, robot)`, which returns a new world; every setting is given there. For one entry of an
@@ -44,6 +44,14 @@ from calfree_gym.perturbations.camera import (
 from calfree_gym.perturbations.image import Blur, Exposure, ImageNoise, Light
 from calfree_gym.perturbations.image_points import Latency, PointDropout, PointNoise, PointOutliers
 from calfree_gym.perturbations.occluder import Occluder
+from calfree_gym.perturbations.registers import (
+    DeadZone,
+    GearRipple,
+    LongestMotion,
+    RegisterNoise,
+    RegisterStep,
+    Shortfall,
+)
 from calfree_gym.perturbations.schedule import parse_schedule
 from calfree_gym.perturbations.types import TYPES, parse_perturbation
 
@@ -56,13 +64,16 @@ __all__ = [
     "CameraRoll",
     "CameraShift",
     "CameraZoom",
+    "DeadZone",
     "Exposure",
+    "GearRipple",
     "ImageNoise",
     "JointZero",
     "Latency",
     "Lens",
     "Light",
     "LinkLength",
+    "LongestMotion",
     "MotorGain",
     "MotorSign",
     "Occluder",
@@ -70,7 +81,10 @@ __all__ = [
     "PointDropout",
     "PointNoise",
     "PointOutliers",
+    "RegisterNoise",
+    "RegisterStep",
     "Repeatability",
+    "Shortfall",
     "parse_perturbation",
     "parse_schedule",
 ]

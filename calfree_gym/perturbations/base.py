@@ -121,10 +121,14 @@ class Perturbation:
         return {f.name: f.metadata["setting"] for f in fields(cls)}  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
-        for name, allowed in self.settings().items():
-            value = getattr(self, name)
-            if value is not None and (wrong := allowed.wrong(value)):
-                raise ValueError(f"{self.type}.{name} is {value!r}; {wrong}")
+        for name in self.settings():
+            if (value := getattr(self, name)) is not None:
+                self.check(name, value)
+
+    def check(self, name: str, value: Any) -> None:
+        """Raises ValueError where a setting may not have this value; says what it may be."""
+        if wrong := self.settings()[name].wrong(value):
+            raise ValueError(f"{self.type}.{name} is {value!r}; {wrong}")
 
     def check_fits(self, robot: Robot) -> None:
         """Raises where a part that it names is none of the arm's.
@@ -206,26 +210,28 @@ class CameraFactor(Perturbation):
 
 
 class Level(Perturbation):
-    """Sets the field that its type names, or a camera's entry of it; as a drift, adds to it.
+    """Sets the field that its type names, or a camera's or motor's entry of it; as a drift, adds to it.
 
     Attributes:
-        quantity: The setting that holds the level; another one may be the camera.
+        quantity: The setting that holds the level; another one may be the camera or the motor.
     """
 
     quantity: ClassVar[str]
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        return with_entry(world, self.type, self._entry, getattr(self, self.quantity))
+        return with_entry(world, self.type, self._entry(robot), getattr(self, self.quantity))
 
     def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
-        step = getattr(self, self.quantity)
-        there = getattr(world, self.type)[self._entry].item() + (-step if back else step)
-        if self.settings()[self.quantity].whole:
-            there = int(there)
-        return replace(self, **{self.quantity: there}).change(world)  # type: ignore[type-var]
+        place, step = self._entry(robot), getattr(self, self.quantity)
+        there = getattr(world, self.type)[place] + (-step if back else step)
+        whole = self.settings()[self.quantity].whole
+        for level in np.ravel(there).tolist():
+            self.check(self.quantity, int(level) if whole else level)
+        return with_entry(world, self.type, place, there)
 
-    @property
-    def _entry(self) -> int | tuple[()]:
+    def _entry(self, robot: Robot) -> int | tuple[()]:
+        if hasattr(self, "motor"):
+            return robot.motors.index(self.motor)
         return CAMERAS.index(self.camera) if hasattr(self, "camera") else ()
 
 

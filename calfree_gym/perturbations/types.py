@@ -19,6 +19,14 @@ from calfree_gym.perturbations.camera import (
 from calfree_gym.perturbations.image import Blur, Exposure, ImageNoise, Light
 from calfree_gym.perturbations.image_points import Latency, PointDropout, PointNoise, PointOutliers
 from calfree_gym.perturbations.occluder import Occluder
+from calfree_gym.perturbations.registers import (
+    DeadZone,
+    GearRipple,
+    LongestMotion,
+    RegisterNoise,
+    RegisterStep,
+    Shortfall,
+)
 
 TYPES: dict[str, type[Perturbation]] = {
     cls.type: cls
@@ -35,6 +43,12 @@ TYPES: dict[str, type[Perturbation]] = {
         MotorSign,
         Backlash,
         Repeatability,
+        RegisterNoise,
+        RegisterStep,
+        Shortfall,
+        LongestMotion,
+        DeadZone,
+        GearRipple,
         PointNoise,
         PointOutliers,
         PointDropout,

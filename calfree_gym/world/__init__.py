@@ -13,11 +13,12 @@ from calfree_gym.world.distributions import (
     nominal,
     wild_camera,
 )
-from calfree_gym.world.value import MAX_TEXTURE, World
+from calfree_gym.world.value import MAX_SHORTFALL, MAX_TEXTURE, World
 
 __all__ = [
     "DISTRIBUTIONS",
     "FOCAL_LENGTH",
+    "MAX_SHORTFALL",
     "MAX_TEXTURE",
     "WILD_AMBIENT",
     "WILD_ELEVATION",

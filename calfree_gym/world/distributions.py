@@ -1,9 +1,9 @@
-"""How worlds are drawn: as built, coarsely calibrated, or wild."""
+"""How worlds are drawn: as built, coarsely calibrated, wild, or rough."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,8 @@ WILD_ELEVATION, WILD_STRENGTH, WILD_AMBIENT = (30, 80), (0.3, 0.8), (0.3, 0.6)
 """Of the lamp of wild worlds, the first in degrees. Choice: every place of a room with one lamp."""
 SPAN_OF_A_HINGE = 2.0
 """What a slide's span is compared with (rad), where quantities of hinges are drawn in degrees."""
+ENCODER_STEP, DETENT = 360 / 4096, 360 / 29
+"""Of a hobby servo's encoder and of its gears, in degrees: see docs/worlds.md."""
 
 
 def nominal(robot: Robot = MOVEMASTER) -> World:
@@ -100,6 +102,26 @@ def _wild(draw: Draw, robot: Robot) -> World:
     )
 
 
+def _rough(draw: Draw, robot: Robot) -> World:
+    """A wild arm with hobby servos; the numbers and their sources are in docs/worlds.md."""
+    wild, motors = _wild(draw, robot), len(robot.motors)
+    degree = np.radians(np.where(robot.slides, robot.span / SPAN_OF_A_HINGE, 1.0))
+    registers = degree / (robot.span * wild.motor_gain)
+    ripple = draw("gear_ripple")
+    return replace(
+        wild,
+        register_noise=draw("register_noise").uniform(0.03, 0.06, motors) * registers,
+        register_step=ENCODER_STEP * registers,
+        shortfall=draw("shortfall").uniform(0.0, 0.02, motors),
+        backlash=draw("backlash").uniform(0.5, 1.3, motors) * degree,
+        repeatability=draw("repeatability").uniform(0.05, 0.15, motors) * degree,
+        dead_zone=draw("dead_zone").uniform(1.0, 3.0, motors) * ENCODER_STEP * registers,
+        gear_ripple=np.stack(
+            [DETENT * registers, ripple.uniform(-np.pi, np.pi, motors), ripple.uniform(0, 0.07, motors)], -1
+        ),
+    )
+
+
 def wild_light(rng: np.random.Generator) -> dict[str, Any]:
     """The lamp's fields: 30 to 80 degrees above the table, anywhere around it."""
     around, above = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(*WILD_ELEVATION))
@@ -152,12 +174,13 @@ DISTRIBUTIONS: dict[str, Callable[[Draw, Robot], World]] = {
     "nominal": _nominal,
     "coarse": _coarse,
     "wild": _wild,
+    "rough": _rough,
 }
 
 
 @dataclass(frozen=True)
 class WorldDistribution:
-    """How to draw a world: "nominal", "coarse" or "wild".
+    """How to draw a world: "nominal", "coarse", "wild" or "rough".
 
     Every group of fields has a random stream of its own, so that a new field changes no other draw.
     """
@@ -170,6 +193,11 @@ class WorldDistribution:
                 f"unknown world {self.name!r}{near_misses(self.name, DISTRIBUTIONS)}; a world is a "
                 f"calfree_gym.World or one of {', '.join(DISTRIBUTIONS)}"
             )
+
+    @property
+    def register_bound(self) -> float:
+        """As `World.register_bound`, of all that it draws."""
+        return 1.0
 
     def sample(self, seed: int, attempt: int = 0, trial: int = 0, robot: Robot = MOVEMASTER) -> World:
         """The world of `seed`.

@@ -12,6 +12,8 @@ from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.vision.latency import MAX_LATENCY
 
+MAX_TEXTURE = 2**31 - 1
+MAX_SHORTFALL = 0.9
 BUILT_LIGHT = np.array([-0.2, 0.45, -1.0]) / np.linalg.norm([-0.2, 0.45, -1.0])
 """Where the built robot's lamp shines."""
 
@@ -21,7 +23,8 @@ class World:
     """Cameras, arm, motors, measurement and light of one robot. Compares by value; arrays are read-only.
 
     The fields from `light_direction` on matter to rendered images alone, `occluder` where points can be
-    hidden, and the last two where objects are grasped.
+    hidden, and the last two where objects are grasped. Those from `backlash` to `gear_ripple` may be given as
+    one value for all motors.
 
     Attributes:
         camera_position: Optical centres (2, 3) in m, left then right: in the room, with their mount where it
@@ -35,13 +38,21 @@ class World:
         joint_zeros: True minus assumed position of the arm's joints, in rad or m (k,).
         motor_sign: +1 or -1 (m,), one a motor.
         motor_gain: Relative to the built robot's (m,), positive.
-        motor_curvature: Of the map from register to position (m,), see `motors`.
+        motor_curvature: Of the map from register to position (m,), see `motors.map`.
         point_noise: Standard deviation of an image coordinate in pixels ().
         point_outliers: Share of the points of an observation that stand anywhere in the image instead ().
         point_dropout: Share of the points of an observation that are not seen ().
         latency: Delay of image points and flags in motions (), a whole number.
         backlash: By how much a joint's position differs between both directions of motion, in rad or m (m,).
         repeatability: Standard deviation of a joint's position after a motion, in rad or m (m,).
+        register_noise: Standard deviation of a register as delivered (m,), in registers.
+        register_step: Delivered registers are whole multiples of it (m,); 0: exact.
+        shortfall: Share of each word that is not executed (m,); registers tell what was.
+        longest_motion: The largest word that one motion executes (m,); registers tell what was executed.
+        word_gain: How many times as far a word moves the motor (m,): registers end at +-1 / word_gain.
+        dead_zone: Words of at most this size (m,) leave the joint where it is; registers count them.
+        gear_ripple: Period, phase in rad and depth (m, 3): along the register the motor's gain varies between
+            1 - depth and 1 + depth, see `motors.map`; periods are registers at a `word_gain` of 1.
         light_direction: Where the lamp shines (3,), of unit length, in the room.
         light_strength: How brightly it lights what faces it (), relative to white.
         light_ambient: How brightly all is lit from everywhere (), likewise.
@@ -69,8 +80,15 @@ class World:
     point_outliers: Array = field(default_factory=lambda: np.zeros(()))
     point_dropout: Array = field(default_factory=lambda: np.zeros(()))
     latency: Array = field(default_factory=lambda: np.zeros(()))
-    backlash: Array = field(default_factory=lambda: np.zeros(0))
-    repeatability: Array = field(default_factory=lambda: np.zeros(0))
+    backlash: Array = field(default_factory=lambda: np.zeros(()))
+    repeatability: Array = field(default_factory=lambda: np.zeros(()))
+    register_noise: Array = field(default_factory=lambda: np.zeros(()))
+    register_step: Array = field(default_factory=lambda: np.zeros(()))
+    shortfall: Array = field(default_factory=lambda: np.zeros(()))
+    longest_motion: Array = field(default_factory=lambda: np.ones(()))
+    word_gain: Array = field(default_factory=lambda: np.ones(()))
+    dead_zone: Array = field(default_factory=lambda: np.zeros(()))
+    gear_ripple: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
     light_direction: Array = field(default_factory=BUILT_LIGHT.copy)
     light_strength: Array = field(default_factory=lambda: np.array(0.6))
     light_ambient: Array = field(default_factory=lambda: np.array(0.5))
@@ -84,9 +102,6 @@ class World:
 
     def __post_init__(self) -> None:
         motors = np.size(self.motor_sign)
-        for name in ("backlash", "repeatability"):
-            if np.shape(getattr(self, name)) == (0,):  # not given: none
-                object.__setattr__(self, name, np.zeros(motors))
         for entry in fields(self):
             given = getattr(self, entry.name)
             try:
@@ -94,6 +109,8 @@ class World:
             except (TypeError, ValueError):
                 raise ValueError(f"World.{entry.name} is {given!r}; it must be numbers") from None
             shape = tuple(motors if size == "m" else size for size in _SHAPES[entry.name])
+            if entry.name in _OF_ALL_MOTORS and array.shape == shape[1:]:
+                array = np.tile(array, (motors,) + (1,) * array.ndim)
             if array.ndim != len(shape) or any(
                 size not in ("k", "l", found) for size, found in zip(shape, array.shape, strict=True)
             ):
@@ -115,11 +132,21 @@ class World:
         for name in _NOT_NEGATIVE:
             if (getattr(self, name) < 0).any():
                 raise ValueError(f"World.{name} must not be negative, found {getattr(self, name)}")
+        for name, (least, most) in _WITHIN.items():
+            if ((getattr(self, name) < least) | (getattr(self, name) > most)).any():
+                raise ValueError(
+                    f"World.{name} must be in [{least:g}, {most:g}], found {getattr(self, name)}"
+                )
+        if (self.longest_motion > 1).any():
+            raise ValueError(f"World.longest_motion must be in (0, 1], found {self.longest_motion}")
+        period, _, depth = self.gear_ripple.T
+        if not ((period >= 1e-3) & (period <= 1e3) & (depth >= 0) & (depth < 1)).all():
+            raise ValueError(
+                "World.gear_ripple must have periods (first) in [0.001, 1000] and depths (third) in [0, 1), "
+                f"found {self.gear_ripple.tolist()}"
+            )
         if (self.occluder[3:] < 0).any():
             raise ValueError(f"World.occluder has a negative radius or height: {self.occluder}")
-        for name in ("point_outliers", "point_dropout"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"World.{name} must be in [0, 1], found {getattr(self, name)}")
         if self.latency not in range(MAX_LATENCY + 1):
             raise ValueError(
                 f"World.latency must be a whole number from 0 to {MAX_LATENCY}, found {self.latency}"
@@ -162,6 +189,11 @@ class World:
             raise ValueError(f"a World has no field {', '.join(unknown)}; it has {', '.join(_SHAPES)}")
         return cls(**values)
 
+    @property
+    def register_bound(self) -> float:
+        """Registers are within +- this, and observation spaces within +-1 or more."""
+        return max(1.0, float(1 / self.word_gain.min()))
+
     def check_fits(self, robot: Robot) -> None:
         """Raises where this is no world of that arm.
 
@@ -199,6 +231,13 @@ _SHAPES: dict[str, tuple[int | str, ...]] = {
     "latency": (),
     "backlash": ("m",),
     "repeatability": ("m",),
+    "register_noise": ("m",),
+    "register_step": ("m",),
+    "shortfall": ("m",),
+    "longest_motion": ("m",),
+    "word_gain": ("m",),
+    "dead_zone": ("m",),
+    "gear_ripple": ("m", 3),
     "light_direction": (3,),
     "light_strength": (),
     "light_ambient": (),
@@ -210,14 +249,27 @@ _SHAPES: dict[str, tuple[int | str, ...]] = {
     "object_mass": (),
     "object_friction": (),
 }
-_POSITIVE = ("focal_length", "link_lengths", "motor_gain", "exposure", "object_mass", "object_friction")
+_OF_ALL_MOTORS = (
+    *("backlash", "repeatability", "register_noise", "register_step", "shortfall", "longest_motion"),
+    *("word_gain", "dead_zone", "gear_ripple"),
+)
+"""Fields of which one value may be given for all motors."""
+_POSITIVE = (
+    *("focal_length", "link_lengths", "motor_gain", "longest_motion", "exposure"),
+    *("object_mass", "object_friction"),
+)
 _NOT_NEGATIVE = (
     "point_noise",
     "backlash",
     "repeatability",
+    "register_noise",
+    "register_step",
     "light_strength",
     "light_ambient",
     "blur",
     "image_noise",
 )
-MAX_TEXTURE = 2**31 - 1
+_WITHIN = {
+    **{"point_outliers": (0.0, 1.0), "point_dropout": (0.0, 1.0)},
+    **{"shortfall": (0.0, MAX_SHORTFALL), "word_gain": (1e-3, 1e3), "dead_zone": (0.0, 1.0)},
+}

@@ -115,7 +115,7 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         if self._filming:
             assert marks is not None
             self._announce(before)
-            predicted = self.predicted(self._arms.registers[0])
+            predicted = self.predicted(self._arms.told_registers()[0])
             self._status, self._marks = status, marks.lingering(predicted)
             self._travel(before, float(info["robot_seconds"]) - LOOK_SECONDS)
         self._status = status._replace(

@@ -124,6 +124,9 @@ OF_ANY_ARM = [
     {"drift": {"per": "trial"}, "do": {"type": "joint_zero"}},
     {"at": {"motion": 2}, "do": {"type": "backlash"}},
     {"at": {"trial": 0}, "do": {"type": "repeatability"}},
+    {"at": {"trial": 0}, "do": {"type": "register_noise"}},
+    {"at": {"motion": 1}, "do": {"type": "dead_zone", "words": 0.1}},
+    {"at": {"motion": 3}, "do": {"type": "gear_ripple"}},
 ]
 
 

@@ -15,6 +15,7 @@ from calfree_gym.robot.motors import MotorMap, curve_inverse
 from calfree_gym.robot.workspace import Workspaces, first_in_view, in_view
 from calfree_gym.vision.cameras import image_points, undistort
 from calfree_gym.world import FOCAL_LENGTH
+from tests.arms.every import arm_named
 
 
 @settings(max_examples=40)
@@ -61,6 +62,16 @@ def test_worlds_are_read_only():
         ({"image_noise": [np.inf, 0]}, "image_noise must be finite"),
         ({"occluder": [0, 0, 0, -0.1, 0]}, "occluder has a negative radius or height"),
         ({"occluder": [0, 0, 0, 0.1]}, r"occluder has shape \(4,\); it must be \(5,\)"),
+        ({"register_noise": -1e-3}, "register_noise must not be negative"),
+        ({"register_step": [0, 0, -1]}, "register_step must not be negative"),
+        ({"shortfall": 0.91}, r"shortfall must be in \[0, 0.9\], found \[0.91"),
+        ({"longest_motion": 0}, "longest_motion must be positive"),
+        ({"longest_motion": [1, 1, 1.1]}, r"longest_motion must be in \(0, 1\]"),
+        ({"word_gain": 0}, r"word_gain must be in \[0.001, 1000\]"),
+        ({"dead_zone": [0, 2, 0]}, r"dead_zone must be in \[0, 1\]"),
+        ({"gear_ripple": (0, 0, 0.1)}, r"gear_ripple must have periods \(first\) in \[0.001, 1000\]"),
+        ({"gear_ripple": (0.1, 0, 1)}, r"and depths \(third\) in \[0, 1\), found \[\[0.1, 0.0, 1.0\]"),
+        ({"gear_ripple": 0.1}, r"gear_ripple has shape \(\); it must be \(3, 3\)"),
     ],
 )
 def test_worlds_that_cannot_be(fields, message):
@@ -123,6 +134,20 @@ def test_light_and_images_are_drawn_apart_and_move_no_other_draw(name):
     assert digest.hexdigest()[:16] == BEFORE[name]
 
 
+FIELDS_OF_SERVOS = (
+    *("register_noise", "register_step", "shortfall", "backlash", "repeatability", "dead_zone"),
+    "gear_ripple",
+)
+ROUGH = {
+    "noise": (0.03, 0.06),
+    "shortfall": (0, 0.02),
+    "backlash": (0.5, 1.3),
+    "repeatability": (0.05, 0.15),
+    "dead_zone": (1, 3),
+    "depth": (0, 0.07),
+}
+
+
 def test_wild_worlds_fill_the_ranges_they_are_said_to_have():
     worlds = [WorldDistribution("wild").sample(seed) for seed in range(400)]
 
@@ -148,6 +173,30 @@ def test_wild_worlds_fill_the_ranges_they_are_said_to_have():
     assert {tuple(w.motor_sign) for w in worlds} == {
         (a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)
     }
+
+
+@pytest.mark.parametrize("name", ["movemaster", "scara", "gantry"])
+def test_rough_worlds_are_wild_ones_with_the_servos_of_a_hobby_arm(name):
+    """In degrees of the joint; a slide's span counts as 2 rad."""
+    robot = MOVEMASTER if name == "movemaster" else arm_named(name).robot
+    found = {field: [] for field in ("noise", "shortfall", "backlash", "repeatability", "dead_zone", "depth")}
+    degree = np.array([s / 2 if slides else 1.0 for s, slides in zip(robot.span, robot.slides, strict=True)])
+    for seed in range(100):
+        world, wild = (WorldDistribution(kind).sample(seed, robot=robot) for kind in ("rough", "wild"))
+        hidden = {each: getattr(wild, each) for each in FIELDS_OF_SERVOS}
+        assert replace(world, **hidden) == wild
+        turn = np.degrees(robot.span * world.motor_gain) / degree  # of the joint, from home to register 1
+        np.testing.assert_allclose(world.register_step * turn, 360 / 4096)
+        np.testing.assert_allclose(world.gear_ripple[:, 0] * turn, 360 / 29)
+        found["noise"] += list(world.register_noise * turn)
+        found["shortfall"] += list(world.shortfall)
+        found["dead_zone"] += list(world.dead_zone / world.register_step)
+        found["depth"] += list(world.gear_ripple[:, 2])
+        for error in ("backlash", "repeatability"):
+            found[error] += list(np.degrees(getattr(world, error)) / degree)
+    for field, (low, high) in ROUGH.items():
+        assert low <= min(found[field]) < low + 0.1 * (high - low), field
+        assert high - 0.1 * (high - low) < max(found[field]) <= high, field
 
 
 @pytest.mark.parametrize("mount", MOUNTS)

@@ -15,8 +15,7 @@ from calfree_gym.envs.arms.state import RowState, arm_state, check_fits, check_s
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.perturbations.application import Applied, PerturbationScheduler
 from calfree_gym.robot.arms.robot import Robot
-from calfree_gym.robot.motor_errors import MotorErrors
-from calfree_gym.robot.motors import MotorMap
+from calfree_gym.robot.motors import MotorErrors, MotorMap, Registers
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.robot.workspace import Workspaces, check_in_view, first_in_view
 from calfree_gym.vision.latency import Latency
@@ -31,7 +30,8 @@ class Arms(ABC):
     """N arms with stereo cameras, stepped together.
 
     Attributes:
-        registers: Executed sums of control words since home (N, m).
+        registers: Sums of what was executed since home (N, m), in [-1, 1].
+        register_bound: Registers are told within +- this.
         points: Image points (N, p, 2) as last seen, left and right of each point in turn.
         visible: Which of them (N, p) the last observation saw.
         delivered: Image points (N, p, 2), flags (N, p) and what else is observed (N, ...), as the controller
@@ -61,7 +61,7 @@ class Arms(ABC):
     )
     may_stop_short: ClassVar[bool] = False
     """Whether something may stop an arm on its way, see `stopped_short`."""
-    parts: ClassVar[tuple[str, ...]] = ("simulation", "_motor_errors", "_latency", "_scheduler")
+    parts: ClassVar[tuple[str, ...]] = ("simulation", "_registers", "_motor_errors", "_latency", "_scheduler")
     """Names of what has a state of its own."""
     shown_points: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
     """Which of the image points are the gripper's and the object's, left and right of each."""
@@ -93,15 +93,17 @@ class Arms(ABC):
             rows, perturbations, robot, self.mounts, keep_in_view, self.as_seen, self.can_begin
         )
         self._choices = world_choices(world, rows)
+        self.register_bound = max(choice.register_bound for choice in self._choices)
+        self._registers = Registers(self.motors, self.register_bound)
+        self.registers = self._registers.executed
         self._redraws = redraw == "trial"
         self._keep_in_view = keep_in_view
         for choice in dict.fromkeys(self._choices):
             if isinstance(choice, World):
-                self._check_in_view(choice)
+                self._check_world(choice)
                 if self._redraws:
                     raise ValueError("redraw='trial' draws worlds: `world` must be a distribution")
         self._worlds: list[World | None] = [None] * rows
-        self.registers = np.zeros((rows, motors))
         self.points = np.zeros((rows, points, 2))
         self.visible = np.zeros((rows, points), bool)
         self.true_points = np.zeros((rows, points, 2))
@@ -112,7 +114,6 @@ class Arms(ABC):
         self._seeds: list[int | None] = [None] * rows
         self._latency = Latency(rows)
         self._all = np.arange(rows)
-        self._stood = np.zeros((rows, motors))
 
     @abstractmethod
     def observe(self) -> None:
@@ -165,13 +166,15 @@ class Arms(ABC):
     def seed_streams(self, row: int, seed: int) -> None:
         """Gives all that draws numbers in `row` its streams."""
         self._seeds[row] = seed
+        self._registers.seed(row, seed)
         self._motor_errors.seed(row, seed)
         self._scheduler.seed(row, seed)
 
     def enter(self, row: int, world: World) -> None:
         """Puts all of a row into `world`."""
         self._worlds[row] = world
-        for part in (self.motors, self._motor_errors, self.simulation, self._workspaces, self._latency):
+        arm = self.motors, self._registers, self._motor_errors, self.simulation
+        for part in (*arm, self._workspaces, self._latency):
             part.set_world(row, world)
 
     def _draw_world(self, distribution: WorldDistribution, row: int, seed: int, trial: int) -> World:
@@ -206,12 +209,12 @@ class Arms(ABC):
         """Puts `row` into `world` from now on; seeds then draw objects and noise only.
 
         Raises:
-            ValueError: The world is not in view.
+            ValueError: The world is not in view, or its registers go beyond the observation space.
             TypeError: It is no `World`.
         """
         if not isinstance(world, World):
             raise TypeError(f"set_world got {type(world).__name__}; it takes a calfree_gym.World")
-        self._check_in_view(world)
+        self._check_world(world)
         self._choices[row] = world
         self._scheduler.forget(row)
         self.enter(row, world)
@@ -230,12 +233,11 @@ class Arms(ABC):
             if self._redraws:
                 self._redraw(indices)
             applied = apply_due(self, self._scheduler, "trial", self.trials, indices)
-            self.registers[rows] = 0.0
             objects = self.next_objects(indices, objects)
         self._begun[rows] = True
         self.trials[rows] += 1
         self._motions_before[rows] = self.motions[rows]
-        home = self.motors.positions(self.registers[rows], rows)
+        home = self._registers.home(rows)
         home = self._motor_errors.at_home(rows, home, self.trials, self.motions_of_trial)
         self.simulation.place(rows, self.motors.angles(home, rows), objects)
         self.points[rows] = 0.0
@@ -258,7 +260,7 @@ class Arms(ABC):
         """
         self.check_begun(rows)
         if self.may_stop_short:
-            self._stood[rows] = self.motors.positions(self.registers[rows], rows)
+            self._registers.depart(rows)
         applied = apply_due(self, self._scheduler, "motion", self.motions, self._all[rows])
         return self.execute(rows, words) + LOOK_SECONDS, applied
 
@@ -268,25 +270,21 @@ class Arms(ABC):
 
     def targets(self, rows: Rows, words: Array) -> Array:
         """Adds control words (n, m) to the registers: joint positions (n, j) to which the arms are sent."""
-        motors = self.motors
-        registers = self.registers[rows] + words
-        registers = np.minimum(np.maximum(registers, motors.lowest[rows]), motors.highest[rows])
-        self.registers[rows] = registers
+        positions = self._registers.move(rows, words)
         self.motions[rows] += 1
-        positions = motors.positions(registers, rows)
         positions = self._motor_errors.after_a_motion(rows, positions, self.trials, self.motions_of_trial)
-        return motors.angles(positions, rows)
+        return self.motors.angles(positions, rows)
 
     def stopped_short(self, row: int, share: float) -> None:
         """An arm stopped at this share of its way in joint positions: registers are of where it stands.
 
         Also where the world has changed right before the motion: the way begins where the arm stood.
         """
-        rows, start = np.array([row]), self._stood[row]
-        end = self.motors.positions(self.registers[rows], rows)[0]
-        self.registers[row] = self.motors.registers(start + share * (end - start), row)
-        here = self.motors.positions(self.registers[rows], rows)[0]
-        self._motor_errors.stopped(row, here, share)
+        self._motor_errors.stopped(row, self._registers.stop(row, share), share)
+
+    def told_registers(self) -> Array:
+        """Registers (N, m) as the controller gets them."""
+        return self._registers.told(self.trials, self.motions_of_trial)
 
     @property
     def motions_of_trial(self) -> NDArray[np.int64]:
@@ -314,6 +312,8 @@ class Arms(ABC):
                 the row is then as before.
         """
         check_state(state, self.robot, self.mounts, (*self.parts, "delivered"))
+        if (world := state["_worlds"]) is not None:
+            self._registers.check_fits(world)
         check_fits(self, row, state)
         for name in self.parts:
             check_fits(getattr(self, name), row, state[name], f"{name}.")
@@ -321,7 +321,7 @@ class Arms(ABC):
             raise ValueError(f"the state delivers {found} arrays; it must be {len(self.delivered)}")
         if (seed := state["_seeds"]) is not None and seed != self._seeds[row]:
             self.seed_streams(row, seed)
-        if (world := state["_worlds"]) is not None and world is not self._worlds[row]:
+        if world is not None and world is not self._worlds[row]:
             self.enter(row, world)
         self.true_points = self.true_points.copy()  # infos have given it away
         restore(self, row, state)
@@ -339,7 +339,8 @@ class Arms(ABC):
                 self._scheduler.forget(row)
                 self.enter(row, self._draw_world(choice, row, seed, int(self.trials[row])))
 
-    def _check_in_view(self, world: World) -> None:
+    def _check_world(self, world: World) -> None:
         world.check_fits(self.robot)
+        self._registers.check_fits(world)
         if self._keep_in_view:
             check_in_view(self.as_seen(world), self.robot, self.mounts)

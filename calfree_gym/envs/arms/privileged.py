@@ -17,12 +17,12 @@ class Privileged(NamedTuple):
 
     Attributes:
         size: How many numbers, for an arm.
-        bound: Of their magnitude, for an arm.
+        bound: Of their magnitude, for an arm whose registers have this bound.
         of: Gives them for all rows (N, size).
     """
 
     size: Callable[[Robot], int]
-    bound: Callable[[Robot], float]
+    bound: Callable[[Robot, float], float]
     of: Callable[[StereoArms], NDArray[np.float64]]
 
 
@@ -38,21 +38,21 @@ def joint_zeros(arms: StereoArms) -> NDArray[np.float64]:
 PRIVILEGED = {
     "joint_angles": Privileged(
         lambda robot: len(robot.built_home),
-        lambda robot: max(2 * np.pi, 1.1 * float(np.abs(robot.stops).max())),  # repeatability passes stops
+        lambda robot, _: max(2 * np.pi, 1.1 * float(np.abs(robot.stops).max())),  # repeatability passes stops
         lambda arms: arms.simulation.joints(),
     ),
     "joint_zeros": Privileged(
         lambda robot: len(robot.joints),
-        lambda robot: np.pi,
+        lambda robot, _: np.pi,
         joint_zeros,
     ),
     "gripper_position": Privileged(
         lambda robot: 3,
-        lambda robot: max(5.0, float(np.abs(robot.rig.target).max()) + 4 * robot.rig.scale),
+        lambda robot, _: max(5.0, float(np.abs(robot.rig.target).max()) + 4 * robot.rig.scale),
         lambda arms: arms.simulation.positions()[0],
     ),
     "object_registers": Privileged(
-        lambda robot: len(robot.motors), lambda robot: 1.0, lambda arms: arms.object_registers()
+        lambda robot: len(robot.motors), lambda robot, bound: bound, lambda arms: arms.object_registers()
     ),
 }
 """True joint positions (rad or m; of the RV-M2 J1-J5), joint zeros (of the RV-M2 J1-J4), the gripper point in

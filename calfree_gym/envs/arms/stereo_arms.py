@@ -147,7 +147,7 @@ class StereoArms(Arms):
         self._sight.close()
 
     def object_registers(self) -> Array:
-        """Registers (N, m) at which the gripper is at the object, or as near as the motors let it.
+        """Registers (N, m), as sums of words, at which the gripper is at the object, or as near as can be.
 
         Where several postures lead there, the one by which the object was drawn, which the cameras see.
         """
@@ -159,7 +159,7 @@ class StereoArms(Arms):
                 drawn_at: Array = self._drawn_at[row]
                 near = None if np.isnan(drawn_at).any() else drawn_at
                 self._object_registers[row] = self._workspaces.registers_at(row, objects[row], near)
-        return self._object_registers.copy()
+        return self._registers.in_words(self._object_registers)
 
     def error_px(self) -> Array:
         """Noise-free image distances (N,) in pixels, of the camera that sees the larger one."""

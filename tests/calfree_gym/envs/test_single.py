@@ -212,7 +212,7 @@ def test_bad_actions(action, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"world": "wlid"}, "'wlid'.*did you mean wild.*nominal, coarse, wild"),
+        ({"world": "wlid"}, "'wlid'.*did you mean wild.*nominal, coarse, wild, rough"),
         ({"world": 3}, "unknown world 3"),
         ({"world": {"focal_length": [300, 300]}}, "a World lacks camera_orientation"),
         ({"world": {**nominal().to_dict(), "focus": 1}}, "a World has no field focus"),

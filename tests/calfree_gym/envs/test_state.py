@@ -23,6 +23,9 @@ SCHEDULE = [
     {"at": {"trial": 1}, "do": {"type": "latency", "motions": 2}},
     {"at": {"trial": 1}, "do": {"type": "repeatability"}},
     {"at": {"motion": 14}, "undo": 0},
+    {"at": {"motion": 3}, "do": {"type": "dead_zone", "motor": "shoulder", "words": 0.1}},
+    {"at": {"trial": 1}, "do": {"type": "register_noise"}},
+    {"at": {"motion": 8}, "undo": 6},
 ]
 ARGUMENTS = {
     "perturbations": SCHEDULE,

@@ -1,6 +1,7 @@
 """Perturbations against what they mean for the images."""
 
 import textwrap
+from dataclasses import replace
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -17,11 +18,16 @@ from calfree_gym.perturbations import (
     CameraRoll,
     CameraShift,
     CameraZoom,
+    DeadZone,
+    GearRipple,
     JointZero,
     LinkLength,
+    LongestMotion,
     MotorGain,
     MotorSign,
     PointNoise,
+    RegisterNoise,
+    Shortfall,
     parse_perturbation,
 )
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
@@ -85,6 +91,32 @@ def test_arm_and_motor_perturbations_do_what_they_say():
     np.testing.assert_allclose(reversed_[0], seen(built, (-0.1, 0, 0))[0], atol=1e-9)
 
 
+def test_perturbations_of_registers_are_of_all_motors_or_of_one_and_drifts_add_to_what_each_has():
+    built = replace(nominal(), register_noise=[0.1, 0.2, 0.3], dead_zone=0.1)
+    assert RegisterNoise(0.01).apply(built, RNG(0)).register_noise.tolist() == [0.01] * 3
+    noisier = RegisterNoise(0.01).drift(built)
+    np.testing.assert_allclose(noisier.register_noise, [0.11, 0.21, 0.31])
+    with pytest.raises(ValueError, match=r"register_noise.registers is -0.*from 0 to 1"):
+        RegisterNoise(0.15).drift(built, back=True)
+    np.testing.assert_allclose(DeadZone("elbow", 0.02).drift(built).dead_zone, [0.1, 0.1, 0.12])
+    assert Shortfall(0.2).apply(built, RNG(0)).shortfall.tolist() == [0.2] * 3
+    shorter = LongestMotion(0.25).drift(built)
+    assert shorter.longest_motion.tolist() == [0.75] * 3
+    with pytest.raises(ValueError, match=r"longest_motion.words is 1.25"):
+        LongestMotion(0.5).drift(shorter, back=True)
+
+
+def test_a_gear_that_ripples_keeps_its_period_and_phase_as_it_wears():
+    first, other = GearRipple("elbow", 0.2, 0.3, 90), GearRipple("elbow", 0.5, 0.1, 0)
+    world = first.change(nominal())
+    np.testing.assert_allclose(world.gear_ripple[2], [0.3, np.pi / 2, 0.2])
+    assert (world.gear_ripple[:2] == nominal().gear_ripple[:2]).all()
+    np.testing.assert_allclose(other.drift(world).gear_ripple[2], [0.3, np.pi / 2, 0.7])
+    assert other.change(world).gear_ripple[2].tolist() == [0.1, 0, 0.5]
+    with pytest.raises(ValueError, match=r"gear_ripple.depth is 1.2; it must be a number from 0 to 0.99"):
+        other.drift(other.drift(world))
+
+
 def assert_same(world, expected):
     for name, value in expected.to_dict().items():
         np.testing.assert_allclose(getattr(world, name), value, atol=1e-9, err_msg=name)
@@ -95,6 +127,12 @@ WITHOUT_INVERSE = {
     "lens",
     "backlash",
     "repeatability",
+    "register_noise",
+    "register_step",
+    "shortfall",
+    "longest_motion",
+    "dead_zone",
+    "gear_ripple",
     "point_noise",
     "point_outliers",
     "point_dropout",
@@ -129,12 +167,12 @@ def test_a_step_of_a_drift_and_a_step_back_are_nothing(name, seed):
 @pytest.mark.parametrize("name", sorted(TYPES))
 def test_a_drift_is_slow_and_keeps_its_direction(name):
     drawn, slow = TYPES[name]().drawn(RNG(3)), TYPES[name]().drawn(RNG(3), slowly=True)
-    for amount in ("degrees", "metres", "k1", "px", "share", "levels"):
+    for amount in ("degrees", "metres", "k1", "px", "share", "levels", "registers", "words", "depth"):
         if hasattr(drawn, amount):
             assert getattr(slow, amount) == pytest.approx(getattr(drawn, amount) / 100)
     if hasattr(drawn, "factor"):
         assert slow.factor**100 == pytest.approx(drawn.factor)
-    pose = ("direction", "azimuth", "elevation", "strength", "ambient", "at", "seed")
+    pose = ("direction", "azimuth", "elevation", "strength", "ambient", "at", "seed", "period", "phase")
     for kept in ("camera", "joint", "link", "motor", *pose):
         assert getattr(slow, kept, None) == getattr(drawn, kept, None)
 
@@ -190,6 +228,12 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
         ({"type": "oclude"}, "oclude.*did you mean occluder"),
         ({"type": "occluder", "camera": "both"}, "camera is 'both'; allowed: left, right"),
         ({"type": "occluder", "share": 0.9}, "share is 0.9; it must be a number from 0 to 0.8"),
+        ({"type": "register_noise", "px": 1}, "'px'; register_noise allows: registers"),
+        ({"type": "register_step", "registers": -1}, "registers is -1; it must be a number from 0 to 1"),
+        ({"type": "shortfall", "share": 0.95}, "share is 0.95; it must be a number from 0 to 0.9"),
+        ({"type": "longest_motion", "words": 0}, "words is 0; it must be a number from 0.001 to 1"),
+        ({"type": "dead_zone", "words": 1.5}, "words is 1.5; it must be a number from 0 to 1"),
+        ({"type": "gear_ripple", "depth": 1}, "depth is 1; it must be a number from 0 to 0.99"),
         ({"type": "occluder", "at": 0}, "at is 0; it must be a number from 0.1 to 0.8"),
     ],
 )

@@ -12,6 +12,10 @@ from tests.arms.own import ARMS
 
 ID = "calfree_gym:CalFree/Reach-v0"
 WORLDS = 4
+OF_ALL_MOTORS = (
+    *("backlash", "repeatability", "register_noise", "register_step", "shortfall", "longest_motion"),
+    *("word_gain", "dead_zone", "gear_ripple"),
+)
 
 
 @pytest.mark.parametrize("kind", DISTRIBUTIONS)
@@ -44,8 +48,8 @@ def test_lengths_follow_the_arm_and_others_are_refused_by_name(name):
     assert world.link_lengths == pytest.approx(robot.lengths)
     for field, parts in (("motor_sign", "motors"), ("joint_zeros", "joints"), ("link_lengths", "links")):
         longer = [*getattr(world, field), 1.0]
-        of_motors = ("motor_sign", "motor_gain", "motor_curvature", "backlash", "repeatability")
-        fields = {each: [*getattr(world, each), 0.3] for each in of_motors} | {"motor_sign": longer}
+        of_motors = ("motor_sign", "motor_gain", "motor_curvature", *OF_ALL_MOTORS)
+        fields = {each: [*getattr(world, each), getattr(world, each)[0]] for each in of_motors}
         other = replace(world, **(fields if field == "motor_sign" else {field: longer}))
         names = getattr(robot, parts)
         message = rf"World.{field} has shape \({len(names) + 1},\); it must be \({len(names)},\)"
@@ -54,9 +58,10 @@ def test_lengths_follow_the_arm_and_others_are_refused_by_name(name):
         assert ", ".join(names) in str(caught.value)
 
 
-@pytest.mark.parametrize("field", ["motor_gain", "motor_curvature", "backlash", "repeatability"])
+@pytest.mark.parametrize("field", ["motor_gain", "motor_curvature", *OF_ALL_MOTORS])
 def test_all_fields_of_motors_are_as_long_as_each_other(field):
-    with pytest.raises(ValueError, match=rf"World.{field} has shape \(2,\); it must be \(3,\)"):
+    must = r"\(3, 3\)" if field == "gear_ripple" else r"\(3,\)"
+    with pytest.raises(ValueError, match=rf"World.{field} has shape \(2,\); it must be {must}"):
         replace(nominal(), **{field: [0.1, 0.1]})
 
 

@@ -34,7 +34,7 @@ class MotorErrors:
         self._sent, self._joint, self._noise = (np.zeros((rows, motors)) for _ in range(3))
         self._numbers = MotionNumbers(rows, "repeatability", (motors,), normal=True)
         self._before = self._joint, self._noise
-        self._exact = True
+        self._errs = False
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`."""
@@ -43,8 +43,12 @@ class MotorErrors:
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the errors of `world`."""
         self._half_gap[row], self._deviation[row] = world.backlash / 2, world.repeatability
-        rests = self._noise, self._joint - self._sent
-        self._exact = not any(each.any() for each in (self._half_gap, self._deviation, *rests))
+        self._errs = bool(self._half_gap.any() or self._deviation.any())
+
+    @property
+    def _exact(self) -> bool:
+        """Whether all joints go where they are sent, and stand there."""
+        return not (self._errs or self._noise.any() or (self._joint != self._sent).any())
 
     def stopped(self, row: int, positions: Array, share: float) -> None:
         """The motors of `row` came no farther in the last motion than this share of their way.

@@ -1,0 +1,159 @@
+"""Registers as they are told, and joints as they stand, against a model of one motor in plain Python."""
+
+import math
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from calfree_gym import WorldDistribution, nominal
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from tests.calfree_gym.robot.one_motor import REACH, Motor, made, registers_of
+
+
+def each(low, high):
+    return st.lists(st.floats(low, high), min_size=3, max_size=3)
+
+
+@st.composite
+def rough_worlds(draw):
+    """Worlds whose registers are exact but tell not all."""
+    periods, phases, depths = (draw(each(*of)) for of in ((0.05, 2), (-4, 4), (0, 0.9)))
+    return replace(
+        WorldDistribution("wild").sample(draw(st.integers(0, 99))),
+        shortfall=draw(each(0, 0.9)),
+        longest_motion=draw(each(0.05, 1)),
+        word_gain=draw(each(0.25, 3)),
+        dead_zone=draw(each(0, 0.2)),
+        gear_ripple=np.transpose([periods, phases, depths]),
+    )
+
+
+KINEMATIC = made(world=replace(nominal(), word_gain=0.25))
+PHYSICS = made(world=replace(nominal(), word_gain=0.25), dynamics="physics")
+
+
+def follow(env, world, words, atol):
+    """Each motion's registers and joints are the model's."""
+    env.set_world(world)
+    motors = [Motor(world, motor) for motor in range(3)]
+    for seed in (0, None):  # home puts all right
+        observation, info = env.reset(seed=seed)
+        for motor in motors:
+            motor.register = motor.joint = 0.0
+        for word in [np.zeros(3), *words]:
+            observation, *_, info = env.step(word)
+            for motor, sent in zip(motors, word, strict=True):
+                motor.move(sent)
+            told = [motor.register / motor.of("word_gain") for motor in motors]
+            np.testing.assert_allclose(registers_of(observation), told, rtol=1e-6, atol=1e-6)
+            there = [motor.position(motor.joint) for motor in motors]
+            np.testing.assert_allclose(info["truth"]["joints"][:3], there, rtol=0, atol=atol)
+            assert env.observation_space.contains(observation)
+
+
+@settings(max_examples=40)
+@given(rough_worlds(), st.lists(each(-1, 1), min_size=1, max_size=8))
+def test_registers_tell_what_was_executed_and_joints_stand_where_the_model_says(world, words):
+    follow(KINEMATIC, world, np.array(words), atol=1e-9)
+
+
+@settings(max_examples=3)
+@given(rough_worlds(), st.lists(each(-0.3, 0.3), min_size=1, max_size=3))
+def test_so_they_do_where_physics_moves_them(world, words):
+    follow(PHYSICS, world, np.array(words), atol=2e-3)
+
+
+def test_the_order_of_a_motion_by_hand():
+    """Word 0.5; at most 0.4 of it; a tenth less: 0.36; a half of that as built: 0.18 of the way."""
+    world = replace(nominal(), longest_motion=0.4, shortfall=0.1, word_gain=0.5, dead_zone=[0, 0.5, 0])
+    env = made(world=world)
+    home = env.reset(seed=0)[1]["truth"]["joints"][:3]
+    observation, *_, info = env.step(np.full(3, 0.5))
+    np.testing.assert_allclose(registers_of(observation), 0.36, rtol=1e-6)
+    moved = (info["truth"]["joints"][:3] - home) / MOVEMASTER.span
+    np.testing.assert_allclose(moved, [0.18, 0, 0.18], atol=1e-12)
+    observation, *_, info = env.step(np.full(3, 0.6))
+    moved = (info["truth"]["joints"][:3] - home) / MOVEMASTER.span
+    np.testing.assert_allclose(moved, [0.36, 0.18, 0.36], atol=1e-12)
+    np.testing.assert_allclose(registers_of(observation), 0.72, rtol=1e-6)
+    np.testing.assert_allclose(env.reset()[1]["truth"]["joints"][:3], home, atol=1e-12)
+
+
+def noise_of(rows, motions, **fields):
+    """Deviations (motions and looks at home, rows, 3) of registers from what was executed."""
+    world = replace(nominal(), **fields)
+    env = gym.make_vec(
+        REACH, num_envs=rows, world=world, dynamics="kinematic", terminate_on_success=False, threads=1
+    )
+    found, executed = [], np.zeros(3)
+    observation, _ = env.reset(seed=5)
+    for motion in range(motions):
+        found.append(registers_of(observation) - executed)
+        word = np.where(motion % 2, -0.1, 0.1)
+        executed = executed + word
+        observation, *_ = env.step(np.full((rows, 3), word))
+    return np.array(found, float)
+
+
+def test_the_noise_of_registers_is_normal_independent_and_as_large_as_was_set():
+    sigma = np.array([0.001, 0.005, 0.02])
+    found = noise_of(64, 40, register_noise=sigma) / sigma
+    flat = found.reshape(-1, 3)
+    n = len(flat)
+    for of_motor in flat.T:
+        assert stats.kstest(of_motor, "norm").pvalue > 1e-3
+        assert of_motor.std() == pytest.approx(1, abs=4.5 / math.sqrt(2 * n))
+    assert np.abs(np.corrcoef(flat.T) - np.eye(3)).max() < 4.5 / math.sqrt(n)
+    assert abs(np.corrcoef(found[:-1].ravel(), found[1:].ravel())[0, 1]) < 4.5 / math.sqrt(3 * n)
+    assert found[0].std() == pytest.approx(1, abs=4.5 / math.sqrt(2 * 192)), "the look at home included"
+
+
+@settings(max_examples=30)
+@given(st.floats(1e-3, 0.7), st.floats(0, 0.05), each(-1, 1))
+def test_told_registers_are_the_nearest_whole_multiples_of_their_step(step, noise, words):
+    world = replace(nominal(), register_step=[step, 0, step], register_noise=noise)
+    KINEMATIC.set_world(world)
+    KINEMATIC.reset(seed=3)
+    stepped = registers_of(KINEMATIC.step(np.array(words))[0]).astype(float)
+    KINEMATIC.set_world(replace(world, register_step=0))
+    KINEMATIC.reset(seed=3)
+    smooth = registers_of(KINEMATIC.step(np.array(words))[0]).astype(float)
+    assert stepped[1] == smooth[1], "the noise is that of seed, trial and motion alone"
+    multiples = stepped[[0, 2]] / step
+    np.testing.assert_allclose(multiples, np.rint(multiples), atol=1e-3)
+    assert (np.abs(stepped - smooth)[[0, 2]] <= step / 2 + 1e-6).all()
+
+
+def test_noise_takes_no_register_out_of_the_space():
+    env = made(world=replace(nominal(), register_noise=0.5, register_step=0.3))
+    env.reset(seed=0)
+    for _ in range(30):
+        observation = env.step(np.ones(3))[0]
+        assert env.observation_space.contains(observation)
+    assert np.abs(registers_of(observation)).max() <= np.float32(0.9), "whole steps within 1"
+
+
+def test_registers_of_weak_words_end_farther_out_and_the_space_says_so():
+    weak = replace(nominal(), word_gain=[0.25, 1, 2])
+    env = made(world=weak, tell=("object_registers",))
+    assert env.observation_space["observation"].high.tolist() == [1] * 4 + [4] * 3
+    assert env.observation_space["object_registers"].high.tolist() == [4] * 3
+    assert made().observation_space["observation"].high.tolist() == [1] * 7
+    env.reset(seed=0)
+    for _ in range(5):
+        observation, *_ = env.step(np.ones(3))
+    ends = [Motor(weak, motor).highest / weak.word_gain[motor] for motor in range(3)]
+    np.testing.assert_allclose(registers_of(observation), ends, rtol=1e-6)
+    assert ends[0] == 4
+    observation, info = env.reset()
+    for _ in range(8):  # the oracle's way
+        observation, *_, info = env.step(observation["object_registers"] - registers_of(observation))
+    assert info["truth"]["distance_mm"] < 0.1
+    rows = gym.make_vec(REACH, num_envs=2, world=["wild", weak], keep_in_view=False)
+    assert rows.single_observation_space["observation"].high.max() == 4
+    rows.unwrapped.set_world(weak, 0)
