@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .observation import Array, Observation
+from .observation import Array, Flags, Observation
 
 
 class RegisterEstimate:
@@ -69,7 +69,7 @@ class RegisterEstimate:
 
     def after(self, words: Array, measured: Array) -> Array:
         """Where motors stand (m,) after words (m,) were sent, by what registers say then (m,)."""
-        sent, moved = words != 0, measured - self._measured
+        sent, moved = np.asarray(words != 0), measured - self._measured
         self._learn(sent, words, moved)
         told = self.registers + self.share * words
         resting, error = self._noise, self._error
@@ -87,7 +87,7 @@ class RegisterEstimate:
         self._measured = measured
         return self.registers
 
-    def _learn(self, sent: Array, words: Array, moved: Array) -> None:
+    def _learn(self, sent: Flags, words: Array, moved: Array) -> None:
         """Learns how noisy registers are, and how exactly words (m,) are executed."""
         self._resting = np.append(self._resting, moved[~sent] / np.sqrt(2))
         off = moved - self.share * words

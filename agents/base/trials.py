@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from .observation import STANDARD_KEYS, Array, Flags
 from .registers import RegisterEstimate
@@ -59,9 +60,9 @@ class TrialBeginnings:
     def __init__(self) -> None:
         self._registers, self._words = np.zeros((2, 0, 0))
 
-    def sent(self, registers: Array, words: Array) -> None:
+    def sent(self, registers: Array, words: NDArray[np.floating]) -> None:
         """Words (n, m), or (m,), were sent where registers were (n, m)."""
-        self._registers, self._words = registers, np.reshape(words, registers.shape)
+        self._registers, self._words = registers, np.reshape(np.asarray(words, float), registers.shape)
 
     def where(self, registers: Array, rows_of_state: int | None, episode_start: Flags | None) -> Flags:
         """Where (n,) a new trial begins.
@@ -72,7 +73,7 @@ class TrialBeginnings:
             episode_start: Where (n,) the caller says that one begins.
 
         Raises:
-            ValueError: There is no state in the middle of a trial, or it is of another number of environments.
+            ValueError: There is no state in the middle of a trial, or it is of another number of rows.
         """
         rows = len(registers)
         starts = np.zeros(rows, bool) if episode_start is None else np.atleast_1d(episode_start)
@@ -82,9 +83,8 @@ class TrialBeginnings:
             raise ValueError(f"episode_start has {len(starts)} entries for {rows} environments")
         if rows_of_state is not None:
             return np.asarray(starts, bool)
-        away = ~starts.astype(bool) & (
-            (np.abs(registers) >= RegisterEstimate.HOME).any(1) | self._led(registers)
-        )
+        far = (np.abs(registers) >= RegisterEstimate.HOME).any(1)
+        away = ~starts.astype(bool) & (far | self._led(registers))
         if away.any():
             raise ValueError(
                 "predict got state=None in the middle of a trial (registers are "

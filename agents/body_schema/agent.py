@@ -52,7 +52,7 @@ class BodySchema(ServoAgent):
     NOISES = 6.0
     """A distance is none that is within so many times the noise. Choice."""
     THERE = 0.1
-    """It is there where no more than this share of its way is left. Choice: motors may fall short of words."""
+    """It is there where no more than this share of its way is left. Choice: motors may fall short."""
     MISSES = 1
     """After more motions that left too much, the servo goes on alone. Choice."""
 

@@ -51,8 +51,8 @@ class Steps:
     def make(self, words: Array) -> Motions:
         """Executes words (m,) as far as they may go; where a point got lost, goes back, and then shorter.
 
-        A step that motors did not finish goes on as long as they move: so it needs no new test motions where a
-        motion has a greatest length.
+        A step that motors did not finish goes on as long as they move: so it needs no new test motions where
+        a motion has a greatest length.
         """
         words = self.confidence * self.bounded(words)
         goal, going = self.trial.now.registers + words, words != 0
