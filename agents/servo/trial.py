@@ -8,6 +8,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from calfree_gym.geometry import inner
 from calfree_gym.image import lengths_px
 
 from ..base.observation import POINTS, Array, Flags, Observation
@@ -232,7 +233,7 @@ class Trial:
         Where the motor meets its stop or a point gets lost it tries the other way; where too little moves in
         the images to stand out from noise it tries a larger word, back and forth.
         """
-        slope = self.jacobian[:, motor] @ self.now.distance
+        slope = inner(self.jacobian[:, motor], self.now.distance)
         if slope:
             self.test_words[motor] = -np.sign(slope) * abs(self.test_words[motor])
         for _ in range(self.TRIES):
