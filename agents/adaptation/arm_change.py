@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calfree_gym.geometry import rounded
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array
@@ -81,7 +82,7 @@ def fit_arm(before: Remembered, since: Pairs) -> ArmChange:
     motors = before.motors
     signs = [np.ones(motors), *(np.ones(motors) - 2 * np.eye(motors))]
     fits = [_fit(before, since, each) for each in signs]
-    scale, offset, _ = min(fits, key=lambda fit: fit[2])
+    scale, offset, _ = min(fits, key=lambda fit: rounded(fit[2]))
     errors, *_ = _errors(before, since, scale, offset)
     correction = len(errors) / max(len(errors) - motors, 1)
     deviation_px = np.sqrt([coordinate_variance(camera) * correction for camera in errors.swapaxes(0, 1)])

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calfree_gym.geometry import rounded
+
 from ..base.observation import Array
 from .arm_change import ArmChange, fit_arm
 from .camera_change import CameraChange, fit_camera
@@ -69,7 +71,7 @@ def explain_jump(before: Remembered, since: Pairs, cameras: Cameras, may_discard
     if may_discard:
         kind = "replaced" if cameras.sum() == 1 else "unknown"
         explanations.append(Explanation(kind, (), before.nothing()))
-    return max(explanations, key=lambda each: each.odds(since))
+    return max(explanations, key=lambda each: rounded(each.odds(since)))
 
 
 def since_mid_trial(before: Remembered, pairs: Pairs, first: int, cameras: Cameras) -> Pairs | None:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.geometry import rounded
+
 from ..base.checks import checked_array
 from ..base.observation import Array
 from ..servo.image_model.looks import NOISIER, Looks
@@ -143,7 +145,7 @@ class KeptLooks:
         while True:
             noise_shares = self.function.looks.variances.T * np.einsum("pii->pi", inverses)
             shares = np.where(kept, noise_shares.mean(0), 0.0)
-            index = int(shares.argmax())
+            index = int(rounded(shares).argmax())
             if shares[index] < 1 / (1 + self.TOLD**2) and np.count_nonzero(kept) <= self._most:
                 break
             inverses, sums = without(index, inverses, sums)

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.geometry import rounded
+
 from ..adaptation.detector import NO_CAMERA
 from ..adaptation.pairs import Pairs
 from ..base.checks import checked_array
@@ -169,10 +171,10 @@ class Body:
             fit = Fit(chain, seen, before)
             starts = random_starts(chain, before.mean, self.STARTS, random)
             coarse = fit(starts, self.COARSE_STEPS, self.COARSE, self.COARSE_OUTLYING)
-            best = sorted(coarse, key=lambda each: each.cost)[: self.GO_ON_WITH]
+            best = sorted(coarse, key=lambda each: rounded(each.cost))[: self.GO_ON_WITH]
             fine = fit(np.array([each.numbers for each in best]), self.STEPS)
-            found.append(Known(chain, before, seen, min(fine, key=lambda each: each.cost)))
-        self.known = max(found, key=lambda each: each.evidence)
+            found.append(Known(chain, before, seen, min(fine, key=lambda each: rounded(each.cost))))
+        self.known = max(found, key=lambda each: rounded(each.evidence))
 
     def _explain(self, change: Change) -> None:
         """Learns from what contradicts what is known."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calfree_gym.geometry import rounded
 from calfree_gym.image import CAMERAS
 
 from ..adaptation.detector import NO_CAMERA
@@ -66,7 +67,7 @@ class Change:
     @cached_property
     def explanation(self) -> Explanation:
         """The most probable one."""
-        return max(self._explanations(), key=lambda each: each.evidence)
+        return max(self._explanations(), key=lambda each: rounded(each.evidence))
 
     def _explanations(self) -> Iterator[Explanation]:
         chain, numbers = self.known.chain, self.known.numbers
@@ -100,6 +101,6 @@ class Change:
     def _by(self, kind: str, before: Gaussian, starts: Array) -> Explanation:
         """The explanation by what was known `before`, fitted from `starts` (s, p)."""
         fits = Fit(self.known.chain, self.since, before)(starts, STEPS)
-        known = Known(self.known.chain, before, self.since, min(fits, key=lambda each: each.cost))
+        known = Known(self.known.chain, before, self.since, min(fits, key=lambda each: rounded(each.cost)))
         odds = np.log(SELDOM) if kind == NOTHING else 0.0
         return Explanation(kind, known, odds + known.evidence)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calfree_gym.geometry import rounded
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import POINTS, Array, Observation, camera_lengths_px
@@ -68,11 +69,12 @@ class Seeker:
         random, best = np.random.default_rng(0), None
         lowest, highest = self._stops.lowest, self._stops.highest
         seen = self._known.seen
-        near = np.square(seen.sensors - self._home).sum(1).argsort()[:SEEN]
+        near = np.square(seen.sensors - self._home).sum(1)
+        near = rounded(near).argsort(kind="stable")[:SEEN]
         drawn = random.uniform(lowest, highest, (DRAWN, len(lowest)))
         for start in np.concatenate([self._now[None], seen.registers[near], drawn]):
             found = self._from(np.clip(start, lowest, highest))
-            if best is None or found.deviation_px < best.deviation_px:
+            if best is None or rounded(found.deviation_px) < rounded(best.deviation_px):
                 best = found
             if best.left_px < NEAR_PX and best.deviation_px < SURE_PX:
                 break

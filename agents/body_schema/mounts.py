@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calfree_gym.geometry import rounded
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
 
 from ..adaptation.pairs import Pairs
@@ -40,8 +41,8 @@ def likely_mounts(pairs: Pairs, count: int) -> list[Mounts]:
     unlike = [gripper[:, :split].sum(1) + object_[:, split:].sum(1) for split in range(motors)]
     splits = np.array(unlike)  # (m, cameras)
     splits /= gripper.sum(1) + object_.sum(1)
-    left, right = splits.argmin(0)
-    alike = [(int(k), int(k)) for k in splits.sum(1).argsort()]
+    left, right = rounded(splits).argmin(0)
+    alike = [(int(k), int(k)) for k in rounded(splits.sum(1)).argsort(kind="stable")]
     return list(dict.fromkeys([(int(left), int(right)), *alike]))[:count]
 
 

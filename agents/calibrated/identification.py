@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.geometry import rounded
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import AIM
 
@@ -176,10 +177,10 @@ def _identify_from_nothing(fit: _LeastSquares) -> Identification:
     objects = np.tile(AIM, fit.measurements.trials)
     starts = [np.concatenate([_rolled_and_zoomed(fit, signs), objects]) for signs in _SIGNS]
     screened = fit(_SIGNS, np.array(starts), _SCREENING_STEPS, _FAR_PX)
-    best = sorted(screened, key=lambda each: each.cost)[:_GO_ON_WITH]
+    best = sorted(screened, key=lambda each: rounded(each.cost))[:_GO_ON_WITH]
     signs = np.array([each.signs for each in best])
     starts = [np.concatenate([each.parameters, each.objects.ravel()]) for each in best]
-    return min(fit(signs, np.array(starts), _FITTING_STEPS, _FAR_PX), key=lambda each: each.cost)
+    return min(fit(signs, np.array(starts), _FITTING_STEPS, _FAR_PX), key=lambda each: rounded(each.cost))
 
 
 def _rolled_and_zoomed(fit: _LeastSquares, signs: Array) -> Array:

@@ -207,7 +207,7 @@ class GraspTrial:
         possible = turns[(turns > stops.lowest[0]) & (turns < stops.highest[0])]
         if not len(possible):
             possible = turns[1:2]
-        word = possible[np.abs(possible - there).argmin()] - there
+        word = possible[np.abs(possible - there).round(6).argmin()] - there
         return float(np.clip(word, -turning.longest, turning.longest))
 
     def toward(self, share: float) -> Motions:

@@ -6,6 +6,8 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from calfree_gym.geometry import RANK_OF_SQUARES
+
 from ..base.observation import POINTS, Array, Flags
 
 DIFFERENT = 0.3
@@ -70,7 +72,7 @@ class Slopes(NamedTuple):
         known = np.einsum("pmm->pm", self.variances)
         unsure = self.variances + np.maximum(self.changes / (self.trials + 1) - known, 0.0)[:, None] * unit
         assumed = unsure + self.changes[:, None] * unit
-        gains = unsure @ np.linalg.pinv(assumed, hermitian=True)
+        gains = unsure @ np.linalg.pinv(assumed, hermitian=True, rcond=RANK_OF_SQUARES)
         different = found - usual
         jacobian = usual + different @ gains.swapaxes(1, 2)
         variances = unsure - gains @ (assumed - seen.variances) @ gains.swapaxes(1, 2)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.geometry import rounded
+
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
@@ -103,7 +105,7 @@ class SupportPoints:
         self.sensors = np.concatenate([self.sensors, [sensors]])
         self.variances = np.concatenate([self.variances, [self.gain.success_variance]])
         if len(self.registers) > self.points:
-            self._keep(np.delete(np.arange(len(self.registers)), self.variances[:-1].argmax()))
+            self._keep(np.delete(np.arange(len(self.registers)), rounded(self.variances[:-1]).argmax()))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """See `Knowledge`."""
@@ -121,11 +123,7 @@ class SupportPoints:
         """Indices of the nearest of `points` (n, k), the very nearest first."""
         apart = points - place
         squares = np.einsum("ij,ij->i", apart, apart)
-        if len(points) > self.neighbours:
-            nearest = np.argpartition(squares, self.neighbours)[: self.neighbours]
-        else:
-            nearest = np.arange(len(points))
-        return nearest[np.argsort(squares[nearest], kind="stable")]
+        return rounded(squares).argsort(kind="stable")[: self.neighbours]
 
     def _fit(self, nearest: NDArray[np.intp]) -> LocalFit:
         return LocalFit(self.registers[nearest], self.sensors[nearest], self.variances[nearest])

@@ -13,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
+from calfree_gym.geometry import rounded
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array
@@ -31,7 +32,7 @@ def omit(jacobian: Array, distance: Array, noise_px: float = 0.0) -> Equations:
     """Leaves out the equation without which the others are best conditioned."""
     rows = max(
         (list(kept) for kept in combinations(range(4), 3)),
-        key=lambda kept: np.linalg.svd(jacobian[kept], compute_uv=False)[-1],
+        key=lambda kept: rounded(np.linalg.svd(jacobian[kept], compute_uv=False)[-1]),
     )
     return jacobian[rows], distance[rows]
 

@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from calfree_gym.geometry import inner
 from calfree_gym.image import lengths_px
 
 from ..base.observation import POINTS, Array, Flags, Observation
@@ -258,7 +259,7 @@ class Trial:
         the images to stand out from noise it tries a larger word, back and forth, and motors that were never
         tested begin with that.
         """
-        slope = self.jacobian[:, motor] @ self.now.distance
+        slope = inner(self.jacobian[:, motor], self.now.distance)
         if slope:
             self.test_words[motor] = -np.sign(slope) * abs(self.test_words[motor])
         lowest, highest = (bound[motor] for bound in self.word_bounds)

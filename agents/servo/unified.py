@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calfree_gym.geometry import inner
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.checks import check_number
@@ -203,11 +204,11 @@ class Reach:
         unknown = here.slope_variances.mean(0)
         variances, ways = np.linalg.eigh(unknown)
         ways = ways[:, variances > self.AS_UNKNOWN * variances[-1]]
-        probe = ways @ self._random.normal(size=ways.shape[1])
+        probe = ways @ (ways.T @ self._random.normal(size=len(unknown)))
         moved = here.jacobian @ probe
         shown = np.sqrt(2 * probe @ unknown @ probe + moved @ moved / POINTS)
         probe *= size / max(float(shown), size)
-        if here.distance @ here.distance_jacobian @ probe > 0:
+        if inner(here.distance @ here.distance_jacobian, probe) > 0:
             probe = -probe
         for _ in range(self.HALVINGS):
             if 2 * self.points.at(self.now.registers + words).variances.mean() < size**2:
@@ -216,7 +217,7 @@ class Reach:
         there = self.now.registers + words
         lowest, highest = self.stops.lowest, self.stops.highest
         beyond = (there + probe < lowest) | (there + probe > highest)
-        if beyond.any() and probe @ words <= 0:  # else it would undo the step
+        if beyond.any() and inner(probe, words) <= 0:  # else it would undo the step
             probe = -probe
         return np.clip(there + probe, lowest, highest) - self.now.registers
 

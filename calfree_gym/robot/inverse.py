@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from calfree_gym.geometry import Array
+from calfree_gym.geometry import Array, rounded
 
 _CANDIDATES = 400
 """About so many registers, on a grid, may the search start from."""
@@ -63,7 +63,8 @@ class InverseKinematics:
         """Registers (motors,) from which the search may start, `near` first."""
         if near is not None:
             yield near
-        yield from self._grid[np.square(self._on_grid - point).sum(-1).argsort(kind="stable")[:_STARTS]]
+        far = rounded(np.square(self._on_grid - point).sum(-1))
+        yield from self._grid[far.argsort(kind="stable")[:_STARTS]]
 
     def _from(self, registers: Array, point: Array) -> tuple[Array, float]:
         """The nearest registers (motors,) behind a start, and the squared distance there."""

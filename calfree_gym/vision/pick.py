@@ -12,6 +12,7 @@ import numpy as np
 
 from calfree_gym.errors import check_choice
 from calfree_gym.errors.yaml_values import read
+from calfree_gym.geometry import rounded
 from calfree_gym.vision.marks import LEAST_SATURATION, MARK_NAMES, Mark, Marks, yaml_module
 from calfree_gym.vision.tracking.colours import LEAST_CHROMA, Image, hues_and_saturations
 from calfree_gym.vision.tracking.tracker import BallFinder
@@ -146,4 +147,5 @@ def _mode(hue: Any, votes: Any) -> float:
     counts = np.bincount(np.round(hue).astype(int) % 360, votes, 360)
     apart = (np.arange(360) + 180) % 360 - 180
     kernel = np.exp(-0.5 * (apart / SMOOTHING) ** 2)
-    return float(np.fft.irfft(np.fft.rfft(counts) * np.fft.rfft(kernel), 360).argmax())
+    near = np.fft.irfft(np.fft.rfft(counts) * np.fft.rfft(kernel), 360)
+    return float(rounded(near).argmax())

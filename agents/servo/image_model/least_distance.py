@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calfree_gym.geometry import rounded
+
 from ...base.observation import POINTS, Array
 from ...perception.gating import Gating
 from .smooth_function import Expected
@@ -88,7 +90,7 @@ class Seeker:
         for start in islice(self._starts(), STARTS):
             if not found.far:
                 break
-            found = min(found, self._from(start), key=lambda each: (each.hopeless, each.square))
+            found = min(found, self._from(start), key=lambda each: (each.hopeless, rounded(each.square)))
         return found
 
     def _starts(self) -> Iterator[Array]:

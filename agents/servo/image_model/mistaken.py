@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calfree_gym.geometry import rounded
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
 
 from ...base.observation import Array, Flags
@@ -41,7 +42,7 @@ def _mistaken(inverse: Array, sums: Array, seen: Flags) -> list[int]:
     for _ in range(np.count_nonzero(seen) // 2):
         odds = np.where(seen, _odds(np.diagonal(staying[0]), staying[1]), -np.inf)
         odds[left_out] = -np.inf
-        worst = int(odds.argmax())
+        worst = int(rounded(odds).argmax())
         if odds[worst] < 0:
             break
         left_out.append(worst)

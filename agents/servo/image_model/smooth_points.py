@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calfree_gym.geometry import rounded
 from calfree_gym.image import IMAGE_UNIT
 
 from ...base.observation import POINTS, Array, Observation
@@ -254,7 +255,7 @@ class SmoothPoints:
         gripper = self.gripper
         places, points, _, _ = gripper.looks.only(slice(gripper.known_slopes, None))
         apart = np.square(points - self.at(registers).object.points).sum((1, 2))
-        left = places[apart.argsort()]
+        left = places[rounded(apart).argsort(kind="stable")]
         while len(left):
             yield left[0]
             left = left[gripper.alike(left[0], left) < self.ALIKE]

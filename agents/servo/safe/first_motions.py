@@ -6,6 +6,7 @@ from collections.abc import Generator
 
 import numpy as np
 
+from calfree_gym.geometry import RANK
 from calfree_gym.image import lengths_px
 
 from ...base.observation import Array, Observation
@@ -116,7 +117,7 @@ class FirstMotions:
         if columns.shape[1] < DIRECTIONS:
             return False
         sizes = np.linalg.svd(columns, compute_uv=False)
-        words = -np.linalg.lstsq(columns, self.now.distance, rcond=None)[0]
+        words = -np.linalg.lstsq(columns, self.now.distance, rcond=RANK)[0]
         near = np.linalg.norm(self.now.distance + columns @ words) <= self.LEFT * np.linalg.norm(
             self.now.distance
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from calfree_gym.geometry import RANK, RANK_OF_SQUARES
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ...base.observation import POINTS, Array, Observation
@@ -37,9 +38,9 @@ class LinearView:
             seen = np.array([each.visible[point] for each in self._looks])
             if seen.sum() > 1:
                 points = np.array([each.points[point] for each in self._looks])[seen]
-                found = np.linalg.lstsq(equations[seen], points, rcond=1e-9)[0]
+                found = np.linalg.lstsq(equations[seen], points, rcond=RANK)[0]
                 self.jacobian[2 * point : 2 * point + 2, moved] = found[1:].T
-        inverse = np.linalg.pinv(equations.T @ equations, hermitian=True)
+        inverse = np.linalg.pinv(equations.T @ equations, hermitian=True, rcond=RANK_OF_SQUARES)
         self.variances[np.ix_(moved, moved)] = (noise_px * IMAGE_UNIT) ** 2 * inverse[1:, 1:]
 
     def correct(self, words: Array, before: Observation, after: Observation, noise_px: float) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from calfree_gym.geometry import RANK, RANK_OF_SQUARES
+
 from ...base.observation import Array, Observation
 from ...base.procedure import Procedure
 from ...jacobian import distance_jacobian
@@ -89,8 +91,9 @@ class StraightWay:
         closed = np.array([*self._met, *at_stops]).reshape(-1, motors)
         pressed = np.zeros(len(closed), bool)
         while True:
-            free = unit - np.linalg.pinv(closed[pressed]) @ closed[pressed]
-            words = -free @ np.linalg.pinv(free @ square @ free, hermitian=True) @ free @ slope
+            free = unit - np.linalg.pinv(closed[pressed], rcond=RANK) @ closed[pressed]
+            inverse = np.linalg.pinv(free @ square @ free, hermitian=True, rcond=RANK_OF_SQUARES)
+            words = -free @ inverse @ free @ slope
             presses = closed @ words > NEITHER
             if not (presses & ~pressed).any():
                 return np.clip(now.registers + words, stops.lowest, stops.highest) - now.registers

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from calfree_gym.geometry import Array
+from calfree_gym.geometry import Array, rounded
 from calfree_gym.robot.line_of_sight import MARKS, MARKS_GROUP, shares_in_sight
 
 COLOURS = ((0.95, 0.05, 0.55), (0.10, 0.20, 0.95), (0.05, 0.70, 0.25))
@@ -119,4 +119,4 @@ def best_axis(
                 places = point + GripperMarks(turn @ axis, scale).offsets
                 shares = shares_in_sight(model, data, camera, places, RADIUS * scale)
                 scores[i] += shares.min() * np.linalg.norm(np.cross(sight, turn @ axis))
-    return np.asarray(axes[scores.argmax()])
+    return np.asarray(axes[rounded(scores).argmax()])

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.geometry import RANK, rounded
 from calfree_gym.vision.tracking.outline import Array
 from calfree_gym.vision.tracking.parts import Part
 
@@ -118,7 +119,7 @@ def fit_gripper(
         )
         for sides in permutations((1, -1), len(uppers))
     ]
-    best = min(fits, key=lambda fit: fit.error)
+    best = min(fits, key=lambda fit: rounded(1 + fit.error))
     for other in fits:
         if other.error < best.error + AMBIGUOUS:
             best.seen[np.abs(other.points - best.points).max(1) > SURE * ERROR] = False
@@ -156,7 +157,7 @@ def _fit(
         left = np.concatenate(
             [trust[:, 0] * (places.ravel() - parts @ state), -angles / AFFINE, remembers @ (known - state)]
         )
-        state = state + np.linalg.lstsq(matrix, left, rcond=None)[0]
+        state = state + np.linalg.lstsq(matrix, left, rcond=RANK)[0]
         state[8] = np.clip(state[8], *np.log(OPENINGS))
         errors = np.square((parts @ state).reshape(-1, 2) - places).sum(1) / ERROR**2
         weights = whole / (1 + errors)

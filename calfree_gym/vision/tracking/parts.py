@@ -52,9 +52,10 @@ class Part(NamedTuple):
 
     @property
     def axis(self) -> Array:
-        """Its main axis (2,): as long as the standard deviation along it, in px."""
+        """Its main axis (2,), to the right or down: as long as the standard deviation along it, in px."""
         variances, axes = np.linalg.eigh(self.spread)
-        return np.asarray(axes[:, 1] * np.sqrt(max(variances[1], 0.0)))
+        axis = axes[:, 1] * np.sign(axes[:, 1] @ [2, 1])
+        return np.asarray(axis * np.sqrt(max(variances[1], 0.0)))
 
     def circle(self, centre: Array, largest: float) -> Circle:
         """That of its outline: nothing else hides more than it shows.

@@ -10,6 +10,7 @@ from agents.adaptation.kept_looks import KeptLooks
 from agents.adaptation.pairs import Pairs
 from agents.adaptation.remembered import Remembered
 from agents.base.observation import Observation
+from agents.servo.image_model.mistaken import solved
 from agents.servo.image_model.smooth_function import SmoothFunction
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.adaptation.gripper_views import seen_at, taught, view
@@ -94,6 +95,21 @@ def test_mistaken_looks_are_left_out(monkeypatch):
     assert kept.sum() >= 53
     off = np.abs(remembered.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES))
     assert np.median(off) < 2 * IMAGE_UNIT
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_of_looks_that_add_equally_little_the_oldest_is_dropped_whatever_rounding_says(monkeypatch, seed):
+    def solved_by_another_kernel(function):
+        inverses, sums = solved(function)
+        return inverses * (1 + 1e-13 * np.random.default_rng(seed).normal(size=inverses.shape)), sums
+
+    monkeypatch.setattr("agents.adaptation.kept_looks.solved", solved_by_another_kernel)
+    kept = KeptLooks(3, 3, len(PLACES))
+    for place in [*PLACES, *PLACES[[3, 3, 3]]]:
+        points = np.full((2, 2), float(len(kept)))
+        kept.function = kept.function.with_look(place, points, IMAGE_UNIT**2, np.ones(2, bool))
+    kept._drop()
+    assert kept.function.looks.points[:, 0, 0].tolist() == [0, 1, 2, 4, 5, 6, 7, 10]
 
 
 def test_noise_that_is_found_out_late_holds_for_earlier_looks():

@@ -70,3 +70,15 @@ def test_lengths_are_the_geometric_mean_over_all_looks():
     slopes = slopes.with_lengths(np.array([[2.0, 0.5], [16.0, 1 / 16]]), np.array([100, 24]))
     np.testing.assert_allclose(slopes.lengths, [[2, 0.5], [8, 1 / 8]])
     assert slopes.looks.tolist() == [116, 32]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_where_nothing_is_unsure_rounding_changes_nothing(seed):
+    """Two motors of which only the sum was ever unsure: their difference stays as it was."""
+    rng = np.random.default_rng(seed)
+    alike = np.array([[1.0, 1, 0], [1, 1, 0], [0, 0, 1]]) * (1 + 1e-14 * rng.normal(size=(3, 3)))
+    known = Slopes.of(rng.normal(size=(8, MOTORS)), variances=np.tile(alike, (4, 1, 1)))
+    known = known._replace(changes=np.zeros((4, MOTORS)))
+    seen = Slopes.of(rng.normal(size=(8, MOTORS)))
+    found = known.corrected(seen, HOLD)
+    np.testing.assert_allclose((found.jacobian - known.jacobian) @ [1, -1, 0], 0, atol=1e-6)

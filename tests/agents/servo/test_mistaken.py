@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.servo.image_model.mistaken import odds_by_the_rest, price, right_looks, without_mistaken
+from agents.servo.image_model.mistaken import odds_by_the_rest, price, right_looks, solved, without_mistaken
 from agents.servo.image_model.smooth_function import SmoothFunction
 from calfree_gym.image import IMAGE_UNIT
 
@@ -84,3 +84,20 @@ def test_each_is_judged_by_those_that_stay():
             assert odds == pytest.approx(
                 off / (2 * variance) + np.log(2 * np.pi * variance) + price(), rel=1e-4
             )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_of_two_looks_that_contradict_each_other_the_first_is_mistaken_whatever_rounding_says(
+    monkeypatch, seed
+):
+    """The other then agrees with all that are left."""
+
+    def solved_by_another_kernel(function):
+        noise = 1 + 1e-13 * np.random.default_rng(seed).normal(size=(2, len(function.looks.places)))
+        inverses, sums = solved(function)
+        return inverses, sums * noise[:, :, None]
+
+    monkeypatch.setattr("agents.servo.image_model.mistaken.solved", solved_by_another_kernel)
+    places = np.zeros((2, 3))
+    points = np.array([[[0.5, 0.0], [0.0, 0.0]], [[-0.5, 0.0], [0.0, 0.0]]])
+    assert right_looks(looked(places, points)).tolist() == [[False, True], [True, True]]

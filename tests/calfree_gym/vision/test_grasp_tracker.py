@@ -276,3 +276,18 @@ def test_bad_input_is_named():
         GraspMarks.from_dict({"object": {"rgb": [250, 120, 20]}})
     with pytest.raises(ValueError, match="the right image has shape"):
         GraspTracker()(np.zeros((64, 64, 3), np.uint8), np.zeros((64, 64), np.uint8))
+
+
+@given(st.floats(0, 6), st.sampled_from([1, -1]))
+def test_an_axis_has_the_same_sign_whatever_sign_an_eigenvector_is_given(turn, sign):
+    cosine, sine = np.cos(turn), np.sin(turn)
+    shares = np.zeros((41, 41), np.float32)
+    along = np.linspace(-15, 15, 61)
+    shares[np.round(20 + sine * along).astype(int), np.round(20 + cosine * along).astype(int)] = 1
+    part = Part.of(np.zeros(2), shares)
+    eigh = np.linalg.eigh
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(np.linalg, "eigh", lambda matrix: (eigh(matrix)[0], sign * eigh(matrix)[1]))
+        axis = part.axis
+    assert axis @ [2, 1] > 0
+    assert abs(axis @ [-sine, cosine]) < 0.1 * np.linalg.norm(axis)

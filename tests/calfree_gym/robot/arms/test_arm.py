@@ -292,3 +292,20 @@ def test_names_of_what_has_none_are_free_and_included_files_are_written_out(tmp_
     (tmp_path / "chain.xml").write_text(CHAIN)
     included = f'<mujoco><include file="{tmp_path}/chain.xml"/></mujoco>'
     assert "<include" not in Arm(included, "tip").to_dict()["model"]
+
+
+def test_home_of_an_arm_that_moves_in_a_plane_is_not_told_by_rounding(tmp_path, monkeypatch):
+    """What its motors move across that plane is nothing, in any posture."""
+    (tmp_path / "flat.xml").write_text(CHAIN.replace('axis="0 0 1"', 'axis="0 1 0"'))
+    robot, svd = robot_of(Arm(tmp_path / "flat.xml", gripper="tip")), np.linalg.svd
+    homes = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+
+        def another(matrices, rng=rng, **options):
+            lengths = svd(matrices, **options)
+            return np.abs(lengths + 1e-15 * lengths.max() * rng.normal(size=lengths.shape))
+
+        monkeypatch.setattr(np.linalg, "svd", another)
+        homes.append(robot._best_posture())
+    assert np.ptp(homes, axis=0).max() == 0
