@@ -31,6 +31,9 @@ class Memory(ServoAgent):
     The unified servo needs no more: where it remembers enough, its first step ends at the rendezvous. Other
     servos begin where the least distance is expected, with the Jacobian there.
 
+    Where the servo has given up in a trial what was remembered, for it predicts worse than the servo alone, the
+    next trial begins without it; and after one more, the next three, and so on.
+
     Attributes:
         adaptation: What it remembers, and what it does with that where the world has changed.
 
@@ -57,6 +60,7 @@ class Memory(ServoAgent):
         super().__init__(env, servo, seed)
         self.jump_px = check_number("jump_px", jump_px, least=0, finite=False)
         self.adaptation = AdaptiveMemory(remembered, on_change)
+        self._given_up = self._rests = 0
         self.prior_knowledge |= remembered.prior_knowledge | self.adaptation.prior_knowledge
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
@@ -64,6 +68,7 @@ class Memory(ServoAgent):
         now = yield from findings.filter.first(first)
         findings.trusted.append(now)
         points = self.adaptation.points_for(now, findings.filter.noise.px, self.slopes)
+        points = None if self._rests else points
         if points is not None and isinstance(self.servo, UnifiedServo):
             findings.estimator = points
         elif points is not None:
@@ -100,6 +105,11 @@ class Memory(ServoAgent):
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Every look teaches, however the trial ends."""
         super().learn_trial(findings, last, ended)
+        if self._rests:
+            self._rests -= 1
+        else:
+            self._given_up = 2 * self._given_up + 1 if findings.given_up else 0
+            self._rests = self._given_up
         if findings.trusted:
             self.adaptation.learn(findings.trusted, findings.filter.noise.px)
 

@@ -7,8 +7,12 @@ import numpy as np
 from calfree_gym.image import lengths_px
 
 from ..base.observation import Array
+from ..perception.gating import Gating
 from .redundancy import REDUNDANCIES, solve_within
 from .trial import Motions, Trial
+
+HARDLY_NEARER = 0.7
+"""A motion came hardly nearer that left more than this share of the distance. Choice."""
 
 
 def solve_distance(trial: Trial, redundancy: str, damping: float) -> Array:
@@ -38,12 +42,15 @@ class Steps:
     tuned on wild worlds 3000 and up."""
     UNFINISHED = 0.1
     """A motor has not finished its word of which more than this share is left. Choice."""
+    LOOKS = 4
+    """So often it looks again. Choice: as many motions as a step and its test motions take."""
     LEAST_SHARE = 0.1
     """A step that leads out of the images keeps this share at least: else nothing would move (a guard)."""
 
     def __init__(self, trial: Trial, step_px: float, step_word: float, border: float) -> None:
         self.trial = trial
         self.confidence = 1.0
+        self._in_vain = False
         self._step_px = step_px
         self._step_word = step_word
         self._border = border
@@ -51,21 +58,40 @@ class Steps:
     def make(self, words: Array) -> Motions:
         """Executes words (m,) as far as they may go; where a point got lost, goes back, and then shorter.
 
-        A step that motors did not finish goes on as long as they move: so it needs no new test motions where
-        a motion has a greatest length.
+        After a step that came hardly nearer it goes a test word beyond, and back: small words may do nothing,
+        and gears have play.
         """
+        before_px = self.trial.now.distance_px
         words = self.confidence * self.bounded(words)
-        goal, going = self.trial.now.registers + words, words != 0
-        while going.any() and not self.trial.filter.lost.any():
-            before = goal - self.trial.now.registers
-            yield from self.trial.move(before)
-            left = (goal - self.trial.now.registers) / np.where(going, words, 1.0)
-            going &= (left > self.UNFINISHED) & (left < before / np.where(going, words, 1.0))
+        goal = self.trial.now.registers + words
+        if self._in_vain:
+            yield from self._go(goal + np.copysign(self.trial.test_words, words))
+        if not self.trial.filter.lost.any():
+            yield from self._go(goal)
+        yield from self._look()
+        self._in_vain = self.trial.now.distance_px > HARDLY_NEARER * before_px
         if not self.trial.filter.lost.any():
             self.confidence = min(1.0, self.LONGER * self.confidence)
         else:
             self.confidence *= self.SHORTER
             yield from self.trial.go_back()
+
+    def _look(self) -> Motions:
+        """Looks again where all that is left of the distance may be noise."""
+        for _ in range(self.LOOKS):
+            if self.trial.now.distance_px > Gating.AGREE * self.trial.filter.noise.px:
+                break
+            yield from self.trial.move(np.zeros_like(self.trial.test_words))
+
+    def _go(self, goal: Array) -> Motions:
+        """Moves until motors stand at registers (m,), or no farther: a motion may have a greatest length."""
+        words = goal - self.trial.now.registers
+        left, going = np.ones_like(words), words != 0
+        while going.any() and not self.trial.filter.lost.any():
+            before = left
+            yield from self.trial.move(np.where(going, goal - self.trial.now.registers, 0.0))
+            left = (goal - self.trial.now.registers) / np.where(going, words, 1.0)
+            going &= (left > self.UNFINISHED) & (left < before)
 
     def bounded(self, words: Array) -> Array:
         """The same direction (m,), as far as the predicted image motion allows."""

@@ -35,6 +35,7 @@ class Findings(Generic[E]):
         trusted: The observations that passed the filter, none of their points merely predicted.
         stops: Where motors are known to stop, if that is known beforehand.
         gave_up: Why no further motion is known, or nothing.
+        given_up: Whether what was known at the trial's beginning has been given up.
     """
 
     estimator: E
@@ -42,6 +43,7 @@ class Findings(Generic[E]):
     trusted: list[Observation] = field(default_factory=list)
     stops: Stops | None = None
     gave_up: str = ""
+    given_up: bool = False
 
 
 ALIKE = 0.1
@@ -68,6 +70,9 @@ class Stops:
     Args:
         registers: Where motors stand (m,).
     """
+
+    NOTHING = 1e-6
+    """So small a share of the longest word is none (a guard above rounding)."""
 
     def __init__(self, registers: Array) -> None:
         self.been = np.tile(registers, (2, 1))
@@ -110,7 +115,7 @@ class Stops:
         )
         if met_something(words, short):
             return True
-        told = self._word * words > 0
+        told = self._word * words > self.NOTHING * self._word**2
         stays = told & (short == words)
         self.found = np.where(stays & (self._fell_short == registers), registers, self.found)
         fell = np.where(2 * short * words > words**2, registers, np.nan)

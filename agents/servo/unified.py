@@ -8,20 +8,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from calfree_gym.geometry import inner
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
-from ..jacobian import Slopes
+from ..jacobian import Slopes, TestMotions
+from ..perception.gating import Gating
 from .image_model.least_distance import LEFT, Seeker
 from .image_model.smooth_points import SmoothPoints
+from .paper import PaperServo
 from .settings import SERVO_KNOWLEDGE, SMALLEST
+from .steps import HARDLY_NEARER
 from .trial import Findings, Motions, Stops
 
 
@@ -57,6 +61,10 @@ class UnifiedServo:
 
     prior_knowledge = SERVO_KNOWLEDGE - {PriorKnowledge.WORD_LIMIT}
 
+    PATIENCE: ClassVar[int] = 8
+    """After so many motions in a row that came hardly nearer, those that were to come near counting twice, it
+    no longer trusts what has led them; what is remembered of earlier trials after half of that. Choice."""
+
     def __post_init__(self) -> None:
         for name in ("probe_px", "border"):
             check_number(name, getattr(self, name), least=SMALLEST)
@@ -77,6 +85,8 @@ class UnifiedServo:
                 yield from reach.move(np.zeros_like(first.registers))
             if reach.blind:
                 yield from reach.back()
+            if reach.in_vain >= self.PATIENCE / (2 if reach.points.remembers else 1):
+                yield from reach.forget_and_go_on()
 
 
 class Reach:
@@ -87,6 +97,7 @@ class Reach:
         points: What is known of the image points.
         filter: What is known of observations.
         stops: Where motors are known to stop.
+        in_vain: How many motions in a row came hardly nearer, those that were to come near counting twice.
 
     Args:
         servo: Its settings.
@@ -99,6 +110,8 @@ class Reach:
     a sixth (√2 / 8)."""
     AS_UNKNOWN = 0.7
     """Directions whose variance is this share of the largest are as unknown. Choice."""
+    STEPS = 4
+    """So many steps the paper's servo makes, with a test motion of each motor before. Choice."""
     HALVINGS = 5
     """How often a word is halved (a guard)."""
 
@@ -109,10 +122,12 @@ class Reach:
         self.stops = findings.stops or Stops(first.registers)
         self._servo = servo
         self._caution = 1.0 if self.points.remembers else servo.caution
+        self._findings = findings
         self._trusted = findings.trusted
         self._seen = first.visible
         self._all_seen_at = [first.registers]
         self._was_blind = False
+        self.in_vain = 0
         self._random = np.random.default_rng(0)
 
     @property
@@ -132,6 +147,7 @@ class Reach:
         observation = yield words
         self.stops.learn(words, words - (observation.registers - before.registers), observation.registers)
         expected = self.points.at(observation.registers).points
+        left_px = float(lengths_px(expected[:2] - expected[2:]).max())
         deviations_px = np.sqrt(self.points.unsure(observation.registers)) / IMAGE_UNIT
         self.now = yield from self.filter.settle(observation, before, expected, deviations_px)
         self._trusted.append(self.now)
@@ -140,6 +156,29 @@ class Reach:
         if self.filter.often_mistaken:
             self.points.leave_out_mistaken()
         self._note_seen()
+        if (observation.registers != before.registers).any():
+            self._judge(before.distance_px, left_px)
+
+    def forget_and_go_on(self) -> Motions:
+        """Makes motions of the paper's servo, which forgets; what was seen before them does not count any more.
+
+        For where points are no smooth functions of registers, as where small words do nothing.
+        """
+        findings = Findings(TestMotions(len(self.now.registers)), self.filter, self._trusted, self.stops)
+        servo = PaperServo()(self.now, findings)
+        words = next(servo)
+        for _ in range(self.STEPS * (1 + len(words))):
+            words = servo.send((yield words))
+        self.now, self.in_vain = self._trusted[-1], 0
+        self._findings.given_up = True
+        self.points.look_anew(self.now, self.filter.noise.px)
+
+    def _judge(self, before_px: float, expected_px: float) -> None:
+        """Counts motions that came hardly nearer, twice where they were expected to."""
+        if self.now.distance_px < HARDLY_NEARER * before_px:
+            self.in_vain = 0
+        elif self.now.distance_px > Gating.AGREE * np.sqrt(2) * self.filter.noise.px:
+            self.in_vain += 2 if expected_px < LEFT * before_px else 1
 
     def _note_seen(self) -> None:
         """Remembers where all points were seen that ever were in this trial."""
