@@ -31,8 +31,8 @@ class Memory(ServoAgent):
     The unified servo needs no more: where it remembers enough, its first step ends at the rendezvous. Other
     servos begin where the least distance is expected, with the Jacobian there.
 
-    Where the servo has given up in a trial what was remembered, for it predicts worse than the servo alone, the
-    next trial begins without it; and after one more, the next three, and so on.
+    Where the servo has given up in a trial what was remembered, for it predicts worse than the servo alone,
+    the next trial begins without it; after one more, the next three; and so on.
 
     Attributes:
         adaptation: What it remembers, and what it does with that where the world has changed.

@@ -44,6 +44,9 @@ class RunningTrial:
     """
 
     UNSEEN = "no point has been seen in either image, so nothing moves"
+    UNMOVED = "no motor has moved by any of its last words"
+    WORDS = 6
+    """So many words without a motion are told. Choice: both directions of three motors."""
 
     def __init__(self, agent: ProcedureAgent, measured: Array) -> None:
         self.of = agent._like
@@ -52,6 +55,7 @@ class RunningTrial:
         self._agent = agent
         self._registers = RegisterEstimate(measured)
         self._sent: Array | None = None
+        self._in_vain = 0
         self._procedure: Procedure | None = None
 
     def __repr__(self) -> str:
@@ -61,15 +65,18 @@ class RunningTrial:
     def look(self, observed: Any) -> Any:
         """What is observed, with registers as where motors stand."""
         if self._sent is not None:
-            self._registers.after(self._sent, observed.registers)
+            before = self._registers.registers
+            moved = bool((self._registers.after(self._sent, observed.registers) != before).any())
+            self._in_vain = 0 if moved else self._in_vain + bool(self._sent.any())
         return replace(observed, registers=self._registers.registers)
 
     def words(self, now: Any) -> Array:
         """The next control words (m,) to send; zero words once the procedure has ended."""
         wanted = self._wanted(now)
-        why = self.UNSEEN if self._procedure is None else self._agent.why_still(self.findings)
+        why = self._agent.why_still(self.findings) or (self.UNMOVED if self._in_vain >= self.WORDS else "")
+        why = self.UNSEEN if self._procedure is None else why
         if why and not self.says:
-            warnings.warn(f"{self!r} goes on looking: {why}", stacklevel=3)
+            warnings.warn(f"{self!r}: {why}", stacklevel=3)
         self.says = why
         return self.send(self._registers.words(np.asarray(wanted, float)))
 

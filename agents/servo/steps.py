@@ -42,8 +42,8 @@ class Steps:
     tuned on wild worlds 3000 and up."""
     UNFINISHED = 0.1
     """A motor has not finished its word of which more than this share is left. Choice."""
-    LOOKS = 4
-    """So often it looks again. Choice: as many motions as a step and its test motions take."""
+    LOOKS = 6
+    """So often it looks again. Choice: about as many motions as a step and its test motions take."""
     LEAST_SHARE = 0.1
     """A step that leads out of the images keeps this share at least: else nothing would move (a guard)."""
 
@@ -63,6 +63,7 @@ class Steps:
         """
         before_px = self.trial.now.distance_px
         words = self.confidence * self.bounded(words)
+        self.trial.findings.note_words(words, self.trial.now, self.trial.stops)
         goal = self.trial.now.registers + words
         if self._in_vain:
             yield from self._go(goal + np.copysign(self.trial.test_words, words))

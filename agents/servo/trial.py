@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator
 from copy import copy
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ..jacobian import Estimator, JacobianEstimate, distance_jacobian
 from ..jacobian.estimator import SIGN_CHANGE
 from ..jacobian.linear import linear_deviations_px
 from ..perception import ObservationFilter, Observing
+from ..perception.gating import Gating
 
 Motions = Generator[Array, Observation, Any]
 """Yields control words, is sent what is observed after them."""
@@ -36,6 +37,7 @@ class Findings(Generic[E]):
         stops: Where motors are known to stop, if that is known beforehand.
         gave_up: Why no further motion is known, or nothing.
         given_up: Whether what was known at the trial's beginning has been given up.
+        tried_again: Whether stops were forgotten, to see if motors still stop there.
     """
 
     estimator: E
@@ -44,6 +46,17 @@ class Findings(Generic[E]):
     stops: Stops | None = None
     gave_up: str = ""
     given_up: bool = False
+    tried_again: bool = False
+
+    AT_STOPS: ClassVar[str] = "no motor that would bring the gripper nearer moves any farther"
+
+    def note_words(self, words: Array, now: Observation, stops: Stops) -> None:
+        """Notes where words (m,) do nothing though the object is not reached; first stops are tried again."""
+        far = now.visible.all() and now.distance_px > Gating.AGREE * np.sqrt(2) * self.filter.noise.px
+        if far and np.abs(words).max() < Stops.NOTHING:
+            self.gave_up = self.AT_STOPS if self.tried_again else ""
+            self.tried_again = True
+            stops.forget()
 
 
 ALIKE = 0.1

@@ -19,7 +19,7 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
-from ..jacobian import Slopes, TestMotions
+from ..jacobian import Estimator, Slopes, TestMotions
 from ..perception.gating import Gating
 from .image_model.least_distance import LEFT, Seeker
 from .image_model.smooth_points import SmoothPoints
@@ -160,11 +160,13 @@ class Reach:
             self._judge(before.distance_px, left_px)
 
     def forget_and_go_on(self) -> Motions:
-        """Makes motions of the paper's servo, which forgets; what was seen before them does not count any more.
+        """Makes motions of the paper's servo, which forgets; what was seen before them counts no more.
 
         For where points are no smooth functions of registers, as where small words do nothing.
         """
-        findings = Findings(TestMotions(len(self.now.registers)), self.filter, self._trusted, self.stops)
+        self.stops.forget()
+        estimator: Estimator = TestMotions(len(self.now.registers))
+        findings = Findings(estimator, self.filter, self._trusted, self.stops)
         servo = PaperServo()(self.now, findings)
         words = next(servo)
         for _ in range(self.STEPS * (1 + len(words))):
@@ -219,6 +221,7 @@ class Reach:
         if found.far or self._was_blind:
             words = self._with_probe(words, found.length)
         self._was_blind = False
+        self._findings.note_words(words, self.now, stops)
         return self._within_images(self._sure(words / max(1.0, float(np.abs(words).max()))))
 
     def _sure(self, words: Array) -> Array:
