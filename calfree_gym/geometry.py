@@ -20,7 +20,7 @@ RANK, RANK_OF_SQUARES = 1e-9, 1e-12
 Choice: far above what rounding leaves of zeros, and below what motions and images show."""
 PERPENDICULAR = 1e-5
 """Vectors whose cosine is no larger are perpendicular. Measured: rounding leaves up to 4e-6, as registers
-are in single precision, and no other of 1,200 was below 1e-5 (`unified_servo` in wild worlds 7000 to 7011)."""
+are in single precision, and no other of 1,200 was below 1e-5 (`unified_servo`, wild worlds 7000 to 7011)."""
 
 
 def rounded(values: ArrayLike) -> Any:
