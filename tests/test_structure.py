@@ -60,17 +60,11 @@ LAYERS = {
 """Subpackages and modules of each package, from the ground up; its own name stands for its `__init__`. Each
 may import those before it, and none after it."""
 PACKAGES_BELOW = {"calfree_gym": [], "agents": ["calfree_gym"], "experiments": ["calfree_gym", "agents"]}
-PUBLIC = {
-    "calfree_gym.errors",
-    "calfree_gym.geometry",
-    "calfree_gym.image",
-    "calfree_gym.sb3",
-    "calfree_gym.wrappers",
-}
-"""What agents may know of the black box: how long a pixel is, how errors read, what adapts it to learners,
-and when numbers are equal."""
+PUBLIC = {"calfree_gym.errors", "calfree_gym.image", "calfree_gym.sb3", "calfree_gym.wrappers"}
+"""What agents may know of the black box: how long a pixel is, how errors read, what adapts it to learners."""
 PUBLIC_FOR_CALIBRATED = {
     "calfree_gym.world",
+    "calfree_gym.geometry",
     "calfree_gym.robot.arms.kinematics",
     "calfree_gym.robot.arms.movemaster",
     "calfree_gym.vision.cameras",

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calfree_gym.geometry import inner
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT, inner
 
 from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calfree_gym.geometry import inner, rounded
+from calfree_gym.image import inner, rounded
 
 
 @pytest.mark.parametrize("size", [1.0, -1.0, 3e-30, 7e40])
