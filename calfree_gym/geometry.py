@@ -1,42 +1,13 @@
-"""Which numbers are equal but for rounding; rotations as unit quaternions (w, x, y, z), by MuJoCo.
-
-Kernels of linear algebra differ in the last bits of numbers: nothing may be chosen by these.
-"""
-
-from typing import Any
+"""Rotations as unit quaternions (w, x, y, z), computed by MuJoCo's own functions."""
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Rows = slice | NDArray[np.intp]
 """Some of N worlds that stand side by side."""
-BITS = 20
-"""Of numbers that are compared. Choice: a millionth, far above rounding, and below what matters."""
-RANK, RANK_OF_SQUARES = 1e-9, 1e-12
-"""Singular values of a matrix below this share of the largest are none, and eigenvalues of sums of squares.
-Choice: far above what rounding leaves of zeros, and below what motions and images show."""
-PERPENDICULAR = 1e-9
-"""Vectors whose cosine is no larger are perpendicular. Measured: rounding leaves 1e-14 at most, and hardly
-any other is below 1e-6 (probes of `unified_servo` in wild worlds 7000 and up)."""
-
-
-def rounded(values: ArrayLike) -> Any:
-    """Values of any shape to six digits: among equals the first one is then the least or the largest.
-
-    Sort them with `kind="stable"`.
-    """
-    mantissas, exponents = np.frexp(values)
-    return np.ldexp(np.round(mantissas * 2**BITS), exponents - BITS)
-
-
-def inner(first: Array, second: Array) -> float:
-    """The inner product of two vectors (n,), whose sign can be trusted: 0 where they are perpendicular."""
-    product = float(first @ second)
-    lengths = np.sqrt((first @ first) * (second @ second))
-    return product if abs(product) > PERPENDICULAR * lengths else 0.0
 
 
 def quaternion_product(first: Array, second: Array) -> Array:

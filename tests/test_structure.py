@@ -63,15 +63,15 @@ PACKAGES_BELOW = {"calfree_gym": [], "agents": ["calfree_gym"], "experiments": [
 PUBLIC = {
     "calfree_gym.errors",
     "calfree_gym.errors.yaml_values",
-    "calfree_gym.geometry",
     "calfree_gym.image",
     "calfree_gym.sb3",
     "calfree_gym.wrappers",
 }
 """What agents may know of the black box: how long a pixel is, how errors and settings read, what adapts it to
-learners, and when numbers are equal."""
+learners."""
 PUBLIC_FOR_CALIBRATED = {
     "calfree_gym.world",
+    "calfree_gym.geometry",
     "calfree_gym.robot.arms.kinematics",
     "calfree_gym.robot.arms.movemaster",
     "calfree_gym.vision.cameras",

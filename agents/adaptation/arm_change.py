@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calfree_gym.geometry import rounded
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ..base.observation import Array
 from ..base.robust import huber_weights

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calfree_gym.geometry import rounded
+from calfree_gym.image import rounded
 
 from ..base.observation import Array
 from .arm_change import ArmChange, fit_arm

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import rounded
+from calfree_gym.image import rounded
 
 from ..base.checks import checked_array
 from ..base.observation import Array

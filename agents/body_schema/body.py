@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import rounded
+from calfree_gym.image import rounded
 
 from ..adaptation.detector import NO_CAMERA
 from ..adaptation.pairs import Pairs

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calfree_gym.geometry import rounded
-from calfree_gym.image import CAMERAS
+from calfree_gym.image import CAMERAS, rounded
 
 from ..adaptation.detector import NO_CAMERA
 from ..adaptation.pairs import Pairs

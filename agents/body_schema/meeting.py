@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calfree_gym.geometry import rounded
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ..base.observation import POINTS, Array, Observation, camera_lengths_px
 from ..servo.trial import Stops

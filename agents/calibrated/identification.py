@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import rounded
-from calfree_gym.image import CAMERAS, IMAGE_UNIT
+from calfree_gym.image import CAMERAS, IMAGE_UNIT, rounded
 from calfree_gym.robot.arms.movemaster import AIM
 
 from ..base.checks import checked_array

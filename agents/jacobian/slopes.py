@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from calfree_gym.geometry import RANK_OF_SQUARES
+from calfree_gym.image import RANK_OF_SQUARES
 
 from ..base.observation import POINTS, Array, Flags
 

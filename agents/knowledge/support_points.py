@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import rounded
+from calfree_gym.image import rounded
 
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array
@@ -123,7 +123,11 @@ class SupportPoints:
         """Indices of the nearest of `points` (n, k), the very nearest first."""
         apart = points - place
         squares = np.einsum("ij,ij->i", apart, apart)
-        return rounded(squares).argsort(kind="stable")[: self.neighbours]
+        near = np.arange(len(points))
+        if len(points) > self.neighbours:
+            most = np.partition(squares, self.neighbours)[self.neighbours]
+            near = np.flatnonzero(squares <= most)
+        return near[rounded(squares[near]).argsort(kind="stable")][: self.neighbours]
 
     def _fit(self, nearest: NDArray[np.intp]) -> LocalFit:
         return LocalFit(self.registers[nearest], self.sensors[nearest], self.variances[nearest])

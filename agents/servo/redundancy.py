@@ -13,8 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calfree_gym.geometry import rounded
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ..base.observation import Array
 from ..base.robust import cauchy_weights

@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from calfree_gym.geometry import inner
-from calfree_gym.image import lengths_px
+from calfree_gym.image import inner, lengths_px
 
 from ..base.observation import POINTS, Array, Flags, Observation
 from ..jacobian import Estimator, JacobianEstimate, distance_jacobian

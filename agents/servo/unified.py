@@ -12,8 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from calfree_gym.geometry import inner
-from calfree_gym.image import IMAGE_UNIT, lengths_px
+from calfree_gym.image import IMAGE_UNIT, inner, lengths_px
 
 from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation

@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from calfree_gym.geometry import Array, rounded
+from calfree_gym.geometry import Array
+from calfree_gym.image import rounded
 
 _CANDIDATES = 400
 """About so many registers, on a grid, may the search start from."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calfree_gym.geometry import rounded
+from calfree_gym.image import rounded
 
 from ...base.observation import POINTS, Array
 from ...perception.gating import Gating

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calfree_gym.geometry import rounded
-from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
+from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT, rounded
 
 from ...base.observation import Array, Flags
 from ...perception.gating import Gating

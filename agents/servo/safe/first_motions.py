@@ -6,8 +6,7 @@ from collections.abc import Generator
 
 import numpy as np
 
-from calfree_gym.geometry import RANK
-from calfree_gym.image import lengths_px
+from calfree_gym.image import RANK, lengths_px
 
 from ...base.observation import Array, Observation
 from ...jacobian import distance_jacobian

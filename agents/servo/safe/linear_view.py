@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calfree_gym.geometry import RANK, RANK_OF_SQUARES
-from calfree_gym.image import IMAGE_UNIT, lengths_px
+from calfree_gym.image import IMAGE_UNIT, RANK, RANK_OF_SQUARES, lengths_px
 
 from ...base.observation import POINTS, Array, Observation
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calfree_gym.geometry import RANK, RANK_OF_SQUARES
+from calfree_gym.image import RANK, RANK_OF_SQUARES
 
 from ...base.observation import Array, Observation
 from ...base.procedure import Procedure

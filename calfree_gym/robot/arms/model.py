@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from calfree_gym.geometry import RANK, Array, Flags, rounded
+from calfree_gym.geometry import Array, Flags
+from calfree_gym.image import RANK, rounded
 from calfree_gym.robot.arms.chain import SLIDE, Chain
 from calfree_gym.robot.arms.marks import GripperMarks, best_axis
 from calfree_gym.robot.arms.mjcf import compiled
@@ -211,5 +212,5 @@ class ArmModel(Robot):
         ]
         room = 1 - np.abs(2 * shares - 1)
         singular = np.linalg.svd(np.stack(effects, -1) * room[:, None], compute_uv=False)
-        ways = singular.max(0) > RANK * singular.max()
+        ways = singular.max(0) >= RANK * singular.max()
         return np.asarray(joints[rounded(singular[:, ways][:, -1]).argmax()])

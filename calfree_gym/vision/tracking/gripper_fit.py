@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import RANK, rounded
+from calfree_gym.image import RANK, rounded
 from calfree_gym.vision.tracking.outline import Array
 from calfree_gym.vision.tracking.parts import Part
 

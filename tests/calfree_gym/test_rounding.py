@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calfree_gym.geometry import inner, rounded
+from calfree_gym.image import inner, rounded
 
 
 @pytest.mark.parametrize("size", [1.0, -1.0, 3e-30, 7e40])
@@ -26,4 +26,4 @@ def test_an_inner_product_of_perpendicular_vectors_has_no_sign(seed):
     small, large = 1e-3 * one, 40 * other
     assert inner(small, large) == 0
     assert inner(small, np.zeros(6)) == 0
-    assert inner(small, large - 1e-4 * one) == pytest.approx(-1e-7, rel=1e-3)
+    assert inner(small, large - 1e-2 * one) == pytest.approx(-1e-5, rel=1e-3)
