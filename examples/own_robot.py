@@ -114,11 +114,12 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         self._begun = False
         self._call(self._place_object, patience=None)
         self._pictures()
-        for _ in range(max(1, math.ceil(np.abs(self._registers).max() / self._greatest_motion))):
+        away = self._registers
+        for _ in range(max(1, math.ceil(np.abs(away).max() / self._greatest_motion))):
             self._go_by(-self._registers)
         self._motions = 0
         self._tracker.reset()
-        observation, reached = self._look()
+        observation, reached = self._look(away)
         self._begun = True
         return observation, {"is_success": reached}
 
@@ -138,7 +139,7 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         asked, before = self._go_by(words)
         self._told.append((asked - before, self._registers - asked, self._registers))
         self._motions += 1
-        observation, reached = self._look()
+        observation, reached = self._look(before)
         self._begun = True
         reward = 0.0 if reached else -1.0
         return observation, reward, reached, self._motions >= self._most_motions, {"is_success": reached}
@@ -156,9 +157,13 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         self._registers = _numbers("go_to told", told, len(before), 1 + BEYOND)
         return asked, before
 
-    def _look(self) -> tuple[dict[str, Array], bool]:
-        """The observation, and whether gripper and object are seen at one place in both images."""
-        points, seen = self._tracker(*self._pictures())
+    def _look(self, before: Array) -> tuple[dict[str, Array], bool]:
+        """The observation, and whether gripper and object are seen at one place in both images.
+
+        A camera that shows the same picture again, though registers are no longer as `before`, is frozen.
+        """
+        moved = bool((self._registers != before).any())
+        points, seen = self._tracker(*self._pictures(), moved=moved)
         observation = {
             "achieved_goal": points[:2].ravel(),  # gripper, left and right
             "desired_goal": points[2:].ravel(),  # object
