@@ -43,10 +43,12 @@ class RegisterEstimate:
     UNDONE = 0.25
     """Registers are noisy where an error is undone by this share in the next motion. Derived: by a half where
     words are executed exactly, not at all where registers are exact."""
+    ONE_SIDED = 0.5
+    """Where three of four words end short, that is no noise. Choice."""
     INEXACT = 2.0
     """Words are executed inexactly where they end this much farther off than noise tells. Derived: the
     quantile of twenty words is known to a half."""
-    SPREADS, MOST_SHORT = 2.0, 0.5
+    SPREADS, MOST_SHORT = 4.0, 0.5
     """Words are usually executed in part where shares fall short of one by so many times what they differ by
     (median deviations), and by no more than half. Choice: else, what stops some motions is no rule."""
     ROUNDING = 4 * float(np.finfo(np.float32).eps)
@@ -91,7 +93,7 @@ class RegisterEstimate:
         """Learns how noisy registers are, and how exactly words (m,) are executed."""
         self._resting = np.append(self._resting, moved[~sent] / np.sqrt(2))
         off = moved - self.share * words
-        self._errors = np.append(self._errors, np.abs(off[sent]))
+        self._errors = np.append(self._errors, (off * np.sign(words))[sent])
         in_a_row = np.stack([self._off, off], 1)[sent & np.isfinite(self._off)]
         self._in_a_row = np.concatenate([self._in_a_row, in_a_row])
         self._off = np.where(sent, off, self._off)
@@ -118,7 +120,8 @@ class RegisterEstimate:
     def _noise_of_motions(self, error: float) -> float:
         """Standard deviation of a register, by errors that the next motion undoes: of its steps, too."""
         usual = self._in_a_row[(np.abs(self._in_a_row) <= self.GATE * error).all(1)]
-        if len(usual) <= self.FEW:
+        cut_short = abs(float(np.sign(self._errors).mean())) > self.ONE_SIDED if len(self._errors) else False
+        if cut_short or len(usual) <= self.FEW:
             return 0.0
         undone = -float(usual.prod(1).mean())
         return float(np.sqrt(undone)) if undone > self.UNDONE * error**2 else 0.0

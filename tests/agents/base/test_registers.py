@@ -1,0 +1,177 @@
+"""Where motors stand, by words and by registers that are measured; and agents whose registers are."""
+
+import warnings
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import agents
+from agents.base.registers import RegisterEstimate
+
+MOTORS = 3
+
+
+class Motors:
+    """Motors that execute words up to a greatest one, less a share, between stops."""
+
+    def __init__(self, seed, noise=0.0, step=0.0, short=0.0, longest=1.0, stop=np.inf):
+        self.random = np.random.default_rng(seed)
+        self.noise, self.step, self.short, self.longest, self.stop = noise, step, short, longest, stop
+        self.true = np.zeros(MOTORS)
+        self.estimate = RegisterEstimate(self.measured())
+
+    def measured(self):
+        registers = self.true + self.noise * self.random.normal(size=MOTORS)
+        return (np.round(registers / self.step) * self.step if self.step else registers).astype(np.float32)
+
+    def send(self, wanted):
+        """What is estimated after words are wanted (m,)."""
+        words = self.estimate.words(np.asarray(wanted, float)).astype(np.float32)
+        executed = np.clip(words, -self.longest, self.longest) * (1 - self.short)
+        self.true = np.clip(self.true + executed, -self.stop, self.stop)
+        return self.estimate.after(words, self.measured().astype(float))
+
+    def wander(self, motions):
+        """Errors (motions, m) of the estimate, after words of which a third is none."""
+        errors = []
+        for _ in range(motions):
+            words = self.random.uniform(-0.3, 0.3, MOTORS) * (self.random.random(MOTORS) > 1 / 3)
+            errors.append(self.send(words) - self.true)
+        return np.array(errors)
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 1000))
+def test_exact_registers_are_taken_as_they_are(seed):
+    assert np.abs(Motors(seed).wander(20)).max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("errors", "most"),
+    [
+        ({"noise": 1e-3}, 0.5e-3),
+        ({"noise": 5e-3}, 2.5e-3),
+        ({"step": 0.01}, 1.1 * 0.01 / np.sqrt(12)),  # the error of what is rounded
+        ({"short": 0.2}, 1e-4),
+        ({"longest": 0.1}, 1e-4),
+    ],
+)
+def test_it_is_hardly_more_off_than_registers_are_and_less_where_they_are_noisy(errors, most):
+    off = np.concatenate([Motors(seed, **errors).wander(40)[10:] for seed in range(20)])
+    assert np.sqrt(np.square(off).mean()) < most
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 1000), st.sampled_from([{"noise": 3e-3}, {"step": 0.01}, {"short": 0.1}, {}]))
+def test_a_motor_that_was_sent_nothing_or_stopped_stands_where_it_stood(seed, errors):
+    motors = Motors(seed, stop=0.5, **errors)
+    for _ in range(6):
+        motors.send([0.1, -0.05, 0.0])
+    before = motors.estimate.registers
+    for _ in range(3):
+        motors.send([0.0, -0.05, 0.0])
+    assert (motors.estimate.registers == before)[[0, 2]].all()
+    for _ in range(4):
+        motors.send([0.4, 0.0, 0.0])
+    at_stop = motors.estimate.registers
+    assert motors.send([0.4, 0.0, 0.0])[0] == at_stop[0]
+    assert at_stop[0] == pytest.approx(0.5, abs=0.02)
+
+
+def test_words_make_up_for_what_motors_usually_fall_short():
+    motors = Motors(0, short=0.2)
+    motors.wander(10)
+    before = motors.true
+    motors.send([0.3, -0.2, 0.1])
+    np.testing.assert_allclose(motors.true - before, [0.3, -0.2, 0.1], rtol=0.02)
+
+
+MEASURED = {
+    "noise": {"register_noise": 1e-3},
+    "step": {"register_step": 0.0015},
+    "short": {"shortfall": 0.01},
+    "limit": {"longest_motion": 0.1},
+    "weak": {"word_gain": 0.25},
+}
+
+
+@pytest.mark.parametrize("errors", MEASURED.values(), ids=MEASURED)
+@pytest.mark.parametrize("name", ["unified_servo", "paper_servo", "memory", "grid_table"])
+def test_agents_reach_by_registers_that_are_measured(name, errors):
+    motions = []
+    for seed in (20_100, 20_101):
+        drawn = gym.make("CalFree/Reach-v0", world="wild", dynamics="kinematic")
+        drawn.reset(seed=seed)
+        world = replace(drawn.unwrapped.world, **errors)
+        env = gym.make("CalFree/Reach-v0", world=world, dynamics="kinematic")
+        env.reset(seed=seed)
+        agent, ends = agents.make(name, env), []
+        env = Counted(env, ends)
+        agent.env = env
+        agent.learn(120, callback=lambda _, ends=ends: len(ends) < 3)
+        motions += ends
+    assert len(motions) == 6
+    assert max(motions) < 40
+
+
+class Counted(gym.Wrapper):
+    """Notes after how many motions trials end."""
+
+    def __init__(self, env, ends):
+        super().__init__(env)
+        self.ends = ends
+
+    def reset(self, **options):
+        self.motions = 0
+        return self.env.reset(**options)
+
+    def step(self, action):
+        self.motions += 1
+        *result, terminated, truncated, info = self.env.step(action)
+        if terminated or truncated:
+            self.ends.append(self.motions)
+        return *result, terminated, truncated, info
+
+
+def test_registers_near_zero_are_home_and_those_where_words_led_are_not(make_env):
+    env = make_env(tolerance_px=1e-3)
+    agent = agents.make("paper_servo", env)
+    observation, _ = env.reset(seed=0)
+    observation["observation"][4:] = [0.004, -0.006, 0.002]
+    words, _ = agent.predict(observation)
+    agent.predict(observation)  # home again
+    observation["observation"][4:] += words
+    with pytest.raises(ValueError, match="pass the state back"):
+        agent.predict(observation)
+
+
+@pytest.mark.parametrize("name", ["paper_servo", "unified_servo", "memory", "body_schema", "safe_start"])
+def test_where_no_point_is_seen_nothing_moves_and_the_state_says_so_with_one_warning(name, make_env):
+    env = make_env()
+    agent, state = agents.make(name, env), None
+    observation, _ = env.reset(seed=0)
+    observation["observation"][:4] = 0
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for _ in range(5):
+            words, state = agent.predict(observation, state)
+            assert not words.any()
+    assert "no point has been seen" in state[0].says
+    assert len(told) == 1
+    observation["observation"][:4] = 1
+    words, state = agent.predict(observation, state)
+    assert not state[0].says
+
+
+@pytest.mark.filterwarnings("ignore:a trial of")
+def test_where_no_motor_executes_anything_the_state_says_so(make_env):
+    env = make_env()
+    agent, state = agents.make("unified_servo", env), None
+    observation, _ = env.reset(seed=0)
+    for _ in range(40):
+        _, state = agent.predict(observation, state)
+    assert "no motor has moved" in state[0].says
