@@ -103,7 +103,7 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         self._registers, self._motions, self._begun = np.zeros(motors), 0, False
         self._told: list[tuple[Array, Array, Array]] = []
         self._calls: SimpleQueue[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]] = SimpleQueue()
-        self._hangs = ""
+        self._hangs, self._moved = "", False
         Thread(target=self._work, daemon=True).start()
 
     def reset(
@@ -114,12 +114,11 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         self._begun = False
         self._call(self._place_object, patience=None)
         self._pictures()
-        away = self._registers
-        for _ in range(max(1, math.ceil(np.abs(away).max() / self._greatest_motion))):
+        for _ in range(max(1, math.ceil(np.abs(self._registers).max() / self._greatest_motion))):
             self._go_by(-self._registers)
         self._motions = 0
         self._tracker.reset()
-        observation, reached = self._look(away)
+        observation, reached = self._look()
         self._begun = True
         return observation, {"is_success": reached}
 
@@ -139,7 +138,7 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         asked, before = self._go_by(words)
         self._told.append((asked - before, self._registers - asked, self._registers))
         self._motions += 1
-        observation, reached = self._look(before)
+        observation, reached = self._look()
         self._begun = True
         reward = 0.0 if reached else -1.0
         return observation, reward, reached, self._motions >= self._most_motions, {"is_success": reached}
@@ -155,15 +154,16 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         asked = np.clip(before + np.clip(words, -most, most), -1, 1)
         told = self._call(self._go_to, asked.copy(), patience=self._patience)
         self._registers = _numbers("go_to told", told, len(before), 1 + BEYOND)
+        wanted, executed = asked - before, self._registers - before
+        self._moved = bool((2 * executed * wanted > wanted**2).any())  # more than half of a word
         return asked, before
 
-    def _look(self, before: Array) -> tuple[dict[str, Array], bool]:
+    def _look(self) -> tuple[dict[str, Array], bool]:
         """The observation, and whether gripper and object are seen at one place in both images.
 
-        A camera that shows the same picture again, though registers are no longer as `before`, is frozen.
+        A camera that shows the same picture again, though motors have moved, is frozen.
         """
-        moved = bool((self._registers != before).any())
-        points, seen = self._tracker(*self._pictures(), moved=moved)
+        points, seen = self._tracker(*self._pictures(), moved=self._moved)
         observation = {
             "achieved_goal": points[:2].ravel(),  # gripper, left and right
             "desired_goal": points[2:].ravel(),  # object

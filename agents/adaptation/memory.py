@@ -15,11 +15,12 @@ from ..base.checks import check_number
 from ..base.observation import Array, Observation, RawObservation
 from ..base.procedure import Procedure
 from ..base.registers import at_home
+from ..base.stops import Stops
 from ..jacobian import Slopes
 from ..servo.image_model.least_distance import Seeker
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.servo_agent import Servo, ServoAgent
-from ..servo.trial import Findings, Stops, jump
+from ..servo.trial import Findings, jump
 from ..servo.unified import UnifiedServo
 from .adaptive_memory import AdaptiveMemory
 from .remembered import Remembered

@@ -16,9 +16,10 @@ from ..base.observation import Array, Observation, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
 from ..base.registers import at_home
+from ..base.stops import Stops
 from ..jacobian import Slopes
 from ..servo.servo_agent import Servo, ServoAgent
-from ..servo.trial import Findings, Stops, back
+from ..servo.trial import Findings, back
 from .body import Body
 from .known import Known
 from .meeting import Meeting, Seeker

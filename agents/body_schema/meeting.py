@@ -9,7 +9,7 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ..base.observation import POINTS, Array, Observation, camera_lengths_px
-from ..servo.trial import Stops
+from ..base.stops import Stops
 from .chain import Views
 from .known import Known
 

@@ -10,11 +10,11 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.observation import Array, Observation
+from ..base.stops import Stops, met_something
 from ..servo.image_model.least_distance import Seeker
 from ..servo.image_model.smooth_function import SmoothFunction
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.servo_agent import ServoAgent
-from ..servo.trial import Stops, met_something
 from .findings import GraspFindings
 from .in_view import InView
 from .intermediate import target

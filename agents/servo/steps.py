@@ -35,6 +35,7 @@ class Steps:
         step_px: No step is predicted to move a point further than this in an image.
         step_word: No word of a step is larger.
         border: Steps are predicted to keep every point within this part of the images.
+        beyond: Whether steps go beyond, and back, after one that came hardly nearer.
     """
 
     SHORTER, LONGER = 0.4, 1.5
@@ -47,25 +48,28 @@ class Steps:
     LEAST_SHARE = 0.1
     """A step that leads out of the images keeps this share at least: else nothing would move (a guard)."""
 
-    def __init__(self, trial: Trial, step_px: float, step_word: float, border: float) -> None:
+    def __init__(
+        self, trial: Trial, step_px: float, step_word: float, border: float, beyond: bool = False
+    ) -> None:
         self.trial = trial
         self.confidence = 1.0
         self._in_vain = False
         self._step_px = step_px
         self._step_word = step_word
         self._border = border
+        self._beyond = beyond
 
     def make(self, words: Array) -> Motions:
         """Executes words (m,) as far as they may go; where a point got lost, goes back, and then shorter.
 
-        After a step that came hardly nearer it goes a test word beyond, and back: small words may do nothing,
-        and gears have play.
+        After a step that came hardly nearer it may go a test word beyond, and back: small words may do
+        nothing, and gears have play.
         """
         before_px = self.trial.now.distance_px
         words = self.confidence * self.bounded(words)
         self.trial.findings.note_words(words, self.trial.now, self.trial.stops)
         goal = self.trial.now.registers + words
-        if self._in_vain:
+        if self._beyond and self._in_vain:
             yield from self._go(goal + np.copysign(self.trial.test_words, words))
         if not self.trial.filter.lost.any():
             yield from self._go(goal)

@@ -18,6 +18,7 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
+from ..base.stops import Stops
 from ..jacobian import Estimator, Slopes, TestMotions
 from ..perception.gating import Gating
 from .image_model.least_distance import LEFT, Seeker
@@ -25,7 +26,7 @@ from .image_model.smooth_points import SmoothPoints
 from .paper import PaperServo
 from .settings import SERVO_KNOWLEDGE, SMALLEST
 from .steps import HARDLY_NEARER
-from .trial import Findings, Motions, Stops
+from .trial import Findings, Motions
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,7 @@ class Reach:
 
         For where points are no smooth functions of registers, as where small words do nothing.
         """
-        self.stops.forget()
+        self._findings.try_again(self.stops)
         estimator: Estimator = TestMotions(len(self.now.registers))
         findings = Findings(estimator, self.filter, self._trusted, self.stops)
         servo = PaperServo()(self.now, findings)

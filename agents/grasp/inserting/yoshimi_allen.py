@@ -12,8 +12,8 @@ from calfree_gym.image import IMAGE_UNIT
 from ...base.observation import Array, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.procedure import ProcedureAgent
+from ...base.stops import met_something
 from ...servo.settings import SERVO_KNOWLEDGE
-from ...servo.trial import met_something
 from ..observation import ARM, BASE, OBJECT, TIP
 from .ellipse import ellipse_centre
 from .observation import InsertObservation

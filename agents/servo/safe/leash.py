@@ -11,8 +11,8 @@ from calfree_gym.image import lengths_px
 
 from ...base.observation import POINTS, Array, Observation
 from ...base.procedure import Procedure
+from ...base.stops import Stops, met_something
 from ...perception import ObservationFilter
-from ..trial import Stops, met_something
 from .linear_view import LinearView
 
 SPAN_PX = 600.0

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
+from agents.base.stops import Stops
 from agents.body_schema.meeting import Seeker
-from agents.servo.trial import Stops
 from tests.agents.body_schema.chains import Arm
 
 
