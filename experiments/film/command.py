@@ -31,6 +31,7 @@ def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
     Raises:
         ConfigError: The folder cannot be made, or OpenGL or the codec is missing.
     """
+    folder = made_folder(out)
     gif = config.gif
     rates = config.frames_per_second, gif.width, gif.frames_per_second
     required = requirements(config.agent, config.env)
@@ -40,7 +41,7 @@ def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
         sensors = config.env.observation == "vision"
         screen = Screen(unwrapped.arms, config.width, config.height, config.caption_height, sensors)
         try:
-            with FilmFiles(made_folder(out), config.width, config.height, *rates) as files:
+            with FilmFiles(folder, config.width, config.height, *rates) as files:
                 recorder = FilmRecorder(
                     env, screen, files.add, rates[0], config.agent.label, config.first_trial
                 )
