@@ -6,7 +6,10 @@ procedure asks registers whether a motor has moved: it is told here.
 
 from __future__ import annotations
 
+from bisect import insort
+from collections.abc import Iterable
 from dataclasses import replace
+from statistics import median
 
 import numpy as np
 
@@ -61,8 +64,10 @@ class RegisterEstimate:
         self._measured = measured
         self._variances = np.zeros(len(measured))
         self._off = np.where(at_home, measured, np.nan)
-        self._resting = measured[at_home]
-        self._shares, self._errors = np.empty((2, 0))
+        self._resting = _Deviates(measured[at_home])
+        self._errors = _Deviates()
+        self._ahead = 0.0
+        self._shares: list[float] = []
         self._in_a_row = np.empty((0, 2))
 
     def words(self, wanted: Array) -> Array:
@@ -74,7 +79,8 @@ class RegisterEstimate:
         sent, moved = np.asarray(words != 0), measured - self._measured
         self._learn(sent, words, moved)
         told = self.registers + self.share * words
-        resting, error = self._noise, self._error
+        resting = self._noise
+        error = self._error(resting)
         noise = max(resting, self._noise_of_motions(error))
         exact = error <= self.INEXACT * np.sqrt(2) * noise
         variances = self._variances + np.where(sent, 0.0 if exact else error**2, 0.0)
@@ -91,44 +97,64 @@ class RegisterEstimate:
 
     def _learn(self, sent: Flags, words: Array, moved: Array) -> None:
         """Learns how noisy registers are, and how exactly words (m,) are executed."""
-        self._resting = np.append(self._resting, moved[~sent] / np.sqrt(2))
+        self._resting.add(moved[~sent] / np.sqrt(2))
         off = moved - self.share * words
-        self._errors = np.append(self._errors, (off * np.sign(words))[sent])
+        self._errors.add(off[sent])
+        self._ahead += float(np.sign(off * words).sum())
         in_a_row = np.stack([self._off, off], 1)[sent & np.isfinite(self._off)]
         self._in_a_row = np.concatenate([self._in_a_row, in_a_row])
         self._off = np.where(sent, off, self._off)
         clear = np.abs(words) > 2 * self.GATE * self._noise
-        self._shares = np.append(self._shares, moved[clear] / words[clear])
+        self._shares += (moved[clear] / words[clear]).tolist()
         if len(self._shares) > self.FEW:
-            usual = float(np.median(self._shares))
-            spread = float(np.median(np.abs(self._shares - usual)))
+            usual = median(self._shares)
+            spread = median(abs(share - usual) for share in self._shares)
             self.share = usual if self.SPREADS * spread < 1 - usual < self.MOST_SHORT else 1.0
 
     @property
     def _noise(self) -> float:
         """Standard deviation of a register, by motors that were sent nothing."""
         looks = max(len(self._resting), 1)
-        return _deviation(self._resting, *self.MEDIAN) * (1 + self.CAUTION / looks)
+        return self._resting.deviation(*self.MEDIAN) * (1 + self.CAUTION / looks)
 
-    @property
-    def _error(self) -> float:
-        """Standard deviation of how far registers move, from what words tell."""
+    def _error(self, noise: float) -> float:
+        """Standard deviation of how far registers, as noisy as this, move from what words tell."""
         if len(self._errors) <= self.FEW:
-            return np.sqrt(2) * self._noise
-        return _deviation(self._errors, *self.QUANTILE)
+            return np.sqrt(2) * noise
+        return self._errors.deviation(*self.QUANTILE)
 
     def _noise_of_motions(self, error: float) -> float:
         """Standard deviation of a register, by errors that the next motion undoes: of its steps, too."""
+        if len(self._in_a_row) <= self.FEW or abs(self._ahead) > self.ONE_SIDED * len(self._errors):
+            return 0.0
         usual = self._in_a_row[(np.abs(self._in_a_row) <= self.GATE * error).all(1)]
-        cut_short = abs(float(np.sign(self._errors).mean())) > self.ONE_SIDED if len(self._errors) else False
-        if cut_short or len(usual) <= self.FEW:
+        if len(usual) <= self.FEW:
             return 0.0
         undone = -float(usual.prod(1).mean())
         return float(np.sqrt(undone)) if undone > self.UNDONE * error**2 else 0.0
 
 
-def _deviation(deviates: Array, share: float, of_normal: float) -> float:
-    return float(np.quantile(np.abs(deviates), share)) / of_normal if len(deviates) else 0.0
+class _Deviates:
+    """How far values lie from zero, in order."""
+
+    def __init__(self, values: Iterable[float] = ()) -> None:
+        self._sizes: list[float] = []
+        self.add(values)
+
+    def __len__(self) -> int:
+        return len(self._sizes)
+
+    def add(self, values: Iterable[float]) -> None:
+        for value in values:
+            insort(self._sizes, abs(float(value)))
+
+    def deviation(self, share: float, of_normal: float) -> float:
+        """The standard deviation, where this share of normal deviates is smaller than `of_normal` of it."""
+        if not self._sizes:
+            return 0.0
+        below, part = divmod(share * (len(self) - 1), 1.0)
+        sizes = self._sizes[int(below) : int(below) + 2]
+        return (sizes[0] + part * (sizes[-1] - sizes[0])) / of_normal
 
 
 def at_home(first: Observation) -> Observation:
