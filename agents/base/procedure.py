@@ -55,7 +55,7 @@ class RunningTrial:
         self._agent = agent
         self._registers = RegisterEstimate(measured)
         self._sent: Array | None = None
-        self._in_vain = 0
+        self._unmoved = 0
         self._procedure: Procedure | None = None
 
     def __repr__(self) -> str:
@@ -67,13 +67,13 @@ class RunningTrial:
         if self._sent is not None:
             before = self._registers.registers
             moved = bool((self._registers.after(self._sent, observed.registers) != before).any())
-            self._in_vain = 0 if moved else self._in_vain + bool(self._sent.any())
+            self._unmoved = 0 if moved else self._unmoved + bool(self._sent.any())
         return replace(observed, registers=self._registers.registers)
 
     def words(self, now: Any) -> Array:
         """The next control words (m,) to send; zero words once the procedure has ended."""
         wanted = self._wanted(now)
-        why = self._agent.why_still(self.findings) or (self.UNMOVED if self._in_vain >= self.WORDS else "")
+        why = self._agent.why_still(self.findings) or (self.UNMOVED if self._unmoved >= self.WORDS else "")
         why = self.UNSEEN if self._procedure is None else why
         if why and not self.says:
             warnings.warn(f"{self!r}: {why}", stacklevel=3)

@@ -53,7 +53,7 @@ class Steps:
     ) -> None:
         self.trial = trial
         self.confidence = 1.0
-        self._in_vain = False
+        self._hardly_nearer = False
         self._step_px = step_px
         self._step_word = step_word
         self._border = border
@@ -69,12 +69,12 @@ class Steps:
         words = self.confidence * self.bounded(words)
         self.trial.findings.note_words(words, self.trial.now, self.trial.stops)
         goal = self.trial.now.registers + words
-        if self._beyond and self._in_vain:
+        if self._beyond and self._hardly_nearer:
             yield from self._go(goal + np.copysign(self.trial.test_words, words))
         if not self.trial.filter.lost.any():
             yield from self._go(goal)
         yield from self._look()
-        self._in_vain = self.trial.now.distance_px > HARDLY_NEARER * before_px
+        self._hardly_nearer = self.trial.now.distance_px > HARDLY_NEARER * before_px
         if not self.trial.filter.lost.any():
             self.confidence = min(1.0, self.LONGER * self.confidence)
         else:
