@@ -9,15 +9,18 @@ from __future__ import annotations
 import warnings
 from abc import abstractmethod
 from collections.abc import Generator, Mapping
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any, ClassVar, Self
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
 from . import storage
 from .agent import Agent, Callback
 from .checks import check_number
+from .encoders import Encoders
 from .observation import Array, Observation, RawObservation
 from .registers import RegisterEstimate
 from .storage import AgentFile
@@ -41,6 +44,7 @@ class RunningTrial:
     Args:
         agent: Whose trial it is.
         measured: What registers say (m,) where it begins.
+        encoders: What is known of registers; it learns on.
     """
 
     UNSEEN = "no point has been seen in either image, so nothing moves"
@@ -48,12 +52,12 @@ class RunningTrial:
     WORDS = 6
     """So many words without a motion are told. Choice: both directions of three motors."""
 
-    def __init__(self, agent: ProcedureAgent, measured: Array) -> None:
+    def __init__(self, agent: ProcedureAgent, measured: Array, encoders: Encoders) -> None:
         self.of = agent._like
         self.findings = agent.new_findings()
         self.says = ""
         self._agent = agent
-        self._registers = RegisterEstimate(measured)
+        self._registers = RegisterEstimate(measured, encoders)
         self._sent: Array | None = None
         self._unmoved = 0
         self._procedure: Procedure | None = None
@@ -105,6 +109,10 @@ class ProcedureAgent(Agent):
     """
 
     needs_points: ClassVar[bool] = True
+
+    def __init__(self, env: gym.Env[Any, Any], seed: int = 0) -> None:
+        super().__init__(env, seed)
+        self._encoders = Encoders()
 
     @abstractmethod
     def procedure(self, first: Observation, findings: Any) -> Procedure:
@@ -187,7 +195,7 @@ class ProcedureAgent(Agent):
         words, after = [], []
         for i, observed in enumerate(rows):
             new = state is None or begins[i]
-            trial = RunningTrial(self, observed.registers) if new else state[i]  # type: ignore[index]
+            trial = RunningTrial(self, observed.registers, deepcopy(self._encoders)) if new else state[i]  # type: ignore[index]
             words.append(trial.words(trial.look(observed)))
             after.append(trial)
         stacked = np.asarray(words, np.float32)
@@ -213,7 +221,7 @@ class ProcedureAgent(Agent):
         """One trial of its own, cut off where `target` motions were made; whether the callback goes on."""
         raw, _ = self.env.reset()
         observed = self.observed(raw)
-        trial = RunningTrial(self, observed.registers)
+        trial = RunningTrial(self, observed.registers, self._encoders)
         now = trial.look(observed)
         words = trial.words(now)
         while True:
@@ -232,6 +240,13 @@ class ProcedureAgent(Agent):
                 return go_on
             words = trial.words(now)
 
+    def _known(self) -> dict[str, NDArray[Any]]:
+        return self.arrays() | self._encoders.arrays()
+
+    def _take_over(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        self._encoders = Encoders.of(arrays)
+        self.restore(arrays)
+
     @property
     def _like(self) -> tuple[type[ProcedureAgent], str, int]:
         return type(self), self.kind, self._motors
@@ -242,7 +257,9 @@ class ProcedureAgent(Agent):
 
     def save(self, path: AgentFile) -> None:
         """See `Agent`."""
-        storage.save(path, self.kind, self.arrays(), self.num_timesteps, self._motors)
+        storage.save(
+            path, self.kind, self.arrays() | self._encoders.arrays(), self.num_timesteps, self._motors
+        )
 
     def load(self, path: AgentFile) -> Self:
         """See `Agent`.
@@ -253,11 +270,11 @@ class ProcedureAgent(Agent):
             FileNotFoundError: There is no such file.
         """
         arrays, motions = storage.load(path, self.kind, self._motors, self.present_kind)
-        before = self.arrays()
+        before = self._known()
         try:
-            self.restore(arrays)
+            self._take_over(arrays)
         except (KeyError, ValueError, IndexError, TypeError) as error:
-            self.restore(before)
+            self._take_over(before)
             raise ValueError(f"{path} is damaged: {error}") from error
         self.num_timesteps = motions
         return self

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import agents
+from agents.base.encoders import Encoders
 from agents.base.registers import RegisterEstimate
 
 MOTORS = 3
@@ -22,7 +23,7 @@ class Motors:
         self.random = np.random.default_rng(seed)
         self.noise, self.step, self.short, self.longest, self.stop = noise, step, short, longest, stop
         self.true = np.zeros(MOTORS)
-        self.estimate = RegisterEstimate(self.measured())
+        self.estimate = RegisterEstimate(self.measured(), Encoders())
 
     def measured(self):
         registers = self.true + self.noise * self.random.normal(size=MOTORS)
