@@ -27,7 +27,7 @@ class Encoders:
 
     GATE = 4.0
     """What differs by so many standard deviations is not the same. Derived: once in 16,000 cases."""
-    KEPT = 100
+    KEPT = 50
     """So many words are remembered. Choice: a robot's first reaches."""
     MEDIAN, QUANTILE = (0.5, 0.6745), (0.15, 0.189)
     """Such a share of normal deviates is smaller than that; the second one also where motors often stop."""
@@ -108,17 +108,15 @@ class Encoders:
         Args:
             error: How far registers usually move from what words tell.
         """
-        ahead = sum(np.sign(self._errors).tolist())
+        ahead = sum(off > 0 for off in self._errors) - sum(off < 0 for off in self._errors)
         if abs(ahead) > self.ONE_SIDED * len(self._errors):
             return 0.0
-        by_step = min(error, self.step / sqrt(12))
-        usual = [
-            first * then for first, then in self._in_a_row if max(abs(first), abs(then)) <= self.GATE * error
-        ]
-        if len(usual) <= self.FEW:
+        by_step, most = min(error, self.step / sqrt(12)), self.GATE * error
+        undone = [-one * two for one, two in self._in_a_row if -most <= one <= most and -most <= two <= most]
+        if len(undone) <= self.FEW:
             return by_step
-        undone = -sum(usual) / len(usual)
-        return max(by_step, sqrt(undone)) if undone > self.UNDONE * error**2 else by_step
+        variance = sum(undone) / len(undone)
+        return max(by_step, sqrt(variance)) if variance > self.UNDONE * error**2 else by_step
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All that is known, as named arrays."""
@@ -138,7 +136,7 @@ class Encoders:
             known._resting.extend(arrays["registers.resting"].tolist())
             known._errors.extend(arrays["registers.errors"].tolist())
             known._shares.extend(arrays["registers.shares"].tolist())
-            known._in_a_row.extend((first, then) for first, then in arrays["registers.in_a_row"].tolist())
+            known._in_a_row.extend((one, two) for one, two in arrays["registers.in_a_row"].tolist())
             known.share, known._step, known._farthest = arrays["registers.other"].tolist()
         return known
 
