@@ -46,6 +46,9 @@ class Encoders:
     ROUNDING = 4 * float(np.finfo(np.float32).eps)
     """Of registers (a guard): observations have single precision."""
 
+    DIVIDED = 300 * float(np.finfo(np.float32).eps)
+    """Of the largest register (a guard): as far off is what is left of several divisions."""
+
     def __init__(self) -> None:
         self.share = 1.0
         self._resting = deque[float](maxlen=self.KEPT)
@@ -82,8 +85,10 @@ class Encoders:
     def read(self, registers: Array) -> None:
         """Learns from registers (m,) which step they have, if any."""
         for reading in np.abs(registers).tolist():
-            self._step = _common_step(self._step, reading, self.ROUNDING)
             self._farthest = max(self._farthest, reading)
+            self._step = _common_step(self._step, reading, self.DIVIDED * self._farthest)
+            if self._step < self._farthest:
+                self._step = self._farthest / round(self._farthest / self._step)
 
     @property
     def step(self) -> float:
@@ -111,12 +116,12 @@ class Encoders:
         ahead = sum(off > 0 for off in self._errors) - sum(off < 0 for off in self._errors)
         if abs(ahead) > self.ONE_SIDED * len(self._errors):
             return 0.0
-        by_step, most = min(error, self.step / sqrt(12)), self.GATE * error
+        most = self.GATE * error
         undone = [-one * two for one, two in self._in_a_row if -most <= one <= most and -most <= two <= most]
-        if len(undone) <= self.FEW:
-            return by_step
-        variance = sum(undone) / len(undone)
-        return max(by_step, sqrt(variance)) if variance > self.UNDONE * error**2 else by_step
+        variance = sum(undone) / max(len(undone), 1)
+        if len(undone) > self.FEW and variance > self.UNDONE * error**2:
+            return sqrt(variance)
+        return min(error, self.step / sqrt(12)) if len(undone) < self.KEPT else 0.0
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All that is known, as named arrays."""
@@ -142,7 +147,7 @@ class Encoders:
 
 
 def _common_step(step: float, reading: float, rounding: float) -> float:
-    """What two values are multiples of (Euclid); nearly nothing, where they are not of a step."""
+    """What two values are multiples of (Euclid); hardly anything, where of nothing."""
     while reading > rounding:
         left = fmod(step, reading) if step < inf else 0.0
         step, reading = reading, min(left, reading - left)

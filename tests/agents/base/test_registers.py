@@ -19,11 +19,11 @@ MOTORS = 3
 class Motors:
     """Motors that execute words up to a greatest one, less a share, between stops."""
 
-    def __init__(self, seed, noise=0.0, step=0.0, short=0.0, longest=1.0, stop=np.inf):
+    def __init__(self, seed, noise=0.0, step=0.0, short=0.0, longest=1.0, stop=np.inf, encoders=None):
         self.random = np.random.default_rng(seed)
         self.noise, self.step, self.short, self.longest, self.stop = noise, step, short, longest, stop
         self.true = np.zeros(MOTORS)
-        self.estimate = RegisterEstimate(self.measured(), Encoders())
+        self.estimate = RegisterEstimate(self.measured(), encoders or Encoders())
 
     def measured(self):
         registers = self.true + self.noise * self.random.normal(size=MOTORS)
@@ -56,7 +56,7 @@ def test_exact_registers_are_taken_as_they_are(seed):
     [
         ({"noise": 1e-3}, 0.5e-3),
         ({"noise": 5e-3}, 2.5e-3),
-        ({"step": 0.01}, 1.1 * 0.01 / np.sqrt(12)),  # the error of what is rounded
+        ({"step": 0.01}, 0.01 / np.sqrt(12)),  # the error of what is rounded
         ({"short": 0.2}, 1e-4),
         ({"longest": 0.1}, 1e-4),
     ],
@@ -81,6 +81,51 @@ def test_a_motor_that_was_sent_nothing_or_stopped_stands_where_it_stood(seed, er
     at_stop = motors.estimate.registers
     assert motors.send([0.4, 0.0, 0.0])[0] == at_stop[0]
     assert at_stop[0] == pytest.approx(0.5, abs=0.02)
+
+
+def test_words_smaller_than_a_step_are_counted_though_registers_do_not_show_them():
+    encoders = Encoders()
+    Motors(0, step=0.01, encoders=encoders).wander(6)
+    motors = Motors(1, step=0.01, encoders=encoders)  # the next trial
+    for _ in range(12):
+        estimate = motors.send([0.003, 0.0, -0.001])
+        np.testing.assert_allclose(estimate, motors.true, atol=0.002)
+
+
+@settings(max_examples=50)
+@given(
+    st.floats(1e-3, 0.1),
+    st.lists(st.integers(-300, 300).filter(bool), min_size=6, max_size=30),
+    st.booleans(),
+)
+def test_a_step_is_what_all_registers_are_multiples_of(step, multiples, stepped):
+    steps = (
+        np.array(multiples) if stepped else np.array(multiples) * np.sqrt(np.arange(1, len(multiples) + 1))
+    )
+    encoders = Encoders()
+    encoders.read((step * steps).astype(np.float32).astype(float))
+    common = np.gcd.reduce(multiples) * step
+    if not stepped:
+        assert encoders.step < step / 2
+    elif np.abs(multiples).max() * step > 1.5 * common:
+        assert encoders.step == pytest.approx(common, rel=1e-3)
+
+
+def test_a_saved_agent_knows_its_encoders(tmp_path):
+    env = gym.make("CalFree/Reach-v0", world="rough", dynamics="kinematic")
+    env.reset(seed=4)
+    agent = agents.make("paper_servo", env).learn(60)
+    loaded = agents.make("paper_servo", env).load(agent.save(tmp_path / "agent") or tmp_path / "agent")
+    fresh = agents.make("paper_servo", env)
+    sent = {}
+    for name, each in {"saved": agent, "loaded": loaded, "fresh": fresh}.items():
+        (observation, _), state, sent[name] = env.reset(seed=5), None, []
+        for _ in range(15):
+            words, state = each.predict(observation, state)
+            sent[name].append(words)
+            observation, *_ = env.step(words)
+    np.testing.assert_array_equal(sent["loaded"], sent["saved"])
+    assert (np.array(sent["fresh"]) != sent["saved"]).any()
 
 
 def test_words_make_up_for_what_motors_usually_fall_short():
