@@ -153,7 +153,7 @@ def test_a_report_is_of_the_finished_runs_alone(finished):
     assert "(never finished)" in page
 
 
-def test_curves_are_tensorboard_events(finished):
+def test_curves_are_tensorboard_scalars(finished):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     _, out = finished
@@ -162,7 +162,7 @@ def test_curves_are_tensorboard_events(finished):
     events = EventAccumulator(str(folder)).Reload()
 
     def shown(name):
-        return {event.step: event.tensor_proto.float_val[0] for event in events.Tensors(name)}
+        return {event.step: event.value for event in events.Scalars(name)}
 
     of_run = results[results["run"] == folder.name]
     means = of_run[of_run["phase"] == "eval"].groupby("lifetime_motions")["motions"].mean()
