@@ -15,8 +15,8 @@ from experiments.reporting.agents_in_words import ASIDE, in_words, lines_of
 from experiments.reporting.finished_suite import MOTIONS, FinishedSuite, where_it_stands, with_cost
 from experiments.reporting.held_out.checkpoints import with_clocks
 from experiments.reporting.pages.labels import LineEnd, label_lines
+from experiments.reporting.pages.perturbations_in_words import again_and_again, knocks
 from experiments.reporting.pages.style import STYLE, Line, draw_worlds, drawn_in_words, motions_axis, say
-from experiments.reporting.perturbations_in_words import again_and_again, knocks
 from experiments.running.plan import LifetimeRun
 from experiments.statistics import Array
 

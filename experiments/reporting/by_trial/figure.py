@@ -13,8 +13,8 @@ from experiments.config.suite import AgentConfig
 from experiments.reporting.agents_in_words import in_words
 from experiments.reporting.by_trial.estimates import Blocks
 from experiments.reporting.pages.labels import LineEnd, label_lines
+from experiments.reporting.pages.perturbations_in_words import Knock
 from experiments.reporting.pages.style import DARK_GREY, STYLE, Line, draw_worlds, motions_axis, say
-from experiments.reporting.perturbations_in_words import Knock
 from experiments.statistics import Array
 
 _ROOM = 18

@@ -31,8 +31,8 @@ from experiments.reporting.finished_suite import (
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.pages.headline import in_words
+from experiments.reporting.pages.perturbations_in_words import again_and_again, knocks
 from experiments.reporting.pages.style import drawn_in_words, save
-from experiments.reporting.perturbations_in_words import again_and_again, knocks
 from experiments.reporting.tables import Table, number, percent
 from experiments.statistics import Array, interquartile_mean
 

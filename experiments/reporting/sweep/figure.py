@@ -12,8 +12,8 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLoca
 from experiments.config.suite import AgentConfig, SweepConfig
 from experiments.reporting.agents_in_words import in_words
 from experiments.reporting.pages.labels import LineEnd, label_lines
+from experiments.reporting.pages.perturbations_in_words import axis_in_words
 from experiments.reporting.pages.style import STYLE, Line, motions_axis, say
-from experiments.reporting.perturbations_in_words import axis_in_words
 from experiments.reporting.sweep.estimates import Point
 
 _ACROSS = 3

@@ -4,7 +4,7 @@ import pytest
 
 from calfree_gym.perturbations import TYPES
 from experiments.config.suite import ScenarioConfig, SweepConfig
-from experiments.reporting.perturbations_in_words import (
+from experiments.reporting.pages.perturbations_in_words import (
     Knock,
     again_and_again,
     axis_in_words,
