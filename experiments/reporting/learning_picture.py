@@ -147,7 +147,7 @@ def _title(scenario: ScenarioConfig, stretch: int) -> str:
         return ""
     if _in_one_panel(scenario):
         return f"{len(known)} changes of the world"
-    return known[stretch - 1].words if stretch else "from the beginning"
+    return known[min(stretch, len(known)) - 1].words if stretch else "from the beginning"
 
 
 def _said(finished: FinishedSuite, scenario: ScenarioConfig, curves: _Curves) -> str:
