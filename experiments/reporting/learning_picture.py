@@ -64,7 +64,14 @@ def learning_picture(finished: FinishedSuite, scenario: ScenarioConfig) -> Figur
     """
     curves = _curves(finished, scenario)
     lines = lines_of(finished.suite.agents)
-    stretches = sorted({stretch for of_agent in curves.values() for stretch in of_agent})
+    stretches = sorted(
+        {
+            stretch
+            for of_agent in curves.values()
+            for stretch, each in of_agent.items()
+            if each.motions[-1] > 0
+        }
+    )
     with plt.rc_context(STYLE):
         width = _WIDTH if len(stretches) <= 2 else _WIDE
         letters = int((width - _LABELS) / len(stretches) / _LETTER)
@@ -79,7 +86,8 @@ def learning_picture(finished: FinishedSuite, scenario: ScenarioConfig) -> Figur
                     draw_worlds(axes, np.maximum(motions, 1), worlds, lines[label], len(curves))
             longest = max(of[stretch].motions[-1] for of in curves.values() if stretch in of)
             _scale(axes, longest, "motions since" if stretch else "motions lived")
-            axes.set_title(fill(_title(scenario, stretch), letters), weight="bold", size=10)
+            title = _title(scenario, stretch).replace(" by ", " by\N{NO-BREAK SPACE}")
+            axes.set_title(fill(title, letters), weight="bold", size=10)
         cap = scenario.env.max_episode_steps
         say(figure, f"Motions a reach (a failure counts as {cap})", _said(finished, scenario, curves))
         ends = [

@@ -40,7 +40,7 @@ def test_each_stretch_of_a_life_has_its_panel_and_its_clock(picture):
     left, right = picture.axes
     assert (left.get_title("left"), right.get_title("left")) == (
         "from the beginning",
-        "left camera turned by 20°",
+        "left camera turned by\N{NO-BREAK SPACE}20°",
     )
     for axes, half in ((left, 0), (right, 1)):
         for agent in ("memory", "ppo"):
