@@ -152,7 +152,7 @@ class AgentConfig(Model):
         return one_of(value, tuple(dict.fromkeys(name for task in OWN for name in agents.names(task))))
 
 
-FIGURES = ("held-out", "training", "profile", "trials")
+FIGURES = ("held-out", "trials")
 """How names of a scenario's figures end."""
 
 

@@ -1,6 +1,5 @@
 """A suite that was run, and what several parts of the report need of its scenarios."""
 
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from experiments.config.arms import as_told
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.tables import counted, must_know
-from experiments.running.plan import LifetimeRun, Run
+from experiments.running.plan import Run
 
 SUCCESS, RENDEZVOUS, MOTIONS, SECONDS = "success", "rendezvous", "motions_per_reach", "robot_seconds"
 """What is measured in a trial; one without an observed rendezvous counts as the cap in motions per reach."""
@@ -59,11 +58,6 @@ class FinishedSuite:
         for run in self.runs_of(agent):
             return must_know(self.outcomes[run]["privileged"], self.outcomes[run]["prior_knowledge"])
         return "unknown: no run finished"
-
-
-def places(suite: Suite, part: ScenarioConfig | SweepConfig) -> dict[str, int]:
-    """The labels of a part's agents, each with its place in the suite, which gives its colour everywhere."""
-    return {agent.label: suite.agents.index(agent) for agent in suite.agents_in(part)}
 
 
 def with_cost(results: pd.DataFrame, scenario: ScenarioConfig | SweepConfig) -> pd.DataFrame:
@@ -119,66 +113,14 @@ _SAID = {"id", "world", "arm", "camera_mount", "tolerance_px", "dynamics"}
 """Of an environment, what its words always tell."""
 
 
-def where_it_stands(
-    finished: FinishedSuite,
-    scenario: ScenarioConfig | SweepConfig,
-    trials: str,
-    marks: tuple[str, str] = ("lines", "bands"),
-    single_worlds: bool = True,
-) -> str:
-    """What a figure needs beside it: threshold, unit of resampling, number of worlds, what agents know.
+def where_it_stands(part: ScenarioConfig | SweepConfig, trials: str, *worlds: int) -> str:
+    """What stands below a figure before its lines are explained: its trials, worlds and tolerance.
 
     Args:
-        finished: The suite.
-        scenario: What the figure is of.
+        part: What the figure is of.
         trials: Which trials it shows.
-        marks: How means and their intervals are drawn.
-        single_worlds: Whether it shows these in place of intervals, where they are few.
+        worlds: How many; several numbers where agents have not as many.
     """
-    suite = finished.suite
-    few = suite.worlds < ENOUGH_WORLDS
-    middle, interval = marks
-    drawn = (
-        "thin lines: single worlds" if few and single_worlds else f"{interval}: 95 % intervals over worlds"
-    )
-    if few:
-        drawn += "; no ranking is claimed"
-    known = "; ".join(f"{agent.label}: {finished.must_know(agent)}" for agent in suite.agents_in(scenario))
-    return (
-        f"Tolerance {scenario.env.tolerance_px:g} px of 512. {counted(suite.worlds, 'world')}, {trials}; "
-        f"{middle}: all worlds; {drawn}.\nBuilt on, beyond observations: {known}."
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Perturbation:
-    """How the world changed, and between which lifetime motions (or trials) it did so in the runs."""
-
-    first: int
-    last: int
-    what: str
-
-
-def perturbations_met(finished: FinishedSuite, scenario: ScenarioConfig, of: str) -> tuple[Perturbation, ...]:
-    """After how many motions, or trials (`of`), the runs were perturbed, and how; a span where they differ.
-
-    Spans of the same perturbation that overlap, as where it comes at every trial, are one.
-    """
-    met: dict[tuple[str, int], list[int]] = {}
-    for spec in finished.runs:
-        if (
-            isinstance(spec, LifetimeRun)
-            and spec.scenario.name == scenario.name
-            and spec.id in finished.outcomes
-        ):
-            seen: Counter[str] = Counter()
-            for motions, trials, what in finished.outcomes[spec.id]["perturbations"]:
-                met.setdefault((what, seen[what]), []).append(motions if of == "motions" else trials)
-                seen[what] += 1
-    spans: list[Perturbation] = []
-    for (what, _), counts in sorted(met.items(), key=lambda item: (item[0][0], min(item[1]))):
-        first, last = min(counts), max(counts)
-        if spans and spans[-1].what == what and first <= spans[-1].last:
-            first, last = spans[-1].first, max(last, spans.pop().last)
-        spans.append(Perturbation(first, last, what))
-    return tuple(sorted(spans, key=lambda span: span.first))
+    fewest, most = min(worlds), max(worlds)
+    amount = counted(most, "world") if fewest == most else f"{fewest} to {counted(most, 'world')}"
+    return f"{trials}, in {amount}; tolerance: {part.env.tolerance_px:g} px of 512."

@@ -42,8 +42,8 @@ def write_report(finished: FinishedSuite) -> Path:
     by_arm = many_arms(finished.suite.scenarios)
     sections += arms_sections(finished) if by_arm else []
     for scenario in finished.suite.scenarios:
-        if evaluation := finished.suite.evaluation_of(scenario):
-            sections += scenario_sections(finished, scenario, evaluation)
+        if finished.suite.evaluation_of(scenario):
+            sections += scenario_sections(finished, scenario)
         if scenario.trials and not by_arm:
             sections.append(trial_section(finished, scenario))
     sections += sweep_sections(finished)

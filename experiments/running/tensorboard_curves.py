@@ -1,10 +1,13 @@
-"""Learning curves as TensorBoard events, written while a run goes on."""
+"""Learning curves as TensorBoard scalars, written while a run goes on."""
 
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from tensorboard.summary import Writer
+from tensorboard.compat.proto.event_pb2 import Event
+from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.summary.writer.event_file_writer import EventFileWriter
 
 from experiments.evaluation import TrialRecord
 
@@ -20,7 +23,7 @@ class Curves:
     """So many trials of the agent's own are one point: an event takes longer than an object to draw."""
 
     def __init__(self, folder: Path):
-        self._writer = Writer(str(folder))
+        self._writer = EventFileWriter(str(folder))
         self._waiting: list[TrialRecord] = []
         self._motions = 0
 
@@ -38,9 +41,15 @@ class Curves:
 
     def write(self, phase: str, lifetime_motions: int, records: Sequence[TrialRecord]) -> None:
         """Adds the means over some trials, as `train/...` or `eval/...`."""
-        for name in ("success", "motions", "robot_seconds", "error_px", "distance_mm"):
-            mean = float(np.mean([record[name] for record in records]))
-            self._writer.add_scalar(f"{phase}/{name}", mean, lifetime_motions)
+        means = [
+            Summary.Value(
+                tag=f"{phase}/{name}", simple_value=float(np.mean([record[name] for record in records]))
+            )
+            for name in ("success", "motions", "robot_seconds", "error_px", "distance_mm")
+        ]
+        self._writer.add_event(
+            Event(wall_time=time.time(), step=lifetime_motions, summary=Summary(value=means))
+        )
 
     def close(self) -> None:
         """Writes what is still waiting."""

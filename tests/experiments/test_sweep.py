@@ -2,6 +2,7 @@
 
 import json
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
@@ -222,37 +223,47 @@ def test_the_figure_shows_the_points():
         ("servo", 90.0, 1, False, True, 9),
     )
     swept = SweepConfig(**ROLL, over=(0, 90))
-    figure = sweep_figure(
-        [swept], {"roll": {"servo": points(data, swept, "servo", 2)}}, {"servo": 0}, "2 worlds"
+    agent = AgentConfig(name="unified_servo", label="servo")
+    lost = AgentConfig(name="random", label="random")
+    curves = [
+        (agent, points(data, swept, "servo", 2), {"color": "#112233"}),
+        (lost, points(data, swept, "random", 2), {"color": "#445566"}),
+    ]
+    figure = sweep_figure(swept, curves, "2 worlds.")
+    misses, motions = figure.axes
+    (line,) = misses.lines
+    assert list(line.get_ydata()) == [0, 1]
+    line, other, *_ = motions.lines
+    assert line.get_color() == "#112233"
+    assert list(line.get_ydata()) == [3, 60]
+    assert list(other.get_ydata()) == [60, 60]
+    assert [text.get_text() for text in motions.texts] == ["servo", "random motions"]
+    assert figure.get_supxlabel() == "2 worlds. Left out on the left: random motions (misses all)."
+    assert "(degrees)" in misses.get_xlabel()
+    plt.close(figure)
+
+
+def test_a_figure_of_many_sweeps_has_a_panel_each_and_names_each_agent_once(
+    sweep_data, tmp_path, monkeypatch
+):
+    """An agent looks the same where it is the third of one sweep, and the first of another."""
+    labels, drawn = ["random", "unified_servo", "paper_servo"], {}
+    monkeypatch.setattr(
+        "experiments.reporting.sweep.section.save", lambda fig, _, name: drawn.update({name: fig})
     )
-    success, motions = figure.axes
-    drawn = {line.get_label(): list(line.get_ydata()) for line in success.get_lines()}
-    assert drawn == {"servo": [1, 0], "servo, its first motion": [0.5, 0]}
-    np.testing.assert_array_equal(motions.get_lines()[0].get_ydata(), [3, np.nan])
-    (legend,) = figure.legends
-    assert "trials out of view" in [text.get_text() for text in legend.get_texts()]
-    low, high = success.collections[0].get_datalim(success.transData).intervaly
-    assert (low, high) == pytest.approx((0, 1))
-
-
-def test_an_agent_has_one_colour_in_all_sweeps(sweep_data, tmp_path, monkeypatch):
-    """Also where it is the third agent of one sweep and the first of another."""
-    labels = ["random", "unified_servo", "paper_servo"]
-    drawn = {label: set() for label in labels}
-
-    def save(figure, folder, name):
-        for line in (line for axes in figure.axes for line in axes.get_lines()):
-            drawn[line.get_label()].add((line.get_color(), line.get_linestyle(), line.get_marker()))
-
-    monkeypatch.setattr("experiments.reporting.sweep.section.save", save)
     sweep_data["agents"] = labels
     sweep_data["sweeps"] = [{**ROLL, "over": [0]}, {**AIM, "over": [0], "agents": labels[2:]}]
     suite = Suite.model_validate(sweep_data)
     rows = table(*((label, 0.0, world, True, True, 3) for label in labels for world in range(2)))
     rows = pd.concat([rows.assign(scenario=name) for name in ("roll", "aim")])
     sweep_sections(FinishedSuite(tmp_path, suite, "", runs_of(suite), {}, {}, {}, rows, pd.DataFrame()))
-    assert [len(lines) for lines in drawn.values()] == [1, 1, 1]
-    assert len(set.union(*drawn.values())) == 3
+    roll, aim = drawn["_all"].axes
+    assert (len(roll.lines), len(aim.lines)) == (3, 1)
+    assert roll.lines[2].get_color() == aim.lines[0].get_color() == drawn["aim"].axes[1].lines[0].get_color()
+    (legend,) = drawn["_all"].legends
+    assert len(legend.get_texts()) == 3
+    for figure in drawn.values():
+        plt.close(figure)
 
 
 def test_from_configuration_to_report(sweep_data, write_config, tmp_path, capsys):

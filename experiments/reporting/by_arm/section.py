@@ -9,6 +9,7 @@ from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from experiments.config.arms import as_told
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.suite import ScenarioConfig
+from experiments.reporting.agents_in_words import lines_of
 from experiments.reporting.by_arm.figure import arms_figure
 from experiments.reporting.by_trial.estimates import COARSE, blocks, edges_of
 from experiments.reporting.by_trial.figure import span
@@ -19,18 +20,18 @@ from experiments.reporting.finished_suite import (
     FinishedSuite,
     about_environment,
     few_worlds,
-    places,
     where_it_stands,
     with_cost,
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.pages.style import save
 from experiments.reporting.tables import Table, counted, number, percent
-from experiments.statistics import Estimate
+from experiments.statistics import Array
 
 ALL, BY_ARM = "all", "by_arm"
 _FIRST = 1
 _SHARES = (SUCCESS, RENDEZVOUS)
+_OWN = "The agents' own trials"
 
 _HOW_TO_READ = (
     "The agents' own trials, in which they learn; nothing is set for an arm. In each cell: motions per reach "
@@ -56,15 +57,16 @@ def arms_sections(finished: FinishedSuite) -> list[Section]:
     """Agents by arms in one figure and table, and all numbers with their intervals in another."""
     suite = finished.suite
     rows, summary = [], []
-    found: dict[tuple[str, str, str], Estimate] = {}
+    found: dict[tuple[str, str, str], Array] = {}
     for scenario in suite.scenarios:
         cap = scenario.env.max_episode_steps
         costs = with_cost(finished.results, scenario)
         costs = costs[costs["phase"] == "train"]
         edges = edges_of(scenario, (_FIRST, *COARSE))
         names = [span(first, end) for first, end in pairwise(edges)]
-        for label in places(suite, scenario):
-            of_blocks = blocks(costs, label, MOTIONS, suite.worlds, edges, cap).estimates()
+        for label in (agent.label for agent in suite.agents_in(scenario)):
+            motions = blocks(costs, label, MOTIONS, suite.worlds, edges, cap)
+            of_blocks = motions.estimates()
             of_all = {
                 measure: blocks(costs, label, measure, suite.worlds, edges[[0, -1]], cap).estimates()[0]
                 for measure in _SHARES
@@ -80,17 +82,18 @@ def arms_sections(finished: FinishedSuite) -> list[Section]:
                 for measure, each in of_all.items()
             ]
             found |= {
-                (scenario.name, label, block): each for block, each in zip(names, of_blocks, strict=True)
+                (scenario.name, label, block): of_worlds
+                for block, of_worlds in zip(names, motions.runs.T, strict=True)
             }
     columns = ["arm", "agent", *(f"trials {name}: motions per reach" for name in names), *_SHARES]
-    first = suite.scenarios[0]
+    first, lines = suite.scenarios[0], lines_of(suite.agents)
     figure = arms_figure(
         {scenario.name: _motors(scenario.env) for scenario in suite.scenarios},
         {f"trial {names[0]}": names[0], f"trials {names[-1]}": names[-1]},
         found,
-        places(suite, first),
+        [(agent, lines[agent.label]) for agent in suite.agents_in(first)],
         first.env.max_episode_steps,
-        where_it_stands(finished, first, "the agents' own trials", ("points", "lines"), single_worlds=False),
+        f"{where_it_stands(first, _OWN, suite.worlds)} Points: the median world.",
     )
     return [
         Section(

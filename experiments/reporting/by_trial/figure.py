@@ -1,85 +1,66 @@
 """The learning curves of lifetimes counted in trials, on an axis whose blocks widen after each event."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
+from textwrap import fill
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.reporting.by_trial.estimates import LOOKS, Blocks, seconds_at
-from experiments.reporting.finished_suite import ENOUGH_WORLDS, MOTIONS, Perturbation
-from experiments.reporting.pages.style import (
-    DARK_GREY,
-    STYLE,
-    draw_band,
-    draw_logarithmic,
-    legend_below,
-    line_of,
-)
-from experiments.statistics import Array, interquartile_mean
+from experiments.config.suite import AgentConfig
+from experiments.reporting.agents_in_words import in_words
+from experiments.reporting.by_trial.estimates import Blocks
+from experiments.reporting.pages.labels import LineEnd, label_lines
+from experiments.reporting.pages.perturbations_in_words import Knock
+from experiments.reporting.pages.style import DARK_GREY, STYLE, Line, draw_worlds, motions_axis, say
+from experiments.statistics import Array
 
-_ROOM_FOR_WORDS = 5  # labels side by side above the panels
+_ROOM = 18
+"""Letters of what happened, in a line above the panel."""
 
 
 def trial_curves(
     title: str,
-    blocks_of: Callable[[str, str], Blocks],
-    places: Mapping[str, int],
-    edges: Array,
-    perturbations: Sequence[Perturbation],
+    curves: Sequence[tuple[AgentConfig, Blocks, Line]],
+    cap: int,
+    knocks: Sequence[Knock],
     said: str,
 ) -> Figure:
-    """Motions per reach above robot seconds per reach; every block of trials has the same width.
-
-    Robot seconds are a band from the shortest to the longest look, with a line between them.
+    """Motions a reach; every block of trials has the same width.
 
     Args:
-        title: Stands above both panels.
-        blocks_of: From an agent's label and a measure to its blocks.
-        places: By each agent's label, which colour it has.
-        edges: Where the blocks begin and end.
-        perturbations: Marked where they fall, between trials.
-        said: Stands below the panels.
+        title: Stands above.
+        curves: Of each agent, with its line.
+        cap: Motions after which a trial has failed.
+        knocks: Marked where they fall, between trials, where that is known.
+        said: Stands below the panel.
     """
+    edges = curves[0][1].edges
     with plt.rc_context(STYLE):
-        figure, panels = plt.subplots(2, 1, figsize=(7, 8), sharex=True, layout="constrained")
-        above, below = panels
-        for agent, index in places.items():
-            _draw(above, blocks_of(agent, MOTIONS), agent, index)
-            _draw_looks(below, [blocks_of(agent, seconds_at(look)) for look in LOOKS], agent, index)
-        above.set_ylabel("motions per reach,\ninterquartile mean")
-        below.set_ylabel(
-            f"robot seconds per reach\n{LOOKS[0]:g} to {LOOKS[2]:g} s a look, line: {LOOKS[1]:g} s"
-        )
-        for axes in panels:
-            draw_logarithmic(axes)
-            for perturbation in perturbations:
-                axes.axvline(_place(edges, perturbation.first), color=DARK_GREY, linewidth=1, linestyle=":")
-        _name_blocks(panels[1], edges)
-        _name_events(panels[0], edges, perturbations)
-        figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-        legend_below(figure, [panels[0]], said, columns=3)
+        figure, axes = plt.subplots(figsize=(7.6, 4.3), layout="constrained")
+        motions_axis(axes, cap)
+        place, ends = np.arange(len(edges) - 1) + 0.5, []
+        for agent, blocks, line in curves:
+            draw_worlds(axes, place, blocks.runs, line, len(curves))
+            end = float(np.median(blocks.runs[:, -1]))
+            ends.append(LineEnd(place[-1], end, in_words(agent.label, agent.name), line["color"]))
+        _name_blocks(axes, edges)
+        for knock in knocks:
+            if knock.trial:
+                _mark(axes, float(np.interp(knock.trial, edges, np.arange(len(edges)))), knock.words)
+        say(figure, title, said)
+        label_lines(axes, ends, 10)
     return figure
 
 
-def _draw(axes: Axes, blocks: Blocks, agent: str, index: int) -> None:
-    found = blocks.estimates(interquartile_mean)
-    middle, low, high = zip(*((e.value, e.low, e.high) for e in found), strict=True)
-    alone = blocks.runs if len(blocks.runs) < ENOUGH_WORLDS else ()
-    place = np.arange(len(found)) + 0.5
-    draw_band(axes, place, middle, low, high, label=agent, line=line_of(index), alone=alone)
-
-
-def _draw_looks(axes: Axes, looks: Sequence[Blocks], agent: str, index: int) -> None:
-    low, middle, high = (blocks.runs.mean(axis=0) for blocks in looks)
-    draw_band(axes, np.arange(len(middle)) + 0.5, middle, low, high, label=agent, line=line_of(index))
-
-
-def _place(edges: Array, trial: float) -> float:
-    """Where on the axis this many trials have gone."""
-    return float(np.interp(trial, edges, np.arange(len(edges))))
+def _mark(axes: Axes, place: float, words: str) -> None:
+    axes.axvline(place, color=DARK_GREY, linewidth=1.2)
+    words = fill(words, _ROOM)
+    axes.annotate(
+        words, (place, 1), (0, 3), ("data", "axes fraction"), "offset points", fontsize=9, ha="center"
+    )
 
 
 def _name_blocks(axes: Axes, edges: Array) -> None:
@@ -88,19 +69,6 @@ def _name_blocks(axes: Axes, edges: Array) -> None:
     axes.tick_params(axis="x", labelsize=8)
     axes.set_xlim(0, len(names))
     axes.set_xlabel("trials")
-
-
-def _name_events(axes: Axes, edges: Array, perturbations: Sequence[Perturbation]) -> None:
-    for perturbation in perturbations if len(perturbations) <= _ROOM_FOR_WORDS else ():
-        axes.annotate(
-            perturbation.what.replace(" (", "\n("),
-            (_place(edges, perturbation.first), 1),
-            xycoords=("data", "axes fraction"),
-            xytext=(2, 3),
-            textcoords="offset points",
-            fontsize=8,
-            color=DARK_GREY,
-        )
 
 
 def span(first: float, end: float) -> str:

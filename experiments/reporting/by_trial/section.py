@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
+from experiments.reporting.agents_in_words import lines_of
 from experiments.reporting.by_trial.estimates import (
     COARSE,
     FINE,
@@ -25,14 +26,13 @@ from experiments.reporting.finished_suite import (
     SUCCESS_IN_WORDS,
     FinishedSuite,
     about,
-    perturbations_met,
-    places,
     where_it_stands,
     with_cost,
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.pages.headline import in_words
-from experiments.reporting.pages.style import save
+from experiments.reporting.pages.perturbations_in_words import again_and_again, knocks
+from experiments.reporting.pages.style import drawn_in_words, save
 from experiments.reporting.tables import Table, number, percent
 from experiments.statistics import Array, interquartile_mean
 
@@ -52,19 +52,24 @@ _IQM = f"{MOTIONS}_iqm"
 
 
 def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
-    """Motions and robot seconds per reach against trials, and the table of their blocks."""
+    """Motions a reach against trials, and the table of their blocks."""
     measures = (MOTIONS, *map(seconds_at, LOOKS), SUCCESS, RENDEZVOUS)
     suite, cap = finished.suite, scenario.env.max_episode_steps
     labels = tuple(agent.label for agent in suite.agents_in(scenario))
     costs = trial_costs(with_cost(finished.results, scenario), scenario)
     fine = edges_of(scenario, FINE)
+    lines = lines_of(suite.agents)
+    agents = suite.agents_in(scenario)
+    own = where_it_stands(scenario, "The agents' own trials", suite.worlds)
     figure = trial_curves(
-        f"{scenario.name}: the agents' own trials",
-        lambda agent, measure: blocks(costs, agent, measure, suite.worlds, fine, cap),
-        places(suite, scenario),
-        fine,
-        perturbations_met(finished, scenario, "trials"),
-        where_it_stands(finished, scenario, "the agents' own trials"),
+        _title(scenario),
+        [
+            (each, blocks(costs, each.label, MOTIONS, suite.worlds, fine, cap), lines[each.label])
+            for each in agents
+        ],
+        cap,
+        knocks(scenario) or (),
+        f"{own} {drawn_in_words(suite.worlds, len(agents))}",
     )
     name = f"{scenario.name}-trials"
     coarse = edges_of(scenario, COARSE)
@@ -108,6 +113,15 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
         note=_HOW_TO_READ,
         summary=summary,
     )
+
+
+def _title(scenario: ScenarioConfig) -> str:
+    always = [
+        again_and_again(scenario),
+        *(knock.words for knock in knocks(scenario) or () if not knock.trial),
+    ]
+    title = f"Motions a reach (a failure counts as {scenario.env.max_episode_steps})"
+    return "\n".join([title, *filter(None, always)])
 
 
 def _decisive(

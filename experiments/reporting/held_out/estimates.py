@@ -1,4 +1,4 @@
-"""From results.parquet to the curves and the table of the report.
+"""From results.parquet to the tables of the report.
 
 Runs that failed, without any row, count as worst; runs that finished count as what they came to.
 """
@@ -14,7 +14,6 @@ from experiments.statistics import (
     SHARE,
     Array,
     Estimate,
-    bands,
     interquartile_mean,
     mean,
     mean_share,
@@ -25,26 +24,6 @@ from experiments.statistics import (
 
 LAST = 5
 """Checkpoints at the end of a lifetime of which the median is taken: some agents jump between them."""
-
-
-@dataclass(frozen=True, slots=True)
-class Curve:
-    """One measure of one agent against lifetime motions, over its runs.
-
-    Attributes:
-        motions: Lifetime motions, shape (points,).
-        runs: The measure in each run, shape (runs, points).
-        bounds: The lowest and the highest value that a run can have.
-    """
-
-    motions: Array
-    runs: Array
-    bounds: tuple[float, float]
-
-    def estimates(self) -> list[Estimate]:
-        """At each point the mean of a share over worlds, or the interquartile mean of motions."""
-        estimand = mean if self.bounds == SHARE else interquartile_mean
-        return bands(self.runs, estimand, self.bounds, np.random.default_rng(0)) if self.runs.size else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,50 +69,6 @@ class Moment:
         if not len(values):
             return None
         return over_worlds(values, mean, (1.0, float(self.cap)), np.random.default_rng(0))
-
-
-def held_out_curve(
-    rows: pd.DataFrame, agent: str, measure: str, worlds: int, scenario: ScenarioConfig
-) -> Curve:
-    """A measure at each checkpoint, averaged over its trials.
-
-    Args:
-        rows: What `with_cost` returned.
-        agent: The agent's label.
-        measure: SUCCESS, RENDEZVOUS or MOTIONS.
-        worlds: How many runs there should be; those without any row failed, and are worst throughout.
-        scenario: What the rows are about.
-    """
-    return _curve(rows[rows["agent"] == agent], "eval", "lifetime_motions", measure, worlds, scenario)
-
-
-def training_curve(
-    rows: pd.DataFrame,
-    agent: str,
-    measure: str,
-    worlds: int,
-    scenario: ScenarioConfig,
-    width: int,
-) -> Curve:
-    """A measure over the agent's own trials, averaged in stretches of `width` lifetime motions."""
-    mine = rows[rows["agent"] == agent].copy()
-    mine["stretch"] = ((mine["lifetime_motions"] - 1) // width + 0.5) * width
-    return _curve(mine, "train", "stretch", measure, worlds, scenario)
-
-
-def _curve(
-    mine: pd.DataFrame, phase: str, axis: str, measure: str, worlds: int, scenario: ScenarioConfig
-) -> Curve:
-    """Runs brought onto one axis: where a run has no value of its own, its last one holds."""
-    worst, bounds = worst_and_bounds(measure, scenario)
-    of_phase = mine[mine["phase"] == phase]
-    if of_phase.empty:
-        motions = np.array([0.0, scenario.most_motions] if mine.empty else [])
-        return Curve(motions, np.full((worlds, len(motions)), worst), bounds)
-    table = of_phase.pivot_table(index="world", columns=axis, values=measure, aggfunc="mean")
-    finished = table.ffill(axis=1).bfill(axis=1).to_numpy(dtype=float)
-    failed = np.full((worlds - mine["world"].nunique(), len(table.columns)), worst)
-    return Curve(table.columns.to_numpy(dtype=float), np.vstack([finished, failed]), bounds)
 
 
 def worst_and_bounds(measure: str, scenario: ScenarioConfig) -> tuple[float, tuple[float, float]]:
@@ -191,7 +126,7 @@ def _moment(mine: pd.DataFrame, at: "pd.Series[int]", failed: list[int], cap: in
 def last_checkpoints(
     rows: pd.DataFrame, agent: str, measure: str, worlds: int, scenario: ScenarioConfig
 ) -> Estimate:
-    """The median over worlds of each world's median over its own last checkpoints; see `held_out_curve`."""
+    """The median over worlds of each world's median over its own last checkpoints."""
     worst, bounds = worst_and_bounds(measure, scenario)
     mine = rows[rows["agent"] == agent]
     held_out = mine[mine["phase"] == "eval"].groupby(["world", "lifetime_motions"])[measure].mean()

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from experiments.config.suite import EvaluationConfig, ScenarioConfig
+from experiments.config.suite import ScenarioConfig
 from experiments.reporting.finished_suite import (
     MOTIONS,
     RENDEZVOUS,
@@ -10,17 +10,14 @@ from experiments.reporting.finished_suite import (
     SUCCESS_IN_WORDS,
     FinishedSuite,
     about,
-    perturbations_met,
-    places,
-    where_it_stands,
     with_cost,
 )
 from experiments.reporting.held_out.checkpoints import checkpoint_section
 from experiments.reporting.held_out.comparison import comparison_section
-from experiments.reporting.held_out.estimates import Moment, held_out_curve, moments, training_curve
-from experiments.reporting.held_out.figure import learning_curves
+from experiments.reporting.held_out.estimates import Moment, moments
 from experiments.reporting.held_out.profile import profile_section
 from experiments.reporting.held_out.thresholds import threshold_section
+from experiments.reporting.learning_picture import learning_picture
 from experiments.reporting.pages import Section, SummaryRow, summary_row
 from experiments.reporting.pages.headline import in_words
 from experiments.reporting.pages.style import save
@@ -42,21 +39,16 @@ _HOW_TO_READ = (
 )
 
 
-def scenario_sections(
-    finished: FinishedSuite, scenario: ScenarioConfig, evaluation: EvaluationConfig
-) -> list[Section]:
+def scenario_sections(finished: FinishedSuite, scenario: ScenarioConfig) -> list[Section]:
     """Learning curves and moments; agents compared; errors at the end; motions to a threshold."""
     rows = with_cost(finished.results, scenario)
     suite, cap = finished.suite, scenario.env.max_episode_steps
     labels = tuple(agent.label for agent in suite.agents_in(scenario))
     found = {label: moments(rows, label, suite.worlds, cap) for label in labels}
-    sections = [_curves_and_moments(finished, scenario, evaluation, rows, found)]
+    sections = [_curves_and_moments(finished, scenario, found)]
     if any("at the end" in of_agent for of_agent in found.values()):
         sections.append(checkpoint_section(finished, scenario, rows))
-        trials = f"{evaluation.trials} held-out trials at the end of each lifetime"
-        sections.append(
-            profile_section(finished, scenario, found, where_it_stands(finished, scenario, trials))
-        )
+        sections.append(profile_section(finished, scenario, found))
         sections.append(threshold_section(finished, scenario, rows))
     if len(labels) > 1:
         sections.append(comparison_section(finished, scenario, found))
@@ -64,40 +56,14 @@ def scenario_sections(
 
 
 def _curves_and_moments(
-    finished: FinishedSuite,
-    scenario: ScenarioConfig,
-    evaluation: EvaluationConfig,
-    rows: pd.DataFrame,
-    found: dict[str, dict[str, Moment]],
+    finished: FinishedSuite, scenario: ScenarioConfig, found: dict[str, dict[str, Moment]]
 ) -> Section:
-    suite, cap = finished.suite, scenario.env.max_episode_steps
-    width = max(evaluation.every, 2 * cap)
-    perturbations = perturbations_met(finished, scenario, "motions")
-    held_out = learning_curves(
-        f"{scenario.name}: held-out trials, {evaluation.trials} at each checkpoint",
-        lambda agent, measure: held_out_curve(rows, agent, measure, suite.worlds, scenario),
-        places(suite, scenario),
-        cap,
-        perturbations,
-        where_it_stands(finished, scenario, f"{evaluation.trials} held-out trials at each checkpoint"),
-    )
-    training = learning_curves(
-        f"{scenario.name}: the agents' own trials, mean of each {width:,} motions",
-        lambda agent, measure: training_curve(rows, agent, measure, suite.worlds, scenario, width),
-        places(suite, scenario),
-        cap,
-        perturbations,
-        where_it_stands(finished, scenario, "the agents' own trials"),
-    )
-    folder = finished.out / "figures"
+    suite, name = finished.suite, f"{scenario.name}-held-out"
     return Section(
         title=f"Scenario {scenario.name}",
         said=_said(finished, scenario, found),
         text=about(suite, scenario),
-        figures={
-            f"{scenario.name}-{what}": save(figure, folder, f"{scenario.name}-{what}")
-            for what, figure in (("held-out", held_out), ("training", training))
-        },
+        figures={name: save(learning_picture(finished, scenario), finished.out / "figures", name)},
         table=_table(found, scenario, suite.worlds),
         note=_HOW_TO_READ,
         summary=_summary(found, scenario, suite.worlds),

@@ -1,12 +1,13 @@
-"""How every figure looks: style, palette, bands, legends, files. Drawn without a display."""
+"""How every figure looks: style, axes, worlds, captions, files. Drawn without a display."""
 
-import textwrap
 from collections.abc import Iterable
 from io import StringIO
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib
+import numpy as np
 
 matplotlib.use("Agg")
 
@@ -14,24 +15,25 @@ import matplotlib.pyplot as plt
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, NullLocator
 from matplotlib.transforms import Bbox
 
+from experiments.reporting.finished_suite import ENOUGH_WORLDS
 from experiments.reporting.pages.section import Drawing
+from experiments.statistics import Array
 
-# Okabe and Ito's palette, distinct for all kinds of colour vision, but grey for their yellow: pale on white.
-# Markers and dashes are distinct in grey.
-_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000", "#999999")
-_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-_DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), "-.", (0, (3, 1, 1, 1, 1, 1)), "-", "--")
 _MARGIN = 0.05  # inches around a piece
-DARK_GREY, GREY = "#555555", "#8a8a8a"
+DARK_GREY = "#555555"
+_BANDED = 3
+"""With more agents in a panel, bands cover each other, and are left out."""
 
+Line = dict[str, Any]
+"""How a line is drawn; see `lines_of`."""
 STYLE: Any = {
     "font.size": 10,
     "axes.titlesize": 10.5,
     "axes.titlelocation": "left",
-    "axes.titlepad": 18,
+    "axes.titlepad": 6,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -43,71 +45,49 @@ STYLE: Any = {
 }
 
 
-def line_of(index: int) -> dict[str, Any]:
-    """How the line of the agent with this index is drawn, in every figure."""
-    again = index // len(_COLOURS)  # a colour that comes again has another marker and other dashes
-    return {
-        "color": _COLOURS[index % len(_COLOURS)],
-        "linestyle": _DASHES[(index + again) % len(_DASHES)],
-        "marker": _MARKERS[(index + again) % len(_MARKERS)],
-        "markersize": 4,
-        "linewidth": 1.6,
-    }
-
-
-def draw_logarithmic(axes: Axes) -> None:
-    """Makes the vertical axis logarithmic, with plain numbers at 1, 2 and 5 of each power of ten."""
+def motions_axis(axes: Axes, cap: int) -> None:
+    """Makes the vertical axis one of motions a reach, logarithmic, from 1 to the cap of a failure."""
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    marks = [*(mark for mark in (1, 2, 5, 10, 20, 50) if mark < 0.7 * cap), cap]
+    axes.yaxis.set_major_locator(FixedLocator(marks))
+    axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set_ylim(0.9, 1.15 * cap)
 
 
-def draw_band(
-    axes: Axes,
-    x: Any,
-    middle: Any,
-    low: Any,
-    high: Any,
-    label: str,
-    line: dict[str, Any],
-    alpha: float = 0.18,
-    alone: Iterable[Any] = (),
-) -> None:
-    """Draws a line with its interval as a band, or with the lines of single worlds, where these are given."""
-    alone = list(alone)
-    for each in alone:
-        axes.plot(x, each, color=line["color"], linewidth=0.5, alpha=0.45)
-    if not alone:
-        axes.fill_between(x, low, high, color=line["color"], alpha=alpha, linewidth=0)
-    axes.plot(x, middle, label=label, **line)
-
-
-def legend_below(figure: Figure, panels: Iterable[Axes], said: str, columns: int | None = None) -> None:
-    """One legend below all panels, each label once, in at most `columns`; small text stands above it.
+def draw_worlds(axes: Axes, x: Any, worlds: Array, line: Line, agents: int) -> None:
+    """Draws the median world, and how worlds differ; `drawn_in_words` says how.
 
     Args:
-        figure: Has the panels.
-        panels: What is drawn in them is named.
-        said: Its lines are broken where the figure ends.
-        columns: Of the legend.
+        axes: The panel.
+        x: Places (points,).
+        worlds: What each world has come to at each of them (worlds, points).
+        line: How it is drawn.
+        agents: Drawn in the panel, one after the other.
     """
-    handles = {
-        label: handle
-        for panel in panels
-        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
-    }
-    across = max(1, len(handles) if columns is None else min(columns, len(handles)))
-    letters = int(20 * figure.get_figwidth())
-    lines = [line for paragraph in said.splitlines() for line in textwrap.wrap(paragraph, letters)]
-    figure.legend(
-        handles.values(),
-        handles.keys(),
-        loc="outside lower center",
-        ncols=across,
-        title="\n".join(lines),
-        title_fontproperties={"size": 6.5},
-    )
+    if len(worlds) < ENOUGH_WORLDS:
+        axes.plot(x, worlds.T, color=line["color"], linewidth=0.5, alpha=0.25)
+    elif agents <= _BANDED:
+        low, high = np.percentile(worlds, (10, 90), axis=0)
+        axes.fill_between(x, low, high, color=line["color"], alpha=0.15, linewidth=0)
+    middle = np.median(worlds, axis=0)
+    axes.plot(x, middle, **line)
+
+
+def drawn_in_words(worlds: int, agents: int) -> str:
+    """What the lines of `draw_worlds` are."""
+    if worlds < ENOUGH_WORLDS:
+        return "Lines: the median world; thin: each world."
+    if agents <= _BANDED:
+        return "Lines: the median world; bands: the 10th to 90th percentile of worlds."
+    return "Lines: the median world."
+
+
+def say(figure: Figure, title: str, said: str) -> None:
+    """What the figure shows stands above it, how to read it below, in lines as long as it is wide."""
+    figure.suptitle(title, x=0.005, ha="left", weight="bold", size=11)
+    letters = int(15 * figure.get_figwidth())
+    figure.supxlabel(fill(said, letters), x=0.005, ha="left", size=8.5, color=DARK_GREY)
 
 
 def save(figure: Figure, folder: Path, name: str) -> Drawing:
@@ -122,10 +102,10 @@ def save(figure: Figure, folder: Path, name: str) -> Drawing:
 
 
 def _in_pieces(figure: Figure) -> Drawing:
-    """A drawn figure's columns of panels, one piece each, and the lines of its legend; takes it apart."""
+    """A drawn figure's columns of panels, one piece each, and the lines of its legends; takes it apart."""
     figure.set_layout_engine("none")  # all stays where it was drawn
-    title, said = figure.get_suptitle(), ""
-    figure.suptitle("")
+    title, said = figure.get_suptitle(), " ".join(figure.get_supxlabel().splitlines())
+    say(figure, "", "")
     columns: dict[int, list[Axes]] = {}
     for axes in figure.axes:
         if axes.get_visible():
@@ -137,7 +117,6 @@ def _in_pieces(figure: Figure) -> Drawing:
     panels = tuple(_piece(figure, column) for column in columns.values())
     lines = []
     for legend in legends:
-        said = " ".join(legend.get_title().get_text().splitlines())
         handles: list[Any] = legend.legend_handles
         for handle, text in zip(handles, legend.get_texts(), strict=True):
             alone = figure.legend([handle], [""], handletextpad=0, borderpad=0.1)

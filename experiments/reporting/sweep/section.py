@@ -2,9 +2,11 @@
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from calfree_gym.perturbations import TYPES
 from experiments.config.suite import SweepConfig
+from experiments.reporting.agents_in_words import lines_of
 from experiments.reporting.finished_suite import (
     MOTIONS,
     RENDEZVOUS,
@@ -12,28 +14,19 @@ from experiments.reporting.finished_suite import (
     FinishedSuite,
     about_environment,
     few_worlds,
-    places,
     where_it_stands,
 )
 from experiments.reporting.pages import Drawing, Section, SummaryRow, summary_row
 from experiments.reporting.pages.headline import in_words
 from experiments.reporting.pages.style import save
 from experiments.reporting.sweep.estimates import Point, points, rendezvous_shares
-from experiments.reporting.sweep.figure import sweep_figure
+from experiments.reporting.sweep.figure import Curves, sweep_figure, sweeps_figure
 from experiments.reporting.tables import Table, counted, number, percent
 
 _SHOWN = 5
 """Values that stand in the table; the figure has all."""
 
 _ALL = "_all"
-
-_HOW_TO_READ_FIGURES = (
-    "Success: the share whose true error at the end is within the tolerance. Below: median motions of "
-    "trials that end with an observed rendezvous. Bands: 95 % intervals over worlds. Thin: the share "
-    "that an agent's first motion brings there, if any. Grey: the share of trials that begin out of "
-    "view, which are excluded elsewhere. A trial ends at the observed rendezvous: where noise or "
-    "outliers hide it, the trial lasts to the cap, and the place of the gripper at its end counts."
-)
 
 _HOW_TO_READ = (
     "In view: trials in whose first observation both cameras see gripper and object, the same for "
@@ -46,7 +39,7 @@ _HOW_TO_READ = (
 
 
 def sweep_sections(finished: FinishedSuite) -> list[Section]:
-    """Where there are several sweeps, all in one figure; then each with its curves and a table."""
+    """Where there are several sweeps, all in one figure; then each with a figure and a table."""
     suite, sweeps = finished.suite, finished.suite.sweeps
     curves = {
         sweep.name: {
@@ -56,11 +49,18 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
         for sweep in sweeps
     }
 
-    places_of_all = {label: place for sweep in sweeps for label, place in places(suite, sweep).items()}
+    lines = lines_of(suite.agents)
+    drawn: dict[str, Curves] = {
+        sweep.name: [
+            (agent, curves[sweep.name][agent.label], lines[agent.label]) for agent in suite.agents_in(sweep)
+        ]
+        for sweep in sweeps
+    }
 
-    def drawn(name: str, *of: SweepConfig) -> dict[str, Drawing]:
-        said = where_it_stands(finished, of[0], "one trial in each at each value", single_worlds=False)
-        figure = sweep_figure(of, curves, places_of_all, said)
+    def said(sweep: SweepConfig) -> str:
+        return where_it_stands(sweep, "One trial at each value", suite.worlds)
+
+    def saved(name: str, figure: Figure) -> dict[str, Drawing]:
         return {name: save(figure, finished.out / "figures", name)}
 
     each = [
@@ -68,7 +68,7 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
             title=f"Sweep {sweep.name}",
             said=in_words(finished, sweep, RENDEZVOUS, _decisive(finished, sweep)),
             text=_about(finished, sweep),
-            figures=drawn(sweep.name, sweep),
+            figures=saved(sweep.name, sweep_figure(sweep, drawn[sweep.name], said(sweep))),
             table=_table(curves[sweep.name], sweep),
             note=_HOW_TO_READ,
             summary=_summary(curves[sweep.name], sweep),
@@ -77,7 +77,8 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
     ]
     if len(sweeps) < 2:
         return each
-    return [Section(title="All sweeps", figures=drawn(_ALL, *sweeps), note=_HOW_TO_READ_FIGURES), *each]
+    together = saved(_ALL, sweeps_figure(sweeps, drawn, said(sweeps[0])))
+    return [Section(title="All sweeps", figures=together), *each]
 
 
 def _decisive(finished: FinishedSuite, sweep: SweepConfig) -> dict[str, dict[str, "pd.Series[float]"]]:

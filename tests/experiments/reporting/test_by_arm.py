@@ -68,13 +68,19 @@ def test_the_report_has_one_table_of_arms_whose_numbers_are_those_of_the_trials(
     assert "trial by trial" not in (out / "report.md").read_text()
 
 
-def test_the_figure_says_that_its_lines_are_intervals_where_worlds_are_few_too(out, tmp_path, monkeypatch):
+def test_the_figure_has_a_point_for_each_arm_and_agent_which_is_the_median_world(out, tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(section, "save", lambda figure, *_: drawn.append(figure))
     section.arms_sections(read_finished(out / RESULTS, tmp_path))
-    note = drawn[0].legends[0].get_title().get_text().replace("\n", " ")
-    assert "points: all worlds; lines: 95 % intervals over worlds; no ranking is claimed" in note
-    assert "single worlds" not in (out / "report.md").read_text()
+    first, _ = drawn[0].axes
+    points = {line.get_label(): list(line.get_xdata()) for line in first.lines}
+    rows = pd.read_parquet(out / RESULTS)
+    mine = rows[(rows["agent"] == "random") & (rows["trial"] == 0)]
+    motions = mine["motions"].where(mine["rendezvous"] == 1, 60)
+    medians = motions.groupby(mine["scenario"]).median()
+    arms = [text.get_text().partition(" (")[0] for text in first.get_yticklabels()]
+    assert points["random motions"] == [medians[arm] for arm in arms]
+    assert "Points: the median world." in drawn[0].get_supxlabel()
 
 
 def test_kept_results_have_the_same_table(out, tmp_path):

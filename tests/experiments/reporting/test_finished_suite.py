@@ -1,48 +1,10 @@
 import pandas as pd
-import pytest
 
 from experiments.config.suite import Suite
 from experiments.reporting.finished_suite import (
-    FinishedSuite,
-    Perturbation,
     about,
     few_worlds,
-    perturbations_met,
-    places,
 )
-from experiments.running.plan import runs_of
-
-
-@pytest.mark.parametrize(
-    ("met", "spans"),
-    [
-        ([[50], [50], [50], [50]], [(50, 50)]),
-        ([[50], [70], [60], []], [(50, 70)]),
-        ([[50, 200], [70, 210]], [(50, 70), (200, 210)]),
-        ([[50, 60, 90], [70, 95, 100]], [(50, 100)]),  # overlapping: 50-70, 60-95, 90-100
-        ([], []),
-    ],
-)
-def test_perturbations_are_marked_where_the_runs_met_them(suite_data, tmp_path, met, spans):
-    suite = Suite.model_validate(suite_data)
-    runs = runs_of(suite)
-    outcomes = {
-        spec.id: {"perturbations": [(motions, 0, "lens") for motions in of_run]}
-        for spec, of_run in zip(runs, met, strict=False)
-    }
-    finished = FinishedSuite(tmp_path, suite, "", runs, outcomes, {}, {}, pd.DataFrame(), pd.DataFrame())
-    assert perturbations_met(finished, suite.scenarios[0], "motions") == tuple(
-        Perturbation(*s, "lens") for s in spans
-    )
-
-
-def test_an_agent_has_the_same_place_in_each_scenario(suite_data):
-    suite_data["agents"] = ["random", "unified_servo", "paper_servo"]
-    (one,) = suite_data["scenarios"]
-    suite_data["scenarios"] = [one, {**one, "name": "other", "agents": ["paper_servo", "random"]}]
-    suite = Suite.model_validate(suite_data)
-    assert places(suite, suite.scenarios[0]) == {"random": 0, "unified_servo": 1, "paper_servo": 2}
-    assert places(suite, suite.scenarios[1]) == {"random": 0, "paper_servo": 2}
 
 
 def test_one_world_is_one_world(suite_data):

@@ -17,10 +17,8 @@ from experiments.reporting.finished_suite import (
 from experiments.reporting.held_out.checkpoints import scores, shown_checkpoints, with_clocks
 from experiments.reporting.held_out.comparison import comparison_section, differences
 from experiments.reporting.held_out.estimates import (
-    held_out_curve,
     last_checkpoints,
     moments,
-    training_curve,
 )
 from experiments.reporting.held_out.thresholds import times_to_good
 
@@ -57,39 +55,6 @@ def perturbed_at_different_motions(scenario):
         (1, "eval", 161, 1, True, 40),
         (1, "eval", 300, 140, True, 40),
     )
-
-
-def test_between_its_checkpoints_a_run_keeps_its_last_score(perturbed_at_different_motions, scenario):
-    curve = held_out_curve(perturbed_at_different_motions, "servo", MOTIONS, 2, scenario)
-    assert list(curve.motions) == [0, 100, 121, 161, 300]
-    np.testing.assert_array_equal(curve.runs, [[10, 10, 60, 60, 20], [20, 20, 20, 40, 40]])
-
-
-def test_only_runs_without_any_row_are_worst(perturbed_at_different_motions, scenario):
-    curve = held_out_curve(perturbed_at_different_motions, "servo", SUCCESS, 3, scenario)
-    np.testing.assert_array_equal(curve.runs, [[1, 1, 0, 0, 1], [1, 1, 1, 1, 1], [0, 0, 0, 0, 0]])
-    nothing = held_out_curve(perturbed_at_different_motions, "sac", MOTIONS, 3, scenario)
-    np.testing.assert_array_equal(nothing.runs, np.full((3, 2), CAP))
-
-
-def test_a_stretch_without_a_trial_is_no_failure(scenario):
-    rows = table(
-        scenario,
-        (0, "train", 50, None, True, 50),
-        (0, "train", 90, None, True, 40),
-        (0, "train", 210, None, True, 30),
-        (1, "train", 60, None, True, 60),
-        (1, "train", 110, None, True, 50),
-    )
-    curve = training_curve(rows, "servo", MOTIONS, 2, scenario, width=100)
-    assert list(curve.motions) == [50, 150, 250]
-    np.testing.assert_array_equal(curve.runs, [[45, 45, 30], [60, 50, 50]])
-
-
-def test_a_finished_lifetime_too_short_for_a_trial_has_no_training_curve(scenario):
-    rows = table(scenario, (0, "eval", 0, None, True, 10), (1, "eval", 0, None, True, 10))
-    curve = training_curve(rows, "servo", MOTIONS, 2, scenario, width=100)
-    assert curve.estimates() == []
 
 
 def test_every_run_has_its_own_moments(perturbed_at_different_motions):
@@ -181,8 +146,6 @@ def test_one_bad_checkpoint_does_not_move_the_median_of_the_last(scenario):
     jumping = [(0, "eval", at, None, at != 300, 10 if at != 300 else 60) for at in range(0, 301, 50)]
     steady = [(1, "eval", at, None, True, 12) for at in range(0, 301, 50)]
     rows = table(scenario, *jumping, *steady)
-    curve = held_out_curve(rows, "servo", MOTIONS, 2, scenario)
-    assert list(curve.runs[:, -1]) == [60, 12]
     assert last_checkpoints(rows, "servo", MOTIONS, 2, scenario).value == 11
 
 

@@ -8,7 +8,7 @@ import scipy.stats
 from experiments.config.suite import ScenarioConfig, SweepConfig
 from experiments.reporting.by_trial.estimates import Blocks
 from experiments.reporting.finished_suite import MOTIONS, SUCCESS, with_cost
-from experiments.reporting.held_out.estimates import held_out_curve, moments
+from experiments.reporting.held_out.estimates import moments
 from experiments.reporting.sweep.estimates import points
 
 WORLDS = 400
@@ -66,11 +66,6 @@ def test_the_table_of_moments(rows):
     low, high = all_of(WORLDS)
     assert low < found.share(SUCCESS).low < high
     assert found.share(SUCCESS).high == 1
-
-
-def test_the_bands_of_curves(rows, scenario):
-    (found,) = held_out_curve(rows, "servo", MOTIONS, WORLDS, scenario).estimates()
-    close(found, trimmed)
 
 
 def test_the_table_of_blocks():

@@ -1,0 +1,102 @@
+"""The one picture, of lives that nobody lived."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from experiments.reporting.agents_in_words import colour, in_words
+from experiments.reporting.learning_picture import learning_picture
+from experiments.reporting.pages.labels import spread
+from tests.experiments.reporting.lives import CAP, LIVES, checkpoints, finished_lives
+
+
+@pytest.fixture(scope="module")
+def four(tmp_path_factory):
+    return finished_lives(4, tmp_path_factory.mktemp("lives"))
+
+
+def drawn(finished):
+    (scenario,) = finished.suite.scenarios
+    figure = learning_picture(finished, scenario)
+    plt.close(figure)
+    return figure
+
+
+def curve_of(axes, agent):
+    """The median world's line: the widest one of the agent's colour that is no label's."""
+    of_agent = [line for line in axes.lines if line.get_color() == colour(agent, agent)]
+    return max(of_agent, key=lambda line: (line.get_transform() == axes.transData, line.get_linewidth()))
+
+
+@pytest.fixture(scope="module")
+def picture(four):
+    return drawn(four)
+
+
+def test_each_stretch_of_a_life_has_its_panel_and_its_clock(picture):
+    left, right = picture.axes
+    assert (left.get_title("left"), right.get_title("left")) == (
+        "from the beginning",
+        "left camera turned by\N{NO-BREAK SPACE}20°",
+    )
+    for axes, half in ((left, 0), (right, 1)):
+        for agent in ("memory", "ppo"):
+            at = [max(each, 1) for each in checkpoints(LIVES[agent][0] // 2)]
+            assert list(curve_of(axes, agent).get_xdata()) == at, (agent, half)
+        assert axes.get_xlim()[1] > LIVES["ppo"][0] / 2
+
+
+def test_the_line_is_the_median_world(four, picture):
+    rows = four.results[(four.results["agent"] == "sac") & four.results["motions_since_perturbation"].isna()]
+    reach = rows["motions"].where(rows["rendezvous"], CAP).groupby([rows["lifetime_motions"], rows["world"]])
+    expected = reach.mean().unstack().median(axis=1)
+    np.testing.assert_allclose(curve_of(picture.axes[0], "sac").get_ydata(), expected)
+
+
+def test_every_agent_is_named_where_its_line_ends_and_no_name_covers_another(picture):
+    texts = {text.get_text(): text for text in picture.axes[-1].texts}
+    for agent in LIVES:
+        (mine,) = [text for words, text in texts.items() if words.startswith(in_words(agent, agent))]
+        assert mine.get_color() == colour(agent, agent)
+    boxes = [text.get_window_extent() for text in texts.values()]
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    width, height = picture.get_size_inches() * picture.dpi
+    assert all(box.x1 <= width and box.y0 >= 0 and box.y1 <= height for box in boxes)
+
+
+def test_who_is_still_improving_is_said(picture):
+    improving = {
+        text.get_text().partition(",")[0] for text in picture.axes[-1].texts if "still" in text.get_text()
+    }
+    assert in_words("sac", "sac") in improving  # 1 of 2.3 half-lives
+    assert not improving & {in_words(each, each) for each in ("memory", "paper_servo", "self_supervised")}
+
+
+def test_a_run_that_failed_counts_as_the_cap(four):
+    lost = four.results[(four.results["agent"] != "memory") | (four.results["world"] == 0)]
+    figure = drawn(replace(four, results=lost))
+    assert set(curve_of(figure.axes[0], "memory").get_ydata()) == {CAP}
+    assert drawn(replace(four, results=four.results[four.results["agent"] != "ppo"])).axes
+
+
+def test_without_a_knock_there_is_one_panel(tmp_path):
+    figure = drawn(finished_lives(20, tmp_path, knock=False, agents=("memory", "sac")))
+    (axes,) = figure.axes
+    assert axes.get_title("left") == ""
+    bands = [each for each in axes.collections if len(each.get_paths())]
+    assert len(bands) == 2
+    assert "10th to 90th percentile" in figure.get_supxlabel()
+
+
+def test_labels_stand_where_they_are_wanted_or_beside_each_other():
+    heights = np.full(4, 0.1)
+    np.testing.assert_allclose(spread(np.array([0.5, 0.1, 0.9, 0.3]), heights), [0.5, 0.1, 0.9, 0.3])
+    crowded = spread(np.array([0.5, 0.52, 0.9, 0.5]), heights)
+    np.testing.assert_allclose(sorted(crowded)[:3], [0.405, 0.505, 0.605], atol=0.003)
+    assert crowded[2] == pytest.approx(0.9)
+    top = spread(np.ones(4), heights)
+    assert np.all(np.diff(np.sort(top)) >= 0.0999)
+    assert top.max() <= 1.0

@@ -1,0 +1,83 @@
+"""Schedules and sweeps as people read them."""
+
+import pytest
+
+from calfree_gym.perturbations import TYPES
+from experiments.config.suite import ScenarioConfig, SweepConfig
+from experiments.reporting.pages.perturbations_in_words import (
+    Knock,
+    again_and_again,
+    axis_in_words,
+    in_words,
+    knocks,
+)
+
+AIM = {"type": "camera_aim", "camera": "left", "degrees": 20}
+ENV = {"id": "CalFree/Reach-v0", "world": "wild"}
+
+
+def scenario(*events, **length):
+    return ScenarioConfig(name="s", env=ENV, perturbations=events, **(length or {"motions": 100}))
+
+
+@pytest.mark.parametrize(
+    ("do", "words"),
+    [
+        (AIM, "left camera turned by 20°"),
+        ({"type": "camera_roll", "camera": "right"}, "right camera rolled by any angle"),
+        ({"type": "camera_replace"}, "a camera replaced"),
+        ({"type": "motor_sign"}, "a motor reversed"),
+        ({"type": "dead_zone", "words": 0.1}, "dead zone (words 0.1)"),
+    ],
+)
+def test_a_perturbation_is_named(do, words):
+    assert in_words(do) == words
+
+
+def test_every_type_has_words_with_and_without_settings():
+    for kind, perturbation in TYPES.items():
+        whole = {"type": kind} | dict.fromkeys(perturbation.settings(), "left")
+        for do in ({"type": kind}, whole):
+            assert in_words(do)
+            assert "{" not in in_words(do)
+
+
+def test_knocks_stand_in_the_order_of_a_life():
+    replace = {"at": {"motion": 80}, "do": {"type": "camera_replace", "camera": "left"}}
+    reverse = {"at": {"motion": 80}, "do": {"type": "motor_sign"}}
+    found = knocks(scenario(replace, {"at": {"motion": 40}, "do": AIM}, reverse))
+    assert found == [
+        Knock(None, "left camera turned by 20°"),
+        Knock(None, "left camera replaced, a motor reversed"),
+    ]
+    back = {"at": {"trial": 6}, "undo": 0}
+    found = knocks(scenario({"at": {"trial": 4}, "do": AIM}, back, trials=8))
+    assert found == [
+        Knock(4, "left camera turned by 20°"),
+        Knock(6, "undone: left camera turned by 20°"),
+    ]
+    assert knocks(scenario()) == []
+
+
+def test_what_changes_all_the_time_is_no_knock():
+    roll = {"type": "camera_roll", "camera": "left"}
+    always = scenario(
+        {"every": {"motion": 12}, "do": roll},
+        {"every": {"motion": 12}, "do": roll | {"camera": "right"}},
+        {"drift": {"per": "trial"}, "do": AIM},
+        trials=8,
+    )
+    assert knocks(always) is None
+    assert again_and_again(always) == (
+        "every 12 motions: left camera rolled by any angle, right camera rolled by any angle; "
+        "in every trial: left camera turned by 20°"
+    )
+
+
+def test_axes_have_units():
+    roll = SweepConfig(
+        name="r", env=ENV, do={"type": "camera_roll", "camera": "left"}, vary="degrees", over=(0,)
+    )
+    assert axis_in_words(roll) == "roll of the left camera (degrees)"
+    late = SweepConfig(name="l", env=ENV, do={"type": "latency"}, vary="motions", over=(0, 1))
+    assert axis_in_words(late) == "latency: motions"
