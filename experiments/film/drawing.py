@@ -86,7 +86,7 @@ class Screen:
 
     def __init__(self, arms: Arms, width: int, height: int, caption: int, sensors: bool) -> None:
         self._arms, self._caption = arms, caption
-        self._frame = SceneFrame(arms, width, height - caption)
+        self._frame = SceneFrame(arms, width, height - caption, sensors)
         self._sensors = ImageFormation((height - caption) // 2) if sensors else None
         self._edge, self._stroke = round(0.35 * caption), max(1, caption // 30)
         self._font, self._small = _font(0.4 * caption), _font(0.32 * caption)

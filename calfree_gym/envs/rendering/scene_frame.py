@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.envs.rendering.renderer import Image
-from calfree_gym.envs.rendering.stereo_images import StereoImages
+from calfree_gym.envs.rendering.stereo_images import FOR_PEOPLE, StereoImages
 from calfree_gym.errors import check_whole
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT
@@ -37,16 +37,19 @@ class SceneFrame:
         arms: The arms.
         width: Of a frame, in pixels; at least its height, half of which is an image's.
         height: Of a frame, in pixels.
+        as_agents_see: Whether camera images have the light and the covers of the world, by which agents see;
+            else they have those of the scene, which people see best.
 
     Raises:
         ValueError: The size is not allowed.
         gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
     """
 
-    def __init__(self, arms: Arms, width: int, height: int) -> None:
+    def __init__(self, arms: Arms, width: int, height: int, as_agents_see: bool) -> None:
         check_size(width, height)
+        self._light = None if as_agents_see else FOR_PEOPLE
         self._arms, self._width, self._height = arms, width, height
-        self._images = StereoImages(arms.simulation, arms.robot.rig, height // 2)
+        self._images = StereoImages(arms.simulation, arms.robot.rig, height // 2, fine=True)
 
     def draw(self, row: int) -> Image:
         """A frame (height, width, 3) of one row."""
@@ -71,7 +74,8 @@ class SceneFrame:
             and the right camera.
         """
         arms, images = self._arms, self._images
-        left, right = images.colours(row, arms.world(row), configuration=configuration)
+        left, right = images.colours(row, arms.world(row), configuration=configuration, light=self._light)
+        images.shine(FOR_PEOPLE)
         model, data = images.picture
         dress_cameras(model, arms)
         mujoco.mj_kinematics(model, data)
@@ -115,7 +119,8 @@ def draw_points(
     scale = len(image) / (2 * PIXELS_PER_UNIT)
     for point, now, colour in zip(points, seen, (GRIPPER_COLOUR, OBJECT_COLOUR), strict=True):
         _ring(image, point, 14 * scale, colour, 2 if now else 1)
-    _ring(image, target, tolerance_px * scale, (255, 255, 255), 1)
+    for colour, thickness in (((30, 30, 30), 3), ((255, 255, 255), 1)):
+        _ring(image, target, tolerance_px * scale, colour, thickness)
 
 
 def _ring(image: Image, point: Array, radius: float, colour: tuple[int, int, int], thickness: int) -> None:

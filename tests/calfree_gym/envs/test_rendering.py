@@ -175,6 +175,24 @@ def test_frame_shows_the_scene_and_both_images():
     env.close()
 
 
+def test_people_see_every_world_in_one_light_and_agents_each_in_its_own(opengl):
+    env = gym.make(
+        "CalFree/Reach-v0", observation="rgb", image_size=64, render_mode="rgb_array", width=240, height=160
+    )
+    rooms, seen = [], []
+    for seed in range(3):
+        seen.append(env.reset(seed=seed)[0]["left_image"])
+        frame = env.render()
+        rooms.append(frame[4, 4])
+        assert np.median(frame[:, :160]) > 190, "it is light"
+        again = env.reset(seed=seed)[0]["left_image"]
+        np.testing.assert_array_equal(again, seen[-1])
+        assert env.render()[:80, 160:].mean() == pytest.approx(seen[-1].mean(), abs=12), "its image"
+    np.testing.assert_array_equal(rooms[1:], rooms[:-1])
+    assert np.abs(np.diff([image.mean() for image in seen])).min() > 3, "worlds differ"
+    env.close()
+
+
 @pytest.mark.parametrize(
     ("size", "said"),
     [
