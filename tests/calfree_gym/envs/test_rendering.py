@@ -11,7 +11,7 @@ import pytest
 
 import calfree_gym
 from calfree_gym.envs.rendering.lens_map import LensMap
-from calfree_gym.envs.rendering.stereo_images import StereoImages
+from calfree_gym.envs.rendering.stereo_images import FOR_PEOPLE, StereoImages
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.robot.arms.marks import RADIUS
 from calfree_gym.robot.line_of_sight import MARKS_GROUP, LinesOfSight
@@ -175,21 +175,26 @@ def test_frame_shows_the_scene_and_both_images():
     env.close()
 
 
-def test_people_see_every_world_in_one_light_and_agents_each_in_its_own(opengl):
+@pytest.mark.parametrize("observation", ["points", "rgb"])
+def test_people_see_every_world_in_one_light_and_agents_each_in_its_own(images_of, observation):
     env = gym.make(
-        "CalFree/Reach-v0", observation="rgb", image_size=64, render_mode="rgb_array", width=240, height=160
+        "CalFree/Reach-v0", observation=observation, render_mode="rgb_array", width=240, height=160
     )
-    rooms, seen = [], []
+    images, rooms, off = images_of(env, 80), [], []
     for seed in range(3):
-        seen.append(env.reset(seed=seed)[0]["left_image"])
+        env.reset(seed=seed)
+        world = env.unwrapped.world
+        drawn = images.colours(0, world)[0]
+        lit = images.colours(0, world, light=FOR_PEOPLE)[0]
+        np.testing.assert_array_equal(images.colours(0, world)[0], drawn)
         frame = env.render()
         rooms.append(frame[4, 4])
-        assert np.median(frame[:, :160]) > 190, "it is light"
-        again = env.reset(seed=seed)[0]["left_image"]
-        np.testing.assert_array_equal(again, seen[-1])
-        assert env.render()[:80, 160:].mean() == pytest.approx(seen[-1].mean(), abs=12), "its image"
+        own = drawn if observation == "rgb" else lit
+        off.append([abs(frame[:80, 160:].mean() - image.mean()) for image in (own, drawn, lit)])
     np.testing.assert_array_equal(rooms[1:], rooms[:-1])
-    assert np.abs(np.diff([image.mean() for image in seen])).min() > 3, "worlds differ"
+    own, of_world, of_people = np.max(off, 0)
+    assert own < 6, "but for the rings"
+    assert max(of_world, of_people) > 20
     env.close()
 
 
