@@ -28,7 +28,7 @@ class GifConfig(Model):
         frames_per_second: At most the film's.
     """
 
-    width: int = Field(540, ge=SMALLEST, le=LARGEST)
+    width: int = Field(720, ge=SMALLEST, le=LARGEST)
     frames_per_second: int = Field(10, gt=0, le=50)
 
 
@@ -45,6 +45,7 @@ class FilmConfig(Model):
         perturbations: A schedule.
         width: Of the film, in pixels.
         height: Of the film, its caption included, in pixels.
+        words: Whether pictures have a caption, and say what happens; small ones are better without.
         frames_per_second: Of the film.
         gif: Of the GIF.
     """
@@ -56,6 +57,7 @@ class FilmConfig(Model):
     first_trial: int = Field(1, gt=0)
     learn: bool = True
     perturbations: tuple[dict[str, Any], ...] = Field((), strict=False)
+    words: bool = True
     height: int = Field(780, ge=LEAST_HEIGHT, le=LARGEST)
     width: int = Field(1080, ge=SMALLEST, le=LARGEST)
     frames_per_second: int = Field(20, gt=0, le=120)
@@ -100,7 +102,7 @@ class FilmConfig(Model):
     @property
     def caption_height(self) -> int:
         """Of the caption, in pixels; even."""
-        return 2 * round(self.height / (2 * CAPTION))
+        return self.words * 2 * round(self.height / (2 * CAPTION))
 
 
 def load_film(path: Path, overrides: Sequence[str] = ()) -> FilmConfig:

@@ -84,6 +84,21 @@ class SceneFrame:
         scene = images.renderer.draw(_view(arms), *finer, (*SEEN, RIG_GROUP))[0][::-1]
         return np.asarray(cv2.resize(scene, size, interpolation=cv2.INTER_AREA), np.uint8), left, right
 
+    def camera_in_scene(self, camera: int) -> Array:
+        """Where in the scene (x, y), in pixels, the left or the right camera's housing was drawn last."""
+        model, data = self._images.picture
+        housing = model.geom(f"{self._arms.simulation.prefix}{CAMERAS[camera]}_housing").id
+        view = _view(self._arms)
+        azimuth, elevation = np.radians([view.azimuth, view.elevation])
+        ahead = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), 0])
+        ahead[2] = np.sin(elevation)
+        right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+        away = data.geom_xpos[housing] - (view.lookat - view.distance * ahead)
+        half = self._height / 2
+        focal = half / np.tan(np.radians(model.vis.global_.fovy) / 2)
+        x, y = focal * np.array([right, np.cross(ahead, right)]) @ away / (ahead @ away)
+        return np.array([(self._width - half) / 2 + x, half + y])
+
     def close(self) -> None:
         """Frees the GL context."""
         self._images.close()
