@@ -39,14 +39,13 @@ def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
     env = config.env.make(config.perturbations, tell=required.privileged)
     unwrapped: Any = env.unwrapped
     try:
-        sensors, caption = config.env.observation == "vision", config.caption_height
-        height = config.height - caption
+        sensors, height = config.env.observation == "vision", config.height - config.band
         screen = Screen(unwrapped.arms, config.width, height, sensors)
         try:
             with FilmFiles(folder, config.width, config.height, *rates) as files:
                 write = _without_words
                 if config.words:
-                    write = Lettering(config.width, config.width - height // 2, caption).write
+                    write = Lettering(config.width, config.width - height // 2, config.band).write
                 recorder = FilmRecorder(
                     env, screen, write, files, rates[0], config.agent.label, config.first_trial
                 )

@@ -14,8 +14,8 @@ from experiments.config.requirements import requirements
 from experiments.config.schedule import check_reached
 from experiments.config.suite import AgentConfig
 
-CAPTION = 12
-"""The caption takes one part in so many of a film's height."""
+BAND = 6.5
+"""The band of words takes one part in so many of a film's height."""
 LEAST_HEIGHT = 144
 """Of a film, so that its pictures are not smaller than pictures can be."""
 
@@ -44,8 +44,8 @@ class FilmConfig(Model):
         learn: Whether the agent learns, or shows what it does without.
         perturbations: A schedule.
         width: Of the film, in pixels.
-        height: Of the film, its caption included, in pixels.
-        words: Whether pictures have a caption, and say what happens; small ones are better without.
+        height: Of the film, words included, in pixels.
+        words: Whether words stand below, and say what happens; small films are better without.
         frames_per_second: Of the film.
         gif: Of the GIF.
     """
@@ -100,9 +100,9 @@ class FilmConfig(Model):
         return value
 
     @property
-    def caption_height(self) -> int:
-        """Of the caption, in pixels; even."""
-        return self.words * 2 * round(self.height / (2 * CAPTION))
+    def band(self) -> int:
+        """Height of the band of words, in pixels; even."""
+        return self.words * 2 * round(self.height / (2 * BAND))
 
 
 def load_film(path: Path, overrides: Sequence[str] = ()) -> FilmConfig:

@@ -15,18 +15,16 @@ Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 DARK, LIGHT = (30, 30, 34), (240, 240, 240)
-ALARM, SUCCESS, FAILURE = (222, 80, 16), (24, 150, 90), (150, 150, 156)
+ALARM, SUCCESS, FAILURE = (222, 80, 16), (40, 170, 105), (140, 140, 146)
 GOOD_NEWS = (120, 225, 140)
 LEGEND = (("gripper", GRIPPER_COLOUR), ("object", OBJECT_COLOUR), ("rings: seen", LIGHT))
-"""From the left, at the right of the caption."""
+"""From the left, under the caption."""
 EXPECTED = ("crosses: expected", LIGHT)
 """Likewise, of agents that expect something."""
 MOST_BARS = 12
 """Of so many trials, the last ones, bars are shown."""
-TALLEST = 3.0
-"""A bar is at most so many captions high; bars of more motions than `MOST_MOTIONS` are not higher."""
 MOST_MOTIONS = 12
-
+"""Bars of more are not higher."""
 
 COLOURS = (
     *(DARK, LIGHT, ALARM, SUCCESS, FAILURE, GOOD_NEWS, GRIPPER_COLOUR, OBJECT_COLOUR),
@@ -70,73 +68,65 @@ class Words(NamedTuple):
 
 
 class Lettering:
-    """Writes on pictures of one size, and a caption below.
+    """Writes on pictures of one size, and on a band below.
 
     Args:
         width: Of a picture, in pixels.
         scene: Of its scene, likewise.
-        caption: Height of the caption, likewise.
+        band: Height of the band, likewise.
     """
 
-    def __init__(self, width: int, scene: int, caption: int) -> None:
-        self._width, self._scene, self._caption = width, scene, caption
-        self._edge = round(0.35 * caption)
-        self._font, self._small = font(0.42 * caption), font(0.34 * caption)
+    def __init__(self, width: int, scene: int, band: int) -> None:
+        self._width, self._scene, self._band = width, scene, band
+        self._edge = round(0.18 * band)
+        self._font, self._small = font(0.23 * band), font(0.18 * band)
 
     def write(self, picture: Image, words: Words) -> Image:
-        """The picture (height, width, 3) with what is written, (height + caption, width, 3)."""
+        """The picture (height, width, 3) with what is written, (height + band, width, 3)."""
         height = len(picture)
-        canvas = Pictures.new("RGB", (self._width, height + self._caption), DARK)
+        canvas = Pictures.new("RGB", (self._width, height + self._band), DARK)
         canvas.paste(Pictures.fromarray(picture), (0, 0))
-        draw = ImageDraw.Draw(canvas, "RGBA")
-        if words.trials:
-            self._bars(draw, height, words)
+        draw = ImageDraw.Draw(canvas)
         if words.announced:
             self._announce(draw, words.announced)
         self._below(draw, height, words)
+        if words.trials:
+            self._bars(draw, height, words)
         return np.asarray(canvas)
 
     def _announce(self, draw: ImageDraw.ImageDraw, text: str) -> None:
-        draw.rectangle((0, 0, self._scene, self._caption), ALARM)
-        middle = self._scene // 2, self._caption // 2
+        high = round(0.5 * self._band)
+        draw.rectangle((0, 0, self._scene, high), ALARM)
         fits = fitting(text, self._font, self._scene - 2 * self._edge)
-        draw.text(middle, text, (255, 255, 255), fits, anchor="mm")
+        draw.text((self._scene // 2, high // 2), text, (255, 255, 255), fits, anchor="mm")
 
     def _below(self, draw: ImageDraw.ImageDraw, height: int, words: Words) -> None:
-        """The caption, and as much of the legend as it leaves room for."""
-        gap, middle = self._small.getlength("   "), height + self._caption // 2
-        parts = (*LEGEND, EXPECTED) if words.expected else LEGEND
-        legend = sum(self._small.getlength(text) + gap for text, _ in parts)
-        room = self._width - 2 * self._edge
-        fits = fitting(words.caption, self._font, room - legend)
-        draw.text((self._edge, middle), words.caption, GOOD_NEWS if words.good else LIGHT, fits, anchor="lm")
-        x = self._width - self._edge - legend + gap
-        for text, colour in parts:
-            draw.text((x, middle), text, colour, self._small, anchor="lm")
-            x += self._small.getlength(text) + gap
+        """The caption, and under it the legend."""
+        x, colour = float(self._edge), GOOD_NEWS if words.good else LIGHT
+        fits = fitting(words.caption, self._font, self._scene - 2 * self._edge)
+        draw.text((x, height + 0.34 * self._band), words.caption, colour, fits, anchor="lm")
+        for text, colour in (*LEGEND, EXPECTED) if words.expected else LEGEND:
+            draw.text((x, height + 0.72 * self._band), text, colour, self._small, anchor="lm")
+            x += self._small.getlength(text + "   ")
 
     def _bars(self, draw: ImageDraw.ImageDraw, height: int, words: Words) -> None:
-        """Motions of each trial, as bars over a line, with a line where the world was changed."""
-        edge, step = self._edge, round(0.72 * self._caption)
-        ground, title = height - edge, f"motions in each {words.unit}"
-        top = ground - (TALLEST + 1.4) * self._caption
-        shown = words.trials[-MOST_BARS:]
-        wide = max(self._small.getlength(title), step * len(shown)) + 2 * edge
-        draw.rectangle((0, top, wide, height), (255, 255, 255, 215))
-        draw.text((edge, top + edge), title, DARK, self._small, anchor="lt")
-        for place, trial in enumerate(shown):
-            left = edge + place * step
-            right, middle = left + 0.7 * step, left + 0.35 * step
-            share = min(trial.motions, MOST_MOTIONS) / MOST_MOTIONS
-            bar = ground - TALLEST * self._caption * share
+        """Motions of each trial, as bars; a line stands where the world was changed."""
+        edge, left = self._edge, float(self._scene)
+        ground, tallest = height + self._band - edge / 2, 0.42 * self._band
+        draw.text((left, height + edge / 2), f"motions in each {words.unit}", LIGHT, self._small, anchor="lt")
+        step = (self._width - left - edge) / MOST_BARS
+        for trial in words.trials[-MOST_BARS:]:
+            bar = ground - tallest * min(trial.motions, MOST_MOTIONS) / MOST_MOTIONS
             if trial.knocked:
                 x = left - 0.15 * step
-                draw.line((x, top + 3 * edge, x, ground), ALARM, max(2, self._caption // 14))
-            draw.rectangle((left, min(bar, ground - 2), right, ground), _COLOURS[trial.success])
-            draw.text((middle, bar - edge / 4), f"{trial.motions}", DARK, self._small, anchor="mb")
+                draw.line((x, ground - 1.3 * tallest, x, ground), ALARM, max(2, self._band // 30))
+            draw.rectangle((left, min(bar, ground - 2), left + 0.7 * step, ground), _COLOURS[trial.success])
+            middle = left + 0.35 * step, bar - edge / 6
+            draw.text(middle, f"{trial.motions}", LIGHT, self._small, anchor="mb")
+            left += step
 
 
-_COLOURS: dict[bool | None, Colour] = {None: DARK, True: SUCCESS, False: FAILURE}
+_COLOURS: dict[bool | None, Colour] = {None: LIGHT, True: SUCCESS, False: FAILURE}
 
 
 def font(size: float) -> ImageFont.FreeTypeFont:

@@ -29,12 +29,12 @@ class Pace(NamedTuple):
         end: After a trial.
     """
 
-    look: float = 0.35
+    look: float = 0.3
     shortest: float = 0.25
     flash: float = 0.1
     flashes: int = 3
-    news: float = 1.0
-    end: float = 0.9
+    news: float = 0.8
+    end: float = 0.6
 
 
 PACE = Pace()
