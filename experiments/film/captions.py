@@ -92,7 +92,7 @@ def caption(agent: str, status: Status) -> str:
         where = f"{task.done} in {count}"
     elif status.over:
         where = f"not {task.done} in {count}"
-    return " · ".join([agent, f"{task.trial} {status.trial}", where, *_measured(status.info)])
+    return " · ".join([agent, f"trial {status.trial}", where, *_measured(status.info)])
 
 
 def told(status: Status) -> str:

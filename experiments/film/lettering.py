@@ -21,10 +21,10 @@ LEGEND = (("gripper", GRIPPER_COLOUR), ("object", OBJECT_COLOUR), ("rings: seen"
 """From the left, under the caption."""
 EXPECTED = ("crosses: expected", LIGHT)
 """Likewise, of agents that expect something."""
-MOST_BARS = 12
+MOST_BARS = 10
 """Of so many trials, the last ones, bars are shown."""
-MOST_MOTIONS = 12
-"""Bars of more are not higher."""
+FEWEST_MOTIONS, MOST_MOTIONS = 6, 14
+"""Of the highest bar: those of more are not higher, and of fewer not as high."""
 
 COLOURS = (
     *(DARK, LIGHT, ALARM, SUCCESS, FAILURE, GOOD_NEWS, GRIPPER_COLOUR, OBJECT_COLOUR),
@@ -79,7 +79,7 @@ class Lettering:
     def __init__(self, width: int, scene: int, band: int) -> None:
         self._width, self._scene, self._band = width, scene, band
         self._edge = round(0.18 * band)
-        self._font, self._small = font(0.23 * band), font(0.18 * band)
+        self._font, self._small, self._tiny = font(0.23 * band), font(0.18 * band), font(0.15 * band)
 
     def write(self, picture: Image, words: Words) -> Image:
         """The picture (height, width, 3) with what is written, (height + band, width, 3)."""
@@ -112,17 +112,19 @@ class Lettering:
     def _bars(self, draw: ImageDraw.ImageDraw, height: int, words: Words) -> None:
         """Motions of each trial, as bars; a line stands where the world was changed."""
         edge, left = self._edge, float(self._scene)
-        ground, tallest = height + self._band - edge / 2, 0.42 * self._band
+        ground, tallest = height + self._band - edge / 2, 0.38 * self._band
         draw.text((left, height + edge / 2), f"motions in each {words.unit}", LIGHT, self._small, anchor="lt")
         step = (self._width - left - edge) / MOST_BARS
-        for trial in words.trials[-MOST_BARS:]:
-            bar = ground - tallest * min(trial.motions, MOST_MOTIONS) / MOST_MOTIONS
+        shown = words.trials[-MOST_BARS:]
+        highest = min(max(FEWEST_MOTIONS, *(trial.motions for trial in shown)), MOST_MOTIONS)
+        for trial in shown:
+            bar = ground - tallest * min(1.0, trial.motions / highest)
             if trial.knocked:
                 x = left - 0.15 * step
                 draw.line((x, ground - 1.3 * tallest, x, ground), ALARM, max(2, self._band // 30))
             draw.rectangle((left, min(bar, ground - 2), left + 0.7 * step, ground), _COLOURS[trial.success])
             middle = left + 0.35 * step, bar - edge / 6
-            draw.text(middle, f"{trial.motions}", LIGHT, self._small, anchor="mb")
+            draw.text(middle, f"{trial.motions}", LIGHT, self._tiny, anchor="mb")
             left += step
 
 

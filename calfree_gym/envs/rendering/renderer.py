@@ -20,9 +20,9 @@ SHADOW_MAP = 512
 SLICES, STACKS = 12, 8
 """Of round geoms. Choice: vertices cost most of the time; with these a ball is round to 3 % of its
 radius."""
-FINER_BY = 2
-"""In fine pictures round geoms have so many times more slices and stacks, and shadow maps the square of it
-more pixels in a row. Choice: they take 1.7 times as long."""
+FINER_BY, FINE_FROM = 2, 200
+"""For people, in pictures of so many pixels, round geoms have so many times more slices and stacks, and shadow
+maps the square of it more pixels in a row. Choice: they take 1.7 times as long."""
 SPARE = 1_000
 """Room in a scene beyond geoms and sites, for tendons, skins and the like; where that is full, it is doubled.
 Choice."""
@@ -42,21 +42,23 @@ class Renderer:
         model: See above; its settings of quality are changed.
         data: See above.
         size: Width and height of the largest picture that is usual; larger ones take a moment longer once.
-        fine: For people, and slower: whether shadows and round geoms are fine, and glass casts no shadow.
+        for_people: Whether glass casts no shadow, and large pictures are finer, which takes longer.
 
     Raises:
         gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, size: int, fine: bool = False) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, size: int, for_people: bool = False
+    ) -> None:
         self._gl: Any = None
         self.model, self.data = model, data
         quality = model.vis.quality
-        finer = FINER_BY if fine else 1
+        finer = FINER_BY if for_people and size >= FINE_FROM else 1
         quality.offsamples, quality.shadowsize = 0, finer**2 * SHADOW_MAP
         quality.numslices, quality.numstacks, quality.numquads = finer * SLICES, finer * STACKS, 1
         model.vis.global_.offwidth = model.vis.global_.offheight = size
-        self._size, self._fine = (size, size), fine
+        self._size, self._for_people = (size, size), for_people
         self._gl = gl_context(size)
         with current(self._gl):
             self._context = drawing_context(model)
@@ -88,7 +90,7 @@ class Renderer:
         """
         self._options.geomgroup[:] = np.isin(range(mujoco.mjNGROUP), groups)
         self._update(camera)
-        if self._fine:
+        if self._for_people:
             self._let_light_through()
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
         viewport = mujoco.MjrRect(0, 0, width, height)

@@ -49,7 +49,7 @@ class SceneFrame:
         check_size(width, height)
         self._light = None if as_agents_see else FOR_PEOPLE
         self._arms, self._width, self._height = arms, width, height
-        self._images = StereoImages(arms.simulation, arms.robot.rig, height // 2, fine=True)
+        self._images = StereoImages(arms.simulation, arms.robot.rig, height // 2, for_people=True)
 
     def draw(self, row: int) -> Image:
         """A frame (height, width, 3) of one row."""

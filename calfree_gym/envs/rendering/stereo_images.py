@@ -67,19 +67,19 @@ class StereoImages:
         rig: Where the lamp is to light up the room.
         size: Width and height of an image in pixels.
         shadows: Whether the lamp casts shadows.
-        fine: Whether pictures are fine, see `Renderer`.
+        for_people: See `Renderer`.
 
     Raises:
         gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
     """
 
     def __init__(
-        self, simulation: Simulation, rig: Rig, size: int, shadows: bool = True, fine: bool = False
+        self, simulation: Simulation, rig: Rig, size: int, shadows: bool = True, for_people: bool = False
     ) -> None:
         self.size, self._rig = size, rig
         self._simulation, self._shadows = simulation, shadows
         self.picture = simulation.picture()
-        self.renderer = Renderer(*self.picture, size, fine)
+        self.renderer = Renderer(*self.picture, size, for_people)
         model, prefix = self.renderer.model, simulation.prefix
         self._cameras = [model.camera(prefix + name).id for name in CAMERAS]
         self._lamp = model.light(prefix + "lamp").id
