@@ -94,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
     validate.set_defaults(does=_validate)
     run.set_defaults(does=_run)
     tune.set_defaults(does=_tune)
-    film.add_argument("--out", type=Path, required=True, help="folder for film.mp4 and film.gif")
+    film.add_argument("--out", type=Path, required=True, help="folder for film.mp4, film.gif and film.png")
     film.set_defaults(does=_film)
     merge = commands.add_parser("merge", help="gather the parts of a suite (run --part), and report")
     merge.add_argument("parts", type=Path, nargs="+", metavar="PART", help="results folder of a part")
@@ -247,7 +247,8 @@ def _film(options: argparse.Namespace) -> int:
     for record in records:
         ends = "rendezvous" if record.rendezvous else "no rendezvous"
         print(f"trial {record.trial + 1}: {ends} after {record.motions} motions, {record.error_px:.1f} px")
-    print(f"film: {files.mp4}, {files.gif} ({files.seconds:.0f} s, {files.gif.stat().st_size / 1e6:.1f} MB)")
+    size = files.gif.stat().st_size / 1e6
+    print(f"film: {files.mp4}, {files.gif}, {files.png} ({files.seconds:.0f} s, GIF {size:.1f} MB)")
     return 0
 
 

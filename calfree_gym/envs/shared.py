@@ -143,8 +143,10 @@ class ArmShared(Copyable, ABC):
             )
             return None
         if self._renderer is None:
-            human = self.render_mode == "human"
-            self._renderer = Viewer(self.arms) if human else SceneFrame(self.arms, *self._frame_size)
+            human, in_images = self.render_mode == "human", self._kind != "points"
+            self._renderer = (
+                Viewer(self.arms) if human else SceneFrame(self.arms, *self._frame_size, in_images)
+            )
         frame: NDArray[np.uint8] | None = self._renderer.draw(row)
         return frame
 

@@ -1,8 +1,13 @@
 """What a film says in words: where it is, and what has just happened to the world."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from calfree_gym.robot.inserting.peg import RADIUS
+
+MM = 1000.0
 _WORDS = {
     "camera_roll": "{camera} camera rolled by {degrees:.0f} degrees",
     "camera_aim": "{camera} camera turned by {degrees:.0f} degrees",
@@ -39,36 +44,83 @@ class Status(NamedTuple):
     """Where a trial is.
 
     Attributes:
-        agent: Who makes it.
         trial: From 1.
         motions: Made in it.
-        truth: What is true now, see `calfree_gym`'s infos.
+        info: What `calfree_gym` tells of the last motion.
         success: Whether the task is done.
         over: Whether it has ended.
     """
 
-    agent: str
     trial: int
     motions: int
-    truth: Mapping[str, Any]
+    info: Mapping[str, Any]
     success: bool = False
     over: bool = False
 
+    @property
+    def task(self) -> Task:
+        """What the agent is to do."""
+        return next(task for task in TASKS if not task.told_by or task.told_by in self.info["truth"])
 
-def caption(status: Status) -> str:
+
+class Task(NamedTuple):
+    """What an agent is to do, in words.
+
+    Attributes:
+        told_by: What only its truth tells; nothing, of reaching.
+        trial: What a trial is.
+        done: What has happened where the trial was a success.
+    """
+
+    told_by: str
+    trial: str
+    done: str
+
+
+TASKS = (
+    Task("lifted_mm", "grasp", "lifted"),
+    Task("depth_mm", "insertion", "inserted"),
+    Task("", "reach", "reached"),
+)
+
+
+def caption(agent: str, status: Status) -> str:
     """The line below the pictures."""
-    motions = f"{status.motions} motion{'s' * (status.motions != 1)}"
-    lifts = "lifted_mm" in status.truth
-    task = "lift" if lifts else "rendezvous"
+    count, task = motions_in_words(status.motions), status.task
     where = f"motion {status.motions}"
     if status.success:
-        where = f"{task} after {motions}"
+        where = f"{task.done} in {count}"
     elif status.over:
-        where = f"no {task} in {motions}"
-    measured = f"image error {status.truth['error_px']:.0f} px"
-    if lifts:
-        measured = f"object {max(status.truth['lifted_mm'], 0):.0f} mm up"
-    return f"{status.agent} · trial {status.trial} · {where} · {measured}"
+        where = f"not {task.done} in {count}"
+    return " · ".join([agent, f"trial {status.trial}", where, *_measured(status.info)])
+
+
+def told(status: Status) -> str:
+    """Where a trial is, in a few words."""
+    count = motions_in_words(status.motions) if status.motions else "begins"
+    return f"{status.task.trial} {status.trial}: {count}" + ", in vain" * (status.over and not status.success)
+
+
+def motions_in_words(motions: int) -> str:
+    """So many motions."""
+    return f"{motions} motion{'s' * (motions != 1)}"
+
+
+def _measured(info: Mapping[str, Any]) -> list[str]:
+    """What is true of the task."""
+    truth = info["truth"]
+    if "lifted_mm" in truth:
+        if truth["lifted_mm"] == 0:  # nothing is between the jaws
+            return ["not held"]
+        up = round(float(truth["lifted_mm"]))
+        return [f"held, {up} mm up" if up > 0 else "held"]
+    if "depth_mm" in truth:
+        inside = truth["depth_mm"] > 0 and truth["lateral_mm"] < MM * RADIUS
+        return [f"peg {truth['depth_mm']:.0f} mm in the hole" if inside else "peg outside the hole"]
+    off = f"{truth['error_px']:.0f} px off"
+    if "contacts" not in info:
+        return [off]
+    return [off, f"touches with {info['peak_force']:.0f} N" if info["contacts"] else "touches nothing"]
 
 
 def announcement(perturbation: Mapping[str, Any]) -> str:

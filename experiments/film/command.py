@@ -12,6 +12,7 @@ from experiments.evaluation import TrialRecord, evaluate
 from experiments.film.config import FilmConfig
 from experiments.film.drawing import Screen
 from experiments.film.files import FilmFiles
+from experiments.film.lettering import Image, Lettering, Words
 from experiments.film.predictions import Predictions
 from experiments.film.recorder import FilmRecorder
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
@@ -23,7 +24,7 @@ def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
 
     Args:
         config: Whom, and where.
-        out: Folder for film.mp4 and film.gif.
+        out: Folder for film.mp4, film.gif and film.png.
 
     Returns:
         The files, and what all trials came to.
@@ -38,12 +39,15 @@ def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
     env = config.env.make(config.perturbations, tell=required.privileged)
     unwrapped: Any = env.unwrapped
     try:
-        sensors = config.env.observation == "vision"
-        screen = Screen(unwrapped.arms, config.width, config.height, config.caption_height, sensors)
+        sensors, height = config.env.observation == "vision", config.height - config.band
+        screen = Screen(unwrapped.arms, config.width, height, sensors)
         try:
             with FilmFiles(folder, config.width, config.height, *rates) as files:
+                write = _without_words
+                if config.words:
+                    write = Lettering(config.width, config.width - height // 2, config.band).write
                 recorder = FilmRecorder(
-                    env, screen, files.add, rates[0], config.agent.label, config.first_trial
+                    env, screen, write, files, rates[0], config.agent.label, config.first_trial
                 )
                 records = _live(config, recorder, required.settings)
         finally:
@@ -53,6 +57,10 @@ def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
     finally:
         env.close()
     return files, records
+
+
+def _without_words(picture: Image, words: Words) -> Image:
+    return picture
 
 
 def _live(config: FilmConfig, recorder: FilmRecorder, settings: dict[str, Any]) -> list[TrialRecord]:

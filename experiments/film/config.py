@@ -14,8 +14,8 @@ from experiments.config.requirements import requirements
 from experiments.config.schedule import check_reached
 from experiments.config.suite import AgentConfig
 
-CAPTION = 12
-"""The caption takes one part in so many of a film's height."""
+BAND = 6.5
+"""The band of words takes one part in so many of a film's height."""
 LEAST_HEIGHT = 144
 """Of a film, so that its pictures are not smaller than pictures can be."""
 
@@ -28,7 +28,7 @@ class GifConfig(Model):
         frames_per_second: At most the film's.
     """
 
-    width: int = Field(540, ge=SMALLEST, le=LARGEST)
+    width: int = Field(720, ge=SMALLEST, le=LARGEST)
     frames_per_second: int = Field(10, gt=0, le=50)
 
 
@@ -44,7 +44,8 @@ class FilmConfig(Model):
         learn: Whether the agent learns, or shows what it does without.
         perturbations: A schedule.
         width: Of the film, in pixels.
-        height: Of the film, its caption included, in pixels.
+        height: Of the film, words included, in pixels.
+        words: Whether words stand below, and say what happens; small films are better without.
         frames_per_second: Of the film.
         gif: Of the GIF.
     """
@@ -56,6 +57,7 @@ class FilmConfig(Model):
     first_trial: int = Field(1, gt=0)
     learn: bool = True
     perturbations: tuple[dict[str, Any], ...] = Field((), strict=False)
+    words: bool = True
     height: int = Field(780, ge=LEAST_HEIGHT, le=LARGEST)
     width: int = Field(1080, ge=SMALLEST, le=LARGEST)
     frames_per_second: int = Field(20, gt=0, le=120)
@@ -98,9 +100,9 @@ class FilmConfig(Model):
         return value
 
     @property
-    def caption_height(self) -> int:
-        """Of the caption, in pixels; even."""
-        return 2 * round(self.height / (2 * CAPTION))
+    def band(self) -> int:
+        """Height of the band of words, in pixels; even."""
+        return self.words * 2 * round(self.height / (2 * BAND))
 
 
 def load_film(path: Path, overrides: Sequence[str] = ()) -> FilmConfig:

@@ -1,4 +1,4 @@
-"""Writing a film as MP4 and GIF: both are there as a whole, or not at all."""
+"""Writing a film as MP4 and GIF, and its strip as PNG: all are there as a whole, or not at all."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ import numpy as np
 from PIL import Image as Pictures
 
 from experiments.errors import ConfigError
-from experiments.film.drawing import COLOURS, Image
+from experiments.film.lettering import COLOURS, Image
+from experiments.film.strip import Moment, chosen, frame_strip
 
-MP4, GIF = "film.mp4", "film.gif"
+MP4, GIF, PNG = "film.mp4", "film.gif", "film.png"
 CODEC = "mp4v"
 TAKEN = 32
 """The GIF's colours are those of so many of its frames. Choice."""
@@ -23,7 +24,7 @@ _OF_SCENES = 255 - len(COLOURS)
 
 
 class FilmFiles:
-    """Writes film.mp4 and film.gif in a folder; used in a `with` block, after which they are there.
+    """Writes film.mp4, film.gif and film.png in a folder; used in a `with` block, after which they are there.
 
     Where the block fails nothing is left.
 
@@ -45,12 +46,14 @@ class FilmFiles:
         gif_width: int,
         gif_frames_per_second: int,
     ) -> None:
-        self.mp4, self.gif = folder / MP4, folder / GIF
+        self.mp4, self.gif, self.png = folder / MP4, folder / GIF, folder / PNG
+        self._files = self.mp4, self.gif, self.png
         self.frames = 0
         self._size, self._rate = (width, height), frames_per_second
         self._gif_size = gif_width, round(height * gif_width / width)
         self._gif_rate = gif_frames_per_second
         self._small: list[tuple[Any, int]] = []
+        self._moments: list[Moment] = []
 
     @property
     def seconds(self) -> float:
@@ -58,7 +61,7 @@ class FilmFiles:
         return self.frames / self._rate
 
     def __enter__(self) -> Self:
-        """Begins both files.
+        """Begins the MP4.
 
         Raises:
             ConfigError: OpenCV cannot write MP4 here.
@@ -84,10 +87,14 @@ class FilmFiles:
             small = cv2.resize(frame, self._gif_size, interpolation=cv2.INTER_AREA)
             self._small.append((cv2.imencode(".png", small)[1], ends - begins))
 
+    def keep(self, moment: Moment) -> None:
+        """Keeps a moment for the strip."""
+        self._moments.append(moment)
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Finishes both files, or leaves none.
+        """Finishes all files, or leaves none.
 
         Raises:
             ConfigError: There is no frame, or the MP4 is not whole.
@@ -100,13 +107,15 @@ class FilmFiles:
             self._discard()
 
     def _finish(self) -> None:
-        if not self.frames:
+        if not self._moments:
             raise ConfigError(f"{self.mp4}: there is nothing to show")
         written = cv2.VideoCapture(str(_partial(self.mp4))).get(cv2.CAP_PROP_FRAME_COUNT)
         if int(written) != self.frames:
             raise ConfigError(f"{self.mp4}: {written:.0f} of {self.frames} frames were written: a full disk?")
         self._write_gif()
-        for path in (self.mp4, self.gif):
+        strip = Pictures.fromarray(frame_strip(chosen(self._moments)))
+        strip.quantize(256).save(_partial(self.png), optimize=True)
+        for path in self._files:
             _partial(path).replace(path)
 
     def _write_gif(self) -> None:
@@ -135,7 +144,7 @@ class FilmFiles:
             yield Pictures.fromarray(np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR)))
 
     def _discard(self) -> None:
-        for path in (self.mp4, self.gif):
+        for path in self._files:
             _partial(path).unlink(missing_ok=True)
 
 

@@ -11,8 +11,10 @@ import numpy as np
 
 from calfree_gym.envs.arms.base import LOOK_SECONDS
 from calfree_gym.geometry import Array
-from experiments.film.captions import Status, announcement, caption
-from experiments.film.drawing import Image, Marks, Words
+from experiments.film.captions import Status, announcement, caption, told
+from experiments.film.drawing import NO_ALARM, Alarm, Marks
+from experiments.film.lettering import Image, Trial, Words
+from experiments.film.strip import Moment, moment
 
 
 class Pace(NamedTuple):
@@ -21,14 +23,18 @@ class Pace(NamedTuple):
     Attributes:
         look: Of a look.
         shortest: Of the shortest way.
-        news: Of an announcement, with the arm at rest.
+        flash: Of a flash, when the world is changed.
+        flashes: So many.
+        news: Of an announcement after these, with the arm at rest.
         end: After a trial.
     """
 
-    look: float = 0.35
+    look: float = 0.3
     shortest: float = 0.25
-    news: float = 1.6
-    end: float = 0.9
+    flash: float = 0.1
+    flashes: int = 3
+    news: float = 0.8
+    end: float = 0.6
 
 
 PACE = Pace()
@@ -38,8 +44,18 @@ PACE = Pace()
 class Draws(Protocol):
     """Draws pictures, see `drawing.Screen`."""
 
-    def draw(self, configuration: Array | None, marks: Marks | None, words: Words) -> Image:
+    def draw(self, configuration: Array | None, marks: Marks | None, alarm: Alarm = ...) -> Image:
         """A picture."""
+
+
+class Takes(Protocol):
+    """Takes pictures, see `files.FilmFiles`."""
+
+    def add(self, picture: Image, times: int) -> None:
+        """Shows a picture for so many frames."""
+
+    def keep(self, moment: Moment) -> None:
+        """Keeps a moment for a strip."""
 
 
 STILL = 1e-4
@@ -56,7 +72,8 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     Args:
         env: The environment.
         screen: Draws.
-        add: Takes each picture, and for how many frames it is shown.
+        write: Writes words on a picture.
+        film: Takes pictures.
         frames_per_second: Of the film.
         agent: Its name, for the caption.
         first_trial: From 1.
@@ -67,7 +84,8 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self,
         env: gymnasium.Env[Any, Any],
         screen: Draws,
-        add: Callable[[Image, int], None],
+        write: Callable[[Image, Words], Image],
+        film: Takes,
         frames_per_second: int,
         agent: str,
         first_trial: int = 1,
@@ -75,10 +93,12 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     ) -> None:
         super().__init__(env)
         self.predicted: Callable[[Array], Array | None] = lambda registers: None
-        self._screen, self._add, self._rate = screen, add, frames_per_second
+        self._screen, self._write, self._film, self._rate = screen, write, film, frames_per_second
         self._agent, self._first_trial, self._pace = agent, first_trial, pace
-        self._status = Status(agent, 0, 0, {})
+        self._status = Status(0, 0, {})
+        self._trials: list[Trial] = []
         self._marks: Marks | None = None
+        self._alarm, self._expected = NO_ALARM, False
         self._way: list[Array] = []
         self._arms.simulation.way = self._way
 
@@ -97,8 +117,10 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             before, seconds = self._configuration(), unwrapped.home_seconds - LOOK_SECONDS
         self._way.clear()
         observation, info = self.env.reset(seed=seed, options=options)
-        self._status = Status(self._agent, self._status.trial + 1, 0, info["truth"])
-        self._marks = None
+        self._status = Status(self._status.trial + 1, 0, info)
+        self._trials.append(Trial())
+        self._marks, self._alarm = None, NO_ALARM
+        self._note_changes()
         if self._filming:
             self._announce(before)
             if before is not None:
@@ -112,17 +134,23 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._way.clear()
         observation, reward, terminated, truncated, info = self.env.step(action)
         status = self._status._replace(motions=self._status.motions + 1)
+        self._note_changes()
+        if self._filming:
+            self._announce(before)
+        self._trials[-1] = self._trials[-1]._replace(motions=status.motions)
         if self._filming:
             assert marks is not None
-            self._announce(before)
             predicted = self.predicted(self._arms.told_registers()[0])
+            self._expected = self._expected or predicted is not None
             self._status, self._marks = status, marks.lingering(predicted)
             self._travel(before, float(info["robot_seconds"]) - LOOK_SECONDS)
         self._status = status._replace(
-            truth=info["truth"],
+            info=info,
             success=bool(info["is_success"]),
             over=terminated or truncated,
         )
+        if self._status.over:
+            self._trials[-1] = self._trials[-1]._replace(success=self._status.success)
         if self._filming:
             self._look(predicted)
         return observation, reward, terminated, truncated, info
@@ -135,28 +163,45 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         configuration: Array = self._arms.simulation.configuration(0)
         return configuration
 
-    def _announce(self, configuration: Array | None) -> None:
-        """Shows what has happened to the world, with the arm still where it was."""
+    @property
+    def _changes(self) -> list[dict[str, Any]]:
+        """What has happened to the world before the last motion or reset."""
         unwrapped: Any = self.env.unwrapped
-        for perturbation in unwrapped.applied:
-            given = perturbation.to_dict()
-            words = Words(
-                caption(self._status), announced=announcement(given), camera=given.get("camera", "")
-            )
-            marks = self._marks and self._marks.lingering(None)
-            self._show(self._pace.news, configuration, marks, words)
+        return [perturbation.to_dict() for perturbation in unwrapped.applied]
+
+    def _note_changes(self) -> None:
+        if self._changes:
+            self._trials[-1] = self._trials[-1]._replace(knocked=True)
+
+    def _words(self, announced: str = "", good: bool = False) -> Words:
+        status = self._status
+        said = caption(self._agent, status), good, announced, status.task.trial
+        return Words(*said, tuple(self._trials), self._expected)
+
+    def _announce(self, configuration: Array | None) -> None:
+        """Shows what has happened to the world, with the arm still where it was: it flashes, then stays."""
+        marks = None if self._marks is None else self._marks.lingering(None)
+        pace = self._pace
+        for change in self._changes:
+            said = announcement(change)
+            words, alarm = self._words(said), Alarm(change.get("camera", ""), now=True)
+            for flash in (True, False) * pace.flashes:
+                self._show(pace.flash, configuration, marks, words, alarm._replace(flash=flash))
+            picture = self._show(pace.news, configuration, marks, words, alarm)
+            self._film.keep(moment(picture, said, turn=True, change=True))
+            self._alarm = alarm._replace(now=False)
 
     def _travel(self, before: Array, seconds: float) -> None:
         """Shows the way from `before` to now: as the simulation went, or else with joints moving evenly."""
         simulation, after, way = self._arms.simulation, self._configuration(), self._way
-        words = Words(caption(self._status))
+        words = self._words()
         if np.abs(after - before).max() < STILL:
             return
         frames = max(1, round(self._rate * max(seconds, self._pace.shortest)))
         for frame, share in enumerate(eased(frames), 1):
             passed = math.ceil(frame / frames * len(way)) - 1
             there = way[passed] if way else simulation.between(before, after, share)
-            self._add(self._screen.draw(there, self._marks, words), 1)
+            self._show(0, there, self._marks, words, self._alarm)
 
     def _look(self, predicted: Array | None = None) -> None:
         """Shows what is seen now."""
@@ -164,11 +209,18 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         shown = list(self._arms.shown_points)
         target = self._arms.shown(0)[2][0]
         self._marks = Marks(points[0, shown], visible[0, shown], target.copy(), predicted)
-        words = Words(caption(self._status), good=self._status.success)
-        self._show(self._pace.end if self._status.over else self._pace.look, None, self._marks, words)
+        status, pace = self._status, self._pace
+        seconds = pace.end if status.over else pace.look
+        picture = self._show(seconds, None, self._marks, self._words(good=status.success), self._alarm)
+        self._film.keep(moment(picture, told(status), turn=status.over))
 
-    def _show(self, seconds: float, configuration: Array | None, marks: Marks | None, words: Words) -> None:
-        self._add(self._screen.draw(configuration, marks, words), max(1, round(self._rate * seconds)))
+    def _show(
+        self, seconds: float, configuration: Array | None, marks: Marks | None, words: Words, alarm: Alarm
+    ) -> Image:
+        """Shows a picture for so long, and at least for a frame; without words it is returned."""
+        picture = self._screen.draw(configuration, marks, alarm)
+        self._film.add(self._write(picture, words), max(1, round(self._rate * seconds)))
+        return picture
 
 
 def eased(frames: int) -> Iterator[float]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.envs.rendering.renderer import Image
-from calfree_gym.envs.rendering.stereo_images import StereoImages
+from calfree_gym.envs.rendering.stereo_images import FOR_PEOPLE, StereoImages
 from calfree_gym.errors import check_whole
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT
@@ -37,16 +37,19 @@ class SceneFrame:
         arms: The arms.
         width: Of a frame, in pixels; at least its height, half of which is an image's.
         height: Of a frame, in pixels.
+        as_agents_see: Whether camera images have the light and the covers of the world, by which agents see;
+            else they have those of the scene, which people see best.
 
     Raises:
         ValueError: The size is not allowed.
         gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
     """
 
-    def __init__(self, arms: Arms, width: int, height: int) -> None:
+    def __init__(self, arms: Arms, width: int, height: int, as_agents_see: bool) -> None:
         check_size(width, height)
+        self._light = None if as_agents_see else FOR_PEOPLE
         self._arms, self._width, self._height = arms, width, height
-        self._images = StereoImages(arms.simulation, arms.robot.rig, height // 2)
+        self._images = StereoImages(arms.simulation, arms.robot.rig, height // 2, for_people=True)
 
     def draw(self, row: int) -> Image:
         """A frame (height, width, 3) of one row."""
@@ -71,7 +74,8 @@ class SceneFrame:
             and the right camera.
         """
         arms, images = self._arms, self._images
-        left, right = images.colours(row, arms.world(row), configuration=configuration)
+        left, right = images.colours(row, arms.world(row), configuration=configuration, light=self._light)
+        images.shine(FOR_PEOPLE)
         model, data = images.picture
         dress_cameras(model, arms)
         mujoco.mj_kinematics(model, data)
@@ -79,6 +83,21 @@ class SceneFrame:
         finer = FINER * size[0], FINER * size[1]
         scene = images.renderer.draw(_view(arms), *finer, (*SEEN, RIG_GROUP))[0][::-1]
         return np.asarray(cv2.resize(scene, size, interpolation=cv2.INTER_AREA), np.uint8), left, right
+
+    def camera_in_scene(self, camera: int) -> Array:
+        """Where in the scene (x, y), in pixels, the left or the right camera's housing was drawn last."""
+        model, data = self._images.picture
+        housing = model.geom(f"{self._arms.simulation.prefix}{CAMERAS[camera]}_housing").id
+        view = _view(self._arms)
+        azimuth, elevation = np.radians([view.azimuth, view.elevation])
+        ahead = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), 0])
+        ahead[2] = np.sin(elevation)
+        right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+        away = data.geom_xpos[housing] - (view.lookat - view.distance * ahead)
+        half = self._height / 2
+        focal = half / np.tan(np.radians(model.vis.global_.fovy) / 2)
+        x, y = focal * np.array([right, np.cross(ahead, right)]) @ away / (ahead @ away)
+        return np.array([(self._width - half) / 2 + x, half + y])
 
     def close(self) -> None:
         """Frees the GL context."""
@@ -115,7 +134,8 @@ def draw_points(
     scale = len(image) / (2 * PIXELS_PER_UNIT)
     for point, now, colour in zip(points, seen, (GRIPPER_COLOUR, OBJECT_COLOUR), strict=True):
         _ring(image, point, 14 * scale, colour, 2 if now else 1)
-    _ring(image, target, tolerance_px * scale, (255, 255, 255), 1)
+    for colour, thickness in (((30, 30, 30), 3), ((255, 255, 255), 1)):
+        _ring(image, target, tolerance_px * scale, colour, thickness)
 
 
 def _ring(image: Image, point: Array, radius: float, colour: tuple[int, int, int], thickness: int) -> None:

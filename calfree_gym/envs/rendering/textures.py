@@ -14,6 +14,9 @@ MOST_SATURATED = 0.3
 DARKEST, BRIGHTEST = 0.25, 0.9
 KEPT = 256
 """Pictures that are kept: two a world, so that many rows can be rendered in turns."""
+STUDIO = -1
+"""Number of the light covers before which people see an arm best; no world's."""
+_ROOM, _SQUARES = (211, 221, 233), ((248, 250, 251), (232, 236, 241))
 OCTAVES = 5
 """Blotches of five sizes, each half as large as the one before."""
 
@@ -38,3 +41,12 @@ def texture(number: int, height: int, width: int) -> NDArray[np.uint8]:
         for _ in range(2)
     )
     return np.asarray(first + field[..., None] * (second - first), np.uint8)
+
+
+def studio(height: int, width: int) -> NDArray[np.uint8]:
+    """A light cover (height, width, 3): of a table, which is square, four squares; of a room one colour."""
+    if height != width:
+        return np.full((height, width, 3), _ROOM, np.uint8)
+    cover, half = np.full((height, width, 3), _SQUARES[0], np.uint8), height // 2
+    cover[:half, :half] = cover[half:, half:] = _SQUARES[1]
+    return cover

@@ -11,7 +11,7 @@ import pytest
 
 import calfree_gym
 from calfree_gym.envs.rendering.lens_map import LensMap
-from calfree_gym.envs.rendering.stereo_images import StereoImages
+from calfree_gym.envs.rendering.stereo_images import FOR_PEOPLE, StereoImages
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.robot.arms.marks import RADIUS
 from calfree_gym.robot.line_of_sight import MARKS_GROUP, LinesOfSight
@@ -172,6 +172,29 @@ def test_frame_shows_the_scene_and_both_images():
         assert panel.std() > 20
     env.step(np.array([0.3, 0.0, 0.0]))
     assert np.abs(env.render().astype(int) - frame).mean() > 1
+    env.close()
+
+
+@pytest.mark.parametrize("observation", ["points", "rgb"])
+def test_people_see_every_world_in_one_light_and_agents_each_in_its_own(images_of, observation):
+    env = gym.make(
+        "CalFree/Reach-v0", observation=observation, render_mode="rgb_array", width=240, height=160
+    )
+    images, rooms, off = images_of(env, 80), [], []
+    for seed in range(3):
+        env.reset(seed=seed)
+        world = env.unwrapped.world
+        drawn = images.colours(0, world)[0]
+        lit = images.colours(0, world, light=FOR_PEOPLE)[0]
+        np.testing.assert_array_equal(images.colours(0, world)[0], drawn)
+        frame = env.render()
+        rooms.append(frame[4, 4])
+        own = drawn if observation == "rgb" else lit
+        off.append([abs(frame[:80, 160:].mean() - image.mean()) for image in (own, drawn, lit)])
+    np.testing.assert_array_equal(rooms[1:], rooms[:-1])
+    own, of_world, of_people = np.max(off, 0)
+    assert own < 6, "but for the rings"
+    assert max(of_world, of_people) > 20
     env.close()
 
 

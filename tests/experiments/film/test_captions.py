@@ -2,11 +2,12 @@
 
 import re
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from calfree_gym.perturbations import TYPES
-from experiments.film.captions import Status, announcement, caption
+from experiments.film.captions import Status, announcement, caption, told
 
 
 def test_a_knock_is_told_in_words():
@@ -35,17 +36,46 @@ def test_one_without_words_of_its_own_is_told_by_its_settings():
     assert announcement({"type": "image_fog"}) == "image fog"
 
 
+def told_at(status):
+    return caption("someone", status)
+
+
 def test_the_caption_says_where_a_trial_is():
-    status = Status("memory", 3, 1, {"error_px": 35.4})
-    assert caption(status) == "memory · trial 3 · motion 1 · image error 35 px"
+    status = Status(3, 1, {"truth": {"error_px": 35.4}})
+    assert told_at(status) == "someone · trial 3 · motion 1 · 35 px off"
     reached = status._replace(success=True, over=True)
-    assert caption(reached) == "memory · trial 3 · rendezvous after 1 motion · image error 35 px"
+    assert told_at(reached) == "someone · trial 3 · reached in 1 motion · 35 px off"
     missed = status._replace(motions=60, over=True)
-    assert caption(missed) == "memory · trial 3 · no rendezvous in 60 motions · image error 35 px"
+    assert told_at(missed) == "someone · trial 3 · not reached in 60 motions · 35 px off"
+    assert told(status._replace(motions=0)) == "reach 3: begins"
+    assert told(reached) == "reach 3: 1 motion"
+    assert told(missed) == "reach 3: 60 motions, in vain"
 
 
-def test_a_grasp_tells_how_high_the_object_is():
-    status = Status("grasp", 1, 9, {"error_px": 35.4, "lifted_mm": -0.2})
-    assert caption(status) == "grasp · trial 1 · motion 9 · object 0 mm up"
-    lifted = status._replace(motions=14, truth={"error_px": 3.0, "lifted_mm": 81.7}, success=True, over=True)
-    assert caption(lifted) == "grasp · trial 1 · lift after 14 motions · object 82 mm up"
+@pytest.mark.parametrize(
+    ("info", "said"),
+    [
+        ({"truth": {"error_px": 9, "lifted_mm": 0.0}}, "not held"),
+        ({"truth": {"error_px": 9, "lifted_mm": -0.1}}, "held"),
+        ({"truth": {"error_px": 9, "lifted_mm": 81.7}}, "held, 82 mm up"),
+        ({"truth": {"error_px": 9, "depth_mm": -20.0, "lateral_mm": 1.0}}, "peg outside the hole"),
+        ({"truth": {"error_px": 9, "depth_mm": 12.2, "lateral_mm": 30.0}}, "peg outside the hole"),
+        ({"truth": {"error_px": 9, "depth_mm": 12.2, "lateral_mm": 1.0}}, "peg 12 mm in the hole"),
+        ({"truth": {"error_px": 9}, "contacts": 0, "peak_force": 0.0}, "9 px off · touches nothing"),
+        ({"truth": {"error_px": 9}, "contacts": 2, "peak_force": 8.6}, "9 px off · touches with 9 N"),
+    ],
+)
+def test_each_task_tells_what_is_true_of_it(info, said):
+    assert told_at(Status(1, 9, info)) == f"someone · trial 1 · motion 9 · {said}"
+
+
+@pytest.mark.parametrize("name", ["Reach", "SafeReach", "Grasp", "Insert"])
+def test_every_environment_tells_it(name):
+    env = gym.make(f"CalFree/{name}-v0")
+    info = env.reset(seed=0)[1]
+    words = told_at(Status(1, 0, info, success=True))
+    done = {"Grasp": "lifted", "Insert": "inserted"}.get(name, "reached")
+    assert f" · {done} in 0 motions · " in words
+    outcome = {"Grasp": "not held", "Insert": "peg outside the hole", "SafeReach": "touches nothing"}
+    assert words.endswith(outcome.get(name, "px off"))
+    env.close()

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from calfree_gym.envs.rendering.scene_frame import GRIPPER_COLOUR
 from experiments.errors import ConfigError
-from experiments.film.drawing import COLOURS
 from experiments.film.files import FilmFiles
+from experiments.film.strip import WIDTH, Moment, chosen, frame_strip, moment
 
 SIZE = (120, 90)
 
@@ -18,21 +19,23 @@ def files_in(folder, rate=8, gif_rate=4):
 
 def frame(grey):
     picture = np.full((SIZE[1], SIZE[0], 3), grey, np.uint8)
-    picture[:20, :20] = COLOURS[4]  # the gripper's, in every frame
+    picture[:20, :20] = GRIPPER_COLOUR  # in every frame
     return picture
 
 
 def make(files, times, error=None):
     with files:
         files.add(frame(0), times)
+        files.keep(moment(frame(0), "now"))
         if error:
             raise error
 
 
-def test_both_can_be_read_back(tmp_path):
+def test_all_can_be_read_back(tmp_path):
     with files_in(tmp_path / "new") as files:
         for grey, times in ((40, 3), (80, 4), (120, 1), (200, 8)):
             files.add(frame(grey), times)
+            files.keep(moment(frame(grey), "then"))
     assert (files.frames, files.seconds) == (16, 2.0)
     film = cv2.VideoCapture(str(files.mp4))
     assert film.get(cv2.CAP_PROP_FPS) == 8
@@ -44,20 +47,59 @@ def test_both_can_be_read_back(tmp_path):
     assert [abs(int(np.median(each)) - grey) < 6 for each, grey in zip(shown, greys, strict=True)] == [
         True
     ] * 16
-    assert np.abs(shown[0][10, 10].astype(int) - COLOURS[4][::-1]).max() < 40, "blue and red are not swapped"
+    assert np.abs(shown[0][10, 10].astype(int) - np.array(GRIPPER_COLOUR)[::-1]).max() < 40, (
+        "blue and red are not swapped"
+    )
     gif = Image.open(files.gif)
     assert gif.size == (60, 45)
     durations, greys = [], []
     for k in range(gif.n_frames):
         gif.seek(k)
         pixels = np.asarray(gif.convert("RGB"))
-        assert tuple(pixels[4, 4]) == COLOURS[4]
+        assert tuple(pixels[4, 4]) == GRIPPER_COLOUR
         durations.append(gif.info["duration"])
         greys.append(int(np.median(pixels)))
     assert sum(durations) == 2000
     assert greys == [40, 80, 200]  # at 0, 250 .. 750 and 1000 ms
     assert durations == [500, 500, 1000]
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["film.gif", "film.mp4"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
+        "film.gif",
+        "film.mp4",
+        "film.png",
+    ]
+    strip = np.asarray(Image.open(files.png).convert("RGB"))
+    shown = [strip[100, 200 + k * (strip.shape[1] + 12) // 4].tolist() for k in range(4)]
+    assert shown == [[grey] * 3 for grey in (40, 80, 120, 200)]
+
+
+def moments(turns, change=None):
+    return [Moment(np.full((9, WIDTH, 3), k, np.uint8), f"{k}", k in turns, k == change) for k in range(20)]
+
+
+@pytest.mark.parametrize(
+    ("turns", "change", "shown"),
+    [
+        (range(2, 20, 2), 8, [6, 8, 10, 12, 14]),  # from the turn before the change on
+        (range(2, 20, 2), 2, [2, 4, 6, 8, 10]),
+        (range(2, 20, 2), 18, [10, 12, 14, 16, 18]),
+        (range(1, 10), None, [1, 3, 5, 7, 9]),
+        ([19], None, [0, 5, 10, 14, 19]),  # of one trial, looks too
+        ([3, 5, 9, 19], 5, [3, 5, 9, 19]),
+    ],
+)
+def test_a_strip_shows_the_change_and_what_came_of_it(turns, change, shown):
+    assert [int(each.words) for each in chosen(moments(turns, change))] == shown
+
+
+def test_a_strip_has_moments_side_by_side_with_their_words_below():
+    strip = frame_strip(moments([])[:2])
+    assert strip.shape == (9 + 44, 2 * WIDTH + 12, 3)
+    assert (strip[:9, WIDTH : WIDTH + 12] == 255).all()
+    assert (strip[:9, WIDTH + 12 :] == 1).all()
+    for left in (0, WIDTH + 12):
+        assert (strip[9:, left : left + WIDTH] < 100).any(), "words"
+    with pytest.raises(ValueError, match="no moments"):
+        frame_strip([])
 
 
 def test_what_fails_leaves_nothing_and_overwrites_nothing(tmp_path):

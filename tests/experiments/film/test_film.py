@@ -7,10 +7,11 @@ import pytest
 from PIL import Image
 
 import agents
-from calfree_gym.envs.rendering.scene_frame import GRIPPER_COLOUR
+from calfree_gym.envs.rendering.scene_frame import GRIPPER_COLOUR, SceneFrame
 from calfree_gym.image import lengths_px
 from experiments.__main__ import main
-from experiments.film.drawing import ALARM, Marks, Screen, Words, draw_crosses
+from experiments.film.drawing import Alarm, Marks, Screen, draw_crosses
+from experiments.film.lettering import ALARM, SUCCESS, Lettering, Trial, Words
 from experiments.film.predictions import Predictions
 from experiments.film.recorder import FilmRecorder
 
@@ -43,12 +44,13 @@ def test_a_film_is_made_and_the_arm_moves_in_it(film_data, write_config, tmp_pat
         gif.seek(k)
         lasts += gif.info["duration"]
     assert abs(lasts / 1000 - len(frames) / 8) <= 0.25
-    scene = np.array([frame[20:120, :144] for frame in frames])
+    scene = np.array([frame[20:120, :140] for frame in frames])
     changed = np.abs(np.diff(scene, axis=0)).max((1, 2, 3)) > 60
     assert changed.sum() > 5, "the arm moves"
     assert not changed.all(), "and rests"
     told = np.array([near(frame[2:8, 2:20], ALARM).all() for frame in frames])
-    assert told.sum() == (13 if learn else 0), "1.6 s of 8 frames; evaluated, the knock comes unseen"
+    assert told.sum() == (12 if learn else 0), "6 flashes and 0.8 s; evaluated, the knock comes unseen"
+    assert (out / "film.png").exists()
 
 
 @pytest.mark.parametrize(("key", "value"), [("agent", "nobody"), ("colour", 1)])
@@ -64,18 +66,18 @@ def test_without_opengl_the_error_is_one_line(film_data, write_config, tmp_path,
     assert main(["film", str(write_config(film_data)), "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "MUJOCO_GL names no renderer" in line
-    assert not (tmp_path / "out").exists()
+    assert not list((tmp_path / "out").iterdir())
 
 
-def test_marks_and_words_are_drawn_where_they_belong():
+def test_marks_and_alarms_are_drawn_where_they_belong():
     env = gym.make("CalFree/Reach-v0", world="nominal", dynamics="kinematic")
     env.reset(seed=0)
-    screen = Screen(env.unwrapped.arms, 324, 234, 18, sensors=False)
-    nothing = screen.draw(None, None, Words(""))
-    assert nothing.shape == (234, 324, 3)
+    screen = Screen(env.unwrapped.arms, 324, 216, sensors=False)
+    nothing = screen.draw(None, None)
+    assert nothing.shape == (216, 324, 3)
     points = np.array([[0.5, 0.5], [-0.5, -0.5], [0.9, -0.9], [0.9, -0.9]])
     expected = np.array([[0.0, 0.5], [np.nan, np.nan], [0.9, 0.9], [0.9, 0.9]])
-    marked = screen.draw(None, Marks(points, np.ones(4, bool), points[2:], expected), Words(""))
+    marked = screen.draw(None, Marks(points, np.ones(4, bool), points[2:], expected))
     new = near(marked, GRIPPER_COLOUR) & ~near(nothing, GRIPPER_COLOUR)
     left, right = new[:108, 216:], new[108:216, 216:]
     assert left[78:84, 51:57].any(), "the gripper's cross, left"
@@ -83,17 +85,54 @@ def test_marks_and_words_are_drawn_where_they_belong():
     rows, columns = np.nonzero(right)
     assert rows.max() < 40, "a ring, and no cross where nothing is expected"
     assert columns.max() < 40
-    caption = screen.draw(None, None, Words("a rather long caption " * 4))[216:]
-    assert (caption != nothing[216:]).any()
-    assert (caption[:, -4:] == nothing[216:][:, -4:]).all(), "it fits"
-    told = screen.draw(None, None, Words("", announced="left", camera="left"))
-    assert near(told[2, 2:214], ALARM).all()
-    assert near(told[:108, -1], ALARM).all()
-    assert not near(told[108:216, -1], ALARM).any()
-    moved = screen.draw(env.unwrapped.arms.simulation.configuration(0) + 0.3, None, Words(""))
+    alarmed = screen.draw(None, None, Alarm("left", now=True))
+    flashing = screen.draw(None, None, Alarm("left", now=True, flash=True))
+    for picture in (alarmed, flashing):
+        assert near(picture[:108, -1], ALARM).all()
+        assert not near(picture[108:216, -1], ALARM).any()
+        assert near(picture[:, :216], ALARM).sum() > 50, "the camera's ring in the scene"
+    off = [
+        np.abs(picture[20:90, 230:310].astype(int) - nothing[20:90, 230:310]).mean()
+        for picture in (alarmed, flashing)
+    ]
+    assert off[0] < 1 < 20 < off[1]
+    moved = screen.draw(env.unwrapped.arms.simulation.configuration(0) + 0.3, None)
     assert (np.abs(moved.astype(int) - nothing)[:, :216].max(-1) > 60).sum() > 300
     screen.close()
     env.close()
+
+
+def test_a_camera_is_ringed_where_its_housing_is_drawn(opengl):
+    env = gym.make("CalFree/Reach-v0", world="nominal", camera_mount="stand")
+    env.reset(seed=0)
+    frame = SceneFrame(env.unwrapped.arms, 540, 360, as_agents_see=False)
+    for camera in range(2):
+        x, y = frame.camera_in_scene(camera) if frame.views(0) else None
+        scene = frame.views(0)[0]
+        housing = scene[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4]
+        assert housing.max() < 110, "the housing is dark"
+        assert scene[round(y), round(x) + 25 : round(x) + 35].min() > 190, "the room is light"
+    frame.close()
+    env.close()
+
+
+def test_words_are_written_where_they_belong():
+    lettering, picture = Lettering(324, 216, 36), np.full((216, 324, 3), 128, np.uint8)
+    nothing = lettering.write(picture, Words(""))
+    assert nothing.shape == (252, 324, 3)
+    said = lettering.write(picture, Words("a rather long caption " * 4))
+    assert (said[216:] != nothing[216:]).any()
+    assert (said[216:, 212:] == nothing[216:, 212:]).all(), "it fits"
+    told = lettering.write(picture, Words("", announced="left"))
+    assert near(told[2, 2:214], ALARM).all()
+    assert (told[:216, 220:] == 128).all()
+    trials = (Trial(8, True), Trial(2, True), Trial(4, None, knocked=True))
+    bars = near(lettering.write(picture, Words("", trials=trials))[216:], SUCCESS)
+    high = np.sort(bars[:, 216:].sum(0))[::-1]
+    assert high[0] == pytest.approx(4 * high[high > 0][-1], rel=0.35)
+    knocked = lettering.write(picture, Words("", trials=trials))[216:]
+    assert near(knocked, ALARM).any()
+    assert not near(lettering.write(picture, Words("", trials=trials[:2]))[216:], ALARM).any()
 
 
 def test_a_cross_outside_the_image_is_not_drawn():
@@ -105,14 +144,20 @@ def test_a_cross_outside_the_image_is_not_drawn():
 class Nowhere:
     """Draws nothing."""
 
-    def draw(self, configuration, marks, words):
+    def draw(self, configuration, marks, alarm):
         return np.zeros((2, 2, 3), np.uint8)
+
+    def add(self, picture, times):
+        pass
+
+    def keep(self, moment):
+        pass
 
 
 def test_what_is_predicted_comes_true_once_it_is_known_and_asking_changes_nothing():
     def life(watched):
         env = gym.make("CalFree/Reach-v0", world="wild", dynamics="kinematic", camera_mount="stand")
-        recorder = FilmRecorder(env, Nowhere(), lambda picture, times: None, 2, "")
+        recorder = FilmRecorder(env, Nowhere(), lambda picture, words: picture, Nowhere(), 2, "")
         agent, wrong = agents.make("memory", recorder), []
 
         def predicted(registers):

@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from experiments.film.lettering import Trial
 from experiments.film.recorder import PACE, FilmRecorder, eased
 
 RATE = 20
@@ -11,17 +12,25 @@ KNOCK = {"type": "camera_aim", "camera": "left", "degrees": 15.0}
 
 
 class Shots:
-    """Keeps what was to be drawn: configuration, marks, words and for how many frames."""
+    """Keeps what was to be drawn: configuration, marks, words, for how many frames, and the alarm."""
 
     def __init__(self):
-        self.all = []
+        self.all, self.kept = [], []
 
-    def draw(self, configuration, marks, words):
-        self.all.append([configuration, marks, words])
+    def draw(self, configuration, marks, alarm):
+        self.all.append([configuration, marks])
+        self.alarm = alarm
         return np.zeros((2, 2, 3), np.uint8)
 
+    def write(self, picture, words):
+        self.all[-1].append(words)
+        return picture
+
     def add(self, picture, times):
-        self.all[-1].append(times)
+        self.all[-1] += [times, self.alarm]
+
+    def keep(self, moment):
+        self.kept.append(moment)
 
 
 def recorded(first_trial=1, perturbations=None, **settings):
@@ -34,7 +43,7 @@ def recorded(first_trial=1, perturbations=None, **settings):
         **settings,
     )
     shots = Shots()
-    return FilmRecorder(env, shots, shots.add, RATE, "someone", first_trial), shots
+    return FilmRecorder(env, shots, shots.write, shots, RATE, "someone", first_trial), shots
 
 
 def joints(recorder):
@@ -60,7 +69,7 @@ def test_the_arm_moves_smoothly_from_look_to_look():
     assert not any(each[1].seen.any() for each in way), "it does not look on its way"
     assert last[1].seen.any()
     np.testing.assert_array_equal(last[1].points, recorder.unwrapped.arms.delivered[0][0])
-    assert last[2].caption.endswith(f"motion 1 · image error {info['truth']['error_px']:.0f} px")
+    assert last[2].caption.endswith(f"motion 1 · {info['truth']['error_px']:.0f} px off")
 
 
 def test_a_motion_of_zero_words_is_a_look_only():
@@ -81,13 +90,21 @@ def test_a_knock_is_announced_with_the_arm_where_it_was(clock):
     else:
         recorder.step(np.array([-0.3, 0.1, 0.1], np.float32))
     said = [shot for shot in shots.all if shot[2].announced]
-    assert said == [shots.all[seen]]
-    where, marks, words, times = said[0]
-    assert words.announced == "left camera turned by 15 degrees"
-    assert words.camera == "left"
-    assert times == round(RATE * PACE.news)
-    np.testing.assert_array_equal(where, before)
-    assert (marks is None) == (clock == "trial")
+    assert said == shots.all[seen : seen + 2 * PACE.flashes + 1]
+    assert sum(times for *_, times, _ in said) == round(RATE * (2 * PACE.flashes * PACE.flash + PACE.news))
+    assert [alarm.flash for *_, alarm in said] == [True, False] * PACE.flashes + [False]
+    for where, marks, words, _, alarm in said:
+        assert words.announced == "left camera turned by 15 degrees"
+        assert (alarm.camera, alarm.now) == ("left", True)
+        np.testing.assert_array_equal(where, before)
+        assert (marks is None) == (clock == "trial")
+        assert words.trials == (
+            (Trial(1), Trial(0, None, True)) if clock == "trial" else (Trial(1, None, True),)
+        )
+    assert {(alarm.camera, alarm.now) for *_, alarm in shots.all[seen + len(said) :]} == {("left", False)}
+    recorder.reset()
+    assert shots.all[-1][-1].camera == "", "the next trial has no news"
+    assert [kept.words for kept in shots.kept if kept.change] == ["left camera turned by 15 degrees"]
 
 
 def test_the_way_home_is_shown_and_the_end_of_a_trial_lasts():
@@ -96,7 +113,7 @@ def test_the_way_home_is_shown_and_the_end_of_a_trial_lasts():
     home = joints(recorder)
     recorder.step(np.array([0.3, 0.2, -0.2], np.float32))
     assert shots.all[-1][3] == round(RATE * PACE.end)
-    assert "no rendezvous in 1 motion" in shots.all[-1][2].caption
+    assert "not reached in 1 motion" in shots.all[-1][2].caption
     far, seen = joints(recorder), len(shots.all)
     recorder.reset()
     way = shots.all[seen:-1]
@@ -105,6 +122,8 @@ def test_the_way_home_is_shown_and_the_end_of_a_trial_lasts():
     np.testing.assert_allclose(way[-1][0], home)
     assert {each[1] for each in way} == {None}
     assert "trial 2 · motion 0" in shots.all[-1][2].caption
+    assert shots.all[-1][2].trials == (Trial(1, False), Trial())
+    assert [kept.words for kept in shots.kept if kept.turn] == ["reach 1: 1 motion, in vain"]
 
 
 def test_earlier_trials_are_made_but_not_shown():
@@ -115,6 +134,7 @@ def test_earlier_trials_are_made_but_not_shown():
     recorder.reset()
     assert len(shots.all) == 1
     assert "trial 2" in shots.all[0][2].caption
+    assert shots.all[0][2].trials[0].motions == 1, "they are told"
 
 
 def test_predictions_are_asked_for_the_executed_registers_and_stay_for_the_look():
@@ -146,7 +166,7 @@ def test_a_way_ends_where_it_is_to_end():
 def test_what_the_physics_passed_is_shown_jaws_and_object_too():
     env = gym.make("CalFree/Grasp-v0", world="wild", camera_mount="stand")
     shots = Shots()
-    recorder = FilmRecorder(env, shots, shots.add, RATE, "someone")
+    recorder = FilmRecorder(env, shots, shots.write, shots, RATE, "someone")
     recorder.reset(seed=0)
     before = recorder.unwrapped.arms.simulation.configuration(0)
     recorder.step(np.array([0.2, 0.1, -0.1, 0.1, 1.0], np.float32))
