@@ -2,7 +2,8 @@
 
 import pandas as pd
 
-from experiments.config.suite import EvaluationConfig, ScenarioConfig
+from experiments.config.evaluation import EvaluationConfig
+from experiments.config.suite import ScenarioConfig
 from experiments.reporting.finished_suite import (
     MOTIONS,
     RENDEZVOUS,
@@ -71,7 +72,7 @@ def _curves_and_moments(
     found: dict[str, dict[str, Moment]],
 ) -> Section:
     suite, cap = finished.suite, scenario.env.max_episode_steps
-    width = max(evaluation.every, 2 * cap)
+    width = max(evaluation.every or 0, 2 * cap)
     perturbations = perturbations_met(finished, scenario, "motions")
     held_out = learning_curves(
         f"{scenario.name}: held-out trials, {evaluation.trials} at each checkpoint",
