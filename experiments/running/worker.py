@@ -22,8 +22,8 @@ from experiments.running.sweep_trials import run_sweep
 from experiments.running.tensorboard_curves import Curves
 from experiments.running.trial_log import TrialLog
 
-_PROGRESS_EVERY = 25
-"""A lifetime that is counted in trials prints its progress each time that this many have ended."""
+_PROGRESS_EVERY = 2.0
+"""Seconds after which a lifetime prints how far it is."""
 
 
 def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[str, Any], int]:
@@ -43,10 +43,8 @@ def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict
         def log_trial(record: TrialRecord) -> None:
             log.write("train", recorder.motions, recorder.since_perturbation, record)
             curves.add_own(recorder.motions, record)
-            if scenario.trials is not None and recorder.trials % _PROGRESS_EVERY == 0:
-                print_progress(spec, recorder)
 
-        scenario = spec.scenario
+        scenario, said = spec.scenario, time.monotonic()
         privileged, settings, rows, known = requirements(spec.agent, scenario.env)
         recorder: Any = _recorder(spec, privileged, rows, log_trial)
         times.watch(recorder, "environment", "reset", "step")
@@ -57,6 +55,10 @@ def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict
         recorder.onlooker = checkpoints or recorder.onlooker
 
         def after_motion(progress: Any) -> bool:
+            nonlocal said
+            if time.monotonic() > said + _PROGRESS_EVERY:
+                print_progress(spec, recorder)
+                said = time.monotonic()
             return scenario.trials is None or recorder.trials < scenario.trials
 
         length, of = spec.work
