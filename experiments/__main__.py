@@ -207,6 +207,7 @@ def _run(options: argparse.Namespace) -> int:
             retries=options.retries,
             fail_fast=options.fail_fast,
             part=options.part,
+            at_once=None if options.cluster or options.slurm else options.jobs,
         )
         failed = runner.run(command_of(options))
     if options.part == WHOLE:

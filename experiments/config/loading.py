@@ -12,7 +12,9 @@ from calfree_gym.errors.yaml_values import UnclearNumberError, read
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.overrides import with_overrides
 from experiments.config.requirements import requirements
+from experiments.config.schedule import with_shares_as_motions
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
+from experiments.config.whole_moves import unfit_life
 from experiments.errors import ConfigError
 
 Config = TypeVar("Config", bound=BaseModel)
@@ -196,17 +198,32 @@ def _unbuildable(suite: Suite) -> dict[str, str]:
     if wrong:
         return wrong
     for part in suite.parts:
-        in_trials = isinstance(part, ScenarioConfig) and part.trials is not None
         for agent in suite.agents_in(part):
-            if why := unbuildable_agent(agent, part.env, in_trials):
-                where = f"agents.{suite.agents.index(agent)}.settings"
-                wrong[where] = f"found {_short(agent.settings)}: {why}"
+            place = f"agents.{suite.agents.index(agent)}"
+            try:
+                rows = requirements(agent, part.env).rows
+            except Exception as error:  # whatever a library raises at a setting that it cannot use
+                wrong[f"{place}.settings"] = f"found {_short(agent.settings)}: {error}"
+                continue
+            if isinstance(part, ScenarioConfig) and rows > 1:
+                for where, why in unfit_life(part, agent, suite.evaluation_of(part), rows).items():
+                    wrong[_place_of(where, part, agent, suite)] = f"{agent.label!r}: {why}"
     return wrong
+
+
+def _place_of(where: str, scenario: ScenarioConfig, agent: AgentConfig, suite: Suite) -> str:
+    """The path of a key that a scenario, the agent itself or the suite has for the agent's life."""
+    if where == "motions" and agent.motions:
+        return f"agents.{suite.agents.index(agent)}.motions"
+    if where.startswith("evaluation") and scenario.evaluation is None:
+        return where
+    return f"scenarios.{suite.scenarios.index(scenario)}.{where}"
 
 
 def unbuildable_environments(scenarios: Sequence[ScenarioConfig]) -> dict[str, str]:
     """Why environments of scenarios cannot be made, by the path of the key."""
-    tried = (_unbuildable_environment(each.env, each.perturbations) for each in scenarios)
+    schedules = [with_shares_as_motions(each.perturbations, each.motions) for each in scenarios]
+    tried = (_unbuildable_environment(each.env, of) for each, of in zip(scenarios, schedules, strict=True))
     return {f"scenarios.{i}.env": why for i, why in enumerate(tried) if why}
 
 
@@ -215,20 +232,6 @@ def _unbuildable_environment(env: EnvironmentConfig, schedule: tuple[dict[str, A
         env.make(schedule).close()
     except ValueError as error:
         return f"{error}"
-    return None
-
-
-def unbuildable_agent(agent: AgentConfig, env: EnvironmentConfig, in_trials: bool = False) -> str | None:
-    """Why an agent cannot be made in an environment, if so; or not for a lifetime counted `in_trials`.
-
-    Of many arms that move at once, short trials end first: the first to end would be no fair sample.
-    """
-    try:
-        rows = requirements(agent, env).rows
-    except Exception as error:  # whatever a library raises at a setting that it cannot use
-        return f"{error}"
-    if in_trials and rows > 1:
-        return f"it learns from {rows} rows, whose trials end out of turn: count motions, or set rows: 1"
     return None
 
 

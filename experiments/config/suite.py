@@ -3,7 +3,14 @@
 from itertools import pairwise
 from typing import Any
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 import agents
 from calfree_gym.errors import near_misses
@@ -11,24 +18,21 @@ from calfree_gym.perturbations import TYPES, parse_perturbation
 from experiments.config.arms import as_told
 from experiments.config.claims import Claim, TrialsOf
 from experiments.config.environment import OWN, EnvironmentConfig
+from experiments.config.evaluation import EvaluationConfig
+from experiments.config.lives import check_events, check_lives
 from experiments.config.model import Model, Name, distinct, one_of
-from experiments.config.schedule import check_reached
+from experiments.config.schedule import with_shares_as_motions
 
 FIRST_OWN_TRIALS = 100
 """Of a lifetime counted in motions so many own trials are all kept; claims look at no others."""
-
-
-class EvaluationConfig(Model):
-    """Held-out trials, every this many lifetime motions and right after a perturbation."""
-
-    every: int = Field(gt=0)
-    trials: int = Field(gt=0)
 
 
 class ScenarioConfig(Model):
     """A lifetime: where, for how many motions or trials, and how the world is perturbed.
 
     Attributes:
+        motions: Of a life; an agent may have its own number.
+        perturbations: See `parse_schedule`; an event may come `at: {share: 0.5}` of a life's motions.
         agents: Labels of those that take part; all of the suite where none is given.
         evaluation: Its own, where it is not the suite's.
     """
@@ -54,8 +58,8 @@ class ScenarioConfig(Model):
     def _within_the_lifetime(
         cls, value: tuple[dict[str, Any], ...], info: ValidationInfo
     ) -> tuple[dict[str, Any], ...]:
-        lengths = {clock: info.data.get(f"{clock}s") for clock in ("motion", "trial")}
-        check_reached(value, lengths, "a lifetime of ")
+        if {"motions", "trials"} <= info.data.keys():
+            check_events(value, info.data["motions"], info.data["trials"])
         return value
 
     @field_validator("evaluation")
@@ -65,10 +69,24 @@ class ScenarioConfig(Model):
     ) -> EvaluationConfig | None:
         if value is not None and {"env", "motions", "trials"} <= info.data.keys():
             most = _most_motions(info.data["motions"], info.data["trials"], info.data["env"])
-            if value.every > most:
+            if (value.every or 0) > most:
                 raise ValueError(f"evaluation.every is {value.every}; lifetimes have at most {most} motions")
             check_one_world(info.data["env"], "this scenario")
         return value
+
+    def motions_of(self, agent: "AgentConfig") -> int | None:
+        """How many motions an agent's life has; None where it is counted in trials."""
+        return self.motions and (agent.motions or self.motions)
+
+    def lived_by(self, agent: "AgentConfig") -> "ScenarioConfig":
+        """The scenario as an agent lives it: its own motions, and shares of them as motions.
+
+        Who else takes part is no part of it, and the evaluation stands apart.
+        """
+        motions = self.motions_of(agent)
+        schedule = with_shares_as_motions(self.perturbations, motions)
+        own = {"motions": motions, "perturbations": schedule, "agents": None, "evaluation": None}
+        return self.model_copy(update=own)
 
     @property
     def length(self) -> tuple[int, str]:
@@ -129,11 +147,24 @@ class SweepConfig(Model):
 
 
 class AgentConfig(Model):
-    """An agent by name, or a name alone, with its settings; `label` tells apart two of the same name."""
+    """An agent by name, or a name alone, with its settings.
+
+    Attributes:
+        label: Tells apart two of the same name.
+        motions: Of its life, where a scenario is counted in motions, in place of the scenario's.
+        worlds: How many it meets, in place of the suite's: the first ones of the same seed.
+    """
 
     name: str
     label: Name
     settings: dict[str, Any] = Field(default_factory=dict)
+    motions: int | None = Field(default=None, gt=0)
+    worlds: int | None = Field(default=None, gt=0)
+
+    @model_serializer(mode="wrap")
+    def _without_unused(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        values: dict[str, Any] = written(self)
+        return {key: value for key, value in values.items() if value is not None}
 
     @model_validator(mode="before")
     @classmethod
@@ -219,6 +250,15 @@ class Suite(Model):
                     )
         return value
 
+    @field_validator("agents")
+    @classmethod
+    def _each_with_a_life(
+        cls, value: tuple[AgentConfig, ...], info: ValidationInfo
+    ) -> tuple[AgentConfig, ...]:
+        if {"scenarios", "evaluation"} <= info.data.keys():
+            check_lives(value, info.data["scenarios"], info.data["evaluation"])
+        return value
+
     @field_validator("evaluation")
     @classmethod
     def _within_every_lifetime(
@@ -231,7 +271,7 @@ class Suite(Model):
             lifetime = f"scenario {scenario.name!r} has {at_most}{scenario.most_motions} motions"
             if value is None and scenario.motions is not None:
                 raise ValueError(f"{lifetime}: only lifetimes counted in trials need no held-out trials")
-            if value is not None and value.every > scenario.most_motions:
+            if value is not None and (value.every or 0) > scenario.most_motions:
                 raise ValueError(f"evaluation.every is {value.every}; {lifetime}")
             if value is not None:
                 check_one_world(scenario.env, f"scenario {scenario.name!r}")
@@ -250,11 +290,18 @@ class Suite(Model):
                 try:
                     part = parts[one_of(trials.scenario, tuple(parts))]
                     one_of(trials.agent, part.agents or labels)
-                    _check_trials(trials, part, info.data["evaluation"])
+                    agent = info.data["agents"][labels.index(trials.agent)]
+                    lived = part if isinstance(part, SweepConfig) else part.lived_by(agent)
+                    evaluation = getattr(part, "evaluation", None) or info.data["evaluation"]
+                    _check_trials(trials, lived, evaluation)
                 except ValueError as error:
                     where = f"claims.{i}.criteria.{j} ({claim.name})"
                     raise ValueError(f"{where}: {trials.scenario}, {trials.agent}: {error}") from None
         return value
+
+    def worlds_of(self, agent: AgentConfig) -> int:
+        """How many worlds an agent meets."""
+        return agent.worlds or self.worlds
 
     @property
     def parts(self) -> tuple[ScenarioConfig | SweepConfig, ...]:
@@ -309,7 +356,7 @@ def _check_trials(
             f"found trials up to {trials.trials[1]}; allowed: up to {FIRST_OWN_TRIALS} where the lifetime is "
             "counted in motions, for of the later ones not all are kept"
         )
-    if trials.motions is not None and not (part.evaluation or evaluation):
+    if trials.motions is not None and not evaluation:
         raise ValueError("motions is of held-out trials, and it has none; allowed: trials")
     if trials.motions is not None and trials.motions > part.most_motions:
         raise ValueError(f"found {trials.motions} motions; allowed: up to {part.most_motions}")

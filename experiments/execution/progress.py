@@ -1,15 +1,19 @@
-"""Showing how far the runs are: bars on a terminal, plain lines elsewhere."""
+"""Showing how far the runs are: a bar on a terminal, plain lines elsewhere."""
 
 import os
 import re
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
 
+from experiments.execution.time_left import in_words
 from experiments.running.results_folder import LOG
 
 _DONE = re.compile(r"^(?:motions|trials) (\d+)/", re.MULTILINE)
@@ -26,6 +30,44 @@ def made_in(folder: Path) -> int:
     except FileNotFoundError:
         return 0
     return int(found[-1]) if found else 0
+
+
+@dataclass(frozen=True, slots=True)
+class AtWork:
+    """A run under way.
+
+    Attributes:
+        what: The run, in words.
+        made: How much of its work is done.
+        amount: Of how much.
+        unit: "motions" or "trials".
+    """
+
+    what: str
+    made: int
+    amount: int
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How far a suite is.
+
+    Attributes:
+        over: Runs that are over.
+        runs: All runs.
+        left: Seconds that the others will take, about.
+        at_work: Runs under way.
+    """
+
+    over: int
+    runs: int
+    left: float
+    at_work: tuple[AtWork, ...]
+
+    def __str__(self) -> str:
+        left = f", about {in_words(self.left)} left" if self.over < self.runs else ""
+        return f"{self.over} of {self.runs}{left}"
 
 
 class Display(Protocol):
@@ -45,18 +87,15 @@ class Display(Protocol):
     def say(self, text: str) -> None:
         """Shows a line that stays."""
 
-    def start(self, run: str, amount: int, of: str) -> None:
-        """A run begins its work: this many motions, or trials."""
-
-    def made(self, run: str, amount: int) -> None:
-        """A run has done so much of its work."""
-
-    def end(self, run: str, outcome: str) -> None:
-        """A run is over."""
+    def show(self, now: Standing) -> None:
+        """Shows how far the suite is."""
 
 
 class Lines:
-    """Plain lines: the beginning and the end of each run."""
+    """Plain lines: one where runs have ended."""
+
+    def __init__(self) -> None:
+        self._over = 0
 
     def __enter__(self) -> Self:
         return self
@@ -68,57 +107,41 @@ class Lines:
         """Prints a line."""
         print(text, flush=True)
 
-    def start(self, run: str, amount: int, of: str) -> None:
-        """Says that a run begins."""
-        self.say(f"{run}: started, {amount:,} {of}")
-
-    def made(self, run: str, amount: int) -> None:
-        """Keeps quiet: the run's log tells it."""
-
-    def end(self, run: str, outcome: str) -> None:
-        """Says how a run ended."""
-        self.say(f"{run}: {outcome}")
+    def show(self, now: Standing) -> None:
+        """Prints how far the suite is, where more runs are over than last time."""
+        if now.over > self._over:
+            self._over = now.over
+            self.say(f"{now}")
 
 
-class Bars:
-    """A bar for each run under way."""
+class Bar:
+    """A bar for the suite, and below it a line for each run under way."""
 
     def __init__(self, console: Console):
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.completed:,.0f} of {task.total:,.0f} {task.fields[of]}"),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=console,
-        )
-        self._bars = {}  # type: ignore[var-annotated]  # rich's TaskID is private to it
+        self._live = Live(console=console, refresh_per_second=4, transient=True)
 
     def __enter__(self) -> Self:
-        self._progress.start()
+        self._live.start()
         return self
 
     def __exit__(self, kind: object, error: object, traceback: object) -> None:
-        self._progress.stop()
+        self._live.stop()
 
     def say(self, text: str) -> None:
-        """Prints a line above the bars."""
-        self._progress.console.print(text, markup=False, highlight=False)
+        """Prints a line above the bar."""
+        self._live.console.print(text, markup=False, highlight=False)
 
-    def start(self, run: str, amount: int, of: str) -> None:
-        """Adds a bar."""
-        self._bars[run] = self._progress.add_task(run, total=amount, of=of)
-
-    def made(self, run: str, amount: int) -> None:
-        """Moves a bar."""
-        self._progress.update(self._bars[run], completed=amount)
-
-    def end(self, run: str, outcome: str) -> None:
-        """Turns a bar into a line."""
-        self._progress.remove_task(self._bars.pop(run))
-        self.say(f"{run}: {outcome}")
+    def show(self, now: Standing) -> None:
+        """Moves the bar by whole runs and what is made of those under way."""
+        made = now.over + sum(each.made / each.amount for each in now.at_work)
+        head = Table.grid(padding=(0, 1))
+        head.add_row(ProgressBar(total=now.runs, completed=made, width=40), str(now))
+        lines = Table.grid(padding=(0, 2))
+        for each in now.at_work:
+            lines.add_row(f"  {each.what}", f"{each.made:,} of {each.amount:,} {each.unit}")
+        self._live.update(Group(head, lines))
 
 
 def display() -> Display:
-    """Bars where somebody can see them move, lines elsewhere."""
-    return Bars(Console()) if sys.stdout.isatty() else Lines()
+    """A bar where somebody can see it move, lines elsewhere."""
+    return Bar(Console()) if sys.stdout.isatty() else Lines()

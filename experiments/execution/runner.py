@@ -7,6 +7,7 @@ from pathlib import Path
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.execution.executor import Executor
+from experiments.execution.expected import KeptTimes
 from experiments.execution.orders import (
     begin,
     clear,
@@ -19,16 +20,19 @@ from experiments.execution.orders import (
     write_order,
 )
 from experiments.execution.part import WHOLE, Part
-from experiments.execution.progress import Display, made_in
+from experiments.execution.progress import AtWork, Display, Standing, made_in
+from experiments.execution.time_left import TimeLeft, in_words
 from experiments.running.plan import Run, runs_of
 from experiments.running.results_folder import (
     FAILED,
     LOG,
     SUITE,
+    TIMINGS,
     folder_of,
     is_done,
     locked,
     made_folder,
+    read_json,
     refuse_foreign,
     write_json,
 )
@@ -51,6 +55,7 @@ class Runner:
         retries: How many times a run is made again whose worker was lost; one that failed is not.
         fail_fast: Whether the first failed run stops the others.
         part: Which of the suite's runs to make.
+        at_once: How many runs the executor makes at a time, where that is known.
     """
 
     def __init__(
@@ -63,6 +68,7 @@ class Runner:
         retries: int = 0,
         fail_fast: bool = False,
         part: Part = WHOLE,
+        at_once: int | None = None,
     ):
         self._suite = suite
         self._out = out
@@ -73,7 +79,8 @@ class Runner:
         self._part = part
         self._orders: dict[Path, Run] = {}
         self._losses: dict[Path, int] = {}
-        self._shown: dict[Path, float] = {}
+        self._at_once = at_once
+        self._begun: set[Path] = set()
 
     def run(self, command: str) -> list[str]:
         """Makes all runs that are not finished yet.
@@ -99,7 +106,12 @@ class Runner:
             about["commit"] = commit() if pending or is_of_no_commit(made_by) else made_by
             write_json(self._out / SUITE, about | {"part": str(self._part)})
             clear(self._out)
-            self._display.say(f"{len(runs)} runs, {len(runs) - len(pending)} of them finished already")
+            kept = KeptTimes()
+            pending.sort(key=kept.seconds, reverse=True)
+            self._left = TimeLeft({spec.id: kept.seconds(spec) for spec in pending}, self._at_once)
+            self._runs = len(runs)
+            said = f"{len(runs)} runs, {len(runs) - len(pending)} of them finished already"
+            self._display.say(f"{said}; about {in_words(self._left.seconds())}" if pending else said)
             try:
                 self._orders = {write_order(self._out, spec, here): spec for spec in pending}
                 self._executor.start(list(self._orders))
@@ -119,7 +131,7 @@ class Runner:
         if exit_code == 0:
             self._wait_for(target_of(order))
             discard(order)
-            self._end(order, "done in")
+            self._end(order, _seconds(target_of(order)))
             return
         if exit_code < 0:
             self._losses[order] = self._losses.get(order, 0) + 1
@@ -143,31 +155,33 @@ class Runner:
         place(attempt)
         discard(order)
         tail = "\n".join(f"    {line}" for line in lines)
-        self._end(order, "FAILED after", f", exit code {exit_code}:\n{tail}\n    ({target_of(order) / LOG})")
+        said = f"FAILED, exit code {exit_code}:\n{tail}\n    ({target_of(order) / LOG})"
+        self._display.say(f"{order.name}: {said}")
+        self._end(order)
 
     def _stop(self) -> None:
         """Ends all attempts, wherever they are made."""
-        for order in list(self._orders):
+        for order in self._orders:
             withdraw(order)
-            if order in self._shown:
-                self._end(order, "stopped after")
         self._orders.clear()
 
+    def _end(self, order: Path, seconds: float | None = None) -> None:
+        """A run is over, and has taken so long, if it has not failed."""
+        self._left.ends(self._orders.pop(order).id, seconds)
+        self._begun.discard(order)
+
     def _show(self) -> None:
+        at_work = []
         for order, spec in self._orders.items():
             if is_begun(order) and (attempt := newest_attempt(order)):
-                if order not in self._shown:
-                    self._shown[order] = time.monotonic()
-                    self._display.start(spec.id, *spec.work)
-                self._display.made(spec.id, made_in(attempt))
-
-    def _end(self, order: Path, how: str, more: str = "") -> None:
-        spec = self._orders.pop(order)
-        if order not in self._shown:  # over before it was seen
-            self._display.start(spec.id, *spec.work)
-        now = time.monotonic()
-        wall = now - self._shown.get(order, now)
-        self._display.end(spec.id, f"{how} {wall:.0f} s{more}")
+                if order not in self._begun:
+                    self._begun.add(order)
+                    self._left.begins(spec.id)
+                made, (amount, unit) = made_in(attempt), spec.work
+                self._left.has_made(spec.id, made / amount)
+                at_work.append(AtWork(_in_words(spec), made, amount, unit))
+        over = self._runs - len(self._orders)
+        self._display.show(Standing(over, self._runs, self._left.seconds(), tuple(at_work)))
 
     def _wait_for(self, folder: Path) -> None:
         """Waits until this machine sees, too, what an attempt on another one has moved there."""
@@ -180,3 +194,14 @@ class Runner:
                 )
             list(folder.parent.iterdir())  # makes NFS look anew
             time.sleep(0.1)
+
+
+def _seconds(folder: Path) -> float | None:
+    """What a finished run says that it took."""
+    return read_json(folder / TIMINGS)["wall_seconds"] if (folder / TIMINGS).exists() else None
+
+
+def _in_words(spec: Run) -> str:
+    where = spec.where
+    world = f", world {where['world']}" if "world" in where else ""
+    return f"{where['agent']} in {where['scenario']}{world}"

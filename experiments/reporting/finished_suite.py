@@ -51,7 +51,7 @@ class FinishedSuite:
 
     def runs_of(self, agent: AgentConfig) -> list[str]:
         """The ids of the finished runs of an agent."""
-        return [run.id for run in self.runs if run.agent == agent and run.id in self.outcomes]
+        return [run.id for run in self.runs if run.agent.label == agent.label and run.id in self.outcomes]
 
     def must_know(self, agent: AgentConfig) -> str:
         """The privileged observations of an agent, and what it is built on."""

@@ -12,10 +12,24 @@ MOST_MOTIONS = 1_000
 """Motions that `learn_trials` allows for in a trial: it stops by trials, unless trials are longer."""
 
 
+class Onlooker:
+    """Is told of moments of a lifetime in which the agent waits for its robot; does nothing by itself."""
+
+    def before_motion(self) -> None:
+        """The agent is about to move, in the world of its last motion."""
+
+    def before_change(self) -> None:
+        """The world is about to change."""
+
+    def after_change(self) -> None:
+        """The world has changed, and the agent has not moved in it yet."""
+
+
 class LifetimeCounts:
     """What is counted in a lifetime, of one arm or of rows.
 
     Attributes:
+        onlooker: See `Onlooker`.
         motions: Lifetime motions.
         records: Of the trials that have ended. A trial cut off by a reset has none.
         perturbations: Lifetime motions made before each, index of the trial that it met, and what it was.
@@ -24,6 +38,7 @@ class LifetimeCounts:
     motions: int
     records: list[TrialRecord]
     perturbations: list[tuple[int, int, dict[str, Any]]]
+    onlooker = Onlooker()
 
     def _count_from_zero(self) -> None:
         self.motions, self.records, self.perturbations = 0, [], []
@@ -35,7 +50,7 @@ class LifetimeCounts:
 
     @property
     def since_perturbation(self) -> int | None:
-        """Motions since the last perturbation, the one it preceded included; None before any."""
+        """Motions since the last perturbation; None before any."""
         return self.motions - self.perturbations[-1][0] if self.perturbations else None
 
 
@@ -98,6 +113,7 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Makes one motion, and counts it."""
+        self.onlooker.before_motion()
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._note(self._applied())
         self.motions += 1
@@ -118,11 +134,16 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
         return applied
 
     def _note(self, applied: list[Any]) -> None:
-        for perturbation in (*self._applied_by_reset, *applied):
-            self.perturbations.append((self.motions, self._trial, perturbation.to_dict()))
-        self._applied_by_reset = []
         env: Any = self.env.unwrapped
+        changes = [*self._applied_by_reset, *applied]
+        self._applied_by_reset = []
+        if changes:
+            self.onlooker.before_change()
         self.world = env.world
+        for perturbation in changes:
+            self.perturbations.append((self.motions, self._trial, perturbation.to_dict()))
+        if changes:
+            self.onlooker.after_change()
 
 
 def learn_trials(

@@ -9,7 +9,8 @@ from pydantic import TypeAdapter
 
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
 from experiments.config.arms import digest
-from experiments.config.suite import AgentConfig, EvaluationConfig, Model, ScenarioConfig, Suite, SweepConfig
+from experiments.config.evaluation import EvaluationConfig
+from experiments.config.suite import AgentConfig, Model, ScenarioConfig, Suite, SweepConfig
 
 _WORLD, _EVALUATION, _AGENT = range(3)
 
@@ -50,8 +51,7 @@ class LifetimeRun(Run):
     """One lifetime: an agent in a scenario in one world.
 
     Attributes:
-        scenario: The environment, the length, and how the world is perturbed; who else takes part is no
-            part of it, and the evaluation stands apart.
+        scenario: As the agent lives it, see `ScenarioConfig.lived_by`.
         evaluation: When it is evaluated on held-out trials, if ever.
         world: Index of the world; the same for all agents that are compared in it.
         world_seed: Seeds the world, its objects and its noise.
@@ -113,6 +113,11 @@ def world_seeds(suite_seed: int, worlds: int) -> tuple[int, ...]:
     return tuple(_seed(suite_seed, _WORLD, world) for world in range(worlds))
 
 
+def _alone(agent: AgentConfig) -> AgentConfig:
+    """Without what stands in its runs already."""
+    return agent.model_copy(update={"motions": None, "worlds": None})
+
+
 def _with_digests(content: dict[str, Any]) -> dict[str, Any]:
     (part,) = (content[key] for key in ("scenario", "sweep") if key in content)
     arm = part["env"].pop("arm")
@@ -124,8 +129,8 @@ def _with_digests(content: dict[str, Any]) -> dict[str, Any]:
 def _lifetimes(suite: Suite) -> list[LifetimeRun]:
     return [
         LifetimeRun(
-            agent=agent,
-            scenario=scenario.model_copy(update={"agents": None, "evaluation": None}),
+            agent=_alone(agent),
+            scenario=scenario.lived_by(agent),
             evaluation=suite.evaluation_of(scenario),
             world=world,
             world_seed=_seed(suite.seed, _WORLD, world),
@@ -134,16 +139,16 @@ def _lifetimes(suite: Suite) -> list[LifetimeRun]:
         )
         for scenario in suite.scenarios
         for agent in suite.agents_in(scenario)
-        for world in range(suite.worlds)
+        for world in range(suite.worlds_of(agent))
     ]
 
 
 def _sweeps(suite: Suite) -> list[SweepRun]:
     return [
         SweepRun(
-            agent=agent,
+            agent=_alone(agent),
             sweep=sweep.model_copy(update={"agents": None}),
-            world_seeds=world_seeds(suite.seed, suite.worlds),
+            world_seeds=world_seeds(suite.seed, suite.worlds_of(agent)),
             agent_seed=_seed(suite.seed, _AGENT, 0),
         )
         for sweep in suite.sweeps

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from calfree_gym.envs.arms.base import Arms
 from calfree_gym.envs.row import Row
 from calfree_gym.perturbations.application import PerturbationScheduler
+from calfree_gym.perturbations.schedule import Event
 from experiments.config.environment import EnvironmentConfig
 from experiments.evaluation import TrialMeter, TrialRecord
 from experiments.running.lifetime import LifetimeCounts, refuse_options
@@ -83,8 +84,8 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Makes one motion in every row, counts them, and begins the next trials of rows that are over."""
-        for clock in _CLOCKS:
-            self._apply_due(clock)
+        self.onlooker.before_motion()
+        self._apply_due(*_CLOCKS)
         self._moved = True
         observation, rewards, terminated, truncated, infos = self.env.step(actions)
         self.motions += self.num_envs
@@ -106,26 +107,36 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         envs: Any = self.env.unwrapped
         return TrialMeter(Row(envs, row), 0, _of_row(infos, row))  # type: ignore[arg-type]
 
-    def _apply_due(self, clock: str) -> None:
+    def _apply_due(self, *clocks: str) -> None:
         """Applies to all rows what has become due since the last call, by the counts at which it was due."""
+        due = [each for clock in clocks for each in self._newly_due(clock)]
+        if not due:
+            return
+        world, changes = self.world, []
+        for at, place, event in due:
+            world, drawn = self._scheduler.apply(place, event, 0, at, world)
+            changes += [] if drawn is None else [(self.motions, self.trials, drawn.to_dict())]
+        self._arms.enter(0, world)  # it was in all that was judged
+        if world is not self.world:
+            rows: Any = self.env.unwrapped
+            rows.set_world(world)
+        if changes:
+            self.onlooker.before_change()
+        self.world = world
+        self.perturbations += changes
+        if changes:
+            self.onlooker.after_change()
+
+    def _newly_due(self, clock: str) -> list[tuple[int, int, Event]]:
+        """Counts at which events have become due, with these and their places in the schedule."""
         count = {"motion": self.motions, "trial": self.trials}[clock]
         since, self._applied[clock] = self._applied[clock] + 1, count
-        before = self.world
-        due = [
+        return [
             (at, place, event)
             for at in range(since, count + 1)
             for place, event in self._scheduler.events[clock]
             if event.is_due(np.array([at]))[0]
         ]
-        for at, place, event in due:
-            self.world, drawn = self._scheduler.apply(place, event, 0, at, self.world)
-            if drawn is not None:
-                self.perturbations.append((self.motions, self.trials, drawn.to_dict()))
-        if due:
-            self._arms.enter(0, self.world)  # it was in all that was judged
-        if self.world is not before:
-            rows: Any = self.env.unwrapped
-            rows.set_world(self.world)
 
 
 def _of_row(infos: dict[str, Any], row: int) -> dict[str, Any]:

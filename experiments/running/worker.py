@@ -11,8 +11,9 @@ from typing import Any
 
 import agents
 from experiments.config.requirements import requirements
-from experiments.evaluation import TrialRecord, evaluate
-from experiments.running.cpu_time import CPU, CpuTimes, TimedPredictor
+from experiments.evaluation import TrialRecord
+from experiments.running.checkpoints import Checkpoints, Recorder, print_progress
+from experiments.running.cpu_time import CPU, CpuTimes
 from experiments.running.lifetime import LifetimeRecorder
 from experiments.running.plan import LifetimeRun, SweepRun, parse_run
 from experiments.running.results_folder import DONE, ENDED, SPEC, TIMINGS, write_json
@@ -21,75 +22,8 @@ from experiments.running.sweep_trials import run_sweep
 from experiments.running.tensorboard_curves import Curves
 from experiments.running.trial_log import TrialLog
 
-Recorder = LifetimeRecorder | RowsRecorder
-_PROGRESS_EVERY = 25
-"""A lifetime that is counted in trials prints its progress each time that this many have ended."""
-
-
-class Checkpoints:
-    """Evaluates an agent during its lifetime: on schedule, and right after a perturbation.
-
-    Between two scheduled checkpoints there is one more at most, so that a world that is perturbed
-    at every trial does not turn into one long evaluation.
-    """
-
-    def __init__(
-        self,
-        spec: LifetimeRun,
-        recorder: Recorder,
-        log: TrialLog,
-        curves: Curves,
-        privileged: tuple[str, ...],
-        times: CpuTimes,
-    ):
-        assert spec.evaluation is not None
-        self._evaluation = spec.evaluation
-        self._spec = spec
-        self._recorder = recorder
-        self._log = log
-        self._curves = curves
-        self._times = times
-        self._env = spec.scenario.env.make(tell=privileged)
-        self._next_scheduled = 0
-        self._perturbations_seen = 0
-        self._one_more_made = False
-        self._last = -1
-
-    def evaluate_if_due(self, agent: Any) -> None:
-        """Evaluates where a scheduled checkpoint is reached, or the world has just been perturbed."""
-        perturbations = len(self._recorder.perturbations)
-        if self._recorder.motions >= self._next_scheduled:
-            self._evaluate(agent)
-            self._next_scheduled += self._evaluation.every
-            self._perturbations_seen, self._one_more_made = perturbations, False
-        elif perturbations > self._perturbations_seen and not self._one_more_made:
-            self._evaluate(agent)
-            self._one_more_made = True
-
-    def finish(self, agent: Any) -> None:
-        """Evaluates at the end of the lifetime, unless that has just been done."""
-        if self._last != self._recorder.motions:
-            self._evaluate(agent)
-
-    def _evaluate(self, agent: Any) -> None:
-        held_out: Any = self._env.unwrapped
-        held_out.set_world(self._recorder.world)
-        trials = self._evaluation.trials
-        with self._times.of("evaluation"):
-            timed = TimedPredictor(agent, self._times)
-            records = evaluate(timed, self._env, trials, self._spec.evaluation_seed)
-        for record in records:
-            self._log.write("eval", self._recorder.motions, self._recorder.since_perturbation, record)
-        self._curves.write("eval", self._recorder.motions, records)
-        self._last = self._recorder.motions
-        reached = sum(record.rendezvous for record in records)
-        print_progress(self._spec, self._recorder, f": {reached} of {trials} held-out trials reached")
-
-
-def print_progress(spec: LifetimeRun, recorder: Recorder, more: str = "") -> None:
-    """Prints how far a lifetime is, as `progress.made_in` reads it."""
-    length, of = spec.work
-    print(f"{of} {getattr(recorder, of)}/{length}{more}", flush=True)
+_PROGRESS_EVERY = 2.0
+"""Seconds after which a lifetime prints how far it is."""
 
 
 def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[str, Any], int]:
@@ -109,30 +43,31 @@ def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict
         def log_trial(record: TrialRecord) -> None:
             log.write("train", recorder.motions, recorder.since_perturbation, record)
             curves.add_own(recorder.motions, record)
-            if scenario.trials is not None and recorder.trials % _PROGRESS_EVERY == 0:
-                print_progress(spec, recorder)
 
-        scenario = spec.scenario
+        scenario, said = spec.scenario, time.monotonic()
         privileged, settings, rows, known = requirements(spec.agent, scenario.env)
         recorder: Any = _recorder(spec, privileged, rows, log_trial)
         times.watch(recorder, "environment", "reset", "step")
         agent = agents.make(spec.agent.name, recorder, seed=spec.agent_seed, **settings)
-        checkpoints = Checkpoints(spec, recorder, log, curves, privileged, times) if spec.evaluation else None
-        if checkpoints:
-            checkpoints.evaluate_if_due(agent)
+        checkpoints = (
+            Checkpoints(spec, agent, rows, recorder, log, curves, times) if spec.evaluation else None
+        )
+        recorder.onlooker = checkpoints or recorder.onlooker
 
         def after_motion(progress: Any) -> bool:
-            if checkpoints:
-                checkpoints.evaluate_if_due(agent)
+            nonlocal said
+            if time.monotonic() > said + _PROGRESS_EVERY:
+                print_progress(spec, recorder)
+                said = time.monotonic()
             return scenario.trials is None or recorder.trials < scenario.trials
 
         length, of = spec.work
         with times.of("learning"):
             agent.learn(scenario.most_motions, callback=after_motion)
-        if abs(getattr(recorder, of) - length) >= rows:  # rows move together
-            raise RuntimeError(f"{spec.agent.name} made {getattr(recorder, of)} {of}; it was given {length}")
+        if (made := getattr(recorder, of)) != length:
+            raise RuntimeError(f"{spec.agent.name} made {made} {of}; it was given {length}")
         if checkpoints:
-            checkpoints.finish(agent)
+            checkpoints.finish()
     outcome = {
         "privileged": list(privileged),
         "prior_knowledge": list(known),

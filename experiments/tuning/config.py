@@ -6,8 +6,9 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 import agents
+from experiments.config.evaluation import EvaluationConfig
 from experiments.config.model import Model, distinct, one_of
-from experiments.config.suite import AgentConfig, EvaluationConfig, ScenarioConfig, Suite
+from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
 
 
 def _finite(value: Any) -> Any:

@@ -9,10 +9,11 @@ from experiments.config.loading import (
     load_as,
     read_mapping,
     read_yaml,
-    unbuildable_agent,
     unbuildable_environments,
 )
+from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig
+from experiments.config.whole_moves import unfit_life
 from experiments.running.plan import world_seeds
 from experiments.tuning.config import TunedAgentConfig, TuningConfig, TuningScenarioConfig
 
@@ -38,7 +39,9 @@ def seeds_of_suites(folder: Path) -> dict[int, str]:
             continue
         data = read_mapping(path)
         if isinstance(data.get("worlds"), int):
-            found |= dict.fromkeys(world_seeds(data.get("seed", 0), data["worlds"]), path.name)
+            own = (each.get("worlds", 0) for each in data.get("agents", ()) if isinstance(each, dict))
+            most = max(data["worlds"], *own, 0)
+            found |= dict.fromkeys(world_seeds(data.get("seed", 0), most), path.name)
     return found
 
 
@@ -90,4 +93,9 @@ def _unbuildable(
 ) -> str | None:
     """Why the agent cannot be made with these settings, if so."""
     whole = AgentConfig(name=agent.name, label=agent.name, settings=agent.settings | settings)
-    return unbuildable_agent(whole, scenario.env, scenario.trials is not None)
+    try:
+        rows = requirements(whole, scenario.env).rows
+    except Exception as error:  # whatever a library raises at a setting that it cannot use
+        return f"{error}"
+    unfit = unfit_life(scenario, whole, scenario.evaluation, rows) if rows > 1 else {}
+    return next((f"{where} of {scenario.name!r}: {why}" for where, why in unfit.items()), None)

@@ -63,7 +63,12 @@ ENV = ("scenarios", 0, "env")
         (("scenarios", 0, "motions"), "1e6", "scenarios.0.motions", "found '1e6'"),
         (("scenarios", 0, "motions"), True, "scenarios.0.motions", "found True"),
         ((*ENV, "redraw"), "trial", "evaluation", "held-out trials need one world a lifetime"),
-        (("evaluation", "evry"), 5, "evaluation.evry", "(did you mean every?); allowed: every, trials"),
+        (
+            ("evaluation", "evry"),
+            5,
+            "evaluation.evry",
+            "(did you mean every?); allowed: trials, every, at, per_decade",
+        ),
         (("sead",), 5, "sead", "allowed: name, question, seed"),
         (("extend",), "other.yaml", "extend", "did you mean extends or seed"),
         (("agents", 1, "name"), "unified_serwo", "agents.1.name", "did you mean unified_servo"),

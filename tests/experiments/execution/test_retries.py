@@ -133,3 +133,17 @@ def test_the_second_of_two_attempts_is_thrown_away(make, tmp_path):
     assert make(executor) == []
     (folder,) = (tmp_path / "out" / "runs").iterdir()
     assert (folder / LOG).read_text() == executor.first
+
+
+def test_the_longest_runs_are_ordered_first(suite_data, tmp_path, capsys):
+    agents = ["random", {"name": "unified_servo", "motions": 9_000}, {"name": "paper_servo", "motions": 400}]
+    suite_data |= {"worlds": 2, "agents": agents}
+    executor = Told(0)
+    assert (
+        Runner(Suite.model_validate(suite_data), tmp_path / "out", executor, Lines(), at_once=2).run("") == []
+    )
+    assert [order.name.split("-")[1] for order in executor.started[:2]] == ["unified_servo"] * 2
+    assert executor.started[-1].name.split("-")[1] == "random"
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("6 runs, 0 of them finished already; about ")
+    assert said[-1] == "6 of 6"

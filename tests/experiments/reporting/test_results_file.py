@@ -55,7 +55,7 @@ def test_a_number_of_the_summary_is_that_of_the_rows(parquet, finished_once):
         pd.read_csv(finished_once / "summary.csv", dtype={"commit": str}),
     )
     held_out = rows[(rows["agent"] == "unified_servo") & (rows["phase"] == "eval")]
-    before = held_out[held_out["lifetime_motions"] == 40]
+    before = held_out[held_out["motions_since_perturbation"].isna() & (held_out["lifetime_motions"] == 50)]
     cost = before["motions"].where(before["rendezvous"], 20)
     shown = summary.set_index(["table", "agent", "moment", "measure"])["value"]
     found = shown.loc["held_out", "unified_servo", "before", "motions_per_reach"]

@@ -8,9 +8,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from experiments.config.environment import EnvironmentConfig
-from experiments.config.loading import unbuildable_agent
 from experiments.config.requirements import requirements
-from experiments.config.suite import AgentConfig, Suite
+from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
+from experiments.config.whole_moves import unfit_life
 from experiments.evaluation import TrialRecord
 from experiments.running import worker
 from experiments.running.cpu_time import CpuTimes
@@ -36,10 +36,10 @@ def digest(world):
     return hashlib.sha256(json.dumps(world.to_dict()).encode()).hexdigest()
 
 
-@pytest.mark.parametrize("at", [{"trial": 3}, {"motion": 30}], ids=str)
+@pytest.mark.parametrize("at", [{"trial": 3}, {"motion": 28}], ids=str)
 def test_rows_meet_the_worlds_and_perturbations_of_a_servo(suite_data, tmp_path, monkeypatch, at):
     suite_data["agents"] = [PPO, {"name": "paper_servo"}]
-    suite_data["scenarios"][0]["perturbations"] = [{"at": at, "do": AIM}]
+    suite_data["scenarios"][0] |= {"motions": 88, "perturbations": [{"at": at, "do": AIM}]}
     seen = {}
 
     def watched(recorder_class):
@@ -67,7 +67,7 @@ def test_rows_meet_the_worlds_and_perturbations_of_a_servo(suite_data, tmp_path,
         assert len(train) >= 2
         applied = [what for _, _, what in outcome["perturbations"]]
         seen.setdefault(spec.world, []).append((recorders[-1].worlds, applied))
-        assert max(row["lifetime_motions"] for row in rows) in (88, 90)
+        assert max(row["lifetime_motions"] for row in rows) == 88
     for ppo, servo in seen.values():
         assert ppo == servo
         assert len(ppo[0]) == 2
@@ -167,10 +167,9 @@ def test_a_reset_begins_no_trial_twice():
 def test_lifetimes_counted_in_trials_are_refused():
     """The first trials to end are the short ones: among them even random words look good."""
     agent = AgentConfig.model_validate(PPO)
-    assert unbuildable_agent(agent, ENV) is None
-    assert "count motions, or set rows: 1" in unbuildable_agent(agent, ENV, in_trials=True)
-    one = agent.model_copy(update={"settings": {**agent.settings, "rows": 1}})
-    assert unbuildable_agent(one, ENV, in_trials=True) is None
+    in_trials = ScenarioConfig(name="short", env=ENV, trials=5)
+    assert "count motions, or set rows: 1" in unfit_life(in_trials, agent, None, 4)["trials"]
+    assert unfit_life(ScenarioConfig(name="short", env=ENV, motions=8), agent, None, 4) == {}
 
 
 def test_perturbations_are_judged_as_the_environment_judges_them():

@@ -10,6 +10,7 @@ from experiments.running.versions import REPOSITORY, WHAT_MAKES_A_RESULT
 
 MOVES_NO_NUMBER = {
     "experiments/config/claims.py",
+    "experiments/config/lives.py",
     "experiments/errors.py",
     "experiments/running/results_folder.py",
     "experiments/running/tensorboard_curves.py",

@@ -1,0 +1,74 @@
+"""When agents are scored on held-out trials."""
+
+from itertools import pairwise, takewhile
+from typing import Any
+
+from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
+
+from experiments.config.model import Model
+
+WHENS = ("every", "at", "per_decade")
+
+
+class EvaluationConfig(Model):
+    """Held-out trials at checkpoints: by `offsets`, right before and after a perturbation, and at the end.
+
+    Attributes:
+        trials: How many at each checkpoint.
+        every: A checkpoint each time that so many more motions of the life are over.
+        at: Motions since the beginning of the life, and since each perturbation, ascending.
+        per_decade: The same, evenly on a logarithmic axis: motion 0, 1, then so many a decade.
+    """
+
+    trials: int = Field(gt=0)
+    every: int | None = Field(default=None, gt=0)
+    at: tuple[int, ...] | None = Field(default=None, min_length=1, strict=False)
+    per_decade: int | None = Field(default=None, gt=0, le=100)
+
+    @field_validator("at")
+    @classmethod
+    def _ascending(cls, value: tuple[int, ...] | None) -> tuple[int, ...] | None:
+        if value is not None and (
+            value[0] < 0 or any(later <= earlier for earlier, later in pairwise(value))
+        ):
+            raise ValueError("it must be whole numbers from 0 on that ascend")
+        return value
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> "EvaluationConfig":
+        given = [name for name in WHENS if getattr(self, name) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "none"
+            raise ValueError(f"one of {', '.join(WHENS)} says when; found {found}")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_unused(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        values: dict[str, Any] = written(self)
+        return {key: value for key, value in values.items() if value is not None}
+
+    @property
+    def begins_anew(self) -> bool:
+        """Whether its motions count from each perturbation, too."""
+        return self.every is None
+
+    def offsets(self, motions: int, rows: int = 1) -> tuple[int, ...]:
+        """Checkpoints in so many motions, ascending, 0 the first unless `at` begins later.
+
+        Args:
+            motions: Of the life, or that are left of it.
+            rows: Arms that move together; numbers that were not written out are rounded up to whole moves.
+        """
+        if self.every is not None:
+            return tuple(range(0, motions + 1, self.every))
+        if self.at is not None:
+            return tuple(takewhile(lambda at: at <= motions, self.at))
+        assert self.per_decade is not None
+        exact = {0} | {-(-_tenth(i, self.per_decade) // rows) * rows for i in range(20 * self.per_decade)}
+        return tuple(sorted(at for at in exact if at <= motions))
+
+
+def _tenth(step: int, per_decade: int) -> int:
+    """The first whole number that is not below 10 ** (step / per_decade)."""
+    decades, rest = divmod(step, per_decade)
+    return int(-(-(10 ** (rest / per_decade) * 10**decades) // 1))
