@@ -1,4 +1,4 @@
-"""Brings the kept reports and figures of `experiments/results/` into the site, where pages link them by path."""
+"""Brings kept reports and figures of `experiments/results/` into the site, where pages link them by path."""
 
 from __future__ import annotations
 
