@@ -50,6 +50,7 @@ LAYERS = {
         "execution",
         "statistics",
         "reporting",
+        "protocol",
         "tuning",
         "film",
         "arm_check",

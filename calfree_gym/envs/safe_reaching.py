@@ -76,15 +76,13 @@ class SafeReachEnv(SafeReaching, ArmEnv):
     One step is one motion. Its targets travel with least jerk, and the gripper at 0.25 m/s at most (ISO
     10218-1, reduced speed); a short motion takes 0.35 s, so short motions are slow ones. A drive that meets
     12 N trips: 10 ms later the arm is held, and goes back half of the way that it has come. That is all that
-    a controller can
-    tell of a contact: registers show that words were executed in part, all by nearly the same share (the
-    same in joints). Joints never pass their stops.
+    a controller can tell of a contact: registers show that words were executed in part, all by nearly the
+    same share (the same in joints). Joints never pass their stops.
 
     ## Episode end
     Terminated at the rendezvous, unless `terminate_on_success=False`. Truncated after `max_episode_steps`
     (60) motions, and where a contact was above `force_bound`: `harmed` then is True. (Goals cannot tell of
-    that, so it
-    does not count as terminated: see `compute_terminated`.)
+    that, so it does not count as terminated: see `compute_terminated`.)
 
     ## Information
     As in `StereoArmEnv`, whose speeds `robot_seconds` counts with, not with these slower motions; besides, of

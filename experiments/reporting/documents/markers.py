@@ -11,8 +11,8 @@ _MARKER = re.compile(r"^<!-- (?:table: (?P<name>\S+)|(?P<end>end of table)) -->$
 
 
 def pages() -> list[Path]:
-    """README.md and the pages of docs/."""
-    return [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+    """README.md and the pages of docs/, of its folders too."""
+    return [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 
 
 def outdated(paths: Iterable[Path], table: Callable[[str], str]) -> dict[Path, str]:

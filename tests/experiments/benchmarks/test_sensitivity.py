@@ -14,7 +14,6 @@ from experiments.benchmarks.sensitivity import constants as named
 from experiments.benchmarks.sensitivity import study as sensitivity
 from experiments.benchmarks.sensitivity.study import COLUMNS, VERDICTS, judged, verdict
 from experiments.benchmarks.sensitivity.trials import CONDITIONS, Sizes
-from experiments.running.versions import REPOSITORY
 from experiments.statistics import Estimate
 
 FOUND = {agent: named.constants(agent) for agent in named.MODULES}
@@ -31,15 +30,6 @@ def test_constants_of_settings_classes_and_modules_are_found():
     assert {"Gating.TAILS", "Gating.MISTAKEN", "Gating.OF"} <= LABELS.keys()
     assert {"looks", "HomeView.SIGMAS"} <= {each.label for each in FOUND["memory"]}
     assert all(len({each.label for each in found}) == len(found) for found in FOUND.values())
-
-
-def test_the_documentation_counts_them():
-    servo, memory = (
-        (len(found), sum(each.source in ("tuned", "choice") for each in found)) for found in FOUND.values()
-    )
-    text = " ".join((REPOSITORY / "docs" / "results.md").read_text().split())
-    assert f"`unified_servo` has {servo[0]} such constants, of which {servo[1]} are tuned or chosen" in text
-    assert f"`memory` {memory[0]} more, of which {memory[1]} are" in text
 
 
 def all_modules():

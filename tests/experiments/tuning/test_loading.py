@@ -1,18 +1,15 @@
 """Ranges are checked before anything is tried, and no world is that of a suite."""
 
-import re
 from pathlib import Path
 
 import gymnasium
 import pytest
 import yaml
 
-import agents
 from experiments.config.loading import read_mapping, read_yaml
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.running.plan import runs_of
-from experiments.tuning.config import RangeConfig, TunedAgentConfig, TuningConfig
 from experiments.tuning.loading import load_tuning, seeds_of_suites
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -109,25 +106,3 @@ def test_all_agents_are_tuned_alike(shipped):
         assert 2 <= len(agent.ranges) + len(agent.choices) <= 5
         assert [event["do"]["type"] for event in scenario.perturbations] == ["camera_aim"]
         assert scenario.env == shipped.scenarios[0].env
-
-
-def test_the_page_names_every_key_and_every_agent_that_is_not_tuned(shipped):
-    text = (CONFIGS.parent / "docs" / "tuning.md").read_text()
-    keys = {key for model in (TuningConfig, TunedAgentConfig, RangeConfig) for key in model.model_fields}
-    for key in keys | {"worlds", "check_worlds"}:
-        assert re.search(rf"`([\w.]+\.)?{key}(: true)?`", text), key
-    told = {"learning_servo", "sb3"}  # other names of what is tuned
-    for name in set(agents.names()) - {agent.name for agent in shipped.agents} - told:
-        assert f"`{name}`" in text, name
-
-
-def test_the_page_names_every_agent_whose_kind_is_varied(shipped):
-    text = (CONFIGS.parent / "docs" / "tuning.md").read_text()
-    (but_for,) = re.findall(r"What an agent \*is\* stays:.*?But for(.*?)\n2\. ", text, re.DOTALL)
-    varied = {
-        agent.name
-        for agent in shipped.agents
-        for values in agent.choices.values()
-        if any(isinstance(value, bool | str) for value in values)
-    }
-    assert varied == {name for name in agents.names() if f"`{name}`" in but_for}
