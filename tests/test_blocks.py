@@ -1,4 +1,4 @@
-"""What README.md and docs/ show runs as it stands: Python blocks, shell blocks in a copy of the repository."""
+"""What README.md and docs/ show runs as it stands: Python blocks, shell blocks in a copy of all this."""
 
 import os
 import re
