@@ -126,7 +126,7 @@ def check_perturbation(copy):
 
 def check_agent(copy):
     """It has a section in the documentation, and is saved and loaded as all agents are."""
-    assert "\n### `plain_servo`\n" in (copy / "docs/agents.md").read_text()
+    assert "\n### `plain_servo`\n" in (copy / "docs/agent-settings.md").read_text()
     code = (
         "import gymnasium as gym, agents\n"
         "env = gym.make('calfree_gym:CalFree/Reach-v0', dynamics='kinematic')\n"

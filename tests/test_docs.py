@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from markdown.extensions.toc import slugify
 
 import agents
@@ -24,7 +23,6 @@ from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config
 from experiments.reporting import results_file
-from experiments.reporting.documents.kept_tables import tables_named
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -204,19 +202,9 @@ def within(values, ends):
     assert max(values) - min(values) >= 0.85 * (high - low)
 
 
-def test_agents_page_names_every_agent(site):
-    page = Page(site / "agents.html")
+def test_settings_page_names_every_agent(site):
+    page = Page(site / "agent-settings.html")
     assert set(agents.names()) <= page.text.keys()
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_the_code_on_a_page_runs(page):
-    torch.set_num_threads(1)
-    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE)
-    names: dict[str, object] = {}
-    for block in blocks:
-        here = block.replace("calfree_agents", "agents")  # as it stands, test_wheel runs it
-        exec(compile(here, page, "exec"), names)
 
 
 def test_configuration_page_names_every_key_and_column_and_its_example_is_valid(tmp_path):
@@ -257,28 +245,6 @@ def test_readme_has_at_most_900_words():
     assert len(README.read_text().split()) <= 900
 
 
-def test_readme_shows_what_it_promises():
-    text = README.read_text()
-    first = re.search(r"!\[.*?\]\((.*?)\)", text)
-    assert first[1] == "docs/film.gif"
-    assert text.count("![") == 3, "two films on top, and one figure"
-    assert re.findall(r"<!-- table: (\w+)", text) == ["paper"]
-    assert len(re.findall(r"^- \*\*`\w+`\*\*.*(?:\n  .*)*\d", text, re.MULTILINE)) == 3, (
-        "bullets with a number"
-    )
-    for block in re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
-        assert len([line for line in block.splitlines() if line]) <= 6
-
-
-def test_readme_counts_verdicts_as_the_kept_results_do():
-    verdicts = tables_named("paper/verdicts")
-    for verdict in ("confirmed", "mixed", "not confirmed"):
-        pattern = rf"^- \*\*{verdict.capitalize()}\*\*: ((?:.|\n  )*)"
-        (said,) = re.findall(pattern, README.read_text(), re.MULTILINE)
-        count = len(re.findall(rf"\| claim \| .* \| {verdict} \|", verdicts))
-        assert said.count(";") + 1 + said.count(", or again") == count
-
-
 def test_readme_comparison_is_valid(tmp_path):
     (example,) = re.findall(r"^```yaml\n(.*?)^```", README.read_text(), re.DOTALL | re.MULTILINE)
     assert len(example.splitlines()) <= 12
@@ -311,7 +277,7 @@ def test_an_anchor_is_that_of_a_heading():
 
 @pytest.mark.parametrize("page", PAGES)
 def test_markers_of_tables_are_closed(page):
-    markers = re.findall(r"^<!-- (table: \S+|end of table) -->$", (ROOT / page).read_text(), re.MULTILINE)
+    markers = re.findall(r"^<!-- (table: \S.*?|end of table) -->$", (ROOT / page).read_text(), re.MULTILINE)
     assert markers[1::2] == ["end of table"] * (len(markers) // 2)
     names = markers[::2]
     assert len(names) == len(markers) / 2 == len(set(names))

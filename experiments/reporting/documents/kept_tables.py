@@ -2,27 +2,24 @@
 
 import json
 from collections.abc import Iterator
-from functools import cache
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-import agents
 from calfree_gym.errors import near_misses
-from experiments.config.environment import EnvironmentConfig
-from experiments.config.requirements import requirements
-from experiments.config.suite import AgentConfig
 from experiments.errors import ConfigError
 from experiments.reporting.by_arm.section import BY_ARM, arms_table
 from experiments.reporting.claims.section import claims_section, verdict_table
 from experiments.reporting.claims.verdicts import judge
+from experiments.reporting.documents.agents_table import agents_table
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS
 from experiments.reporting.held_out.section import MOMENTS
 from experiments.reporting.report import SUMMARY
 from experiments.reporting.results_file import RESULTS, read_finished
-from experiments.reporting.tables import Table, must_know, number, percent
+from experiments.reporting.tables import Table, number, percent
 from experiments.running.versions import REPOSITORY
 from experiments.statistics import Estimate
 
@@ -35,14 +32,16 @@ def tables_named(name: str, kept: Path = KEPT) -> str:
     """The Markdown of a table of README.md or docs/.
 
     Args:
-        name: "agents", a folder of kept results such as "quick", or one table in it, as "quick/wild".
+        name: "agents", a folder of kept results such as "quick", or one table in it, as "quick/wild"; then,
+            where not all columns are to be shown, those that are, as "quick/wild: agent, success".
         kept: Holds the folders of kept results.
 
     Raises:
-        ConfigError: Nothing is kept under that name; says what is.
+        ConfigError: Nothing is kept under that name, or it has no such column; says what there is.
     """
     if name == AGENTS:
-        return _agents().markdown()
+        return agents_table().markdown()
+    name, _, columns = name.partition(": ")
     folder, _, chosen = name.partition("/")
     allowed = [AGENTS, *sorted(path.name for path in kept.glob("*") if _files(path))]
     if folder not in allowed:
@@ -53,8 +52,20 @@ def tables_named(name: str, kept: Path = KEPT) -> str:
     if chosen and chosen not in names:
         hint = near_misses(chosen, names)
         raise ConfigError(f"{folder} keeps no table {chosen!r}{hint}; allowed: {', '.join(names)}")
-    shown = [(table, commit) for table, commit in found if chosen in ("", table.name)]
+    shown = [(_chosen(table, columns), commit) for table, commit in found if chosen in ("", table.name)]
     return "\n\n".join(_shown(table, commit, folder, len(shown) > 1) for table, commit in shown)
+
+
+def _chosen(table: Table, columns: str) -> Table:
+    """The table with these columns alone, separated by commas; with all where none are named."""
+    wanted = columns.split(", ") if columns else table.header
+    for column in wanted:
+        if column not in table.header:
+            hint = near_misses(column, table.header)
+            raise ConfigError(
+                f"{table.name} has no column {column!r}{hint}; allowed: {', '.join(table.header)}"
+            )
+    return replace(table, frame=table.frame[wanted])
 
 
 def _shown(table: Table, commit: str, folder: str, with_title: bool) -> str:
@@ -91,17 +102,6 @@ def _read(path: Path) -> Iterator[tuple[Table, str]]:
                 yield Table.from_dict(table), kept["commit"]
     except (KeyError, IndexError, ValueError) as error:
         raise ConfigError(f"{path} is damaged or no kept result: {error!r}") from None
-
-
-@cache
-def _agents() -> Table:
-    nominal = {"id": "CalFree/Reach-v0", "world": "nominal", "camera_mount": "stand"}
-    env = EnvironmentConfig.model_validate(nominal)
-    rows = []
-    for name in agents.names():
-        required = requirements(AgentConfig(name=name, label=name), env)
-        rows.append((f"`{name}`", must_know(required.privileged, required.prior_knowledge)))
-    return Table(AGENTS, "Agents", pd.DataFrame(rows, columns=["agent", "what it must know"]))
 
 
 def _held_out(scenario: str, rows: pd.DataFrame) -> Table:

@@ -1,4 +1,7 @@
-"""Tables between markers in README.md and docs/: `<!-- table: NAME -->` ... `<!-- end of table -->`."""
+"""Tables between markers in README.md and docs/: `<!-- table: NAME -->` ... `<!-- end of table -->`.
+
+`<!-- table: NAME: COLUMN, COLUMN -->` shows these columns alone.
+"""
 
 import re
 from collections.abc import Callable, Iterable
@@ -7,7 +10,7 @@ from pathlib import Path
 from experiments.errors import ConfigError
 from experiments.running.versions import REPOSITORY
 
-_MARKER = re.compile(r"^<!-- (?:table: (?P<name>\S+)|(?P<end>end of table)) -->$", re.MULTILINE)
+_MARKER = re.compile(r"^<!-- (?:table: (?P<name>\S.*?)|(?P<end>end of table)) -->$", re.MULTILINE)
 
 
 def pages() -> list[Path]:

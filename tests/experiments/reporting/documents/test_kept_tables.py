@@ -1,6 +1,7 @@
 """Tables of README.md and docs/ are made from kept results, and are what they are made to be."""
 
 import json
+import re
 import shutil
 
 import pandas as pd
@@ -37,12 +38,12 @@ def test_the_pages_are_what_kept_results_make_them():
 
 
 def test_every_agent_says_what_it_must_know():
-    table = tables_named("agents")
-    assert all(f"| `{name}` | " in table for name in agents.names())
-    assert "| `random` | nothing |" in table
-    assert "| `oracle` | `object_registers` |" in table
-    assert "| `joint_space_servo` | `joint_angles`, image scale, noise, word limit |" in table
-    assert must_know((), ()) == "nothing"
+    rows = [line.strip("| ").split(" | ") for line in tables_named("agents").splitlines()[2:]]
+    known = {re.match(r"\[`(\w+)`\]", agent)[1]: must for agent, _, must in rows}
+    assert tuple(known) == agents.names()
+    assert known["random"] == must_know((), ()) == "nothing"
+    assert known["oracle"] == "`object_registers`"
+    assert known["joint_space_servo"] == "`joint_angles`, image scale, noise, word limit"
 
 
 def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
@@ -88,12 +89,15 @@ def test_a_benchmark_is_its_tables_or_one_of_them(kept):
     assert one.splitlines()[2] == "| memory | 98.8 % |"
     assert "**" not in one
     assert one.endswith("code of commit abc.*")
+    narrow = tables_named("controllers/later: success", kept)
+    assert narrow.splitlines()[:3] == ["| success |", "| --- |", "| 98.8 % |"]
 
 
 def test_what_is_not_kept_is_answered_by_what_is(kept):
     for name, said in {
         "quik": r"'quik' \(did you mean quick\?\); allowed: agents, controllers, quick",
         "only_a_report": "allowed: agents, controllers, quick",
+        "controllers/later: sucess": r"no column 'sucess' .*success\?\); allowed: agent, success",
         "controllers/latr": r"no table 'latr' \(did you mean later\?\); allowed: first, later",
     }.items():
         with pytest.raises(ConfigError, match=said):
