@@ -62,8 +62,8 @@ class UnifiedServo:
     prior_knowledge = SERVO_KNOWLEDGE - {PriorKnowledge.WORD_LIMIT}
 
     PATIENCE: ClassVar[int] = 8
-    """After so many motions in a row that came hardly nearer, those that were to come near counting twice, it
-    no longer trusts what has led them; what is remembered of earlier trials after half of that. Choice."""
+    """After so many motions that came hardly nearer than one before, those that were to come near counting
+    twice, it no longer trusts what has led them; what is remembered of earlier trials after half of that. Choice."""
 
     def __post_init__(self) -> None:
         for name in ("probe_px", "border"):
@@ -79,14 +79,15 @@ class UnifiedServo:
         """Seeks the rendezvous from the first observation on, until the trial ends."""
         reach = Reach(self, first, findings)
         yield from reach.begin()
-        while not reach.now.last:
+        patience = self.PATIENCE / (2 if reach.points.remembers else 1)
+        while not reach.now.last and reach.in_vain < patience:
             yield from reach.move(reach.words())
             while reach.filter.needs_samples:
                 yield from reach.move(np.zeros_like(first.registers))
             if reach.blind:
                 yield from reach.back()
-            if reach.in_vain >= self.PATIENCE / (2 if reach.points.remembers else 1):
-                yield from reach.forget_and_go_on()
+        if not reach.now.last:
+            yield from reach.forget_and_go_on()
 
 
 class Reach:
@@ -97,7 +98,8 @@ class Reach:
         points: What is known of the image points.
         filter: What is known of observations.
         stops: Where motors are known to stop.
-        in_vain: How many motions in a row came hardly nearer, those that were to come near counting twice.
+        in_vain: How many motions came hardly nearer than one before, those that were to come near counting
+            twice.
 
     Args:
         servo: Its settings.
@@ -110,8 +112,6 @@ class Reach:
     a sixth (√2 / 8)."""
     AS_UNKNOWN = 0.7
     """Directions whose variance is this share of the largest are as unknown. Choice."""
-    STEPS = 4
-    """So many steps the paper's servo makes, with a test motion of each motor before. Choice."""
     HALVINGS = 5
     """How often a word is halved (a guard)."""
 
@@ -128,6 +128,7 @@ class Reach:
         self._all_seen_at = [first.registers]
         self._was_blind = False
         self.in_vain = 0
+        self._nearest_px = np.inf
         self._random = np.random.default_rng(0)
 
     @property
@@ -151,36 +152,34 @@ class Reach:
         deviations_px = np.sqrt(self.points.unsure(observation.registers)) / IMAGE_UNIT
         self.now = yield from self.filter.settle(observation, before, expected, deviations_px)
         self._trusted.append(self.now)
-        look = self.points.look_anew if self.filter.inconsistent.any() else self.points.look
-        look(self.now, self.filter.noise.px)
+        if self.filter.inconsistent.any():
+            self.points.look_anew(self.now, self.filter.noise.px)
+            self._nearest_px = np.inf
+        else:
+            self.points.look(self.now, self.filter.noise.px)
         if self.filter.often_mistaken:
             self.points.leave_out_mistaken()
         self._note_seen()
         if (observation.registers != before.registers).any():
-            self._judge(before.distance_px, left_px)
+            self._judge(left_px)
 
     def forget_and_go_on(self) -> Motions:
-        """Makes motions of the paper's servo, which forgets; what was seen before them counts no more.
+        """Goes on as the paper's servo, which forgets; what was seen before counts no more.
 
         For where points are no smooth functions of registers, as where small words do nothing.
         """
         self._findings.try_again(self.stops)
         estimator: Estimator = TestMotions(len(self.now.registers))
         findings = Findings(estimator, self.filter, self._trusted, self.stops)
-        servo = PaperServo()(self.now, findings)
-        words = next(servo)
-        for _ in range(self.STEPS * (1 + len(words))):
-            words = servo.send((yield words))
-        self.now, self.in_vain = self._trusted[-1], 0
         self._findings.given_up = True
-        self.points.look_anew(self.now, self.filter.noise.px)
+        yield from PaperServo()(self.now, findings)
 
-    def _judge(self, before_px: float, expected_px: float) -> None:
-        """Counts motions that came hardly nearer, twice where they were expected to."""
-        if self.now.distance_px < HARDLY_NEARER * before_px:
-            self.in_vain = 0
+    def _judge(self, expected_px: float) -> None:
+        """Counts motions that came hardly nearer than one before, twice where they were expected to."""
+        if self.now.distance_px < HARDLY_NEARER * self._nearest_px:
+            self.in_vain, self._nearest_px = 0, self.now.distance_px
         elif self.now.distance_px > Gating.AGREE * np.sqrt(2) * self.filter.noise.px:
-            self.in_vain += 2 if expected_px < LEFT * before_px else 1
+            self.in_vain += 2 if expected_px < LEFT * self._nearest_px else 1
 
     def _note_seen(self) -> None:
         """Remembers where all points were seen that ever were in this trial."""
