@@ -194,7 +194,7 @@ def _validate(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     suite = load(options.config, options.set)
-    from experiments.execution.progress import display
+    from experiments.execution.progress.display import display
     from experiments.execution.runner import Runner
 
     executor = executor_of(options)

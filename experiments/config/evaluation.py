@@ -5,6 +5,7 @@ from typing import Any
 
 from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
+from experiments.config.environment import EnvironmentConfig
 from experiments.config.model import Model
 
 WHENS = ("every", "at", "per_decade")
@@ -66,6 +67,20 @@ class EvaluationConfig(Model):
         assert self.per_decade is not None
         exact = {0} | {-(-_tenth(i, self.per_decade) // rows) * rows for i in range(20 * self.per_decade)}
         return tuple(sorted(at for at in exact if at <= motions))
+
+
+def check_one_world(env: EnvironmentConfig, where: str) -> None:
+    """Raises where held-out trials would be in another world than those before."""
+    if env.redraw != "never":
+        raise ValueError(
+            f"held-out trials need one world a lifetime; {where} draws another at each trial: leave held-out "
+            "trials out (evaluation: null), or set redraw to never"
+        )
+
+
+def most_motions(motions: int | None, trials: int | None, env: EnvironmentConfig) -> int:
+    """The most motions that a life of so many motions, or trials, can have."""
+    return motions if motions is not None else (trials or 0) * env.max_episode_steps
 
 
 def _tenth(step: int, per_decade: int) -> int:

@@ -18,7 +18,7 @@ from calfree_gym.perturbations import TYPES, parse_perturbation
 from experiments.config.arms import as_told
 from experiments.config.claims import Claim, TrialsOf
 from experiments.config.environment import OWN, EnvironmentConfig
-from experiments.config.evaluation import EvaluationConfig
+from experiments.config.evaluation import EvaluationConfig, check_one_world, most_motions
 from experiments.config.lives import check_events, check_lives
 from experiments.config.model import Model, Name, distinct, one_of
 from experiments.config.schedule import with_shares_as_motions
@@ -68,7 +68,7 @@ class ScenarioConfig(Model):
         cls, value: EvaluationConfig | None, info: ValidationInfo
     ) -> EvaluationConfig | None:
         if value is not None and {"env", "motions", "trials"} <= info.data.keys():
-            most = _most_motions(info.data["motions"], info.data["trials"], info.data["env"])
+            most = most_motions(info.data["motions"], info.data["trials"], info.data["env"])
             if (value.every or 0) > most:
                 raise ValueError(f"evaluation.every is {value.every}; lifetimes have at most {most} motions")
             check_one_world(info.data["env"], "this scenario")
@@ -96,7 +96,7 @@ class ScenarioConfig(Model):
     @property
     def most_motions(self) -> int:
         """The most motions that a lifetime can have."""
-        return _most_motions(self.motions, self.trials, self.env)
+        return most_motions(self.motions, self.trials, self.env)
 
 
 class SweepConfig(Model):
@@ -323,19 +323,6 @@ class Suite(Model):
     def evaluation_of(self, scenario: ScenarioConfig) -> EvaluationConfig | None:
         """When agents are evaluated in a scenario, if ever."""
         return scenario.evaluation or self.evaluation
-
-
-def check_one_world(env: EnvironmentConfig, where: str) -> None:
-    """Raises where held-out trials would be in another world than those before."""
-    if env.redraw != "never":
-        raise ValueError(
-            f"held-out trials need one world a lifetime; {where} draws another at each trial: leave held-out "
-            "trials out (evaluation: null), or set redraw to never"
-        )
-
-
-def _most_motions(motions: int | None, trials: int | None, env: EnvironmentConfig) -> int:
-    return motions if motions is not None else (trials or 0) * env.max_episode_steps
 
 
 def _check_trials(

@@ -7,7 +7,6 @@ from pathlib import Path
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.execution.executor import Executor
-from experiments.execution.expected import KeptTimes
 from experiments.execution.orders import (
     begin,
     clear,
@@ -20,8 +19,9 @@ from experiments.execution.orders import (
     write_order,
 )
 from experiments.execution.part import WHOLE, Part
-from experiments.execution.progress import AtWork, Display, Standing, made_in
-from experiments.execution.time_left import TimeLeft, in_words
+from experiments.execution.progress.display import AtWork, Display, Standing, made_in
+from experiments.execution.progress.expected import KeptTimes
+from experiments.execution.progress.time_left import TimeLeft, in_words
 from experiments.running.plan import Run, runs_of
 from experiments.running.results_folder import (
     FAILED,

@@ -7,7 +7,7 @@ import pandas as pd
 
 from experiments.execution.orders import newest_attempt, order_of
 from experiments.execution.part import WHOLE, Part
-from experiments.execution.progress import made_in
+from experiments.execution.progress.display import made_in
 from experiments.running.plan import Run, runs_of
 from experiments.running.results_folder import (
     FAILED,

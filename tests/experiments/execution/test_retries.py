@@ -7,7 +7,7 @@ import pytest
 
 from experiments.config.suite import Suite
 from experiments.execution.orders import begin, newest_attempt, place, target_of
-from experiments.execution.progress import Lines
+from experiments.execution.progress.display import Lines
 from experiments.execution.runner import Runner
 from experiments.execution.status import status
 from experiments.running.results_folder import DONE, LOG

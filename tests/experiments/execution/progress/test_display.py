@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from experiments.execution.progress import AtWork, Bar, Lines, Standing
+from experiments.execution.progress.display import AtWork, Bar, Lines, Standing
 
 AT_WORK = (AtWork("ppo in knocked, world 2", 1_000, 4_000, "motions"), AtWork("sac in aim", 3, 5, "trials"))
 

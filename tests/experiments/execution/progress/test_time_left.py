@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments.config.suite import Suite
-from experiments.execution.expected import KEPT, KeptTimes
-from experiments.execution.time_left import TimeLeft, in_words
+from experiments.execution.progress.expected import KEPT, KeptTimes
+from experiments.execution.progress.time_left import TimeLeft, in_words
 from experiments.reporting.results_file import RESULTS, read_finished
 from experiments.running.plan import runs_of
 

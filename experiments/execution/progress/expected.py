@@ -12,11 +12,11 @@ import pyarrow.parquet as pq
 
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
 from experiments.config.evaluation import EvaluationConfig
-from experiments.reporting.results_file import RESULTS, TIMES
 from experiments.running.plan import LifetimeRun, Run
 from experiments.running.versions import REPOSITORY
 
 KEPT = REPOSITORY / "experiments" / "results"
+_RESULTS, _TIMES = "results.parquet", "timings.csv"
 _COSTS = ("other", "decision", "learning")
 _UNKNOWN = {"motions": (2e-4, 5e-4, 1e-3), "trials": (2e-2, 0.0, 0.0)}
 """Seconds where nothing alike is kept. Choice."""
@@ -56,7 +56,9 @@ class KeptTimes:
 
     def __init__(self, kept: Path = KEPT):
         rows = [
-            [*work[:3], *costs] for path in sorted(kept.glob(f"*/{TIMES}")) for work, costs in _measured(path)
+            [*work[:3], *costs]
+            for path in sorted(kept.glob(f"*/{_TIMES}"))
+            for work, costs in _measured(path)
         ]
         self._known: dict[Work, float] = {}
         self._costs = pd.DataFrame(rows, columns=["agent", "env", "unit", *_COSTS])
@@ -90,7 +92,7 @@ def work_of(run: Run) -> Work:
 
 def _measured(times: Path) -> Iterator[tuple[Work, tuple[float, float, float]]]:
     """What the runs of a kept suite did, and what that cost: medians over worlds."""
-    works = _works_kept(times.with_name(RESULTS))
+    works = _works_kept(times.with_name(_RESULTS))
     rows = pd.read_csv(times).fillna({"decision": 0.0, "learning": 0.0})
     names = rows.pop("run").str.rsplit("-", n=1).str[0]  # without the hash
     of_lives = names.str.rsplit("-", n=1).str[0]  # nor the world, which sweeps have not

@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from experiments.execution.time_left import in_words
+from experiments.execution.progress.time_left import in_words
 from experiments.running.results_folder import LOG
 
 _DONE = re.compile(r"^(?:motions|trials) (\d+)/", re.MULTILINE)
