@@ -21,8 +21,8 @@ SLICES, STACKS = 12, 8
 """Of round geoms. Choice: vertices cost most of the time; with these a ball is round to 3 % of its
 radius."""
 FINER_BY, FINE_FROM = 2, 200
-"""For people, in pictures of so many pixels, round geoms have so many times more slices and stacks, and shadow
-maps the square of it more pixels in a row. Choice: they take 1.7 times as long."""
+"""For people, in pictures of so many pixels, round geoms have so many times more slices and stacks, and
+shadow maps the square of it more pixels in a row. Choice: they take 1.7 times as long."""
 SPARE = 1_000
 """Room in a scene beyond geoms and sites, for tendons, skins and the like; where that is full, it is doubled.
 Choice."""
