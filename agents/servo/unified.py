@@ -63,7 +63,8 @@ class UnifiedServo:
 
     PATIENCE: ClassVar[int] = 8
     """After so many motions that came hardly nearer than one before, those that were to come near counting
-    twice, it no longer trusts what has led them; what is remembered of earlier trials after half of that. Choice."""
+    twice, it trusts no longer what has led them, and what is remembered of earlier trials after half of that.
+    Choice."""
 
     def __post_init__(self) -> None:
         for name in ("probe_px", "border"):

@@ -114,7 +114,7 @@ class FilmFiles:
             raise ConfigError(f"{self.mp4}: {written:.0f} of {self.frames} frames were written: a full disk?")
         self._write_gif()
         strip = Pictures.fromarray(frame_strip(chosen(self._moments)))
-        strip.quantize(256).save(_partial(self.png), optimize=True)
+        strip.save(_partial(self.png), optimize=True)
         for path in self._files:
             _partial(path).replace(path)
 

@@ -157,7 +157,7 @@ def _view(arms: Arms) -> mujoco.MjvCamera:
     ahead /= np.linalg.norm(ahead)
     view.lookat[:] = rig.target + rig.scale * (0.15 * np.array([0, 0, 1]) - 0.2 * ahead)
     view.azimuth = 148.0 + np.degrees(np.arctan2(ahead[1], ahead[0]))
-    view.distance, view.elevation = 1.75 * rig.scale, -22.0
+    view.distance, view.elevation = 1.5 * rig.scale, -22.0
     return view
 
 

@@ -106,9 +106,9 @@ def test_a_camera_is_ringed_where_its_housing_is_drawn(opengl):
     env = gym.make("CalFree/Reach-v0", world="nominal", camera_mount="stand")
     env.reset(seed=0)
     frame = SceneFrame(env.unwrapped.arms, 540, 360, as_agents_see=False)
+    scene = frame.views(0)[0]
     for camera in range(2):
-        x, y = frame.camera_in_scene(camera) if frame.views(0) else None
-        scene = frame.views(0)[0]
+        x, y = frame.camera_in_scene(camera)
         housing = scene[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4]
         assert housing.max() < 110, "the housing is dark"
         assert scene[round(y), round(x) + 25 : round(x) + 35].min() > 190, "the room is light"
