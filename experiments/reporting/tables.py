@@ -116,8 +116,9 @@ def beside(name: str, found: Estimate, form: str) -> dict[str, Any]:
         found: The number.
         form: How both are written, such as ".1%".
     """
-    limits = (_text(edge, form).removesuffix(" %") for edge in (found.low, found.high))
-    return {name: found.value, f"{name}, 95 %": f"[{', '.join(limits)}]{' %' if form.endswith('%') else ''}"}
+    limits = ", ".join(_text(edge, form).removesuffix(" %") for edge in (found.low, found.high))
+    interval = f"[{limits}]{' %' if form.endswith('%') else ''}" if found.has_interval else ""
+    return {name: found.value, f"{name}, 95 %": interval}
 
 
 def must_know(privileged: Sequence[str], prior_knowledge: Sequence[str]) -> str:
