@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -66,9 +67,7 @@ def simulated(
     return Simulated(success.astype(float), np.where(success, np.minimum(motions, CAP), CAP))
 
 
-def _agents(
-    rng: np.random.Generator, design: str, size: tuple[int, int]
-) -> tuple[Simulated, Simulated]:
+def _agents(rng: np.random.Generator, design: str, size: tuple[int, int]) -> tuple[Simulated, Simulated]:
     """An agent and a slower one in the same worlds."""
     typical = 2 * np.exp(0.4 * rng.normal(size=size))
     if design == BAD_FOR_ONE:
@@ -202,7 +201,7 @@ def coverage(
     for study in studies:
         for design in study.designs:
             truth = study.truth(study.sample(np.random.default_rng(1), design, (1, population))[0])
-            row = {"estimand": study.estimand, "worlds that differ": design}
+            row: dict[str, Any] = {"estimand": study.estimand, "worlds that differ": design}
             for worlds in sizes:
                 drawn = study.sample(np.random.default_rng(2), design, (samples, worlds))
                 found = [study.interval(sample) for sample in drawn]

@@ -89,8 +89,8 @@ def region(worlds: int = 10) -> Table:
         frame,
         formats,
         "The way home included; a trial without a rendezvous goes on to the cap at its own pace. The "
-        "median world; times fewer: of means. The paper: 50 s, then a few; it tells no look time, so these seconds "
-        "confirm none of its.",
+        "median world; times fewer: of means. The paper: 50 s, then a few; it tells no look time, so these "
+        "seconds confirm none of its.",
     )
 
 

@@ -18,7 +18,7 @@ from experiments.reporting.pages.style import (
     legend_below,
     line_of,
 )
-from experiments.statistics import Array, interquartile_mean
+from experiments.statistics import Array
 
 _ROOM_FOR_WORDS = 5  # labels side by side above the panels
 
@@ -49,7 +49,7 @@ def trial_curves(
         for agent, index in places.items():
             _draw(above, blocks_of(agent, MOTIONS), agent, index)
             _draw_looks(below, [blocks_of(agent, seconds_at(look)) for look in LOOKS], agent, index)
-        above.set_ylabel("motions per reach,\ninterquartile mean")
+        above.set_ylabel("motions a reach,\nmedian world")
         below.set_ylabel(
             f"robot seconds per reach\n{LOOKS[0]:g} to {LOOKS[2]:g} s a look, line: {LOOKS[1]:g} s"
         )
@@ -65,7 +65,7 @@ def trial_curves(
 
 
 def _draw(axes: Axes, blocks: Blocks, agent: str, index: int) -> None:
-    found = blocks.estimates(interquartile_mean)
+    found = blocks.estimates()
     middle, low, high = zip(*((e.value, e.low, e.high) for e in found), strict=True)
     alone = blocks.runs if len(blocks.runs) < ENOUGH_WORLDS else ()
     place = np.arange(len(found)) + 0.5
@@ -73,7 +73,7 @@ def _draw(axes: Axes, blocks: Blocks, agent: str, index: int) -> None:
 
 
 def _draw_looks(axes: Axes, looks: Sequence[Blocks], agent: str, index: int) -> None:
-    low, middle, high = (blocks.runs.mean(axis=0) for blocks in looks)
+    low, middle, high = (np.median(blocks.runs, axis=0) for blocks in looks)
     draw_band(axes, np.arange(len(middle)) + 0.5, middle, low, high, label=agent, line=line_of(index))
 
 

@@ -58,7 +58,7 @@ def learning_curves(
             axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
             axes.set_ylim(-0.03, 1.05)
         right.set_title(f"Motions per reach (a failure counts as {cap})")
-        right.set_ylabel("motions, interquartile mean")
+        right.set_ylabel("motions, median world")
         draw_logarithmic(right)
         right.set_ylim(0.9, cap * 1.2)
         for axes in panels:

@@ -36,24 +36,24 @@ def profile_section(
         said: Stands below the figure.
     """
     ends = {agent: of["at the end"] for agent, of in found.items() if "at the end" in of}
-    name, worlds = f"{scenario.name}-profile", finished.suite.worlds
+    name, worlds = f"{scenario.name}-profile", finished.fewest_worlds(scenario)
     lines, summary = [], []
     for agent, moment in ends.items():
-        profile = performance_profile(moment.errors_px, THRESHOLDS_PX, np.random.default_rng(0))
+        profile = performance_profile(moment.errors_px, THRESHOLDS_PX)
         lines.append([agent, *map(percent, profile)])
         where = scenario.name, "profile", agent
         summary += [
-            summary_row(*where, f"{px} px", "within", share, worlds)
+            summary_row(*where, f"{px} px", "within", share, len(moment.worlds))
             for px, share in zip(THRESHOLDS_PX, profile, strict=True)
         ]
     columns = ["agent", *(f"within {px} px" for px in THRESHOLDS_PX)]
     title = f"{scenario.name}: true errors at the end of held-out trials"
     figure = _figure(title, ends, places(finished.suite, scenario), worlds, said)
     return Section(
-        title=f"Scenario {scenario.name}, errors at the end",
-        text=f"Performance profiles.{few_worlds(finished.suite)}",
+        title=f"{scenario.name}: errors at the end",
+        text=f"Performance profiles.{few_worlds(finished, scenario)}",
         figures={name: save(figure, finished.out / "figures", name)},
-        table=Table("profile", f"{scenario.name}, errors", pd.DataFrame(lines, columns=columns)),
+        tables=(Table(name, f"{scenario.name}, errors at the end", pd.DataFrame(lines, columns=columns)),),
         note=_HOW_TO_READ,
         summary=summary,
     )
@@ -63,7 +63,7 @@ def _figure(title: str, ends: dict[str, Moment], places: dict[str, int], worlds:
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(5, 5.6), layout="constrained")
         for agent, moment in ends.items():
-            profile = performance_profile(moment.errors_px, FINE_PX, np.random.default_rng(0))
+            profile = performance_profile(moment.errors_px, FINE_PX)
             line = {**line_of(places[agent]), "marker": ""}
             alone = (moment.errors_px[:, :, None] <= FINE_PX).mean(axis=1) if worlds < ENOUGH_WORLDS else ()
             draw_band(axes, FINE_PX, *_edges(profile), label=agent, line=line, alone=alone)

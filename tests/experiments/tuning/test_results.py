@@ -38,7 +38,7 @@ def test_pages_show_the_choice_its_cost_and_the_ranges(kept):
     assert f"| `jacobian_servo` | `damping` | 0.001 to 1, by factors | 0.05 | {best} | {best} |" in ranges
     tries = tables_named("tuning/jacobian_servo", kept.parent)
     assert f"| 0 | 0.05 | {default:.2f} | 2 | 6.0 | complete |" in tries
-    assert (kept / "choices.md").read_text().count("\n## ") == 1
+    assert (kept / "report.md").read_text().count("\n## ") == 1
 
 
 def published(name, settings):
