@@ -83,8 +83,9 @@ def _fewest(found: Mapping[str, Moment], when: str, few: bool) -> str:
     if few or len(found) == 1:
         worlds = counted(min(len(moment.worlds) for moment in found.values()), "world")
         return (
-            f"{when}, the median world needs {motions[best]:.1f} ({best}) to {motions[worst]:.1f} ({worst}) "
-            f"motions a reach; {worlds} rank nobody."
+            f"{when}, the median world needs {motions[best]:.1f} ({best}) to {motions[worst]:.1f} "
+            f"({worst}) motions a reach; {worlds} {'is' if worlds == '1 world' else 'are'} too few to rank "
+            "anybody."
         )
     others = {words: moment for words, moment in found.items() if words != best}
     near = [words for words, moment in others.items() if not _told_apart(found[best], moment)]
@@ -110,8 +111,10 @@ def _cost(found: Mapping[str, Mapping[str, Moment]]) -> str:
     ranked = sorted(both, key=lambda words: both[words][1] - both[words][0])
     if len(ranked) < 2:
         return ""
-    least, most = (f"({both[words][0]:.1f} → {both[words][1]:.1f})" for words in (ranked[0], ranked[-1]))
-    return f"Right after it, {ranked[-1]} needs most motions more {most}, and {ranked[0]} fewest {least}."
+    least, most = (f"{both[words][0]:.1f} → {both[words][1]:.1f}" for words in (ranked[0], ranked[-1]))
+    return (
+        f"Right after it, {ranked[-1]} loses most ({most} motions a reach) and {ranked[0]} least ({least})."
+    )
 
 
 def _again(medians: Mapping[str, float], changed: bool) -> str:
@@ -119,17 +122,28 @@ def _again(medians: Mapping[str, float], changed: bool) -> str:
     reached = sorted((each for each in medians if math.isfinite(medians[each])), key=medians.__getitem__)
     never = [each for each in medians if math.isinf(medians[each])]
     share = f"{GOOD:.0%}".replace("%", " %")
-    after = " after the knock" if changed else " of its life"
     parts = []
     if reached:
-        times = [f"{each} within {medians[each]:,.0f} motions{after}" for each in reached]
-        parts.append(f"{times[0]} reaches in {share} of its trials{' again' if changed else ''}")
-        if len(times) > 1:
-            parts.append(f"the last to do so is {reached[-1]}, within {medians[reached[-1]]:,.0f}")
+        first = [each for each in reached if medians[each] == medians[reached[0]]]
+        again = " again" if changed else ""
+        reach = f"{listed(first)} first {_verb('reach', first)} in {share} of trials{again}"
+        parts.append(f"{reach}, {_within(medians[first[0]])}")
+        if len(first) < len(reached):
+            parts.append(f"{reached[-1]} last, {_within(medians[reached[-1]])}")
     if never:
-        parts.append(f"{listed(never)} {'do' if len(never) > 1 else 'does'} not in the time that was given")
-    said = "; ".join(parts)
-    return f"{said[0].upper()}{said[1:]}." if said else ""
+        parts.append(f"{listed(never)} {_verb('do', never)} not in the time that was given")
+    if not parts:
+        return ""
+    when = "After it, " if changed else "From the beginning, "
+    return f"{when}{'; '.join(parts)}."
+
+
+def _within(motions: float) -> str:
+    return f"within {motions:,.0f} motions" if motions else "at once"
+
+
+def _verb(verb: str, subjects: Sequence[str]) -> str:
+    return verb if len(subjects) > 1 else {"do": "does"}.get(verb, f"{verb}es")
 
 
 def listed(words: Sequence[str]) -> str:

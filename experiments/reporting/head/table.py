@@ -81,15 +81,16 @@ _Cells = dict[str, dict[str, str]]
 def _of_held_out(finished: FinishedSuite, scenario: ScenarioConfig) -> tuple[_Cells, str]:
     rows = with_cost(finished.results, scenario)
     cap = scenario.env.max_episode_steps
-    met = perturbations_met(finished, scenario, "motions")
-    shown = (BEFORE, RIGHT_AFTER) if met else (AT_THE_END,)
-    column = f"motions a reach {' → '.join(shown)}{' the knock' if met else ''}"
+    changes = bool(scenario.perturbations)
+    shown = (BEFORE, RIGHT_AFTER) if changes else (AT_THE_END,)
+    column = f"motions a reach {' → '.join(shown)}{' the knock' * changes}"
     found = {}
     for agent in finished.suite.agents_in(scenario):
         label, worlds = agent.label, worlds_of(finished.suite, agent.label)
         of_agent = moments(rows, label, worlds, cap)
         cells = [_motions(of_agent[each].motions().value) if each in of_agent else NOTHING for each in shown]
         found[label] = {column: " → ".join(cells), _LIVED: _lived(rows, label, worlds)}
+    met = perturbations_met(finished, scenario, "motions") if changes else ()
     knock = f" The knock: {met[0].what}." if met else ""
     note = f"Of the median world, in held-out trials; one that fails counts as {cap} motions.{knock}"
     return found, note
