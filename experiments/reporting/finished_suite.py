@@ -57,9 +57,14 @@ class FinishedSuite:
 
     def must_know(self, agent: AgentConfig) -> str:
         """The privileged observations of an agent, and what it is built on."""
-        for run in self.runs_of(agent):
-            return must_know(self.outcomes[run]["privileged"], self.outcomes[run]["prior_knowledge"])
-        return "unknown: no run finished"
+        if (outcome := self.outcome_of(agent)) is None:
+            return "unknown: no run finished"
+        return must_know(outcome["privileged"], outcome["prior_knowledge"])
+
+    def outcome_of(self, agent: AgentConfig) -> dict[str, Any] | None:
+        """What the first finished run of an agent says about itself, if any has finished."""
+        own = (run.id for run in self.runs if run.agent.label == agent.label)
+        return next((self.outcomes[run] for run in own if run in self.outcomes), None)
 
     def fewest_worlds(self, part: ScenarioConfig | SweepConfig) -> int:
         """In how many worlds that agent of a part is that is in the fewest."""

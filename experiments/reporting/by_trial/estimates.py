@@ -102,8 +102,8 @@ def blocks(costs: pd.DataFrame, agent: str, measure: str, worlds: int, edges: Ar
     most = float(cap) if measure == MOTIONS else slowest.get(measure, 1.0)
     worst, bounds = (0.0, SHARE) if shares else (most, (1.0 if measure == MOTIONS else 0.0, most))
     mine = costs[costs["agent"] == agent]
-    block = np.searchsorted(edges, mine["trial"], side="right") - 1
-    found = mine.pivot_table(index="world", columns=block, values=measure, aggfunc="mean")
+    mine = mine.assign(block=np.searchsorted(edges, mine["trial"], side="right") - 1)
+    found = mine.pivot_table(index="world", columns="block", values=measure, aggfunc="mean")
     runs = found.reindex(index=range(worlds), columns=range(len(edges) - 1))
     runs.loc[~runs.index.isin(found.index)] = worst
     return Blocks(edges, runs.to_numpy(dtype=float), bounds)

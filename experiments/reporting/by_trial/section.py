@@ -70,11 +70,15 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
         }
         for label in labels
     }
+    estimates = {
+        label: {measure: each.estimates() for measure, each in of_blocks.items()}
+        for label, of_blocks in of_agent.items()
+    }
     lines, intervals, summary = [], [], []
     for i, (first, end) in enumerate(pairwise(coarse)):
         for label, of_blocks in of_agent.items():
             block, motions = span(first, end), of_blocks[MOTIONS].runs[:, i]
-            found = {measure: each.estimates()[i] for measure, each in of_blocks.items()}
+            found = {measure: each[i] for measure, each in estimates[label].items()}
             seconds = [found[seconds_at(look)].value for look in (LOOKS[0], LOOKS[-1])]
             lines.append(
                 [

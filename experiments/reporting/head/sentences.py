@@ -69,9 +69,8 @@ _WHEN = {BEFORE: "Before the knock", AT_THE_END: "At the end"}
 
 def _aside(finished: FinishedSuite, agent: AgentConfig) -> bool:
     """Whether an agent is compared for another purpose than to win."""
-    runs = finished.runs_of(agent)
-    told = bool(runs) and OF_A_CEILING in finished.outcomes[runs[0]]["privileged"]
-    return told or agent.name == FLOOR
+    outcome = finished.outcome_of(agent)
+    return agent.name == FLOOR or (outcome is not None and OF_A_CEILING in outcome["privileged"])
 
 
 def _fewest(found: Mapping[str, Moment], when: str, few: bool) -> str:

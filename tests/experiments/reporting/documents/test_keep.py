@@ -166,8 +166,7 @@ def test_the_claims_of_a_kept_suite_are_tables(committed, tmp_path):
     (committed / "suite.json").write_text(json.dumps(about))
     gather(committed)
     keep(committed, tmp_path / "kept")
-    assert "| it works | It works. | claim | 1 | untested |" in tables_named(
-        "tiny/verdicts", tmp_path / "kept"
-    )
+    verdicts = tables_named("tiny/verdicts", tmp_path / "kept")
+    assert "| it works | It works. | claim | 1 | untested |" in verdicts
     assert "above 50 %" in tables_named("tiny/claims", tmp_path / "kept")
     assert "unified servo" in tables_named("tiny/aimed", tmp_path / "kept")
