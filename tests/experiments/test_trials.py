@@ -169,7 +169,7 @@ def test_a_lifetime_in_trials_from_configuration_to_report(in_trials, write_conf
     assert page.count("<figure>") == 1
     assert "undo: camera_aim" in page
     assert (out / "figures" / "aimed-trials.png").exists()
-    assert re.search(r"<td[^>]*>5–6</td><td>grid_table</td>", page)
+    assert re.search(r"<td[^>]*>5–6</td><td>grid_<wbr>table</td>", page)
     capsys.readouterr()
     assert main(["status", str(out)]) == 0
     assert "8 trials" in capsys.readouterr().out

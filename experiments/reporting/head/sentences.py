@@ -138,7 +138,7 @@ def _again(medians: Mapping[str, float], changed: bool) -> str:
 
 
 def _within(motions: float) -> str:
-    return f"within {motions:,.0f} motions" if motions else "at once"
+    return f"within {counted(round(motions), 'motion')}" if motions else "at once"
 
 
 def _verb(verb: str, subjects: Sequence[str]) -> str:

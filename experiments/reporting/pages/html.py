@@ -107,7 +107,7 @@ def _note(text: str) -> str:
 
 def _table(table: Table, title: str, titled: bool) -> str:
     caption = f"<caption>{escape(table.title)}</caption>\n" if titled and table.title else ""
-    header = "".join(f"<th>{escape(text)}</th>" for text in table.header)
+    header = "".join(f"<th>{_broken(text)}</th>" for text in table.header)
     rows = "\n".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in table.rows)
     inside = f"<table>\n{caption}<thead><tr>{header}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>"
     return f'<div class="box" tabindex="0" role="region" aria-label="{escape(title)}">\n{inside}\n</div>'
@@ -116,4 +116,9 @@ def _table(table: Table, title: str, titled: bool) -> str:
 def _cell(text: str) -> str:
     is_number = len(text) <= _NUMBER and any(letter.isdigit() for letter in text)
     kind = ' class="number"' if is_number else ""
-    return f"<td{kind}>{escape(text)}</td>"
+    return f"<td{kind}>{_broken(text)}</td>"
+
+
+def _broken(text: str) -> str:
+    """Names of agents may be broken into lines where room is scarce."""
+    return escape(text).replace("_", "_<wbr>")
