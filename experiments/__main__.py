@@ -271,15 +271,9 @@ def _keep(options: argparse.Namespace) -> int:
 
 
 def _report(source: Path, out: Path | None) -> int:
-    from experiments.reporting.head import head_table
-    from experiments.reporting.report import write_report
-    from experiments.reporting.results_file import gather, read_finished
-    from experiments.reporting.tables import show
+    from experiments.reporting.report import report
 
-    results = gather(source) if source.is_dir() or not source.suffix else source
-    finished = read_finished(results, out or results.parent)
-    show([head_table(finished)])
-    print(f"report: {write_report(finished)}")
+    print(f"report: {report(source, out)}")
     return 0
 
 

@@ -13,21 +13,41 @@ from experiments.reporting.by_trial.section import trial_section
 from experiments.reporting.claims.section import claims_section
 from experiments.reporting.claims.verdicts import judge
 from experiments.reporting.finished_suite import FinishedSuite
-from experiments.reporting.head import head_part, head_table, sentences, table_of
 from experiments.reporting.held_out.section import scenario_sections
 from experiments.reporting.learning_picture import learning_picture
 from experiments.reporting.pages import Head, Section
+from experiments.reporting.pages.head_table import head_part, head_table, table_of
 from experiments.reporting.pages.html import html_page
 from experiments.reporting.pages.markdown import markdown_page
+from experiments.reporting.pages.sentences import sentences
 from experiments.reporting.pages.style import save
-from experiments.reporting.results_file import TIMES
+from experiments.reporting.results_file import TIMES, gather, read_finished
 from experiments.reporting.sweep.section import sweep_sections
-from experiments.reporting.tables import NOTHING, Table
+from experiments.reporting.tables import NOTHING, Table, show
 from experiments.running.results_folder import LOG, folder_of, made_folder, write_whole
 
 SUMMARY, TABLES, PAGE, MARKDOWN = "summary.csv", "tables.json", "report.html", "report.md"
 FILMS = ("film.gif", "frames.png")
 """An agent at work, if one of these lies beside the results."""
+
+
+def report(source: Path, out: Path | None) -> Path:
+    """Prints the one table of a suite, and writes its report.
+
+    Args:
+        source: Its results folder, or the results.parquet of one.
+        out: Where the report shall stand, if not beside the results.
+
+    Returns:
+        The path of the HTML page.
+
+    Raises:
+        ConfigError: There are no results, or they are damaged.
+    """
+    results = gather(source) if source.is_dir() or not source.suffix else source
+    finished = read_finished(results, out or results.parent)
+    show([head_table(finished)])
+    return write_report(finished)
 
 
 def write_report(finished: FinishedSuite) -> Path:

@@ -7,8 +7,8 @@ from experiments.config.suite import ScenarioConfig
 from experiments.reporting.finished_suite import MOTIONS, FinishedSuite, few_worlds, worlds_of
 from experiments.reporting.held_out.clocks import with_clocks
 from experiments.reporting.held_out.estimates import worst_and_bounds
-from experiments.reporting.narrow import MOST_COLUMNS
 from experiments.reporting.pages import Section, SummaryRow, summary_row
+from experiments.reporting.pages.narrow import MOST_COLUMNS
 from experiments.reporting.tables import NOTHING, Table, with_most
 from experiments.statistics import median_world, most_worlds
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from experiments.reporting.narrow import narrow
+from experiments.reporting.pages.narrow import narrow
 from experiments.reporting.pages.section import Drawing, Head, Section
 from experiments.reporting.tables import Table
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from experiments.reporting.narrow import narrow
+from experiments.reporting.pages.narrow import narrow
 from experiments.reporting.pages.section import Head, Section
 from experiments.reporting.tables import Table
 

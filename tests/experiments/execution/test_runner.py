@@ -42,11 +42,11 @@ def test_from_configuration_to_report(finished, capsys):
 
     page = (out / "report.html").read_text()
     assert "<script" not in page
-    assert page.count("<figure>") == 3
+    assert page.count("<figure>") == 4
     assert "Does &lt;it&gt; run?" in page
     assert "camera_aim (camera left, degrees 20)" in page
     assert "FAILED" not in page
-    for name in ("aimed-held-out", "aimed-training"):
+    for name in ("aimed-learning", "aimed-held-out", "aimed-training"):
         assert (out / "figures" / f"{name}.png").exists()
         assert (out / "figures" / f"{name}.svg").exists()
 

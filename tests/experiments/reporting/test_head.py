@@ -6,7 +6,8 @@ import pytest
 
 from experiments.config.suite import Suite
 from experiments.reporting.finished_suite import FinishedSuite
-from experiments.reporting.head import head_part, head_table, sentences
+from experiments.reporting.pages.head_table import head_part, head_table
+from experiments.reporting.pages.sentences import sentences
 from experiments.running.plan import runs_of
 
 WORLDS, CAP = 20, 20

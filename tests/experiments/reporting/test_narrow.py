@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from experiments.reporting.narrow import MOST_COLUMNS, narrow
+from experiments.reporting.pages.narrow import MOST_COLUMNS, narrow
 from experiments.reporting.tables import Table
 
 
