@@ -103,7 +103,8 @@ def _comparison(finished: FinishedSuite) -> list[Section]:
             sections += scenario_sections(finished, scenario, evaluation)
         if scenario.trials and not by_arm:
             sections.append(trial_section(finished, scenario))
-    return sections + sweep_sections(finished)
+    sections += sweep_sections(finished)
+    return sections
 
 
 def _failures(finished: FinishedSuite) -> Section:
