@@ -63,8 +63,7 @@ benchmark-%: venv
 	commit=$$($(BIN)/python -c 'from experiments.running.versions import commit; print(commit())') && \
 	grep -qs "\"commit\": \"$$commit\"" build/results/$*.json \
 	|| $(BIN)/python -m experiments benchmark $(or $(parts_of_$*),$*) --out build/results/$*.json
-	mkdir -p experiments/results/$*
-	cp build/results/$*.json experiments/results/$*/$*.json
+	$(BIN)/python -m experiments keep build/results/$*.json
 
 # Tables between markers in README.md and docs/, from the kept results in experiments/results.
 results-tables: venv

@@ -107,8 +107,8 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("source", type=Path, help="results folder, or the results.parquet of one")
     report.add_argument("--out", type=Path, help="folder for the report (default: where the results stand)")
     report.set_defaults(does=lambda options: _report(options.source, options.out))
-    keep = commands.add_parser("keep", help="copy what a finished suite came to into experiments/results")
-    keep.add_argument("folder", type=Path)
+    keep = commands.add_parser("keep", help="copy what was measured into experiments/results, with a report")
+    keep.add_argument("source", type=Path, help="results folder of a suite, or a benchmark's FILE.json")
     keep.set_defaults(does=_keep)
     _add_benchmark(commands)
     picture = commands.add_parser("picture", help="draw what a saved grid_table has learned")
@@ -263,19 +263,19 @@ def _status(options: argparse.Namespace) -> int:
 
 
 def _keep(options: argparse.Namespace) -> int:
+    from experiments.reporting.documents.benchmark_report import keep_benchmark
     from experiments.reporting.documents.keep import keep
     from experiments.reporting.documents.kept_tables import KEPT
 
-    print(f"kept: {keep(options.folder, KEPT)}")
+    does = keep_benchmark if options.source.suffix == ".json" else keep
+    print(f"kept: {does(options.source, KEPT)}")
     return 0
 
 
 def _report(source: Path, out: Path | None) -> int:
-    from experiments.reporting.report import write_report
-    from experiments.reporting.results_file import gather, read_finished
+    from experiments.reporting.report import report
 
-    results = gather(source) if source.is_dir() or not source.suffix else source
-    print(f"report: {write_report(read_finished(results, out or results.parent))}")
+    print(f"report: {report(source, out)}")
     return 0
 
 

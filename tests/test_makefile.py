@@ -36,7 +36,10 @@ def made(tmp_path):
         benchmarks = [line for line in log if line.startswith("benchmark")]
         last = [f"benchmark {part}" for part in ALONE] if benchmarks else []
         assert benchmarks[len(SIDE_BY_SIDE) :] == last, "they take all cores, or measure time"
-        return [line for line in log if line not in benchmarks] + sorted(benchmarks)
+        kept = [line for line in log if line.endswith(".json")]
+        parts = sorted((*SIDE_BY_SIDE, *ALONE))
+        assert sorted(kept) == [f"keep build/results/{part}.json" for part in parts]
+        return [line for line in log if line not in (*benchmarks, *kept)] + sorted(benchmarks)
 
     return make
 

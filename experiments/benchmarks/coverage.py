@@ -4,32 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from experiments.reporting.tables import Table
 from experiments.statistics import (
-    SHARE,
     Array,
-    Estimand,
     Estimate,
-    bands,
-    interquartile_mean,
-    lowest_decile,
-    mean,
-    median,
+    mean_share,
     median_time,
-    paired_difference,
-    probability_of_improvement,
-    quantile,
-    restricted_mean_time,
-    worst_decile,
+    median_world,
+    paired_motions,
+    paired_shares,
+    share_of_worlds,
 )
 
 CAP = 60
 TRIALS = 20
-WORLDS = (4, 10, 20)
+WORLDS = (20, 50)
 HORIZON = 10_000.0
 """Lifetime motions after which the simulated runs end."""
 
@@ -73,49 +67,34 @@ def simulated(
     return Simulated(success.astype(float), np.where(success, np.minimum(motions, CAP), CAP))
 
 
-def _agents(
-    rng: np.random.Generator, design: str, size: tuple[int, int], trials: int
-) -> tuple[Simulated, Simulated]:
+def _agents(rng: np.random.Generator, design: str, size: tuple[int, int]) -> tuple[Simulated, Simulated]:
     """An agent and a slower one in the same worlds."""
     typical = 2 * np.exp(0.4 * rng.normal(size=size))
     if design == BAD_FOR_ONE:
         first, second = np.ones(size), SUCCESS["one in ten 50 %, others 100 %"](rng, size)
     else:
         first = second = SUCCESS[design](rng, size)
-    return simulated(rng, first, typical, trials), simulated(rng, second, typical, trials, slower=1.5)
+    return simulated(rng, first, typical, TRIALS), simulated(rng, second, typical, TRIALS, slower=1.5)
 
 
-def _success(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
-    return np.asarray(_agents(rng, design, size, TRIALS)[0].success.mean(axis=2))
+def _shares(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
+    return np.stack([agent.success.mean(axis=2) for agent in _agents(rng, design, size)], axis=-1)
 
 
 def _motions(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
-    return np.asarray(_agents(rng, design, size, TRIALS)[0].motions.mean(axis=2))
+    """A failure counting as the cap."""
+    return np.stack([agent.motions.mean(axis=2) for agent in _agents(rng, design, size)], axis=-1)
 
 
-def _one_trial(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
-    return _agents(rng, design, size, 1)[0].motions[:, :, 0]
+def _of_those_that_reached(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
+    """NaN in a world in which no trial did."""
+    agent, _ = _agents(rng, design, size)
+    reached = agent.success.sum(axis=2)
+    motions = (agent.motions * agent.success).sum(axis=2)
+    return np.divide(motions, reached, out=np.full(size, np.nan), where=reached > 0)
 
 
-def _both(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
-    return np.stack([agent.motions.mean(axis=2) for agent in _agents(rng, design, size, TRIALS)], axis=-1)
-
-
-def _more_motions(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
-    return np.asarray(np.diff(_both(rng, design, size), axis=-1)[..., 0])
-
-
-def _more_success(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
-    first, second = (agent.success.mean(axis=2) for agent in _agents(rng, design, size, TRIALS))
-    return np.asarray(second - first)
-
-
-def _in_more(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
-    more = _more_motions(rng, design, size)
-    return (more > 0) + 0.5 * (more == 0)
-
-
-NEVER = {"all reach it": 0.0, "one in ten never": 0.1, "half never": 0.5}
+NEVER = {"all reach it": 0.0, "one in ten never": 0.1}
 """Share of the worlds that never come to a threshold, by the name of the design."""
 
 
@@ -135,88 +114,77 @@ class Study:
 
     Attributes:
         estimand: Its name.
-        designs: Names of the designs of worlds.
         sample: From a design and (samples, worlds) to what worlds come to (samples, worlds, ...).
-        intervals: From that to one interval a sample.
+        interval: From what the worlds of one sample come to, to the interval.
         truth: From what a population of worlds comes to (worlds, ...) to the number itself.
+        designs: Names of the designs of worlds.
     """
 
     estimand: str
-    designs: Sequence[str]
     sample: Callable[[np.random.Generator, str, tuple[int, int]], Array]
-    intervals: Callable[[Array, np.random.Generator], list[Estimate]]
+    interval: Callable[[Array], Estimate]
     truth: Callable[[Array], float]
+    designs: Sequence[str] = tuple(SUCCESS)
 
 
-def _of_worlds(
-    name: str,
-    sample: Callable[[np.random.Generator, str, tuple[int, int]], Array],
-    estimand: Estimand,
-    bounds: tuple[float, float],
-    *more_designs: str,
-) -> Study:
-    """A study of an estimand of the worlds' own numbers."""
-    return Study(
-        name,
-        (*SUCCESS, *more_designs),
-        sample,
-        lambda samples, rng: bands(samples.T, estimand, bounds, rng),
-        lambda population: float(estimand(population, np.full((1, len(population)), 1 / len(population)))[0]),
-    )
+def _fewer(motions: Array) -> Array:
+    """By how many motions the first agent needs fewer than the second."""
+    return np.asarray(motions[:, 1] - motions[:, 0])
 
 
-def _different_worlds(population: Array) -> float:
-    first, second = population[:, 0], np.roll(population[:, 1], 1)
-    return float(np.mean((second > first) + 0.5 * (second == first)))
-
-
+_BOTH = (*SUCCESS, BAD_FOR_ONE)
 STUDIES = (
-    _of_worlds("success, mean", _success, mean, SHARE),
-    _of_worlds("success, lowest decile", _success, lowest_decile, SHARE),
-    _of_worlds("success, paired difference", _more_success, mean, (-1.0, 1.0), BAD_FOR_ONE),
-    _of_worlds("motions, mean", _motions, mean, (1.0, CAP)),
-    _of_worlds("motions, interquartile mean", _motions, interquartile_mean, (1.0, CAP)),
-    _of_worlds("motions, median", _motions, median, (1.0, CAP)),
-    _of_worlds("motions of one trial, 95th percentile", _one_trial, quantile(0.95), (1.0, CAP)),
-    _of_worlds("motions, worst decile", _motions, worst_decile, (1.0, CAP)),
     Study(
-        "motions, paired difference",
-        (*SUCCESS, BAD_FOR_ONE),
-        _more_motions,
-        lambda samples, rng: [paired_difference(each, 0 * each) for each in samples],
-        lambda population: float(population.mean()),
-    ),
-    _of_worlds("motions, median of paired differences", _more_motions, median, (-CAP, CAP), BAD_FOR_ONE),
-    _of_worlds("probability of improvement, paired", _in_more, mean, SHARE, BAD_FOR_ONE),
-    Study(
-        "probability of improvement, unpaired",
-        (*SUCCESS, BAD_FOR_ONE),
-        _both,
-        lambda samples, rng: [
-            probability_of_improvement(x[:, 1], y[:, 0], rng)
-            for x, y in zip(samples, np.roll(samples, 1, axis=0), strict=True)
-        ],
-        _different_worlds,
+        "share of rendezvous",
+        _shares,
+        lambda shares: mean_share(shares[:, 0]),
+        lambda shares: float(shares[:, 0].mean()),
     ),
     Study(
-        "motions to threshold, median",
-        tuple(NEVER)[:2],
+        "difference of shares",
+        _shares,
+        lambda shares: paired_shares(shares[:, 1], shares[:, 0]),
+        lambda shares: float(np.diff(shares).mean()),
+        _BOTH,
+    ),
+    Study(
+        "motions of trials that reached, median world",
+        _of_those_that_reached,
+        median_world,
+        lambda motions: float(np.nanmedian(motions)),
+    ),
+    Study(
+        "motions a reach, median world",
+        _motions,
+        lambda motions: median_world(motions[:, 0]),
+        lambda motions: float(np.median(motions[:, 0])),
+    ),
+    Study(
+        "difference of motions, median world",
+        _motions,
+        lambda motions: paired_motions(motions[:, 1], motions[:, 0]),
+        lambda motions: float(np.median(_fewer(motions))),
+        _BOTH,
+    ),
+    Study(
+        "share of worlds with fewer motions",
+        _motions,
+        lambda motions: share_of_worlds(motions[:, 0], motions[:, 1]),
+        lambda motions: float(np.mean((_fewer(motions) > 0) + 0.5 * (_fewer(motions) == 0))),
+        _BOTH,
+    ),
+    Study(
+        "motions lived until 95 %, median world",
         _times,
-        lambda samples, rng: [median_time(x[:, 0], x[:, 1] > 0, rng) for x in samples],
-        lambda population: float(np.median(population[:, 2])),
-    ),
-    Study(
-        "motions to threshold, restricted mean",
+        lambda times: median_time(times[:, 0], times[:, 1] > 0),
+        lambda times: float(np.median(times[:, 2])),
         tuple(NEVER),
-        _times,
-        lambda samples, rng: [restricted_mean_time(x[:, 0], x[:, 1] > 0, HORIZON, rng) for x in samples],
-        lambda population: float(np.minimum(population[:, 2], HORIZON).mean()),
     ),
 )
 
 
 def coverage(
-    samples: int = 400,
+    samples: int = 1_000,
     studies: Sequence[Study] = STUDIES,
     sizes: Sequence[int] = WORLDS,
     population: int = 100_000,
@@ -233,27 +201,26 @@ def coverage(
     for study in studies:
         for design in study.designs:
             truth = study.truth(study.sample(np.random.default_rng(1), design, (1, population))[0])
-            row = {"estimand": study.estimand, "worlds that differ": design, "truth": truth}
+            row: dict[str, Any] = {"estimand": study.estimand, "worlds that differ": design}
             for worlds in sizes:
-                rng = np.random.default_rng(2)
-                found = study.intervals(study.sample(rng, design, (samples, worlds)), rng)
-                row[f"coverage, {worlds}"] = np.mean([e.low - EPS <= truth <= e.high + EPS for e in found])
-                row[f"width, {worlds}"] = np.median([e.high - e.low for e in found])
+                drawn = study.sample(np.random.default_rng(2), design, (samples, worlds))
+                found = [study.interval(sample) for sample in drawn]
+                row[f"{worlds} worlds"] = np.mean([e.low - EPS <= truth <= e.high + EPS for e in found])
+                if worlds == sizes[0]:
+                    row[_WIDTH] = np.median([e.high - e.low for e in found])
             rows.append(row)
-    frame = pd.DataFrame(rows)
+    columns = ["estimand", "worlds that differ", *(f"{worlds} worlds" for worlds in sizes), _WIDTH]
     yield Table(
         "coverage",
-        f"How often 95 % intervals hold the truth, by the number of worlds, with {TRIALS} trials in each",
-        frame,
-        {
-            "truth": ".3g",
-            **{f"coverage, {worlds}": ".3f" for worlds in sizes},
-            **{f"width, {worlds}": ".3g" for worlds in sizes},
-        },
-        f"{samples:,} samples a row; widths are medians; motions are at most {CAP}. Truth: of {population:,} "
-        "simulated worlds.",
+        "How often 95 % intervals hold the truth",
+        pd.DataFrame(rows, columns=columns),
+        {**{f"{worlds} worlds": ".1%" for worlds in sizes}, _WIDTH: ".3g"},
+        f"Share of {samples:,} simulated samples whose interval holds the truth, which is that of "
+        f"{population:,} simulated worlds. {TRIALS} trials a world; a trial that fails counts as {CAP} "
+        f"motions. {_WIDTH.capitalize()}: the median one with {sizes[0]} worlds.",
     )
 
 
+_WIDTH = "width"
 EPS = 1e-9
 """Of sums of floating-point numbers."""

@@ -28,7 +28,7 @@ def motions_per_reach(lifetimes: Lifetimes) -> Array:
 def share_of(what: str, lifetimes: Lifetimes, form: str) -> dict[str, Any]:
     """Columns of a table: the share of trials with a "rendezvous" or "success", its interval over worlds."""
     found = np.array([[record[what] for record in records] for records in lifetimes])
-    return beside(what, mean_share(found, np.random.default_rng(0)), form)
+    return beside(what, mean_share(found), form)
 
 
 def each_alone(records: Sequence[TrialRecord]) -> Lifetimes:

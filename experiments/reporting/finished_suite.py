@@ -11,11 +11,10 @@ from experiments.config.environment import EnvironmentConfig
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.tables import counted, must_know
 from experiments.running.plan import Run
+from experiments.statistics import ENOUGH_WORLDS
 
 SUCCESS, RENDEZVOUS, MOTIONS, SECONDS = "success", "rendezvous", "motions_per_reach", "robot_seconds"
 """What is measured in a trial; one without an observed rendezvous counts as the cap in motions per reach."""
-ENOUGH_WORLDS = 20
-"""With fewer, each world is drawn, and no ranking is claimed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +54,24 @@ class FinishedSuite:
 
     def must_know(self, agent: AgentConfig) -> str:
         """The privileged observations of an agent, and what it is built on."""
-        for run in self.runs_of(agent):
-            return must_know(self.outcomes[run]["privileged"], self.outcomes[run]["prior_knowledge"])
-        return "unknown: no run finished"
+        if (outcome := self.outcome_of(agent)) is None:
+            return "unknown: no run finished"
+        return must_know(outcome["privileged"], outcome["prior_knowledge"])
+
+    def outcome_of(self, agent: AgentConfig) -> dict[str, Any] | None:
+        """What the first finished run of an agent says about itself, if any has finished."""
+        own = (run.id for run in self.runs if run.agent.label == agent.label)
+        return next((self.outcomes[run] for run in own if run in self.outcomes), None)
+
+    def fewest_worlds(self, part: ScenarioConfig | SweepConfig) -> int:
+        """In how many worlds that agent of a part is that is in the fewest."""
+        return min(worlds_of(self.suite, agent.label) for agent in self.suite.agents_in(part))
+
+
+def worlds_of(suite: Suite, label: str) -> int:
+    """In how many worlds an agent is: the first ones of the suite's."""
+    (agent,) = (agent for agent in suite.agents if agent.label == label)
+    return suite.worlds_of(agent)
 
 
 def with_cost(results: pd.DataFrame, scenario: ScenarioConfig | SweepConfig) -> pd.DataFrame:
@@ -71,24 +85,27 @@ def with_cost(results: pd.DataFrame, scenario: ScenarioConfig | SweepConfig) -> 
     return rows
 
 
-def few_worlds(suite: Suite) -> str:
+def few_worlds(finished: FinishedSuite, part: ScenarioConfig | SweepConfig) -> str:
     """What fewer worlds than are enough do not show."""
-    if suite.worlds >= ENOUGH_WORLDS:
+    if (fewest := finished.fewest_worlds(part)) >= ENOUGH_WORLDS:
         return ""
-    return (
-        f" With {counted(suite.worlds, 'world')}, fewer than {ENOUGH_WORLDS}, no ranking of agents is "
-        "claimed."
-    )
+    return f" {counted(fewest, 'world')}, fewer than {ENOUGH_WORLDS}: no intervals, and nobody is ranked."
 
 
-def about(suite: Suite, scenario: ScenarioConfig) -> str:
+def about(finished: FinishedSuite, scenario: ScenarioConfig) -> str:
     """What the runs of a scenario have in common, in words."""
-    length, of = scenario.length
+    worlds = {worlds_of(finished.suite, agent.label) for agent in finished.suite.agents_in(scenario)}
+    _, of = scenario.length
+    lives = {run.work[0] for run in finished.runs if run.where["scenario"] == scenario.name}
     return (
-        f"{about_environment(scenario.env)}, at most {scenario.env.max_episode_steps} "
-        f"motions a trial, {length:,} {of} a lifetime, {counted(suite.worlds, 'world')}, the same "
-        f"for every agent." + few_worlds(suite)
+        f"{about_environment(scenario.env)}; at most {scenario.env.max_episode_steps} motions a trial, "
+        f"{_span(lives)} {of} a life, {_span(worlds)} world{'s' * (max(worlds) > 1)}, the same ones for "
+        f"every agent.{few_worlds(finished, scenario)}"
     )
+
+
+def _span(amounts: set[int]) -> str:
+    return f"{min(amounts):,} to {max(amounts):,}" if len(amounts) > 1 else f"{max(amounts, default=0):,}"
 
 
 def about_environment(env: EnvironmentConfig) -> str:

@@ -7,25 +7,51 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
+from experiments.config.suite import ScenarioConfig
 from experiments.reporting.by_arm.section import arms_sections, many_arms
 from experiments.reporting.by_trial.section import trial_section
 from experiments.reporting.claims.section import claims_section
 from experiments.reporting.claims.verdicts import judge
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.held_out.section import scenario_sections
-from experiments.reporting.pages import Section
+from experiments.reporting.learning_picture import learning_picture
+from experiments.reporting.pages import Head, Section
+from experiments.reporting.pages.head_table import head_part, head_table, table_of
 from experiments.reporting.pages.html import html_page
 from experiments.reporting.pages.markdown import markdown_page
-from experiments.reporting.results_file import TIMES
+from experiments.reporting.pages.sentences import sentences
+from experiments.reporting.pages.style import save
+from experiments.reporting.results_file import TIMES, gather, read_finished
 from experiments.reporting.sweep.section import sweep_sections
-from experiments.reporting.tables import Table
+from experiments.reporting.tables import NOTHING, Table, show
 from experiments.running.results_folder import LOG, folder_of, made_folder, write_whole
 
-SUMMARY, PAGE, MARKDOWN = "summary.csv", "report.html", "report.md"
+SUMMARY, TABLES, PAGE, MARKDOWN = "summary.csv", "tables.json", "report.html", "report.md"
+FILMS = ("film.gif", "frames.png")
+"""An agent at work, if one of these lies beside the results."""
+
+
+def report(source: Path, out: Path | None) -> Path:
+    """Prints the one table of a suite, and writes its report.
+
+    Args:
+        source: Its results folder, or the results.parquet of one.
+        out: Where the report shall stand, if not beside the results.
+
+    Returns:
+        The path of the HTML page.
+
+    Raises:
+        ConfigError: There are no results, or they are damaged.
+    """
+    results = gather(source) if source.is_dir() or not source.suffix else source
+    finished = read_finished(results, out or results.parent)
+    show([head_table(finished)])
+    return write_report(finished)
 
 
 def write_report(finished: FinishedSuite) -> Path:
-    """Writes `summary.csv`, `report.html`, `report.md` and `figures/` into the suite's folder.
+    """Writes `report.html`, `report.md`, `tables.json`, `summary.csv` and `figures/` into the suite's folder.
 
     All are made from the finished runs alone, so they are right also where the suite was interrupted.
 
@@ -36,7 +62,38 @@ def write_report(finished: FinishedSuite) -> Path:
         The path of the HTML page.
     """
     out = made_folder(finished.out)
-    sections = [_failures(finished)] if finished.unfinished else []
+    sections = [*_comparison(finished), agents_section(finished), computing_section(finished)]
+    write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
+    tables = {
+        "commit": finished.versions["commit"],
+        "tables": [table_of(finished, part).to_dict() for part in finished.suite.parts],
+        "details": [table.to_dict() for section in sections for table in section.tables],
+    }
+    write_whole(out / TABLES, json.dumps(tables, indent=1))
+    head, failed = head_of(finished), [_failures(finished)] if finished.unfinished else []
+    sections = [*failed, *sections, _versions(finished), _provenance(finished)]
+    page = out / PAGE
+    write_whole(page, html_page(head, sections))
+    write_whole(out / MARKDOWN, markdown_page(head, sections))
+    return page
+
+
+def head_of(finished: FinishedSuite) -> Head:
+    """What the report says in a minute."""
+    suite, part = finished.suite, head_part(finished)
+    held_out = isinstance(part, ScenarioConfig) and suite.evaluation_of(part) is not None
+    figures = {}
+    if isinstance(part, ScenarioConfig) and held_out:
+        name = f"{part.name}-held-out"
+        figures[name] = save(learning_picture(finished, part), finished.out / "figures", name)
+    film = next((path for name in FILMS if (path := finished.out / name).exists()), None)
+    said = sentences(finished, part) if isinstance(part, ScenarioConfig) and held_out else []
+    return Head(suite.name, suite.question, figures, head_table(finished), said, film)
+
+
+def _comparison(finished: FinishedSuite) -> list[Section]:
+    """All that was measured, part by part."""
+    sections = []
     if finished.suite.claims:
         sections.append(claims_section(judge(finished.results, finished.suite)))
     by_arm = many_arms(finished.suite.scenarios)
@@ -47,13 +104,7 @@ def write_report(finished: FinishedSuite) -> Path:
         if scenario.trials and not by_arm:
             sections.append(trial_section(finished, scenario))
     sections += sweep_sections(finished)
-    sections += [agents_section(finished), _versions(finished), _provenance(finished)]
-    write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
-    title, question = finished.suite.name, finished.suite.question
-    page = out / PAGE
-    write_whole(page, html_page(title, question, sections))
-    write_whole(out / MARKDOWN, markdown_page(title, question, sections))
-    return page
+    return sections
 
 
 def _failures(finished: FinishedSuite) -> Section:
@@ -64,7 +115,6 @@ def _failures(finished: FinishedSuite) -> Section:
         tails.append("\n".join([f"{run.id}  ({log})", *finished.failures.get(run.id, ["(never finished)"])]))
     return Section(
         title=f"{len(finished.unfinished)} of {len(finished.runs)} runs FAILED or did not finish",
-        said=(counted,),
         text=counted,
         code="\n\n".join(tails),
         alarming=True,
@@ -72,41 +122,47 @@ def _failures(finished: FinishedSuite) -> Section:
 
 
 def agents_section(finished: FinishedSuite) -> Section:
-    """What each agent must know, how it was set, and what it took to compute."""
+    """What each agent must know, and how it was set."""
+    rows = [
+        [
+            agent.label,
+            agent.name,
+            finished.must_know(agent),
+            json.dumps(agent.settings) if agent.settings else "defaults",
+        ]
+        for agent in finished.suite.agents
+    ]
+    frame = pd.DataFrame(rows, columns=["agent", "kind", "what it must know", "settings"])
+    return Section(title="What each agent must know", tables=(Table("agents", "Agents", frame),))
+
+
+def computing_section(finished: FinishedSuite) -> Section:
+    """What each agent took to compute."""
     rows = []
     for agent in finished.suite.agents:
         mine = finished.timings[finished.timings["run"].isin(finished.runs_of(agent))]
-        rows.append(
-            [
-                agent.label,
-                agent.name,
-                finished.must_know(agent),
-                json.dumps(agent.settings) if agent.settings else "defaults",
-                f"{mine['wall_seconds'].sum():,.0f}" if len(mine) else "–",
-                *(_milliseconds(mine[what]) for what in ("decision", "learning")),
-            ]
-        )
-    columns = ["agent", "kind", "what it must know", "settings", "computing (s)"]
-    columns += ["decision (ms)", "learning (ms a motion)"]
+        seconds = f"{mine['wall_seconds'].sum():,.0f}" if len(mine) else NOTHING
+        rows.append([agent.label, seconds, *(_milliseconds(mine[what]) for what in ("decision", "learning"))])
+    columns = ["agent", "all runs (s)", "decision (ms)", "learning (ms a motion)"]
     frame = pd.DataFrame(rows, columns=columns)
     return Section(
-        title="What each agent must know",
-        table=Table("agents", "Agents", frame),
-        note="Computing: wall-clock time of all runs, with simulation and evaluation. Decision, learning: "
-        "CPU time a motion without the simulation, median over runs; learning includes the decision. These "
-        f"three are of this repetition, and stand in {TIMES}; all other numbers are the same in each.",
+        title="Computing time",
+        tables=(Table("computing", "Computing time", frame),),
+        note="All runs: wall-clock time, with simulation and evaluation. Decision, learning: CPU time a "
+        "motion without the simulation, median over runs; learning includes the decision. These are of "
+        f"this repetition, and stand in {TIMES}; all other numbers are the same in each.",
     )
 
 
 def _milliseconds(seconds: "pd.Series[float]") -> str:
     """The median over runs."""
     middle = seconds.astype(float).median()
-    return "–" if pd.isna(middle) else f"{1000 * middle:.2g}"
+    return NOTHING if pd.isna(middle) else f"{1000 * middle:.2g}"
 
 
 def _versions(finished: FinishedSuite) -> Section:
     frame = pd.DataFrame(finished.versions.items(), columns=["what", "version"])
-    return Section(title="Versions", table=Table("versions", "Versions", frame))
+    return Section(title="Versions", tables=(Table("versions", "Versions", frame),))
 
 
 def _summary(finished: FinishedSuite, sections: list[Section]) -> pd.DataFrame:

@@ -1,5 +1,6 @@
 """A table: a DataFrame with a title and a note, on a terminal, as Markdown or as JSON."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -11,6 +12,9 @@ import rich.text
 from rich.console import Console
 
 from experiments.statistics import Estimate
+
+NOTHING = "–"
+"""A cell in which there is no number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,14 +97,24 @@ def drawn(table: Table) -> rich.table.Table:
 
 
 def percent(estimate: Estimate, digits: int = 0) -> str:
-    """A share with its interval."""
-    value, low, high = (f"{part:.{digits}%}" for part in (estimate.value, estimate.low, estimate.high))
-    return f"{value} [{low}, {high}]".replace("%", " %")
+    """A share with its interval, if it has one."""
+    return _with_interval(estimate, f".{digits}%")
 
 
 def number(estimate: Estimate, digits: int = 1) -> str:
-    """A number with its interval."""
-    return f"{estimate.value:.{digits}f} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
+    """A number with its interval, if it has one."""
+    return _with_interval(estimate, f",.{digits}f")
+
+
+def _with_interval(estimate: Estimate, form: str) -> str:
+    value, low, high = (_text(part, form) for part in (estimate.value, estimate.low, estimate.high))
+    return f"{value or NOTHING} [{low}, {high}]" if estimate.has_interval else value or NOTHING
+
+
+def with_most(value: float, most: tuple[float, float], form: str) -> str:
+    """A median over worlds, and between which values most worlds lie, such as "3.0 (2.1 – 5.6)"."""
+    low, high = (_text(edge, form) for edge in most)
+    return f"{_text(value, form)} ({low} – {high})"
 
 
 def counted(amount: int, thing: str) -> str:
@@ -116,8 +130,9 @@ def beside(name: str, found: Estimate, form: str) -> dict[str, Any]:
         found: The number.
         form: How both are written, such as ".1%".
     """
-    limits = (_text(edge, form).removesuffix(" %") for edge in (found.low, found.high))
-    return {name: found.value, f"{name}, 95 %": f"[{', '.join(limits)}]{' %' if form.endswith('%') else ''}"}
+    limits = ", ".join(_text(edge, form).removesuffix(" %") for edge in (found.low, found.high))
+    interval = f"[{limits}]{' %' if form.endswith('%') else ''}" if found.has_interval else ""
+    return {name: found.value, f"{name}, 95 %": interval}
 
 
 def must_know(privileged: Sequence[str], prior_knowledge: Sequence[str]) -> str:
@@ -133,6 +148,8 @@ def must_know(privileged: Sequence[str], prior_knowledge: Sequence[str]) -> str:
 def _text(cell: Any, form: str) -> str:
     if cell is None or (isinstance(cell, float) and pd.isna(cell)):
         return ""
+    if isinstance(cell, float) and math.isinf(cell):
+        return "∞" if cell > 0 else "-∞"
     text = format(cell, form) if form and not isinstance(cell, str) else str(cell)
     return text.replace("%", " %") if form.endswith("%") else text
 

@@ -3,84 +3,45 @@
 A run that ends at 10,000 motions without the threshold says that its time is longer than that, and no more.
 """
 
-from collections.abc import Callable
-from functools import partial
+import warnings
 
 import numpy as np
+import scipy.stats
 from numpy.typing import NDArray
 
-from experiments.statistics.estimate import LEVEL, Array, Estimate
-from experiments.statistics.worlds import world_weights
+from experiments.statistics.estimate import ENOUGH_WORLDS, LEVEL, Array, Estimate
 
 
-def survival(times: Array, reached: NDArray[np.bool_], weights: Array) -> tuple[Array, Array]:
-    """Kaplan and Meier's (1958) share of worlds that have not reached it after each time.
+def median_time(times: Array, reached: NDArray[np.bool_]) -> Estimate:
+    """The median time by Kaplan and Meier (1958); infinite where half of the worlds have not reached it.
 
-    Args:
-        times: When each world reached it, or was last looked at (n,).
-        reached: Whether it did (n,).
-        weights: Of the worlds (draws, n), each row summing to 1.
-
-    Returns:
-        The times in order (n,), and the share after each (draws, n).
-    """
-    order = np.lexsort((~reached, times))  # of equal times, those that reached it come first
-    weights = weights[:, order]
-    at_risk = np.cumsum(weights[:, ::-1], axis=1)[:, ::-1]
-    left = np.divide(
-        at_risk - weights * reached[order], at_risk, out=np.ones_like(weights), where=at_risk > 0
-    )
-    return times[order], np.cumprod(np.clip(left, 0.0, 1.0), axis=1)
-
-
-def median_time(times: Array, reached: NDArray[np.bool_], rng: np.random.Generator) -> Estimate:
-    """The median time with its interval; infinite where half of the worlds have not reached it.
+    Its interval, where there are enough worlds, is Brookmeyer and Crowley's (1982): the times at which the
+    log-log interval of the share that has not reached it holds one half.
 
     Args:
         times: When each world reached it, or was last looked at (n,).
         reached: Whether it did (n,).
-        rng: Draws the weights.
     """
-    return _interval(times, reached, rng, _median)
-
-
-def restricted_mean_time(
-    times: Array, reached: NDArray[np.bool_], horizon: float, rng: np.random.Generator
-) -> Estimate:
-    """The mean of the times with its interval, those after the horizon counting as it.
-
-    Args:
-        times: When each world reached it, or was last looked at (n,).
-        reached: Whether it did (n,).
-        horizon: Up to which the area below the curve of survival is taken.
-        rng: Draws the weights.
-    """
-    return _interval(times, reached, rng, partial(_area, horizon=horizon))
-
-
-_Of = Callable[[Array, NDArray[np.bool_], Array], Array]
-
-
-def _median(times: Array, reached: NDArray[np.bool_], weights: Array) -> Array:
-    times, left = survival(times, reached, weights)
-    below = left <= 0.5 + 1e-12
-    return np.where(below.any(axis=1), times[below.argmax(axis=1)], np.inf)
-
-
-def _area(times: Array, reached: NDArray[np.bool_], weights: Array, horizon: float) -> Array:
-    times, left = survival(times, reached, weights)
-    edges = np.clip(np.concatenate([[0.0], times, [horizon]]), 0.0, horizon)
-    return np.asarray(np.concatenate([np.ones((len(left), 1)), left], axis=1) @ np.diff(edges))
-
-
-def _interval(times: Array, reached: NDArray[np.bool_], rng: np.random.Generator, estimand: _Of) -> Estimate:
-    """Half a world reaches it at once for the lower limit, and never for the upper one; see `worlds`."""
     times, reached = np.asarray(times, float), np.asarray(reached, bool)
-    weights = world_weights(len(times), rng)
-    (value,) = estimand(times, reached, np.full((1, len(times)), 1 / len(times)))
-    tail = (1 - LEVEL) / 2
-    at_once = estimand(np.append(times, 0.0), np.append(reached, True), weights)
-    never = estimand(np.append(times, np.inf), np.append(reached, False), weights)
-    low = np.quantile(at_once, tail, method="inverted_cdf")  # no mean of a time and infinity
-    high = np.quantile(never, 1 - tail, method="inverted_cdf")
-    return Estimate(float(value), min(float(low), float(value)), max(float(high), float(value)))
+    left = scipy.stats.ecdf(scipy.stats.CensoredData.right_censored(times, ~reached)).sf
+    value = _first_half(left.quantiles, left.probabilities)
+    if len(times) < ENOUGH_WORLDS:
+        return Estimate(value)
+    with warnings.catch_warnings():  # where all or none are left it is undefined: these are taken as they are
+        warnings.simplefilter("ignore", RuntimeWarning)
+        band = left.confidence_interval(LEVEL, method="log-log")
+    edges = (
+        np.where(np.isnan(edge.probabilities), left.probabilities, edge.probabilities)
+        for edge in (band.low, band.high)
+    )
+    return Estimate(value, *(_first_half(left.quantiles, edge) for edge in edges))
+
+
+def _first_half(times: Array, left: Array) -> float:
+    """The first time after which at most half are left."""
+    below = left <= 0.5 + _ROUNDING
+    return float(times[below.argmax()]) if below.any() else np.inf
+
+
+_ROUNDING = 1e-12
+"""Of products of shares."""

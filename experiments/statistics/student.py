@@ -1,22 +1,9 @@
 """Means and their changes with Student's t intervals, where the values of worlds are nearly symmetric."""
 
-from functools import cache
-
 import numpy as np
+import scipy.stats
 
 from experiments.statistics.estimate import LEVEL, Array, Estimate
-
-
-@cache
-def student_quantile(level: float, degrees: int) -> float:
-    """So far from 0, to either side, lies this share of Student's t distribution with `degrees` of freedom.
-
-    By t = √degrees tan θ: then the density goes with cos(θ)^(degrees - 1).
-    """
-    angles = np.linspace(0.0, np.pi / 2, 200_001)
-    density = np.cos(angles) ** (degrees - 1)
-    share = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
-    return float(np.sqrt(degrees) * np.tan(np.interp(level * share[-1], share, angles)))
 
 
 def mean_estimate(values: Array) -> Estimate:
@@ -25,7 +12,7 @@ def mean_estimate(values: Array) -> Estimate:
     if len(values) < 2:
         return Estimate(mean, -np.inf, np.inf)
     deviation = float(values.std(ddof=1)) / np.sqrt(len(values))
-    half = student_quantile(LEVEL, len(values) - 1) * deviation
+    half = float(scipy.stats.t.ppf((1 + LEVEL) / 2, len(values) - 1)) * deviation
     return Estimate(mean, mean - half, mean + half)
 
 

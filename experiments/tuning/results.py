@@ -8,8 +8,9 @@ import pandas as pd
 import yaml
 
 from experiments.errors import ConfigError
+from experiments.reporting.documents.benchmark_report import MARKDOWN, write_page
 from experiments.reporting.tables import Table, number
-from experiments.running.results_folder import read_json, write_json, write_whole
+from experiments.running.results_folder import read_json, write_json
 from experiments.running.versions import REPOSITORY
 from experiments.statistics import Estimate
 from experiments.tuning.config import TunedAgentConfig, TuningConfig
@@ -32,16 +33,16 @@ def write_agent(out: Path, found: dict[str, Any]) -> None:
 
 
 def write_tables(out: Path, config: TuningConfig) -> list[Table]:
-    """Writes choices.json and choices.md, of all agents tuned in a folder; returns their tables."""
+    """Writes choices.json and report.md, of all agents tuned in a folder; returns their tables."""
     files = [out / f"{agent.name}.json" for agent in config.agents]
     found = [read_json(file) for file in files if file.exists()]
     if not found:
         return []
     tables = [_choices(found), _ranges(found)]
     commits = ", ".join(dict.fromkeys(each["commit"] for each in found))
-    write_json(out / f"{CHOICES}.json", {"commit": commits, "tables": [table.to_dict() for table in tables]})
-    parts = [part for table in tables for part in (f"## {table.title}", table.markdown(), table.note)]
-    write_whole(out / f"{CHOICES}.md", "\n\n".join(part for part in parts if part) + "\n")
+    kept = out / f"{CHOICES}.json"
+    write_json(kept, {"commit": commits, "tables": [table.to_dict() for table in tables]})
+    write_page(kept, out / MARKDOWN)
     return tables
 
 

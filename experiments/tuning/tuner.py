@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.errors import ConfigError
 from experiments.running.plan import LifetimeRun, runs_of
-from experiments.statistics import paired_difference
+from experiments.statistics import mean_estimate
 from experiments.tuning.config import TunedAgentConfig, TuningConfig
 from experiments.tuning.processes import OverBudgetError, Processes
 from experiments.tuning.study import Study, Try
@@ -175,7 +175,7 @@ class Tuner:
         """The best settings and the default ones in worlds in which nothing was tried."""
         default = self._study.tries[0].settings
         before, after = self._in_other_worlds(default), self._in_other_worlds(best.settings)
-        difference = paired_difference(np.array(after["worlds"]), np.array(before["worlds"]))
+        difference = mean_estimate(np.subtract(after["worlds"], before["worlds"]))
         return {
             "default": before["worlds"],
             "tuned": after["worlds"],

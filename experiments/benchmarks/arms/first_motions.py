@@ -125,13 +125,12 @@ def safe_start(
 def _row(trials: list[FirstTrial], today: list[FirstTrial] | None = None) -> dict[str, Any]:
     """What trials came to; beside today's servo in the same worlds, where its trials are given."""
     columns = {name: np.array([getattr(each, name) for each in trials]) for name in FirstTrial._fields}
-    rng = np.random.default_rng(0)
     row = {
         "beyond 10°": float((columns["first"] > AT_ONCE).mean()),
-        **beside("harmed", mean_share(columns["harmed"], rng), ".1%"),
+        **beside("harmed", mean_share(columns["harmed"]), ".1%"),
         "force, 99 %": float(np.quantile(columns["force"], 0.99)),
         "largest force": float(columns["force"].max()),
-        **beside("rendezvous", mean_share(columns["reached"], rng), ".1%"),
+        **beside("rendezvous", mean_share(columns["reached"]), ".1%"),
         "gave up": float(columns["gave_up"].mean()),
         "motions": float(columns["motions"].mean()),
     }

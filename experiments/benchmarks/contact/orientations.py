@@ -123,7 +123,7 @@ def _searched(shape: str, mount: str, worlds: int) -> dict[str, Any]:
         "squarely": squarely.mean(),
         "search": searched.mean(),
         "agree": (mapped == searched).mean(),
-        **beside("grasped", mean_share(grasped[searched][:, None], np.random.default_rng(0)), ".0%"),
+        **beside("grasped", mean_share(grasped[searched][:, None]), ".0%"),
         "required": ASKED_OF,
     }
 

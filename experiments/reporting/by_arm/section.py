@@ -3,6 +3,7 @@
 import json
 from itertools import pairwise
 
+import numpy as np
 import pandas as pd
 
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
@@ -22,24 +23,23 @@ from experiments.reporting.finished_suite import (
     few_worlds,
     where_it_stands,
     with_cost,
+    worlds_of,
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.pages.style import save
 from experiments.reporting.tables import Table, counted, number, percent
-from experiments.statistics import Array
+from experiments.statistics import Array, Estimate
 
 ALL, BY_ARM = "all", "by_arm"
 _FIRST = 1
-_SHARES = (SUCCESS, RENDEZVOUS)
 _OWN = "The agents' own trials"
 
 _HOW_TO_READ = (
-    "The agents' own trials, in which they learn; nothing is set for an arm. In each cell: motions per reach "
-    "in the first trial of a lifetime → in the last block of trials; the share of all trials with an "
-    "observed rendezvous. Means over worlds of each world's mean; a trial without a rendezvous counts as the "
-    "cap."
+    "The agents' own trials, in which they learn; nothing is set for an arm. Motions a reach of the "
+    "median world, in the first trial of a life → in its last block of trials; a trial without a "
+    "rendezvous counts as the cap. Rendezvous: the share of all trials, mean over worlds. Brackets: 95 % "
+    "intervals over worlds."
 )
-_INTERVALS = "Means over worlds with 95 % intervals over worlds."
 
 
 def many_arms(scenarios: tuple[ScenarioConfig, ...]) -> bool:
@@ -56,7 +56,7 @@ def many_arms(scenarios: tuple[ScenarioConfig, ...]) -> bool:
 def arms_sections(finished: FinishedSuite) -> list[Section]:
     """Agents by arms in one figure and table, and all numbers with their intervals in another."""
     suite = finished.suite
-    rows, summary = [], []
+    summary = []
     found: dict[tuple[str, str, str], Array] = {}
     for scenario in suite.scenarios:
         cap = scenario.env.max_episode_steps
@@ -65,27 +65,25 @@ def arms_sections(finished: FinishedSuite) -> list[Section]:
         edges = edges_of(scenario, (_FIRST, *COARSE))
         names = [span(first, end) for first, end in pairwise(edges)]
         for label in (agent.label for agent in suite.agents_in(scenario)):
-            motions = blocks(costs, label, MOTIONS, suite.worlds, edges, cap)
+            worlds = worlds_of(suite, label)
+            motions = blocks(costs, label, MOTIONS, worlds, edges, cap)
             of_blocks = motions.estimates()
             of_all = {
-                measure: blocks(costs, label, measure, suite.worlds, edges[[0, -1]], cap).estimates()[0]
-                for measure in _SHARES
+                measure: blocks(costs, label, measure, worlds, edges[[0, -1]], cap).estimates()[0]
+                for measure in (SUCCESS, RENDEZVOUS)
             }
-            cells = [number(each, 2) for each in of_blocks]
-            rows.append([scenario.name, label, *cells, *(percent(of_all[each], 1) for each in _SHARES)])
             summary += [
-                summary_row(scenario.name, BY_ARM, label, block, MOTIONS, each, suite.worlds)
+                summary_row(scenario.name, BY_ARM, label, block, MOTIONS, each, worlds)
                 for block, each in zip(names, of_blocks, strict=True)
             ]
             summary += [
-                summary_row(scenario.name, BY_ARM, label, ALL, measure, each, suite.worlds)
+                summary_row(scenario.name, BY_ARM, label, ALL, measure, each, worlds)
                 for measure, each in of_all.items()
             ]
             found |= {
                 (scenario.name, label, block): of_worlds
                 for block, of_worlds in zip(names, motions.runs.T, strict=True)
             }
-    columns = ["arm", "agent", *(f"trials {name}: motions per reach" for name in names), *_SHARES]
     first, lines = suite.scenarios[0], lines_of(suite.agents)
     figure = arms_figure(
         {scenario.name: _motors(scenario.env) for scenario in suite.scenarios},
@@ -100,16 +98,11 @@ def arms_sections(finished: FinishedSuite) -> list[Section]:
             title="Agents by arms",
             text=_about(finished),
             figures={"arms": save(figure, finished.out / "figures", "arms")},
-            table=arms_table(pd.DataFrame(summary)),
+            tables=(_table(pd.DataFrame(summary)),),
             note=_HOW_TO_READ,
             summary=summary,
         ),
-        Section(
-            title="Agents by arms, with intervals",
-            table=Table("arms-intervals", "Agents by arms", pd.DataFrame(rows, columns=columns)),
-            note=_INTERVALS,
-        ),
-        Section(title="What each arm is", table=_environments(finished)),
+        Section(title="What each arm is", tables=(_environments(finished),)),
     ]
 
 
@@ -122,7 +115,8 @@ def _about(finished: FinishedSuite) -> str:
     first, *_ = suite.scenarios
     return (
         f"At most {first.env.max_episode_steps} motions a trial, {first.trials} trials a lifetime, "
-        f"{counted(suite.worlds, 'world')}, the same for every agent.{few_worlds(suite)}"
+        f"{counted(finished.fewest_worlds(first), 'world')}, the same for every agent."
+        f"{few_worlds(finished, first)}"
     )
 
 
@@ -131,31 +125,26 @@ def _environments(finished: FinishedSuite) -> Table:
     return Table("arms-environments", "What each arm is", pd.DataFrame(rows, columns=["arm", "environment"]))
 
 
-def arms_table(numbers: pd.DataFrame) -> Table:
-    """Arms by agents: motions in the first and the last trials, and the share of rendezvous.
+def _table(numbers: pd.DataFrame) -> Table:
+    """Arms and agents: motions in the first and the last trials, and the share of rendezvous.
 
     Args:
         numbers: The rows of `summary_row`.
     """
-    values = numbers.set_index(["scenario", "agent", "moment", "measure"])["value"].to_dict()
+    found = {
+        (row.scenario, row.agent, row.moment, row.measure): Estimate(row.value, row.low, row.high)
+        for row in numbers.fillna(np.nan).itertuples()
+    }
     moments = [moment for moment in numbers["moment"].unique() if moment != ALL]
     rows = [
         [
-            scenario,
-            *(
-                _cell(
-                    values[scenario, agent, moments[0], MOTIONS],
-                    values[scenario, agent, moments[-1], MOTIONS],
-                    values[scenario, agent, ALL, RENDEZVOUS],
-                )
-                for agent in numbers["agent"].unique()
-            ),
+            arm,
+            agent,
+            number(found[arm, agent, moments[0], MOTIONS]),
+            number(found[arm, agent, moments[-1], MOTIONS]),
+            percent(found[arm, agent, ALL, RENDEZVOUS], 1),
         ]
-        for scenario in numbers["scenario"].unique()
+        for arm, agent in numbers[["scenario", "agent"]].drop_duplicates().itertuples(index=False)
     ]
-    columns = ["arm", *numbers["agent"].unique()]
+    columns = ["arm", "agent", f"trial {moments[0]}", f"trials {moments[-1]}", "rendezvous"]
     return Table("arms", "Agents by arms", pd.DataFrame(rows, columns=columns))
-
-
-def _cell(first: float, last: float, rendezvous: float) -> str:
-    return f"{first:.1f} → {last:.1f}; {rendezvous:.1%}".replace("%", " %")

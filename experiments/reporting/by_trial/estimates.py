@@ -11,7 +11,7 @@ from calfree_gym.robot.arms.robot import HINGE_SPEED
 from experiments.config.suite import ScenarioConfig
 from experiments.evaluation import robot_seconds_at
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SECONDS, SUCCESS
-from experiments.statistics import SHARE, Array, Estimand, Estimate, bands, mean
+from experiments.statistics import SHARE, Array, Estimate, mean_shares, medians
 
 FINE = (1, 5, 10, 25, 50, 100, 150, 200, 300, 400, 500, 1_000, 2_000, 5_000)
 COARSE = (25, 50, 100, 150, 300, 400, 500, 1_000, 2_000, 5_000)
@@ -39,11 +39,9 @@ class Blocks:
     runs: Array
     bounds: tuple[float, float]
 
-    def estimates(self, estimand: Estimand = mean) -> list[Estimate]:
-        """Each block's mean over worlds, or another estimand; NaN where no run has finished, of seconds."""
-        if np.isnan(self.runs).any():
-            return [Estimate(np.nan, np.nan, np.nan)] * self.runs.shape[1]
-        return bands(self.runs, estimand, self.bounds, np.random.default_rng(0))
+    def estimates(self) -> list[Estimate]:
+        """Each block's mean of shares over worlds, or motions or seconds of the median world."""
+        return mean_shares(self.runs) if self.bounds == SHARE else medians(self.runs)
 
 
 def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:
@@ -104,8 +102,8 @@ def blocks(costs: pd.DataFrame, agent: str, measure: str, worlds: int, edges: Ar
     most = float(cap) if measure == MOTIONS else slowest.get(measure, 1.0)
     worst, bounds = (0.0, SHARE) if shares else (most, (1.0 if measure == MOTIONS else 0.0, most))
     mine = costs[costs["agent"] == agent]
-    block = np.searchsorted(edges, mine["trial"], side="right") - 1
-    found = mine.pivot_table(index="world", columns=block, values=measure, aggfunc="mean")
+    mine = mine.assign(block=np.searchsorted(edges, mine["trial"], side="right") - 1)
+    found = mine.pivot_table(index="world", columns="block", values=measure, aggfunc="mean")
     runs = found.reindex(index=range(worlds), columns=range(len(edges) - 1))
     runs.loc[~runs.index.isin(found.index)] = worst
     return Blocks(edges, runs.to_numpy(dtype=float), bounds)

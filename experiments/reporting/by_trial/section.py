@@ -2,7 +2,6 @@
 
 from itertools import pairwise
 
-import numpy as np
 import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
@@ -11,10 +10,8 @@ from experiments.reporting.by_trial.estimates import (
     COARSE,
     FINE,
     LOOKS,
-    Blocks,
     blocks,
     edges_of,
-    event_trials,
     seconds_at,
     trial_costs,
 )
@@ -28,27 +25,25 @@ from experiments.reporting.finished_suite import (
     about,
     where_it_stands,
     with_cost,
+    worlds_of,
 )
 from experiments.reporting.pages import Section, summary_row
-from experiments.reporting.pages.headline import in_words
 from experiments.reporting.pages.perturbations_in_words import again_and_again, knocks
 from experiments.reporting.pages.style import drawn_in_words, save
-from experiments.reporting.tables import Table, number, percent
-from experiments.statistics import Array, interquartile_mean
+from experiments.reporting.tables import Table, number, percent, with_most
+from experiments.statistics import most_worlds
 
 _HOW_TO_READ = (
-    "The agents' own trials, in which they learn. Every number: each world's mean over the trials of a "
-    "block, then the mean over worlds (and the interquartile mean), with a 95 % interval over worlds. "
-    f"{SUCCESS_IN_WORDS} Rendezvous: the last observation was within it. A "
-    "trial without a rendezvous counts as the cap in motions, and as going on to it at its own pace in "
-    "robot seconds. Robot seconds are means where a look (settling and evaluating both images, after each "
-    f"motion and after the way home) takes {LOOKS[0]:g} to {LOOKS[-1]:g} s: the paper tells none, so they "
-    "confirm none of its seconds. A run that did not finish counts as no success, as the cap, and as "
-    "so many motions of a full turn. Blocks begin anew where the schedule perturbs the world."
+    "The agents' own trials, in which they learn. Motions a reach: each world's mean over the trials of a "
+    "block, then the median world, and in brackets the 10th to the 90th percentile of worlds (of fewer "
+    f"than 20 the lowest and the highest). Rendezvous, {SUCCESS_IN_WORDS.lower()[:-1]}: means over worlds "
+    "with 95 % intervals. A trial without a rendezvous counts as the cap in motions, and as going on to "
+    "it at its own pace in robot seconds. Robot seconds are of the median world where a look (settling "
+    f"and evaluating both images, after each motion and after the way home) takes {LOOKS[0]:g} to "
+    f"{LOOKS[-1]:g} s: the paper tells none, so they confirm none of its seconds. A run that did not "
+    "finish counts as no success, as the cap, and as so many motions of a full turn. Blocks begin anew "
+    "where the schedule perturbs the world."
 )
-
-
-_IQM = f"{MOTIONS}_iqm"
 
 
 def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
@@ -58,58 +53,66 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
     labels = tuple(agent.label for agent in suite.agents_in(scenario))
     costs = trial_costs(with_cost(finished.results, scenario), scenario)
     fine = edges_of(scenario, FINE)
-    lines = lines_of(suite.agents)
-    agents = suite.agents_in(scenario)
-    own = where_it_stands(scenario, "The agents' own trials", suite.worlds)
+    of, agents = lines_of(suite.agents), suite.agents_in(scenario)
+    worlds = [worlds_of(suite, label) for label in labels]
+    own = where_it_stands(scenario, "The agents' own trials", *worlds)
     figure = trial_curves(
         _title(scenario),
         [
-            (each, blocks(costs, each.label, MOTIONS, suite.worlds, fine, cap), lines[each.label])
-            for each in agents
+            (each, blocks(costs, each.label, MOTIONS, amount, fine, cap), of[each.label])
+            for each, amount in zip(agents, worlds, strict=True)
         ],
         cap,
         knocks(scenario) or (),
-        f"{own} {drawn_in_words(suite.worlds, len(agents))}",
+        f"{own} {drawn_in_words(min(worlds), len(agents))}",
     )
     name = f"{scenario.name}-trials"
     coarse = edges_of(scenario, COARSE)
-    band = f"robot seconds per reach, {LOOKS[0]:g} – {LOOKS[-1]:g} s a look"
-    columns = ["trials", "agent", "motions per reach", "interquartile mean", band, "success", "rendezvous"]
-    rows, summary = [], []
-    motions = {label: blocks(costs, label, MOTIONS, suite.worlds, coarse, cap) for label in labels}
     of_agent = {
         label: {
-            measure: blocks(costs, label, measure, suite.worlds, coarse, cap).estimates()
+            measure: blocks(costs, label, measure, worlds_of(suite, label), coarse, cap)
             for measure in measures
         }
-        | {_IQM: motions[label].estimates(interquartile_mean)}
         for label in labels
     }
+    estimates = {
+        label: {measure: each.estimates() for measure, each in of_blocks.items()}
+        for label, of_blocks in of_agent.items()
+    }
+    lines, intervals, summary = [], [], []
     for i, (first, end) in enumerate(pairwise(coarse)):
-        for label, found in of_agent.items():
-            block, of_block = span(first, end), {measure: each[i] for measure, each in found.items()}
-            seconds = [of_block[seconds_at(look)].value for look in (LOOKS[0], LOOKS[-1])]
-            rows.append(
+        for label, of_blocks in of_agent.items():
+            block, motions = span(first, end), of_blocks[MOTIONS].runs[:, i]
+            found = {measure: each[i] for measure, each in estimates[label].items()}
+            seconds = [found[seconds_at(look)].value for look in (LOOKS[0], LOOKS[-1])]
+            lines.append(
                 [
                     block,
                     label,
-                    number(of_block[MOTIONS], 2),
-                    number(of_block[_IQM], 2),
-                    " – ".join(f"{each:.1f}" for each in seconds),
-                    percent(of_block[SUCCESS], 1),
-                    percent(of_block[RENDEZVOUS], 1),
+                    with_most(found[MOTIONS].value, most_worlds(motions), ".1f"),
+                    " – ".join(f"{each:,.0f}" for each in seconds),
+                    f"{found[RENDEZVOUS].value:.1%}".replace("%", " %"),
                 ]
             )
+            shares = (percent(found[share], 1) for share in (RENDEZVOUS, SUCCESS))
+            intervals.append([block, label, number(found[MOTIONS], 2), *shares])
             summary += [
-                summary_row(scenario.name, "by_trial", label, block, measure, each, suite.worlds)
-                for measure, each in of_block.items()
+                summary_row(scenario.name, "by_trial", label, block, measure, each, len(motions))
+                for measure, each in found.items()
             ]
+    band = f"robot seconds, {LOOKS[0]:g} – {LOOKS[-1]:g} s a look"
+    shown = pd.DataFrame(lines, columns=["trials", "agent", "motions a reach", band, "rendezvous"])
+    detailed = pd.DataFrame(
+        intervals, columns=["trials", "agent", "motions a reach", "rendezvous", "success"]
+    )
     return Section(
-        title=f"Scenario {scenario.name}, trial by trial",
-        said=in_words(finished, scenario, MOTIONS, _decisive(scenario, coarse, motions)),
-        text=about(suite, scenario),
+        title=f"{scenario.name}: trial by trial",
+        text=about(finished, scenario),
         figures={name: save(figure, finished.out / "figures", name)},
-        table=Table("by_trial", scenario.name, pd.DataFrame(rows, columns=columns)),
+        tables=(
+            Table(f"{scenario.name}-trials", f"{scenario.name}, trial by trial", shown),
+            Table(f"{scenario.name}-trials-intervals", f"{scenario.name}, with intervals", detailed),
+        ),
         note=_HOW_TO_READ,
         summary=summary,
     )
@@ -122,19 +125,3 @@ def _title(scenario: ScenarioConfig) -> str:
     ]
     title = f"Motions a reach (a failure counts as {scenario.env.max_episode_steps})"
     return "\n".join([title, *filter(None, always)])
-
-
-def _decisive(
-    scenario: ScenarioConfig, edges: Array, motions: dict[str, Blocks]
-) -> dict[str, dict[str, "pd.Series[float]"]]:
-    """Each world's motions per reach in the blocks before and after the first event, and in the last one."""
-    shown = {len(edges) - 2: "at the end"}
-    if events := [event for event in event_trials(scenario) if event > 0]:
-        first = int(np.searchsorted(edges, min(events)))
-        shown = {first - 1: "before the first perturbation", first: "right after it"} | shown
-    return {
-        f"{when} (trials {span(edges[i], edges[i + 1])})": {
-            label: pd.Series(of_agent.runs[:, i]) for label, of_agent in motions.items()
-        }
-        for i, when in shown.items()
-    }

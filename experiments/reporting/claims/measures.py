@@ -2,19 +2,18 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 import pandas as pd
 
 from experiments.config.claims import Criterion, TrialsOf
 from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
-from experiments.reporting.by_trial.estimates import seconds_per_reach, slowest_seconds
-from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost
+from experiments.reporting.by_trial.estimates import seconds_per_reach
+from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost, worlds_of
+from experiments.reporting.held_out.clocks import with_clocks
 from experiments.statistics import (
     Estimate,
     mean_share,
-    median,
-    over_worlds,
-    paired_difference,
+    median_world,
+    paired_motions,
     paired_shares,
     relative_change,
 )
@@ -42,20 +41,21 @@ class Measured:
 def measured(results: pd.DataFrame, suite: Suite, criterion: Criterion) -> Measured | None:
     """What a criterion's number is; None where a run that it is about has not finished.
 
-    It is the mean over worlds of shares and differences, and the median over worlds of motions and seconds:
-    one unseen world of 60 motions would rule the interval of their mean. A world without such trials, as
+    It is the mean over worlds of shares and of their differences, and the median over worlds of motions and
+    seconds, and of their differences in the same worlds. A world without such trials, as
     where a lifetime was over before, is left out; None where none is left.
     """
     part = _part(suite, criterion.of)
     rows = [_rows(results, _part(suite, trials), trials) for trials in criterion.trials()]
-    if any(of_agent["world"].nunique() < suite.worlds for of_agent in rows):
-        return None
+    for of_agent, trials in zip(rows, criterion.trials(), strict=True):
+        if of_agent["world"].nunique() < worlds_of(suite, trials.agent):
+            return None
     chosen = [_chosen(*each) for each in zip(rows, criterion.trials(), strict=True)]
     if criterion.measure == "kept":
-        return _estimate(_kept(*chosen), criterion, part)
+        return _estimate(_kept(*chosen), criterion)
     values = [_by_world(trials, part, criterion) for trials in chosen]
     if criterion.than is None:
-        return _estimate(values[0], criterion, part)
+        return _estimate(values[0], criterion)
     both = values[0].index.intersection(values[1].index)
     if both.empty:
         return None
@@ -63,8 +63,8 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Criterion) -> Measu
     if criterion.relative:
         return Measured(relative_change(others, mine), len(both))
     if is_share(criterion):
-        return Measured(paired_shares(mine, others, np.random.default_rng(0)), len(both))
-    return Measured(paired_difference(mine, others), len(both))
+        return Measured(paired_shares(mine, others), len(both))
+    return Measured(paired_motions(mine, others), len(both))
 
 
 def is_share(criterion: Criterion) -> bool:
@@ -89,9 +89,11 @@ def _chosen(rows: pd.DataFrame, trials: TrialsOf) -> pd.DataFrame:
     if trials.value is not None:
         in_view = rows["in_view"].fillna(False).astype(bool)
         return rows[(rows["phase"] == "sweep") & in_view & (rows["value"] == trials.value)]
-    held_out = rows[(rows["phase"] == "eval") & (rows["lifetime_motions"] >= (trials.motions or 0))]
-    first_checkpoint = held_out.groupby("world")["lifetime_motions"].transform("min")
-    return held_out[held_out["lifetime_motions"] == first_checkpoint]
+    held_out = with_clocks(rows)
+    held_out = held_out[held_out["lifetime_motions"] >= (trials.motions or 0)]
+    for clock in ("lifetime_motions", "stretch"):  # right before a change, where it comes just then
+        held_out = held_out[held_out[clock] == held_out.groupby("world")[clock].transform("min")]
+    return held_out
 
 
 def _by_world(
@@ -127,13 +129,8 @@ def _kept(now: pd.DataFrame, then: pd.DataFrame) -> "pd.Series[float]":
     return both.loc[both["then"], "now"].groupby("world").mean().astype(float)
 
 
-def _estimate(
-    values: "pd.Series[float]", criterion: Criterion, part: ScenarioConfig | SweepConfig
-) -> Measured | None:
+def _estimate(values: "pd.Series[float]", criterion: Criterion) -> Measured | None:
     if values.empty:
         return None
-    found, cap = values.to_numpy(), part.env.max_episode_steps
-    if is_share(criterion):
-        return Measured(mean_share(found, np.random.default_rng(0)), len(found))
-    bounds = (0.0, slowest_seconds(cap, criterion.look)) if criterion.look else (1.0, float(cap))
-    return Measured(over_worlds(found, median, bounds, np.random.default_rng(0)), len(found))
+    found = values.to_numpy()
+    return Measured(mean_share(found) if is_share(criterion) else median_world(found), len(found))

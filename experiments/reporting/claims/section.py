@@ -26,19 +26,16 @@ _MEASURES = {
     "as_expected": f"where it tells what it expects, it is right about its first motion's {EXPECTED_PX} px",
     "kept": f"trials of at most {FEW_MOTIONS} motions that stay so",
 }
-_WORDS = "claim, or answer to a question"
 _HOW_TO_READ = (
     "Thresholds stand in the configuration. Each number has its 95 % interval over worlds: shares are "
     "means over worlds, motions and seconds medians over worlds of each world's mean. Where two are "
-    "compared, it is the mean of the paired differences in the same worlds, with a t interval (which "
-    "held the truth in 90 % of simulated samples of 20 worlds where one world in ten is bad for one "
-    "alone); a change is that of the mean over worlds, as a share of what it was. Confirmed: the whole "
-    "interval meets the criterion. Not confirmed: none of it does. Mixed: neither, or the criteria of a "
-    "claim differ. Untested: a run has not finished, no world has such trials, or there are fewer than "
-    "20 worlds. Questions are what the paper leaves open; judged is the answer that it suggests. "
-    f"{SUCCESS_IN_WORDS} Rendezvous: the last observation was. "
-    "Motions a reach: without a rendezvous the cap. A world whose lifetime was over before such trials "
-    "is left out."
+    "compared, it is in the same worlds: the mean of the differences of shares, the median of those of "
+    "motions; a change is that of the mean over worlds, as a share of what it was, with a t interval. "
+    "Confirmed: the whole interval meets the criterion. Not confirmed: none of it does. Mixed: neither, "
+    "or the criteria of a claim differ. Untested: a run has not finished, no world has such trials, or "
+    "there are fewer than 20 worlds. Questions are what the paper leaves open; judged is the answer that "
+    f"it suggests. {SUCCESS_IN_WORDS} Rendezvous: the last observation was. Motions a reach: without a "
+    "rendezvous the cap. A world whose lifetime was over before such trials is left out."
 )
 
 
@@ -47,22 +44,23 @@ def claims_section(judged: Sequence[Judged]) -> Section:
     rows, summary = [], []
     for each in judged:
         claim = each.claim
-        head = [claim.words, claim.kind, claim.section, str(each.verdict)]
         judgements = zip(claim.criteria, each.found, each.verdicts, strict=True)
         for i, (criterion, found, verdict) in enumerate(judgements):
-            worlds = found.worlds if found else 0
-            cells = [described(criterion), number_of(criterion, found), threshold(criterion), str(verdict)]
-            rows.append([*head, *cells, worlds])
-            head = [""] * len(head)
+            name = "" if i else claim.name.replace("_", " ")
+            must_be = threshold(criterion)
+            rows.append([name, described(criterion), number_of(criterion, found), must_be, str(verdict)])
             where = criterion.of.scenario, "claims", criterion.of.agent, f"{claim.name}.{i}"
-            measure = f"{criterion.measure}: {verdict}"
+            measure, worlds = f"{criterion.measure}: {verdict}", found.worlds if found else 0
             summary.append(summary_row(*where, measure, found.estimate if found else None, worlds))
-    columns = [_WORDS, "kind", "section", "verdict", "criterion", "measured", "must be", "so", "worlds"]
+    columns = ["claim or question", "criterion", "measured", "must be", "verdict"]
     remarks = " ".join(f"{each.claim.words} {each.claim.remark}" for each in judged if each.claim.remark)
     return Section(
         title="The paper's claims",
-        said=in_words(judged),
-        table=Table("claims", "Claims", pd.DataFrame(rows, columns=columns)),
+        text=" ".join(in_words(judged)),
+        tables=(
+            verdict_table(judged),
+            Table("claims", "What was measured", pd.DataFrame(rows, columns=columns)),
+        ),
         note=f"{_HOW_TO_READ} {remarks}".strip(),
         summary=summary,
     )
@@ -70,8 +68,17 @@ def claims_section(judged: Sequence[Judged]) -> Section:
 
 def verdict_table(judged: Sequence[Judged]) -> Table:
     """Each claim and its verdict."""
-    rows = [[each.claim.words, each.claim.kind, each.claim.section, str(each.verdict)] for each in judged]
-    columns = [_WORDS, "kind", "section", "verdict"]
+    rows = [
+        [
+            each.claim.name.replace("_", " "),
+            each.claim.words,
+            each.claim.kind,
+            each.claim.section,
+            str(each.verdict),
+        ]
+        for each in judged
+    ]
+    columns = ["claim or question", "in words", "kind", "section", "verdict"]
     return Table("verdicts", "Verdicts", pd.DataFrame(rows, columns=columns))
 
 

@@ -9,7 +9,7 @@ from PIL import Image
 
 from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import FinishedSuite
-from experiments.reporting.report import MARKDOWN, PAGE, write_report
+from experiments.reporting.report import FILMS, PAGE, write_report
 from experiments.reporting.results_file import RESULTS, TIMES, read_finished
 from experiments.running.versions import commit, is_of_no_commit, versions
 
@@ -38,7 +38,7 @@ def keep(out: Path, kept: Path) -> Path:
     partial, old = (kept / f".{target.name}.{what}" for what in ("partial", "old"))
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    for name in (RESULTS, TIMES):
+    for name in (RESULTS, TIMES, *(film for film in FILMS if (out / film).exists())):
         shutil.copyfile(out / name, partial / name)
     write_report(replace(finished, out=partial))
     (partial / PAGE).unlink()
@@ -77,8 +77,8 @@ def _refuse(finished: FinishedSuite, target: Path) -> None:
             raise ConfigError(f"{whose} files that no commit has ({found}); commit them, and run it again")
     if (code := finished.versions["code"]) != (now := versions()["code"]):
         raise ConfigError(f"{out} was made by other code ({code}, here it is {now}); run it again")
-    if target.exists() and not (target / MARKDOWN).exists():
+    if target.exists() and not (target / RESULTS).exists():
         raise ConfigError(
-            f"{target} holds kept results that are no suite's ({MARKDOWN} is missing); give the suite "
+            f"{target} holds kept results that are no suite's ({RESULTS} is missing); give the suite "
             "another name"
         )

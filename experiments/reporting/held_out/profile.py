@@ -1,6 +1,5 @@
 """Performance profiles: the share of trials that end within so many pixels of the object."""
 
-import numpy as np
 import pandas as pd
 
 from experiments.config.suite import ScenarioConfig
@@ -32,18 +31,24 @@ def profile_section(
     ends = {agent: of["at the end"] for agent, of in found.items() if "at the end" in of}
     lines, summary = [], []
     for agent, moment in ends.items():
-        profile = performance_profile(moment.errors_px, THRESHOLDS_PX, np.random.default_rng(0))
+        profile = performance_profile(moment.errors_px, THRESHOLDS_PX)
         lines.append([agent, *map(percent, profile)])
         where = scenario.name, "profile", agent
         summary += [
-            summary_row(*where, f"{px} px", "within", share, finished.suite.worlds)
+            summary_row(*where, f"{px} px", "within", share, len(moment.worlds))
             for px, share in zip(THRESHOLDS_PX, profile, strict=True)
         ]
     columns = ["agent", *(f"within {px} px" for px in THRESHOLDS_PX)]
     return Section(
-        title=f"Scenario {scenario.name}, errors at the end",
-        text=f"Performance profiles.{few_worlds(finished.suite)}",
-        table=Table("profile", f"{scenario.name}, errors", pd.DataFrame(lines, columns=columns)),
+        title=f"{scenario.name}: errors at the end",
+        text=f"Performance profiles.{few_worlds(finished, scenario)}",
+        tables=(
+            Table(
+                f"{scenario.name}-profile",
+                f"{scenario.name}, errors at the end",
+                pd.DataFrame(lines, columns=columns),
+            ),
+        ),
         note=_HOW_TO_READ,
         summary=summary,
     )

@@ -11,31 +11,27 @@ from experiments.reporting.finished_suite import (
     FinishedSuite,
     about,
     with_cost,
+    worlds_of,
 )
 from experiments.reporting.held_out.checkpoints import checkpoint_section
 from experiments.reporting.held_out.comparison import comparison_section
-from experiments.reporting.held_out.estimates import Moment, moments
+from experiments.reporting.held_out.estimates import MOMENTS, Moment, moments
 from experiments.reporting.held_out.profile import profile_section
 from experiments.reporting.held_out.thresholds import threshold_section
 from experiments.reporting.learning_picture import learning_picture
 from experiments.reporting.pages import Section, SummaryRow, summary_row
-from experiments.reporting.pages.headline import in_words
+from experiments.reporting.pages.head_table import head_part
 from experiments.reporting.pages.style import save
-from experiments.reporting.tables import Table, number, percent
-
-MOMENTS = ("before", "right after", "at the end")
-"""Of a lifetime, in which the world is perturbed."""
+from experiments.reporting.tables import NOTHING, Table, number, percent, with_most
+from experiments.statistics import most_worlds
 
 _HOW_TO_READ = (
-    "Before: the last held-out trials before a run's first perturbation. Right after: the first ones "
-    "in the perturbed world. Worlds: runs that finished and came to that moment; lifetime motions: "
-    "the fewest and the most among them. "
-    f"{SUCCESS_IN_WORDS} Rendezvous: the last observation was. "
-    "Motions per reach: a trial without a rendezvous counts as the cap; "
-    "then the interquartile mean over worlds, the mean of the worst tenth of those met, and "
-    "the mean over trials with a rendezvous alone. All are means over worlds of each world's mean, "
-    "but where said, with 95 % intervals over worlds. Distance: median true distance at the end of a "
-    "trial. A run that did not finish counts as no success and as the cap; it has no distance."
+    "Before: the last held-out trials before the world first changes. Right after: the first ones in the "
+    "changed world. Motions a reach: the median world, a trial without a rendezvous counting as the cap; "
+    "in brackets the 10th to the 90th percentile of worlds (of fewer than 20 the lowest and the highest). "
+    "Rendezvous, the share of trials that end with an observed one, and motions of those trials alone are "
+    "two numbers: each has its 95 % interval over worlds, of the mean and of the median. "
+    f"{SUCCESS_IN_WORDS} A run that did not finish counts as no success and as the cap."
 )
 
 
@@ -44,12 +40,12 @@ def scenario_sections(finished: FinishedSuite, scenario: ScenarioConfig) -> list
     rows = with_cost(finished.results, scenario)
     suite, cap = finished.suite, scenario.env.max_episode_steps
     labels = tuple(agent.label for agent in suite.agents_in(scenario))
-    found = {label: moments(rows, label, suite.worlds, cap) for label in labels}
+    found = {label: moments(rows, label, worlds_of(suite, label), cap) for label in labels}
     sections = [_curves_and_moments(finished, scenario, found)]
-    if any("at the end" in of_agent for of_agent in found.values()):
+    if any(of_agent for of_agent in found.values()):
         sections.append(checkpoint_section(finished, scenario, rows))
-        sections.append(profile_section(finished, scenario, found))
         sections.append(threshold_section(finished, scenario, rows))
+        sections.append(profile_section(finished, scenario, found))
     if len(labels) > 1:
         sections.append(comparison_section(finished, scenario, found))
     return sections
@@ -58,83 +54,60 @@ def scenario_sections(finished: FinishedSuite, scenario: ScenarioConfig) -> list
 def _curves_and_moments(
     finished: FinishedSuite, scenario: ScenarioConfig, found: dict[str, dict[str, Moment]]
 ) -> Section:
-    suite, name = finished.suite, f"{scenario.name}-held-out"
+    name, figures = f"{scenario.name}-held-out", {}
+    if scenario != head_part(finished):  # that one has it above
+        figures[name] = save(learning_picture(finished, scenario), finished.out / "figures", name)
     return Section(
-        title=f"Scenario {scenario.name}",
-        said=_said(finished, scenario, found),
-        text=about(suite, scenario),
-        figures={name: save(learning_picture(finished, scenario), finished.out / "figures", name)},
-        table=_table(found, scenario, suite.worlds),
+        title=f"{scenario.name}: held-out trials",
+        text=about(finished, scenario),
+        figures=figures,
+        tables=(_moments(found, finished, scenario), _intervals(found, scenario)),
         note=_HOW_TO_READ,
-        summary=_summary(found, scenario, suite.worlds),
+        summary=_summary(found, scenario),
     )
 
 
-def _said(
-    finished: FinishedSuite, scenario: ScenarioConfig, found: dict[str, dict[str, Moment]]
-) -> tuple[str, ...]:
-    scores = {
-        f"{name}{_MORE.get(name, '')}": {
-            label: of_agent[name].worlds[MOTIONS] for label, of_agent in found.items() if name in of_agent
-        }
-        for name in MOMENTS
-    }
-    return in_words(finished, scenario, MOTIONS, {when: each for when, each in scores.items() if each})
-
-
-_MORE = {"before": " the first perturbation", "right after": " it"}
-_COLUMNS = (
-    "agent",
-    "when",
-    "worlds",
-    "lifetime motions",
-    "success",
-    "rendezvous",
-    "motions per reach",
-    "interquartile mean",
-    "worst tenth",
-    "among reached",
-    "distance (mm)",
-)
-
-
-def _table(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig, worlds: int) -> Table:
-    rows = []
-    for agent, of_agent in found.items():
+def _moments(found: dict[str, dict[str, Moment]], finished: FinishedSuite, scenario: ScenarioConfig) -> Table:
+    lines = []
+    for label, of_agent in found.items():
+        worlds = worlds_of(finished.suite, label)
         if not of_agent:
-            cap = f"{scenario.env.max_episode_steps}"
-            shown = ["no run finished", f"0 of {worlds}", "–", "0 %", "0 %", cap, cap, cap, "–", "–"]
-            rows.append([agent, *shown])
+            lines.append([label, "no run finished", f"0 of {worlds}", NOTHING, NOTHING])
         for name, moment in _in_order(of_agent):
-            among, motions = moment.among_reached(), moment.motions()
-            rows.append(
-                [
-                    agent,
-                    name,
-                    f"{moment.finished} of {worlds}",
-                    _range(*moment.lifetime_motions),
-                    percent(moment.share(SUCCESS)),
-                    percent(moment.share(RENDEZVOUS)),
-                    *map(number, (motions[MOTIONS], motions[f"{MOTIONS}_iqm"])),
-                    f"{motions[f'{MOTIONS}_worst_decile'].value:.1f}",
-                    "–" if among is None else number(among),
-                    f"{moment.distance_mm:.0f}",
-                ]
-            )
-    return Table("held_out", scenario.name, pd.DataFrame(rows, columns=list(_COLUMNS)))
+            motions = moment.worlds[MOTIONS].to_numpy()
+            shown = with_most(moment.motions().value, most_worlds(motions), ".1f")
+            share = f"{moment.share(RENDEZVOUS).value:.0%}".replace("%", " %")
+            lines.append([label, name, f"{moment.finished} of {worlds}", shown, share])
+    columns = ["agent", "when", "worlds", "motions a reach", "rendezvous"]
+    return Table(f"{scenario.name}-moments", scenario.name, pd.DataFrame(lines, columns=columns))
 
 
-def _summary(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig, worlds: int) -> list[SummaryRow]:
+def _intervals(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig) -> Table:
+    lines = [
+        [
+            label,
+            name,
+            percent(moment.share(RENDEZVOUS)),
+            number(moment.among_reached()),
+            percent(moment.share(SUCCESS)),
+        ]
+        for label, of_agent in found.items()
+        for name, moment in _in_order(of_agent)
+    ]
+    columns = ["agent", "when", "rendezvous", "motions of those that reached", "success"]
+    title = f"{scenario.name}, with intervals"
+    return Table(f"{scenario.name}-intervals", title, pd.DataFrame(lines, columns=columns))
+
+
+def _summary(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig) -> list[SummaryRow]:
     rows = []
-    for agent, of_agent in found.items():
+    for label, of_agent in found.items():
         for name, moment in _in_order(of_agent):
-            where = scenario.name, "held_out", agent, name
-            numbers = {SUCCESS: moment.share(SUCCESS), RENDEZVOUS: moment.share(RENDEZVOUS)}
+            where, worlds = (scenario.name, "held_out", label, name), len(moment.worlds)
             rows += [
-                *(
-                    summary_row(*where, measure, each, len(moment.worlds))
-                    for measure, each in {**numbers, **moment.motions()}.items()
-                ),
+                summary_row(*where, SUCCESS, moment.share(SUCCESS), worlds),
+                summary_row(*where, RENDEZVOUS, moment.share(RENDEZVOUS), worlds),
+                summary_row(*where, MOTIONS, moment.motions(), worlds),
                 summary_row(
                     *where,
                     f"{MOTIONS}_among_reached",
@@ -148,7 +121,3 @@ def _summary(found: dict[str, dict[str, Moment]], scenario: ScenarioConfig, worl
 
 def _in_order(found: dict[str, Moment]) -> list[tuple[str, Moment]]:
     return [(name, found[name]) for name in MOMENTS if name in found]
-
-
-def _range(low: int, high: int) -> str:
-    return f"{low:,}" if low == high else f"{low:,} – {high:,}"

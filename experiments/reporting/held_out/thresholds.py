@@ -1,35 +1,26 @@
-"""After how many motions an agent is good, and how good it stays: thresholds and last checkpoints."""
-
-import math
+"""After how many motions an agent is good."""
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from experiments.config.suite import ScenarioConfig
-from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, FinishedSuite, few_worlds
-from experiments.reporting.held_out.checkpoints import with_clocks
-from experiments.reporting.held_out.estimates import LAST, last_checkpoints
+from experiments.reporting.finished_suite import RENDEZVOUS, FinishedSuite, few_worlds, worlds_of
+from experiments.reporting.held_out.clocks import with_clocks
 from experiments.reporting.pages import Section, summary_row
-from experiments.reporting.tables import Table, number, percent
-from experiments.statistics import Array, Estimate, median_time, restricted_mean_time
+from experiments.reporting.tables import NOTHING, Table, number
+from experiments.statistics import Array, median_time
 
 GOOD = 0.95
 """Share of a checkpoint's trials with an observed rendezvous."""
-_STRETCHES = ("from the beginning", "after the first perturbation")
+BEGINNING, AFTER = _STRETCHES = ("from the beginning", "after the first change")
 _HOW_TO_READ = (
-    f"Motions until the first checkpoint at which {GOOD:.0%} of the held-out trials end with an "
-    "observed rendezvous, as they do on average from there to the end of the stretch (an agent that "
-    "jumps has lucky checkpoints, which do not count). Times are those of checkpoints: no finer than "
-    "their distance. From the beginning of the lifetime, and from the first perturbation. A "
-    "world whose lifetime, or the time until its next perturbation, ends before that is "
-    "right-censored. Median: by Kaplan and Meier, ∞ where more than half of the worlds do not come to "
-    "it. Restricted mean: a world counts at most as the longest time that was looked at, of any agent. Last "
-    f"checkpoints: each world's median over its last {LAST}, then the median over worlds: an agent "
-    "that jumps from one checkpoint to the next is not judged by a single one. 95 % intervals over "
-    "worlds."
+    f"Motions lived until the first checkpoint at which {GOOD:.0%} of the held-out trials end with an "
+    "observed rendezvous, as they do on average from there to the next change or the end (a lucky "
+    "checkpoint does not count). Times are those of checkpoints: no finer than their distance. Median: "
+    "over worlds, by Kaplan and Meier, since a life may end before; ∞ where half of the worlds do not "
+    "come to it. Brackets: 95 % intervals."
 ).replace("%", " %", 1)
-
 
 Times = tuple[Array, NDArray[np.bool_], float]
 
@@ -69,54 +60,27 @@ def _first_good(rows: pd.DataFrame, failed: int) -> Times:
 
 
 def threshold_section(finished: FinishedSuite, scenario: ScenarioConfig, rows: pd.DataFrame) -> Section:
-    """Motions to the threshold, and medians over the last checkpoints."""
-    worlds = finished.suite.worlds
+    """Motions to the threshold, from the beginning and after the first change."""
     lines, summary = [], []
-    labels = [agent.label for agent in finished.suite.agents_in(scenario)]
-    found_times = {label: times_to_good(rows, label, worlds) for label in labels}
-    horizons = {
-        name: max(of[name][2] for of in found_times.values() if name in of)
-        for name in _STRETCHES
-        if any(name in of for of in found_times.values())
-    }
-    for agent in labels:
-        found: dict[str, Estimate] = {}
+    for label in (agent.label for agent in finished.suite.agents_in(scenario)):
+        times = times_to_good(rows, label, worlds_of(finished.suite, label))
         cells = []
-        times = found_times[agent]
         for name in _STRETCHES:
             if name not in times:
-                cells += ["–", "–", "–"]
+                cells += [NOTHING, NOTHING]
                 continue
             at, good, _ = times[name]
-            middle = median_time(at, good, np.random.default_rng(0))
-            mean = restricted_mean_time(at, good, horizons[name], np.random.default_rng(0))
-            found |= {f"median {name}": middle, f"restricted mean {name}": mean}
-            cells += [f"{int(good.sum())} of {len(good)}", _motions(middle), _motions(mean)]
-        for measure, form in ((SUCCESS, percent), (RENDEZVOUS, percent), (MOTIONS, number)):
-            last = last_checkpoints(rows, agent, measure, worlds, scenario)
-            found[f"{measure} of the last checkpoints"] = last
-            cells.append(form(last))
-        lines.append([agent, *cells])
-        where = scenario.name, "threshold", agent, "lifetime"
-        summary += [summary_row(*where, measure, each, worlds) for measure, each in found.items()]
+            median = median_time(at, good)
+            cells += [f"{int(good.sum())} of {len(good)}", number(median, 0)]
+            summary.append(summary_row(scenario.name, "threshold", label, name, "median", median, len(good)))
+        lines.append([label, *cells])
     threshold = f"{GOOD:.0%}".replace("%", " %")
-    heads = (f"worlds at {threshold}", "median", "restricted mean")
-    columns = [
-        "agent",
-        *(f"{what}, {name}" for name in _STRETCHES for what in heads),
-        *(f"{what}, last checkpoints" for what in ("success", "rendezvous", "motions per reach")),
-    ]
+    columns = ["agent", *(f"{what}, {name}" for name in _STRETCHES for what in ("worlds", "median"))]
+    title = f"{scenario.name}, motions lived until {threshold} rendezvous"
     return Section(
-        title=f"Scenario {scenario.name}, motions to {threshold} rendezvous",
-        text=f"How soon each agent is good, and whether it stays so.{few_worlds(finished.suite)}",
-        table=Table("threshold", f"{scenario.name}, threshold", pd.DataFrame(lines, columns=columns)),
+        title=f"{scenario.name}: motions lived until {threshold} rendezvous",
+        text=f"How soon each agent is good.{few_worlds(finished, scenario)}",
+        tables=(Table(f"{scenario.name}-threshold", title, pd.DataFrame(lines, columns=columns)),),
         note=_HOW_TO_READ,
         summary=summary,
     )
-
-
-def _motions(found: Estimate) -> str:
-    value, low, high = (
-        "∞" if math.isinf(part) else f"{part:,.0f}" for part in (found.value, found.low, found.high)
-    )
-    return f"{value} [{low}, {high}]"

@@ -1,6 +1,8 @@
 """A part of a page: text, tables, figures and code."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from experiments.reporting.tables import Table
@@ -33,25 +35,44 @@ class Section:
 
     Attributes:
         title: Heads it.
-        said: What it comes to, in sentences that stand at the head of the page.
         text: Stands below the title.
         figures: By the names of their files.
-        table: Stands below the figures.
-        note: How to read figures and table.
+        tables: Stand below the figures, each under its title where there are several.
+        note: How to read figures and tables.
         code: Stands at the end.
         alarming: Whether the reader must see it first.
-        summary: The numbers of the table and their intervals, one a row; see `report.write_report`.
+        summary: The numbers of the tables and their intervals, one a row; see `report.write_report`.
     """
 
     title: str
-    said: tuple[str, ...] = ()
     text: str = ""
     figures: dict[str, Drawing] = field(default_factory=dict)
-    table: Table | None = None
+    tables: tuple[Table, ...] = ()
     note: str = ""
     code: str = ""
     alarming: bool = False
     summary: list[SummaryRow] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """What a page says in a minute.
+
+    Attributes:
+        title: Names the suite.
+        question: What it asks.
+        figures: The one picture, by the name of its file.
+        table: The one table.
+        said: What the comparison comes to, in sentences.
+        film: A GIF or PNG of an agent at work.
+    """
+
+    title: str
+    question: str
+    figures: dict[str, Drawing] = field(default_factory=dict)
+    table: Table | None = None
+    said: Sequence[str] = ()
+    film: Path | None = None
 
 
 def summary_row(

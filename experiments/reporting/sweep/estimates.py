@@ -1,6 +1,5 @@
 """From results.parquet to the points of a sweep's curves."""
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +7,7 @@ import pandas as pd
 
 from experiments.config.suite import SweepConfig
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost
-from experiments.statistics import Array, Estimand, Estimate, mean, mean_share, median, over_worlds
+from experiments.statistics import Estimate, mean_share, median_world
 
 _ENOUGH = 0.1
 """Share of the trials that must reach, for their median to mean anything."""
@@ -25,7 +24,7 @@ class Point:
         success: Share of them whose true error at the end is within the tolerance.
         rendezvous: Share of them that end with an observed rendezvous.
         at_once: Share of them that do so by their first motion.
-        motions: Mean per reach; a trial without a rendezvous counts as the cap.
+        motions: Of the median world; a trial without a rendezvous counts as the cap.
         among_reached: Median of those with a rendezvous; None where hardly any has one.
     """
 
@@ -53,24 +52,6 @@ def points(results: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -
     return [_point(rows[rows["value"] == value], value, agent, worlds, cap) for value in sweep.over]
 
 
-def rendezvous_shares(
-    results: pd.DataFrame, sweep: SweepConfig, agent: str, values: Collection[float]
-) -> "pd.Series[float]":
-    """Each world's share of trials with a rendezvous, of those in view at some values.
-
-    Args:
-        results: All rows.
-        sweep: What they are about.
-        agent: Its label. A trial that it did not make, because its run failed, has none.
-        values: Of what is varied.
-    """
-    rows = with_cost(results, sweep)
-    in_view = rows[rows["in_view"].astype(bool) & rows["value"].isin(values)]
-    reached = in_view[RENDEZVOUS].where(in_view["agent"] == agent, 0.0)
-    trials = in_view.drop_duplicates(["world", "value"]).groupby("world").size()
-    return reached.groupby(in_view["world"]).sum() / trials
-
-
 def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int, cap: int) -> Point:
     in_view = rows[rows["in_view"].astype(bool)]
     trials = in_view["world"].nunique() if len(rows) else worlds
@@ -87,13 +68,9 @@ def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int, cap: int) 
         value,
         worlds,
         trials,
-        mean_share(success, np.random.default_rng(0)),
-        mean_share(rendezvous, np.random.default_rng(0)),
+        mean_share(success),
+        mean_share(rendezvous),
         float((reached <= 1).sum()) / trials,
-        _of_motions(motions, mean, cap),
-        _of_motions(reached, median, cap) if len(reached) >= max(1, _ENOUGH * trials) else None,
+        median_world(motions),
+        median_world(reached) if len(reached) >= max(1, _ENOUGH * trials) else None,
     )
-
-
-def _of_motions(motions: Array, estimand: Estimand, cap: int) -> Estimate:
-    return over_worlds(motions, estimand, (1.0, float(cap)), np.random.default_rng(0))

@@ -20,8 +20,7 @@ def test_motions_before_and_after_changes_are_kept_apart():
         motions[t + 3 : t + 8] = 2
     lifetimes = [[replace(RECORD, motions=int(m)) for m in motions]] * 2
     found = changes._after(lifetimes, (3, 8, 0.25), away=0)
-    assert found.pop("motions there, 95 %").startswith("[1.")
-    assert found.pop("success, 95 %").endswith(", 100.00] %")
+    assert found.pop("success, 95 %") == "", "two worlds have no interval"
     before = np.mean([m for t in changes.CHANGES for m in motions[t - 50 : t]])
     assert found == pytest.approx(
         {

@@ -8,7 +8,7 @@ import yaml
 
 from experiments.__main__ import main
 from experiments.reporting.by_arm import section
-from experiments.reporting.by_arm.section import arms_table, many_arms
+from experiments.reporting.by_arm.section import many_arms
 from experiments.reporting.documents.kept_tables import tables_named
 from experiments.reporting.results_file import RESULTS, read_finished
 from tests.arms.own import MODELS
@@ -54,16 +54,15 @@ def test_results_say_what_an_arm_is_and_no_folder(out, tmp_path):
 
 
 def test_the_report_has_one_table_of_arms_whose_numbers_are_those_of_the_trials(out):
-    table, *_ = [
-        section for section in (out / "report.md").read_text().split("\n## ") if "Agents by arms" in section
-    ]
-    assert "| built-in | 1.0 → 1.0; 100.0 % |" in table
+    _, _, table = (out / "report.md").read_text().partition("<summary>Agents by arms</summary>")
+    assert "| arm | agent | trial 1 | trials 2–3 | rendezvous |" in table
+    assert "| built-in | oracle | 1.0 | 1.0 | 100.0 % |" in table
     rows = pd.read_parquet(out / RESULTS)
     mine = rows[(rows["scenario"] == "mine") & (rows["agent"] == "random")]
     motions = mine["motions"].where(mine["rendezvous"] == 1, 60)
-    first, later = (motions[mine["trial"] == 0].mean(), motions[mine["trial"] > 0].mean())
+    of_world = motions.groupby([mine["world"], mine["trial"] > 0]).mean().unstack().median()
     share = f"{mine['rendezvous'].mean():.1%}".replace("%", " %")
-    assert f"{first:.1f} → {later:.1f}; {share}" in table
+    assert f"| mine | random | {of_world[False]:.1f} | {of_world[True]:.1f} | {share} |" in table
     assert (out / "figures" / "arms.png").exists()
     assert "trial by trial" not in (out / "report.md").read_text()
 
@@ -86,10 +85,9 @@ def test_the_figure_has_a_point_for_each_arm_and_agent_which_is_the_median_world
 def test_kept_results_have_the_same_table(out, tmp_path):
     kept = tmp_path / "kept" / "arms"
     kept.mkdir(parents=True)
-    shutil.copy(out / "summary.csv", kept)
-    summary = pd.read_csv(out / "summary.csv", dtype={"moment": str})
-    shown = tables_named("arms/arms", tmp_path / "kept")
-    assert arms_table(summary[summary["table"] == "by_arm"]).markdown() in shown
+    shutil.copy(out / "tables.json", kept)
+    table, _ = tables_named("arms/arms", tmp_path / "kept").split("\n\n")
+    assert table in (out / "report.md").read_text()
 
 
 def test_only_steady_scenarios_with_several_arms_are_set_side_by_side(out):

@@ -15,7 +15,7 @@ from experiments.errors import ConfigError
 from experiments.reporting.claims.measures import Measured, measured
 from experiments.reporting.claims.section import claims_section, described
 from experiments.reporting.claims.verdicts import Judged, Verdict, in_words, judge, verdict_of
-from experiments.statistics import Estimate, mean_share, paired_difference
+from experiments.statistics import Estimate, mean_share, paired_motions
 
 WORLDS, CAP = 20, 60
 
@@ -60,6 +60,7 @@ def rows(agent, motions, scenario="home", phase="eval", lifetime_motions=0, **co
             "value": np.nan,
             "in_view": None,
             "lifetime_motions": lifetime_motions,
+            "motions_since_perturbation": pd.NA,
             "trial": trial,
             "motions": of_trial,
             "robot_seconds": 5.0 * of_trial,
@@ -83,7 +84,7 @@ def test_a_share_is_the_mean_over_worlds_with_its_interval(rng):
     found = measured(
         rows("paper_servo", motions), suite(), Criterion(measure="rendezvous", of=trials_of(), above=0.5)
     )
-    expected = mean_share((motions < CAP).mean(axis=1), np.random.default_rng(0))
+    expected = mean_share((motions < CAP).mean(axis=1))
     assert found.estimate == expected
     assert found.worlds == WORLDS
 
@@ -94,7 +95,7 @@ def test_differences_are_paired_over_worlds(rng):
     results = pd.concat([rows("paper_servo", mine), rows("unified_servo", others)])
     test = Criterion(measure="motions", of=trials_of(), than=trials_of("unified_servo"), below=0)
     found = measured(results, suite(), test).estimate
-    assert found == paired_difference(mine.mean(axis=1), others.mean(axis=1))
+    assert found == paired_motions(mine.mean(axis=1), others.mean(axis=1))
     assert found.high < -2  # although worlds differ by far more than that
     relative = measured(results, suite(), test.model_copy(update={"relative": True})).estimate
     assert relative.value == pytest.approx(mine.mean() / others.mean() - 1)
@@ -118,6 +119,20 @@ def test_trials_are_chosen_by_number_checkpoint_or_value():
             measure="motions", of=TrialsOf(**{"agent": "paper_servo", "scenario": "home", **when}), below=1
         )
         assert measured(results, suite(), test).estimate.value == pytest.approx(expected)
+
+
+def test_held_out_trials_at_a_change_are_those_before_it():
+    before, after = (
+        rows(
+            "paper_servo",
+            np.full((WORLDS, 2), motions),
+            lifetime_motions=100,
+            motions_since_perturbation=since,
+        )
+        for motions, since in ((5, pd.NA), (50, 0))
+    )
+    test = Criterion(measure="motions", of=trials_of(motions=100), below=9)
+    assert measured(pd.concat([after, before]), suite(), test).estimate.value == 5
 
 
 def test_without_all_its_runs_there_is_no_number():
@@ -240,7 +255,9 @@ def test_the_report_says_which_claims_stand():
     asks = [replace(each, claim=each.claim.model_copy(update={"kind": "question"})) for each in judged[:1]]
     assert in_words([*judged[1:], *asks])[1] == "Of 1 questions of the paper 1 is confirmed (it works)."
     section = claims_section(judged)
-    assert [row[3] for row in section.table.rows] == ["confirmed", "not confirmed", "untested"]
+    assert section.text == " ".join(in_words(judged))
+    for table in section.tables:
+        assert [row[-1] for row in table.rows] == ["confirmed", "not confirmed", "untested"]
     assert "rendezvous" in described(works.criteria[0])
     assert len(section.summary) == 3
 

@@ -14,10 +14,10 @@ from experiments.reporting.finished_suite import (
     FinishedSuite,
     with_cost,
 )
-from experiments.reporting.held_out.checkpoints import scores, shown_checkpoints, with_clocks
+from experiments.reporting.held_out.checkpoints import scores, shown_clocks
+from experiments.reporting.held_out.clocks import with_clocks
 from experiments.reporting.held_out.comparison import comparison_section, differences
 from experiments.reporting.held_out.estimates import (
-    last_checkpoints,
     moments,
 )
 from experiments.reporting.held_out.thresholds import times_to_good
@@ -61,12 +61,10 @@ def test_every_run_has_its_own_moments(perturbed_at_different_motions):
     found = moments(perturbed_at_different_motions, "servo", 2, CAP)
     assert list(found) == ["before", "right after", "at the end"]
     assert [m.lifetime_motions for m in found.values()] == [(100, 100), (121, 161), (300, 300)]
-    assert [m.motions()[MOTIONS].value for m in found.values()] == [15, 50, 30]
+    assert [m.motions().value for m in found.values()] == [15, 50, 30]
     assert [m.share(SUCCESS).value for m in found.values()] == [1, 0.5, 1]
     assert [m.finished for m in found.values()] == [2, 2, 2]
     assert [m.among_reached().value for m in found.values()] == [15, 40, 30]
-    worst = [m.motions()[f"{MOTIONS}_worst_decile"].value for m in found.values()]
-    assert worst == pytest.approx([20, 60, 40])
 
 
 def test_failed_runs_are_worst_at_every_moment_but_have_no_distance(perturbed_at_different_motions):
@@ -74,8 +72,7 @@ def test_failed_runs_are_worst_at_every_moment_but_have_no_distance(perturbed_at
     assert [m.share(SUCCESS).value for m in found.values()] == [0.5, 0.25, 0.5]
     assert [m.finished for m in found.values()] == [2, 2, 2]
     assert found["at the end"].distance_mm == 15
-    assert found["before"].motions()[MOTIONS].value == (10 + 20 + 2 * CAP) / 4
-    assert found["before"].motions()[f"{MOTIONS}_iqm"].value == (20 + CAP) / 2
+    assert found["before"].motions().value == (20 + CAP) / 2
     assert found["before"].among_reached().value == 15
     assert (found["before"].errors_px == [[3], [3], [np.inf], [np.inf]]).all()
     assert moments(perturbed_at_different_motions, "sac", 4, CAP) == {}
@@ -110,9 +107,9 @@ def test_differences_are_paired_by_world(perturbed_at_different_motions, scenari
     both = pd.concat([rows, slower])
     servo, slow = (moments(both, agent, 2, CAP)["before"] for agent in ("servo", "slow"))
     found = differences(slow, servo)
-    assert found[MOTIONS].value == found[f"{MOTIONS}_median"].value == 5
+    assert found[MOTIONS].value == 5
     assert found["fewer_motions"].value == 0
-    assert found[SUCCESS].value == 0
+    assert found[RENDEZVOUS].value == 0
     failed = moments(rows, "servo", 4, CAP)["before"]
     assert list(failed.worlds.index) == [0, 1, 2, 3]
     assert differences(failed, servo)[MOTIONS].value == 0
@@ -136,52 +133,48 @@ def test_motions_to_the_threshold_are_right_censored(scenario):
     assert latest == 200
     assert list(times) == [100, 100, 200]  # good, last looked at, failed
     assert list(reached) == [True, False, False]
-    times, reached, latest = found["after the first perturbation"]
+    times, reached, latest = found["after the first change"]
     assert list(times) == [80, 1, 80]
     assert list(reached) == [True, True, False]
     assert times_to_good(rows, "sac", 3) == {}
 
 
-def test_one_bad_checkpoint_does_not_move_the_median_of_the_last(scenario):
-    jumping = [(0, "eval", at, None, at != 300, 10 if at != 300 else 60) for at in range(0, 301, 50)]
-    steady = [(1, "eval", at, None, True, 12) for at in range(0, 301, 50)]
-    rows = table(scenario, *jumping, *steady)
-    assert last_checkpoints(rows, "servo", MOTIONS, 2, scenario).value == 11
+def test_the_checkpoints_right_before_and_after_a_change_have_the_same_motions(scenario):
+    """They are told apart by the motions since a change, the second time by those since the first."""
+    at = [(0, None, 3), (100, None, 4), (100, 0, 50), (200, 100, 5), (200, 0, 40), (300, 100, 6)]
+    rows = table(
+        scenario,
+        *(
+            (world, "eval", lifetime, since, True, motions)
+            for world in (0, 1)
+            for lifetime, since, motions in at
+        ),
+    )
+    found = moments(rows, "servo", 2, CAP)
+    assert [found[when].motions().value for when in ("before", "right after", "at the end")] == [4, 50, 6]
+    assert list(with_clocks(rows[rows["world"] == 0])["stretch"]) == [0, 0, 1, 1, 2, 2]
 
 
-def test_the_last_checkpoints_are_each_world_s_own(scenario):
-    """Where lifetimes end after other numbers of motions, what a world ended with counts once."""
-    rows = [
-        (world, "eval", 100 * at + world * (at == 5), None, at != 5, 10 if at != 5 else 60)
-        for world in range(20)
-        for at in range(1, 6)
-    ]
-    assert last_checkpoints(table(scenario, *rows), "servo", MOTIONS, 20, scenario).value == 10
+def test_an_agent_in_fewer_worlds_is_compared_in_those(scenario):
+    few = table(scenario, *((world, "eval", 0, None, True, 9 + world) for world in range(20)))
+    many = table(scenario, *((world, "eval", 0, None, True, 3 + world) for world in range(50)))
+    mine, reference = (moments(rows, "servo", n, CAP)["at the end"] for rows, n in ((few, 20), (many, 50)))
+    found = differences(mine, reference)[MOTIONS]
+    assert (found.value, found.low, found.high) == (6, 6, 6)
+    assert mine.motions().has_interval
 
 
-def test_checkpoints_are_shown_in_steps_and_by_what_went_before(scenario):
-    """A run that is evaluated at other motions is shown by its next checkpoint, in the same stretch."""
-    lifetime = [*range(0, 1001, 100), 1001, *range(1100, 1401, 100)]
-    rows = [
-        (world, "eval", motions, motions - 1000 if motions > 1000 else None, motions > world, 3)
-        for world in (0, 1)
-        for motions in lifetime
-    ]
-    others = [(2, "eval", motions, None, motions > 150, 3) for motions in (0, 128, 256, 1024)]
-    others += [(2, "eval", 1088, 64, False, 60), (2, "eval", 1408, 384, True, 3)]
-    held_out = with_clocks(table(scenario, *rows, *others, (0, "train", 130, None, True, 3)))
-    shown = shown_checkpoints(held_out)
-    assert list(shown) == [
-        *((0, clock) for clock in (0, 100, 200, 500, 1000)),
-        *((1, clock) for clock in (1, 100, 200, 400)),
-    ]
-    assert shown[0, 1000] == "1,000"
-    assert shown[1, 100] == "+100 after change 1"
-    assert list(scores(held_out, SUCCESS, (0, 0))) == [0, 0, 0]
-    assert list(scores(held_out, SUCCESS, (0, 100))) == [1, 1, 0]
-    assert list(scores(held_out, SUCCESS, (0, 200))) == [1, 1, 1]
-    assert list(scores(held_out, SUCCESS, (1, 1))) == [1, 1, 0]
-    assert list(scores(held_out, SUCCESS, (1, 400))) == [1, 1, 1]
+def test_checkpoints_are_shown_from_the_first_to_the_last_by_ratios():
+    assert shown_clocks(np.array([0, 1, 10, 30, 100, 300, 1000])) == [0, 10, 100, 1000]
+    assert shown_clocks(np.arange(0, 2001, 100)) == [0, 100, 200, 2000]
+    assert shown_clocks(np.array([0.0, 0.0])) == [0]
+
+
+def test_a_run_that_is_evaluated_at_other_motions_is_shown_by_its_next_checkpoint(scenario):
+    rows = [(0, "eval", 0, None, False, 60), (0, "eval", 128, None, True, 3), (1, "eval", 100, None, True, 4)]
+    own = with_clocks(table(scenario, *rows))
+    assert dict(scores(own, MOTIONS, 100)) == {0: 3, 1: 4}
+    assert dict(scores(own, MOTIONS, 101)) == {0: 3}, "a life that has ended has come to no more"
 
 
 def test_a_lucky_checkpoint_is_no_threshold(scenario):

@@ -1,4 +1,4 @@
-"""A page is read on a telephone and on paper, and needs nothing but itself."""
+"""A page is read on a telephone and on paper, in the dark too, and needs nothing but itself."""
 
 import re
 from html.parser import HTMLParser
@@ -6,8 +6,9 @@ from html.parser import HTMLParser
 import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
+from PIL import Image
 
-from experiments.reporting.pages import Section
+from experiments.reporting.pages import Head, Section
 from experiments.reporting.pages.html import html_page
 from experiments.reporting.pages.markdown import markdown_page
 from experiments.reporting.pages.style import save, say
@@ -15,22 +16,24 @@ from experiments.reporting.tables import Table
 
 
 class Parsed(HTMLParser):
-    """Tags in order, and of each table the classes of the boxes around it."""
+    """Tags in order, of each table how many columns it has, and what it stands in."""
 
     def __init__(self, text):
         super().__init__()
-        self.tags, self.around, self._open = [], [], []
+        self.tags, self.tables, self._open = [], [], []
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         self.tags.append((tag, dict(attributes)))
         if tag == "table":
-            self.around.append(list(self._open))
-        if tag == "div":
-            self._open.append(dict(attributes).get("class"))
+            self.tables.append({"columns": 0, "in": list(self._open)})
+        if tag == "th":
+            self.tables[-1]["columns"] += 1
+        if tag in ("div", "details", "section"):
+            self._open.append(dict(attributes).get("class", tag))
 
     def handle_endtag(self, tag):
-        if tag == "div":
+        if tag in ("div", "details", "section"):
             self._open.pop()
 
 
@@ -42,25 +45,28 @@ def page(finished_once):
 def test_the_page_fits_a_telephone_and_paper_and_loads_nothing(page):
     parsed = Parsed(page)
     assert ("meta", {"name": "viewport", "content": "width=device-width, initial-scale=1"}) in parsed.tags
-    assert len(parsed.around) > 6
-    assert all("box" in around for around in parsed.around)
     assert "@media print" in page
+    assert "prefers-color-scheme: dark" in page
     assert not {"script", "link", "img", "iframe"} & {tag for tag, _ in parsed.tags}
     assert not re.search(r"url\((?!#)|@import", page)
 
 
-def test_every_link_of_the_page_leads_to_one_of_its_sections(page):
-    tags = Parsed(page).tags
-    sections = [attributes["id"] for tag, attributes in tags if tag == "section" and "id" in attributes]
-    links = [attributes["href"] for tag, attributes in tags if tag == "a"]
-    assert len(set(sections)) == len(sections) > 6
-    assert {link.removeprefix("#") for link in links} == set(sections)
+def test_one_table_is_seen_at_once_and_all_others_are_folded(page):
+    first, *others = Parsed(page).tables
+    assert first == {"columns": 4, "in": ["box"]}
+    assert len(others) > 6
+    assert all(table["columns"] <= 5 and "details" in table["in"] for table in others)
 
 
 def test_no_panel_is_wider_than_a_telephone_at_a_size_that_can_be_read(page):
     least = [float(px) for px in re.findall(r"<svg style=\"min-width: ([\d.]+)px", page)]
     assert len(least) == 2
     assert max(least) <= 390 - 2 * 16
+
+
+def test_no_two_sections_have_one_anchor(page):
+    names = [attributes["id"] for tag, attributes in Parsed(page).tags if tag == "div" and "id" in attributes]
+    assert len(set(names)) == len(names) > 6
 
 
 def test_a_figure_comes_in_pieces(tmp_path):
@@ -78,17 +84,26 @@ def test_a_figure_comes_in_pieces(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"both.png", "both.svg"}
 
 
-def test_what_sections_come_to_stands_at_the_head():
-    table = Table("t", "T", pd.DataFrame({"a": ["<1>"]}))
-    sections = [Section("One & all", said=("It <works>.", "It lasts.")), Section("Two", table=table)]
-    page = html_page("title", "why?", sections)
-    head = page[: page.index("Contents")]
-    assert '<a href="#1-one-all">One &amp; all</a>' in head
-    assert "<li>It &lt;works&gt;.</li><li>It lasts.</li>" in head
-    assert "Two" not in head
-    assert "<td>&lt;1&gt;</td>" in page
-    text = markdown_page("title", "why?", sections)
+def test_the_head_stands_before_all_sections(tmp_path):
+    Image.new("RGB", (4, 4)).save(tmp_path / "film.gif")
+    table = Table("t", "T", pd.DataFrame({"a": ["<1>"]}), note="Read it.")
+    head = Head("Title", "Why?", {}, table, ["It <works>.", "It lasts."], tmp_path / "film.gif")
+    sections = [Section("Broken", text="Mend it.", alarming=True), Section("Two & all", tables=(table,))]
+    page = html_page(head, sections)
+    seen, _, folded = page.partition("<details>")
+    for text in (
+        "<h1>Title</h1>",
+        "Why?",
+        '<td class="number">&lt;1&gt;</td>',
+        "Read it.",
+        "It &lt;works&gt;.",
+    ):
+        assert text in seen
+    assert 'src="data:image/gif;base64,' in seen
+    assert "Mend it." in seen
+    assert folded.startswith("\n<summary>Two &amp; all</summary>")
+    text = markdown_page(head, sections)
     assert text.startswith(
-        "# title\n\nwhy?\n\n## In short\n\n- **One & all**\n    - It <works>.\n    - It lasts.\n"
+        "# Title\n\nWhy?\n\n| a |\n| --- |\n| <1> |\n\nRead it.\n\nIt <works>.\n\nIt lasts.\n"
     )
-    assert "In short" not in markdown_page("title", "why?", sections[1:]) + html_page("", "", sections[1:])
+    assert "![An agent at work](film.gif)\n\n## Broken\n\nMend it.\n\n<details>\n<summary>Two & all" in text

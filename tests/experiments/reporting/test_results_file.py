@@ -12,7 +12,7 @@ from experiments.__main__ import main
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.suite import FIRST_OWN_TRIALS, ScenarioConfig
 from experiments.errors import ConfigError
-from experiments.reporting.report import agents_section
+from experiments.reporting.report import computing_section
 from experiments.reporting.results_file import MOST_OWN_TRIALS, _in_words, gather, read_finished
 from experiments.running.plan import runs_of
 from experiments.running.results_folder import read_suite
@@ -26,7 +26,7 @@ def parquet(finished_once, tmp_path):
 
 def files(folder):
     figures = [f"figures/{path.name}" for path in folder.glob("figures/*")]
-    names = ["report.html", "report.md", "summary.csv", *figures]
+    names = ["report.html", "report.md", "summary.csv", "tables.json", *figures]
     return {name: (folder / name).read_bytes() for name in names}
 
 
@@ -38,11 +38,11 @@ def test_the_report_is_made_from_the_file_alone(finished_once, parquet, tmp_path
 
 
 def test_times_stand_in_a_file_of_their_own(finished_once, parquet, tmp_path):
-    timeless = agents_section(read_finished(parquet, tmp_path)).table.rows
-    assert [row[-3:] for row in timeless] == [["–", "–", "–"]] * 2
+    (timeless,) = computing_section(read_finished(parquet, tmp_path)).tables
+    assert [row[1:] for row in timeless.rows] == [["–", "–", "–"]] * 2
     shutil.copy(finished_once / "timings.csv", tmp_path)
-    timed = agents_section(read_finished(parquet, tmp_path)).table.rows
-    assert [row[:-3] for row in timed] == [row[:-3] for row in timeless]
+    (table,) = computing_section(read_finished(parquet, tmp_path)).tables
+    timed = table.rows
     times = pd.read_csv(tmp_path / "timings.csv")
     of_servo = times[times["run"].str.contains("unified_servo")]
     assert timed[1][-3] == f"{of_servo['wall_seconds'].sum():,.0f}"
@@ -123,7 +123,7 @@ def test_what_a_run_says_and_why_one_failed_is_in_the_file(finished):
     assert len(found.timings) == 3
     main(["report", str(out)])
     page = (out / "report.html").read_text()
-    assert page.index("1 of 4 runs FAILED") < page.index("Scenario aimed")
+    assert page.index("1 of 4 runs FAILED") < page.index("aimed: held-out trials")
     assert "Oh &lt;no&gt;" in page
 
 

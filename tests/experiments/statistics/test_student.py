@@ -3,14 +3,6 @@ import pytest
 from scipy import stats
 
 from experiments.statistics import Estimate, mean_estimate, relative_change
-from experiments.statistics.student import student_quantile
-
-
-@pytest.mark.parametrize("degrees", [1, 2, 5, 19, 39, 500])
-def test_student_quantiles(degrees):
-    for level in (0.5, 0.9, 0.95, 0.99):
-        expected = stats.t.ppf((1 + level) / 2, degrees)
-        assert student_quantile(level, degrees) == pytest.approx(expected, rel=1e-6)
 
 
 def test_t_intervals_of_means():

@@ -61,7 +61,7 @@ def test_killed_it_goes_on_where_it_was(tuning_data, write_config, tmp_path):
     published = json.loads((out / "jacobian_servo.json").read_text())
     assert 0 < published["cpu_minutes"] < 1
     assert published["tries"][0]["worlds"] != published["tries"][1]["worlds"]
-    assert f"{published['tries'][0]['objective']:.2f}" in (out / "choices.md").read_text()
+    assert f"{published['tries'][0]['objective']:.2f}" in (out / "report.md").read_text()
 
 
 @pytest.mark.slow

@@ -29,16 +29,20 @@ def test_pages_show_the_choice_its_cost_and_the_ranges(kept):
     minutes = published["cpu_minutes"]
     default = published["tries"][0]["objective"]
     least = min(each["objective"] or 99 for each in published["tries"])
-    row = text.splitlines()[2]
-    assert row.startswith(f"| `jacobian_servo` | 20 | {minutes:.1f} | {default:.2f} | {least:.2f} | 4 | ")
+    row = " | ".join(line for line in text.splitlines() if line.startswith("| `jacobian_servo`"))
+    assert f"| `jacobian_servo` | 20 | {minutes:.1f} | {default:.2f} | " in row
+    assert f" | {least:.2f} | 4 | " in row
     said = f"{difference['value']:.2f} [{difference['low']:.2f}, {difference['high']:.2f}]"
-    assert row.endswith(f" | {said} | 0.4 | tuned | 20 tries |")
+    assert f" | {said} |" in row
+    assert row.endswith("| 0.4 | tuned | 20 tries |")
     assert "code of commit commit" in text
     ranges = tables_named("tuning/ranges", kept.parent)
-    assert f"| `jacobian_servo` | `damping` | 0.001 to 1, by factors | 0.05 | {best} | {best} |" in ranges
+    assert "| `jacobian_servo` | `damping` | 0.001 to 1, by factors | 0.05 |" in ranges
+    assert f"| `jacobian_servo` | {best} | {best} |" in ranges
     tries = tables_named("tuning/jacobian_servo", kept.parent)
-    assert f"| 0 | 0.05 | {default:.2f} | 2 | 6.0 | complete |" in tries
-    assert (kept / "choices.md").read_text().count("\n## ") == 1
+    assert f"| 0 | 0.05 | {default:.2f} |" in tries
+    assert "| 0 | 6.0 | complete |" in tries
+    assert (kept / "report.md").read_text().count("\n## ") == 1
 
 
 def published(name, settings):

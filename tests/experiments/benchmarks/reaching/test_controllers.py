@@ -27,29 +27,21 @@ def test_a_row_holds_what_is_required_beside_what_was_reached():
         "success",
         "success, 95 %",
         "median motions",
-        "median motions, 95 %",
         "required median",
         "95th percentile",
-        "95th percentile, 95 %",
     ]
     (cells,) = table.rows
     plain = [cell for name, cell in zip(table.header, cells, strict=True) if not name.endswith(", 95 %")]
     assert plain == ["a", "waist", "3", "66.7 %", "99.0 %", "33.3 %", "6", "16", "60"]
-    rendezvous, success, median, percentile = (cell for cell in cells if cell.startswith("["))
-    assert success.startswith("[1.")
-    assert rendezvous.startswith("[12.")
-    assert median.endswith(", 60]")
-    assert percentile.endswith(", 60]")
 
 
 def test_later_trials_are_drawn_with_their_world():
-    """Two trials in each of three worlds say no more than the three worlds."""
-    alone = each_alone([replace(RECORD, success=s) for s in (True, True, False)])
+    """Two trials in each of 21 worlds say no more than the 21 worlds."""
+    alone = each_alone([replace(RECORD, success=s) for s in (True, True, False) * 7])
     twice = [records * 2 for records in alone]
     one, other = (controllers._reached(each, "waist", controllers.Required()) for each in (alone, twice))
-    assert other["trials"] == 6
+    assert other["trials"] == 42
     assert one["success, 95 %"] == other["success, 95 %"]
-    assert one["median motions, 95 %"] == other["median motions, 95 %"]
 
 
 def test_a_rolled_camera_is_paired_with_the_same_trial_unrolled(monkeypatch):

@@ -28,6 +28,7 @@ NAMES = [
     "ppo",
     "cooperstock_milios",
 ]
+TABLES = ("tables.json", "timings.csv")
 
 
 @pytest.fixture
@@ -73,9 +74,9 @@ def test_numbers_report_and_small_figures_are_kept(committed, tmp_path):
     kept = keep(committed, tmp_path / "kept")
     assert kept == tmp_path / "kept" / "tiny"
     figures = ["figures/aimed-held-out.png"]
-    assert files(kept) == [*figures, "report.md", "results.parquet", "summary.csv", "timings.csv"]
+    assert files(kept) == [*figures, "report.md", "results.parquet", "summary.csv", *TABLES]
     assert main(["report", str(committed)]) == 0
-    for name in ("results.parquet", "summary.csv", "report.md", "timings.csv"):
+    for name in ("results.parquet", "summary.csv", "report.md", *TABLES):
         assert (kept / name).read_bytes() == (committed / name).read_bytes()
     for name in figures:
         assert (kept / name).stat().st_size < 0.6 * (committed / name).stat().st_size
@@ -91,6 +92,7 @@ def test_what_was_kept_before_is_replaced(committed, tmp_path):
     ):
         stale.parent.mkdir(parents=True)
         stale.with_name("stale.csv").write_text("")
+        stale.with_name("results.parquet").write_text("")
         stale.write_text("stale")
     (committed / "figures" / "of-an-earlier-report.png").write_bytes(b"")
     kept = keep(committed, tmp_path / "kept")
@@ -106,10 +108,18 @@ def test_what_was_kept_before_stays_where_the_new_cannot_be_made(committed, tmp_
     kept = tmp_path / "kept" / "tiny" / "report.md"
     kept.parent.mkdir(parents=True)
     kept.write_text("of before")
+    kept.with_name("results.parquet").write_text("")
     monkeypatch.setattr(module, "write_report", full)
     with pytest.raises(OSError, match="full"):
         keep(committed, tmp_path / "kept")
     assert kept.read_text() == "of before"
+
+
+def test_a_film_that_lies_beside_is_kept(committed, tmp_path):
+    Image.new("RGB", (4, 4)).save(committed / "film.gif")
+    kept = keep(committed, tmp_path / "kept")
+    assert (kept / "film.gif").exists()
+    assert "![An agent at work](film.gif)" in (kept / "report.md").read_text()
 
 
 def test_unfinished_results_are_not_kept(committed, tmp_path):
@@ -146,7 +156,9 @@ def test_kept_results_of_another_kind_are_not_replaced(committed, tmp_path):
     tables = tmp_path / "kept" / "tiny" / "choices.json"
     tables.parent.mkdir(parents=True)
     tables.write_text("{}")
-    with pytest.raises(ConfigError, match=r"holds kept results that are no suite's \(report\.md is missing"):
+    with pytest.raises(
+        ConfigError, match=r"holds kept results that are no suite's \(results\.parquet is missing"
+    ):
         keep(committed, tmp_path / "kept")
     assert tables.read_text() == "{}"
 
@@ -164,6 +176,7 @@ def test_the_claims_of_a_kept_suite_are_tables(committed, tmp_path):
     (committed / "suite.json").write_text(json.dumps(about))
     gather(committed)
     keep(committed, tmp_path / "kept")
-    assert "| It works. | claim | 1 | untested |" in tables_named("tiny/verdicts", tmp_path / "kept")
+    verdicts = tables_named("tiny/verdicts", tmp_path / "kept")
+    assert "| it works | It works. | claim | 1 | untested |" in verdicts
     assert "above 50 %" in tables_named("tiny/claims", tmp_path / "kept")
-    assert "unified_servo" in tables_named("tiny/aimed", tmp_path / "kept")
+    assert "unified servo" in tables_named("tiny/aimed", tmp_path / "kept")

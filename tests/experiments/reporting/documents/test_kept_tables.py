@@ -23,7 +23,7 @@ def kept(tmp_path, finished_once):
     folder = tmp_path / "results"
     for name in ("quick", "controllers", "only_a_report"):
         (folder / name).mkdir(parents=True)
-    shutil.copy(finished_once / "summary.csv", folder / "quick")
+    shutil.copy(finished_once / "tables.json", folder / "quick")
     tables = [Table(name, name.title(), FRAME, {"success": ".1%"}).to_dict() for name in ("first", "later")]
     document = {"commit": "abc", "versions": {}, "tables": tables}
     (folder / "controllers" / "two_cores.json").write_text(json.dumps(document))
@@ -46,40 +46,25 @@ def test_every_agent_says_what_it_must_know():
     assert known["joint_space_servo"] == "`joint_angles`, image scale, noise, word limit"
 
 
-def test_a_suite_is_a_table_of_agents_and_moments(kept, finished_once):
+def test_a_suite_is_one_table_a_scenario(kept, finished_once):
     lines = tables_named("quick/aimed", kept).splitlines()
-    moments = ("before", "right after", "at the end")
-    heads = " | ".join(f"{moment}: rendezvous; interquartile mean of motions" for moment in moments)
-    assert lines[0] == f"| agent | what it must know | {heads} | at the end: success |"
-    cells = lines[3].strip("| ").split(" | ")
-    assert cells[:2] == ["`unified_servo`", "image scale, noise"]
-    report = (finished_once / "report.md").read_text().splitlines()
-    of_report = [line.split(" | ") for line in report if line.startswith("| unified_servo | before")]
-    rendezvous, _, middle = of_report[0][5:8]
-    assert cells[2] == f"{rendezvous}; {middle}".replace(" %", "%")
-    commit = pd.read_csv(kept / "quick" / "summary.csv", dtype={"commit": str})["commit"][0]
+    head, _, servo = lines[0], lines[1], lines[3]
+    assert head == (
+        "| agent | what it must know | motions a reach before → right after the knock | "
+        "motions lived before it reaches 95 % |"
+    )
+    assert servo.startswith("| unified servo | image scale, noise | ")
+    commit = json.loads((kept / "quick" / "tables.json").read_text())["commit"]
     assert lines[-1] == f"*Made from `experiments/results/quick`, code of commit {commit}.*"
-    text = tables_named("quick", kept)
-    assert "| agent | 2 px | 4 px | 8 px | 16 px |" in text.replace(" | what it must know", "")
-    assert "| agent | moment | success | rendezvous | motions_per_reach |" in text
-    assert "| unified_servo | lifetime | " in text
+    assert tables_named("quick", kept) == tables_named("quick/aimed", kept)
 
 
-def test_blocks_and_sweeps_have_their_moments_side_by_side(kept):
-    row = {"scenario": "s", "agent": "mine", "kind": "memory", "must_know": "noise", "n": 20, "commit": "c"}
-    numbers = {"value": 1.5, "low": 1.25, "high": 2}
-    rows = [
-        {**row, "table": table, "moment": moment, "measure": measure, **numbers}
-        for table in ("by_trial", "sweep")
-        for moment in ("2–5", "10")
-        for measure in ("motions_per_reach", "success")
-    ]
-    pd.DataFrame(rows).to_csv(kept / "quick" / "summary.csv", index=False)
-    text = tables_named("quick", kept)
-    assert "**Scenario s, motions per reach in trials**" in text
-    assert "| mine | noise | 1.50 [1.25, 2.00] | 1.50 [1.25, 2.00] |" in text
-    assert "| agent | what it must know | 2–5 | 10 |" in text
-    assert "150 % [125 %, 200 %]" in text
+def test_every_table_of_its_report_has_a_name(kept, finished_once):
+    report = (finished_once / "report.md").read_text()
+    for name in ("moments", "intervals", "checkpoints", "threshold", "profile", "comparison"):
+        table = tables_named(f"quick/aimed-{name}", kept).split("\n\n")
+        assert [part for part in table if part.startswith("|")]
+        assert all(part in report for part in table if part.startswith("|"))
 
 
 def test_a_benchmark_is_its_tables_or_one_of_them(kept):
@@ -102,7 +87,7 @@ def test_what_is_not_kept_is_answered_by_what_is(kept):
     }.items():
         with pytest.raises(ConfigError, match=said):
             tables_named(name, kept)
-    (kept / "quick" / "summary.csv").write_text("a,b\n1,2\n")
+    (kept / "quick" / "tables.json").write_text('{"a": 1}')
     (kept / "controllers" / "two_cores.json").write_text("{")
     for name in ("quick", "controllers"):
         with pytest.raises(ConfigError, match=f"{name}.*is damaged or no kept result"):

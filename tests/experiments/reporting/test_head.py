@@ -1,0 +1,128 @@
+"""The head of a report, of results that were made up so that its numbers are known."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments.config.suite import Suite
+from experiments.reporting.finished_suite import FinishedSuite
+from experiments.reporting.pages.head_table import head_part, head_table
+from experiments.reporting.pages.sentences import sentences
+from experiments.running.plan import runs_of
+
+WORLDS, CAP = 20, 20
+COLUMNS = ["agent", "what it must know", "motions a reach before → right after the knock"]
+
+
+def life(agent, before, right_after, learned=0, again=10, worlds=WORLDS):
+    """Held-out trials of each world, ten at each checkpoint: the world changes after 50 motions.
+
+    All trials reach after `learned` motions, and `again` after the change.
+    """
+    rows = []
+    for world in range(worlds):
+        for lifetime, since, motions, good in (
+            (0, pd.NA, before, learned == 0),
+            (25, pd.NA, before, learned <= 25),
+            (50, pd.NA, before, learned <= 50),
+            (50, 0, right_after, again == 0),
+            (60, 10, before, again <= 10),
+            (90, 40, before, again <= 40),
+        ):
+            for trial in range(10):
+                reached = (good or trial > 0) and motions < CAP
+                row = {"agent": agent, "world": world, "lifetime_motions": lifetime, "trial": trial}
+                row |= {"motions_since_perturbation": since, "motions": motions, "rendezvous": reached}
+                rows.append(row)
+    fixed = {"scenario": "aimed", "phase": "eval", "error_px": 1.0, "distance_mm": 1.0}
+    return pd.DataFrame(rows).assign(**fixed, success=lambda rows: rows["rendezvous"])
+
+
+@pytest.fixture
+def finished(suite_data, tmp_path):
+    """The suite of some lives; those of other agents failed."""
+
+    def finished(*lives, worlds=WORLDS, **changes):
+        agents = ["oracle", "random", "unified_servo", "memory", "paper_servo"]
+        suite = Suite.model_validate({**suite_data, "worlds": worlds, "agents": agents, **changes})
+        runs = runs_of(suite)
+        told = {"oracle": ["object_registers"]}
+        met = [(50, 3, "camera_aim (camera left, degrees 20)")]
+        outcomes = {
+            run.id: {"privileged": told.get(run.agent.name, []), "prior_knowledge": [], "perturbations": met}
+            for run in runs
+        }
+        empty = pd.DataFrame()
+        return FinishedSuite(tmp_path, suite, "", runs, outcomes, {}, {}, pd.concat(lives), empty)
+
+    return finished
+
+
+def five(worlds=WORLDS):
+    return (
+        life("oracle", 1, 1, again=0, worlds=worlds),
+        life("random", CAP, CAP, learned=99, again=99, worlds=worlds),
+        life("unified_servo", 4, 5, again=0, worlds=worlds),
+        life("memory", 2, 6, learned=25, again=10, worlds=worlds),
+        life("paper_servo", 9, 9, learned=99, again=99, worlds=worlds),
+    )
+
+
+def test_the_table_says_who_must_know_what_and_reaches_how_soon(finished):
+    table = head_table(finished(*five()))
+    assert table.header[:3] == COLUMNS
+    rows = {row[0]: row[1:] for row in table.rows}
+    assert rows["oracle"] == ["where to go", "1.0 → 1.0", "0"]
+    assert rows["random"] == ["nothing", "20.0 → 20.0", "never in 50"]
+    assert rows["unified servo"] == ["nothing", "4.0 → 5.0", "0"]
+    right_after = (9 * 6 + CAP) / 10  # one trial in ten fails
+    assert rows["memory"] == ["nothing", f"2.0 → {right_after:.1f}", "25"]
+    assert "[" not in table.markdown()
+    assert "The knock: camera_aim (camera left, degrees 20)." in table.note
+
+
+def test_the_table_is_of_the_first_scenario_in_which_the_world_changes(finished, suite_data):
+    (aimed,) = suite_data["scenarios"]
+    calm = {**aimed, "name": "calm", "perturbations": []}
+    of = finished(*five(), scenarios=[calm, aimed])
+    assert head_part(of).name == "aimed"
+    of = finished(*five(), scenarios=[calm])
+    table = head_table(of)
+    assert table.header[2] == "motions a reach at the end"
+    assert {row[2] for row in table.rows} == {"–"}, "no run of it has finished"
+
+
+def test_three_sentences_rank_those_who_can_be_told_apart(finished):
+    best, cost, again = sentences(*both(finished(*five())))
+    assert best == "Before the knock, memory needs the fewest motions a reach, 2.0 in the median world."
+    assert cost == (
+        "Right after it, memory loses most (2.0 → 7.4 motions a reach) and paper servo least (10.1 → 10.1)."
+    )
+    assert again == (
+        "After it, unified servo first reaches in 95 % of trials again, at once; memory last, within 10 "
+        "motions; paper servo does not in the time that was given."
+    )
+    assert not any(word in best + cost + again for word in ("oracle", "random"))
+
+
+def test_equal_agents_are_not_told_apart(finished):
+    same = [life(agent, 3, 3) for agent in ("unified_servo", "memory", "paper_servo")]
+    best, *_ = sentences(*both(finished(*same)))
+    assert best.endswith("but no other agent can be told apart from it.")
+    noisy = life("memory", 3, 3)
+    noisy["motions"] += np.where(noisy["world"] % 2, 1, -1)
+    best, *_ = sentences(*both(finished(same[0], noisy, life("paper_servo", 9, 9))))
+    assert "cannot be told apart from it" in best
+    assert "paper servo" not in best
+
+
+def test_few_worlds_rank_nobody(finished):
+    best, *_ = sentences(*both(finished(*five(4), worlds=4)))
+    assert best == (
+        "Before the knock, the median world needs 2.0 (memory) to 10.1 (paper servo) motions a reach; "
+        "4 worlds are too few to rank anybody."
+    )
+
+
+def both(finished):
+    return finished, finished.suite.scenarios[0]
