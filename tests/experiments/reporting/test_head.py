@@ -4,7 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import agents
 from experiments.config.suite import Suite
+from experiments.reporting.agents_in_words import in_words
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.pages.head_table import head_part, head_table
 from experiments.reporting.pages.sentences import sentences
@@ -68,17 +70,20 @@ def five(worlds=WORLDS):
     )
 
 
+WORDS = {name: in_words(name, name) for name in agents.names()}
+
+
 def test_the_table_says_who_must_know_what_and_reaches_how_soon(finished):
     table = head_table(finished(*five()))
     assert table.header[:3] == COLUMNS
     rows = {row[0]: row[1:] for row in table.rows}
-    assert rows["oracle"] == ["where to go", "1.0 → 1.0", "0"]
-    assert rows["random"] == ["nothing", "20.0 → 20.0", "never in 50"]
-    assert rows["unified servo"] == ["nothing", "4.0 → 5.0", "0"]
+    assert rows[WORDS["oracle"]] == ["where to go", "1.0 → 1.0", "0"]
+    assert rows[WORDS["random"]] == ["nothing", "20.0 → 20.0", "never in 50"]
+    assert rows[WORDS["unified_servo"]] == ["nothing", "4.0 → 5.0", "0"]
     right_after = (9 * 6 + CAP) / 10  # one trial in ten fails
-    assert rows["memory"] == ["nothing", f"2.0 → {right_after:.1f}", "25"]
+    assert rows[WORDS["memory"]] == ["nothing", f"2.0 → {right_after:.1f}", "25"]
     assert "[" not in table.markdown()
-    assert "The knock: camera_aim (camera left, degrees 20)." in table.note
+    assert "The knock: left camera turned by 20°." in table.note
 
 
 def test_the_table_is_of_the_first_scenario_in_which_the_world_changes(finished, suite_data):
@@ -94,15 +99,12 @@ def test_the_table_is_of_the_first_scenario_in_which_the_world_changes(finished,
 
 def test_three_sentences_rank_those_who_can_be_told_apart(finished):
     best, cost, again = sentences(*both(finished(*five())))
-    assert best == "Before the knock, memory needs the fewest motions a reach, 2.0 in the median world."
-    assert cost == (
-        "Right after it, memory loses most (2.0 → 7.4 motions a reach) and paper servo least (10.1 → 10.1)."
-    )
-    assert again == (
-        "After it, unified servo first reaches in 95 % of trials again, at once; memory last, within 10 "
-        "motions; paper servo does not in the time that was given."
-    )
-    assert not any(word in best + cost + again for word in ("oracle", "random"))
+    memory, unified, paper = (WORDS[name] for name in ("memory", "unified_servo", "paper_servo"))
+    assert f"{memory} needs the fewest motions a reach, 2.0" in best
+    assert f"{memory} loses most (2.0 → 7.4 " in cost
+    assert f"{paper} least (10.1 → 10.1)" in cost
+    assert again.index(unified) < again.index(f"{memory} last, within 10 motions") < again.index(paper)
+    assert not any(WORDS[name] in best + cost + again for name in ("oracle", "random"))
 
 
 def test_equal_agents_are_not_told_apart(finished):
@@ -113,15 +115,13 @@ def test_equal_agents_are_not_told_apart(finished):
     noisy["motions"] += np.where(noisy["world"] % 2, 1, -1)
     best, *_ = sentences(*both(finished(same[0], noisy, life("paper_servo", 9, 9))))
     assert "cannot be told apart from it" in best
-    assert "paper servo" not in best
+    assert WORDS["paper_servo"] not in best
 
 
 def test_few_worlds_rank_nobody(finished):
     best, *_ = sentences(*both(finished(*five(4), worlds=4)))
-    assert best == (
-        "Before the knock, the median world needs 2.0 (memory) to 10.1 (paper servo) motions a reach; "
-        "4 worlds are too few to rank anybody."
-    )
+    assert f"2.0 ({WORDS['memory']}) to 10.1 ({WORDS['paper_servo']}) motions a reach" in best
+    assert "fewest" not in best
 
 
 def both(finished):

@@ -10,6 +10,7 @@ import pytest
 import agents
 from experiments.__main__ import main
 from experiments.errors import ConfigError
+from experiments.reporting.agents_in_words import in_words
 from experiments.reporting.documents import kept_tables, markers
 from experiments.reporting.documents.kept_tables import tables_named
 from experiments.reporting.tables import Table, must_know
@@ -53,7 +54,7 @@ def test_a_suite_is_one_table_a_scenario(kept, finished_once):
         "| agent | what it must know | motions a reach before → right after the knock | "
         "motions lived before it reaches 95 % |"
     )
-    assert servo.startswith("| unified servo | image scale, noise | ")
+    assert servo.startswith(f"| {in_words('unified_servo', 'unified_servo')} | image scale, noise | ")
     commit = json.loads((kept / "quick" / "tables.json").read_text())["commit"]
     assert lines[-1] == f"*Made from `experiments/results/quick`, code of commit {commit}.*"
     assert tables_named("quick", kept) == tables_named("quick/aimed", kept)
