@@ -41,7 +41,7 @@ ASIDE = ("oracle", "random")
 _KNOWN = {
     "oracle": _Known("oracle: told where to go", _GREY),
     "random": _Known("random motions", _GREY, _DASHED),
-    "paper_servo": _Known("test-motion servo (1998)", _GREEN),
+    "paper_servo": _Known("test-motion servo (1995)", _GREEN),
     "work_plane_servo": _Known("work-plane servo (1995)", _GREEN, _DASHED),
     "joint_space_servo": _Known("Conkie & Chongstitvatana (1990)", _GREEN, _DOTTED),
     "grid_table": _Known("servo with table (1997)", _VERMILION),

@@ -12,12 +12,17 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.reporting.agents_in_words import ASIDE, in_words, lines_of
-from experiments.reporting.finished_suite import MOTIONS, FinishedSuite, where_it_stands, with_cost
+from experiments.reporting.finished_suite import (
+    MOTIONS,
+    FinishedSuite,
+    where_it_stands,
+    with_cost,
+    worlds_of,
+)
 from experiments.reporting.held_out.checkpoints import with_clocks
 from experiments.reporting.pages.labels import LineEnd, label_lines
 from experiments.reporting.pages.perturbations_in_words import again_and_again, knocks
 from experiments.reporting.pages.style import STYLE, Line, draw_worlds, drawn_in_words, motions_axis, say
-from experiments.running.plan import LifetimeRun
 from experiments.statistics import Array
 
 IMPROVING = 0.1
@@ -107,12 +112,10 @@ def _curves(finished: FinishedSuite, scenario: ScenarioConfig) -> _Curves:
     rows = with_clocks(with_cost(finished.results, scenario))
     if _in_one_panel(scenario):
         rows = rows.assign(stretch=0, clock=rows["lifetime_motions"])
-    runs = [run for run in finished.runs if isinstance(run, LifetimeRun)]
     curves: _Curves = {}
     for agent in finished.suite.agents_in(scenario):
         own = rows[rows["agent"] == agent.label]
-        worlds = [run.world for run in runs if (run.scenario.name, run.agent) == (scenario.name, agent)]
-        failed = len(worlds) - own["world"].nunique()
+        failed = worlds_of(finished.suite, agent.label) - own["world"].nunique()
         curves[agent.label] = {
             int(stretch): _stretch(of_stretch, failed, cap) for stretch, of_stretch in own.groupby("stretch")
         }

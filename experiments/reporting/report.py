@@ -27,7 +27,7 @@ from experiments.reporting.tables import NOTHING, Table, show
 from experiments.running.results_folder import LOG, folder_of, made_folder, write_whole
 
 SUMMARY, TABLES, PAGE, MARKDOWN = "summary.csv", "tables.json", "report.html", "report.md"
-FILMS = ("film.gif", "frames.png")
+FILMS = ("film.gif", "film.png")
 """An agent at work, if one of these lies beside the results."""
 
 
