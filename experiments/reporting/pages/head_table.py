@@ -23,12 +23,21 @@ from experiments.reporting.tables import NOTHING, Table
 from experiments.statistics import median_time
 
 _IN_WORDS = {
-    "object_registers": "where to go",
-    "joint_angles": "its joint angles",
-    "joint_zeros": "where its joints have their zeros",
-    "gripper_position": "where its gripper is in the room",
+    "`object_registers`": "where to go",
+    "`joint_angles`": "its joint angles",
+    "`joint_zeros`": "where its joints have their zeros",
+    "`gripper_position`": "where its gripper is in the room",
+    "image scale": "size of an image",
+    "noise": "image noise",
+    "camera model": "how cameras project",
+    "arm": "its arm",
+    "chain of joints": "that its arm is a chain",
+    "mount": "where cameras stand",
+    "reward": "a reward",
+    "word limit": "strength of motors",
+    "training worlds": "worlds to train in",
 }
-"""Privileged observations."""
+"""Privileged observations, and prior knowledge."""
 
 
 def head_part(finished: FinishedSuite) -> ScenarioConfig | SweepConfig:
@@ -68,10 +77,8 @@ def table_of(finished: FinishedSuite, part: ScenarioConfig | SweepConfig) -> Tab
 
 
 def known_in_words(must_know: str) -> str:
-    """What an agent must know, privileged observations in words."""
-    for name, words in _IN_WORDS.items():
-        must_know = must_know.replace(f"`{name}`", words)
-    return must_know
+    """What an agent must know, for who has read nothing else."""
+    return ", ".join(_IN_WORDS.get(each, each) for each in must_know.split(", "))
 
 
 _Cells = dict[str, dict[str, str]]
