@@ -241,15 +241,8 @@ def test_configuration_page_tells_the_defaults():
             assert re.search(rf"`{key}` \(`?{re.escape(str(told))}\b", text), key
 
 
-def test_readme_has_at_most_900_words():
-    assert len(README.read_text().split()) <= 900
-
-
-def test_readme_comparison_is_valid(tmp_path):
-    (example,) = re.findall(r"^```yaml\n(.*?)^```", README.read_text(), re.DOTALL | re.MULTILINE)
-    assert len(example.splitlines()) <= 12
-    (tmp_path / "mine.yaml").write_text(example)
-    assert len(loading.load(tmp_path / "mine.yaml").agents) == 3
+def test_readme_has_at_most_700_words():
+    assert len(README.read_text().split()) <= 700
 
 
 @pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md"])
