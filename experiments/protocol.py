@@ -50,39 +50,39 @@ class Outcome:
         agent: As its author calls it.
         seeds: Of the worlds.
         motions: Made before the knock, and in all; of the world with most.
-        motions_a_reach: A trial without a rendezvous counts as 60 (worlds, moments).
+        motions_per_reach: A trial without a rendezvous counts as 60 (worlds, moments).
         reached: Share of trials with a rendezvous (worlds, moments).
     """
 
     agent: str
     seeds: tuple[int, ...]
     motions: tuple[int, int]
-    motions_a_reach: Array
+    motions_per_reach: Array
     reached: Array
 
     @property
     def table(self) -> Table:
         """A row a moment: the median world, most worlds, and the share of trials that reached."""
-        low, middle, high = np.quantile(self.motions_a_reach, (0.1, 0.5, 0.9), axis=0)
+        low, middle, high = np.quantile(self.motions_per_reach, (0.1, 0.5, 0.9), axis=0)
         columns = {
             "moment": MOMENTS,
-            "motions a reach": middle,
+            "motions per reach": middle,
             "10th to 90th of worlds": [f"{a:.1f} to {b:.1f}" for a, b in zip(low, high, strict=True)],
             "reached": self.reached.mean(axis=0),
         }
-        formats = {"motions a reach": ".1f", "reached": ".0%"}
+        formats = {"motions per reach": ".1f", "reached": ".0%"}
         return Table("protocol", self.agent, pd.DataFrame(columns), formats, "A failed trial counts as 60.")
 
     @property
     def line(self) -> str:
         """The line to quote."""
-        before, right_after, end = np.median(self.motions_a_reach, axis=0)
+        before, right_after, end = np.median(self.motions_per_reach, axis=0)
         learned, lived = self.motions
         worlds = "its 20 test worlds"
         if self.seeds != tuple(TEST_SEEDS):
             worlds = f"{len(self.seeds)} worlds that are not its test worlds"
         return (
-            f"{self.agent} by {NAME} ({worlds}): {before:.1f} motions a reach after {learned:,} motions, "
+            f"{self.agent} by {NAME} ({worlds}): {before:.1f} motions per reach after {learned:,} motions, "
             f"{right_after:.1f} right after the knock, {end:.1f} after {lived - learned:,} more "
             "(median world; a failed trial counts as 60)."
         )
@@ -127,10 +127,10 @@ def run(
     for number, seed in enumerate(seeds, 1):
         lives.append(_life(make_agent, motions, after, rows, seed))
         shown = ", ".join(f"{value:.1f} {at}" for value, at in zip(lives[-1][1][0], MOMENTS, strict=True))
-        print(f"world {number} of {len(seeds)}: motions a reach {shown}", flush=True)
+        print(f"world {number} of {len(seeds)}: motions per reach {shown}", flush=True)
     made, scores = zip(*lives, strict=True)
-    motions_a_reach, reached = np.transpose(scores, (1, 0, 2))
-    return Outcome(name, tuple(seeds), max(made), motions_a_reach, reached)
+    motions_per_reach, reached = np.transpose(scores, (1, 0, 2))
+    return Outcome(name, tuple(seeds), max(made), motions_per_reach, reached)
 
 
 def worlds_of(seed: int) -> tuple[World, World]:
@@ -151,7 +151,7 @@ def worlds_of(seed: int) -> tuple[World, World]:
 def _life(
     make_agent: Callable[[Any, int], Learner], motions: int, after: int, rows: int, seed: int
 ) -> tuple[tuple[int, int], Array]:
-    """Motions made before the knock and in all; motions a reach and share reached (2, moments)."""
+    """Motions made before the knock and in all; motions per reach and share reached (2, moments)."""
     world, knocked = worlds_of(seed)
     recorder: Any = LifetimeRecorder(ENV.make(), seed) if rows == 1 else RowsRecorder(ENV, rows, (), (), seed)
     agent = make_agent(recorder, seed)
@@ -168,7 +168,7 @@ def _life(
 
 
 def _score(agent: Predictor, world: World, seed: int) -> tuple[float, float]:
-    """Motions a reach and share reached, in held-out trials: the same ones at all moments."""
+    """Motions per reach and share reached, in held-out trials: the same ones at all moments."""
     env = ENV.make()
     held_out: Any = env.unwrapped
     held_out.set_world(world)

@@ -154,7 +154,7 @@ STUDIES = (
         lambda motions: float(np.nanmedian(motions)),
     ),
     Study(
-        "motions a reach, median world",
+        "motions per reach, median world",
         _motions,
         lambda motions: median_world(motions[:, 0]),
         lambda motions: float(np.median(motions[:, 0])),

@@ -1,4 +1,4 @@
-"""The one picture of a comparison: motions a reach against motions lived, and against those since a knock."""
+"""The one picture of a comparison: motions per reach against motions lived, and those since a knock."""
 
 from dataclasses import dataclass
 from textwrap import fill
@@ -26,7 +26,7 @@ from experiments.reporting.pages.style import STYLE, Line, draw_worlds, drawn_in
 from experiments.statistics import Array
 
 IMPROVING = 0.1
-"""Share by which motions a reach fall, while the motions since the last knock double, of an agent that is
+"""Share by which motions per reach fall, while the motions since the last knock double, of an agent that is
 still improving at its end."""
 _MOST_PANELS = 5
 _HEIGHT, _WIDTH, _WIDE = 4.3, 7.6, 8.6  # inches; wide: with more than two panels
@@ -39,7 +39,7 @@ class _Stretch:
 
     Attributes:
         motions: Since the first of them, or lived, of each checkpoint (checkpoints,).
-        worlds: Motions a reach of each world (worlds, checkpoints).
+        worlds: Motions per reach of each world (worlds, checkpoints).
     """
 
     motions: Array
@@ -58,7 +58,7 @@ class _Stretch:
 
 
 def learning_picture(finished: FinishedSuite, scenario: ScenarioConfig) -> Figure:
-    """Motions a reach of the median world in held-out trials; each agent is named where its line ends.
+    """Motions per reach of the median world in held-out trials; each agent is named where its line ends.
 
     Left against the motions lived, up to the first knock; then a panel a knock, against motions since it.
     Where the world changes again and again, there is one panel. The axes are logarithmic, 0 is drawn at 1.
@@ -94,7 +94,7 @@ def learning_picture(finished: FinishedSuite, scenario: ScenarioConfig) -> Figur
             title = _title(scenario, stretch).replace(" by ", " by\N{NO-BREAK SPACE}")
             axes.set_title(fill(title, letters), weight="bold", size=10)
         cap = scenario.env.max_episode_steps
-        say(figure, f"Motions a reach (a failure counts as {cap})", _said(finished, scenario, curves))
+        say(figure, f"Motions per reach (a failure counts as {cap})", _said(finished, scenario, curves))
         ends = [
             _end(agent, curves[agent.label], stretches[-1], longest, lines[agent.label])
             for agent in finished.suite.agents_in(scenario)

@@ -129,7 +129,7 @@ def _tries(found: dict[str, Any]) -> Table:
         {
             "try": k,
             **{name: _yaml(value) for name, value in made["settings"].items()},
-            "motions a reach": made["objective"],
+            "motions per reach": made["objective"],
             "worlds": len(made["worlds"]),
             "CPU s": made["cpu_seconds"],
             "outcome": made["state"],
@@ -137,5 +137,5 @@ def _tries(found: dict[str, Any]) -> Table:
         for k, made in enumerate(found["tries"])
     ]
     name = found["agent"]["name"]
-    formats = {"motions a reach": ".2f", "CPU s": ".1f"}
+    formats = {"motions per reach": ".2f", "CPU s": ".1f"}
     return Table(name, f"Tries of {name}", pd.DataFrame(rows), formats, f"Stopped by {found['stopped_by']}.")

@@ -160,7 +160,7 @@ class Tuner:
     def _described(self, k: int, found: Try) -> str:
         said = f"try {k}: {found.state}"
         if found.objective is not None:
-            said += f", {found.objective:.2f} motions a reach"
+            said += f", {found.objective:.2f} motions per reach"
         if found.error is not None:
             said += f" ({found.error})"
         said += f", {found.cpu_seconds:.0f} s of CPU"

@@ -48,9 +48,9 @@ def test_an_agent_lives_in_the_world_then_in_the_knocked_one():
         world, knocked = protocol.worlds_of(seed)
         assert agent.worlds == [world] * 5 + [knocked] * 3
     assert outcome.motions == (5, 8)
-    assert (outcome.motions_a_reach == 60).all()
+    assert (outcome.motions_per_reach == 60).all()
     assert (outcome.reached == 0).all()
-    assert outcome.motions_a_reach.shape == (2, 3)
+    assert outcome.motions_per_reach.shape == (2, 3)
     assert "still by CalFree-Reach protocol 1 (2 worlds that are not its test worlds)" in outcome.line
     assert "| right after | 60.0 | 60.0 to 60.0 | 0 % |" in str(outcome)
 
@@ -68,8 +68,10 @@ def test_scores_are_those_of_the_worlds(monkeypatch):
     found = iter([(2.0, 1.0), (60.0, 0.0), (4.0, 1.0), (6.0, 1.0), (60.0, 0.0), (8.0, 1.0)])
     monkeypatch.setattr(protocol, "_score", lambda *_: next(found))
     outcome = protocol.run(lambda env, seed: Lives(env), "mine", 0, 0, seeds=SEEDS)
-    assert outcome.motions_a_reach.tolist() == [[2, 60, 4], [6, 60, 8]]
-    assert "4.0 motions a reach after 0 motions, 60.0 right after the knock, 6.0 after 0 more" in outcome.line
+    assert outcome.motions_per_reach.tolist() == [[2, 60, 4], [6, 60, 8]]
+    assert (
+        "4.0 motions per reach after 0 motions, 60.0 right after the knock, 6.0 after 0 more" in outcome.line
+    )
     assert "| at the end | 6.0 | 4.4 to 7.6 | 100 % |" in str(outcome)
 
 
@@ -115,4 +117,4 @@ def test_an_algorithm_of_stable_baselines3_is_run(rows):
 
     outcome = protocol.run(make_agent, "PPO", 16 * rows, 1, rows=rows, seeds=SEEDS[:1])
     assert outcome.motions == (16 * rows, 2 * 16 * rows)
-    assert ((outcome.motions_a_reach >= 1) & (outcome.motions_a_reach <= 60)).all()
+    assert ((outcome.motions_per_reach >= 1) & (outcome.motions_per_reach <= 60)).all()

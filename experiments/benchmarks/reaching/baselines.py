@@ -95,7 +95,7 @@ def table(worlds: int = 10, trials: int = 400, before: int = 250) -> Iterator[Ta
         f"grid_table, {worlds} wild worlds, {trials} training trials, re-aimed by 20 degrees at {before}",
         frame,
         {**dict.fromkeys(numbers, ".2f"), **dict.fromkeys(shares, ".1%")},
-        f"Motions a reach of the median world; a trial without a rendezvous counts as {CAP}. Ratio: of the "
+        f"Motions per reach of the median world; a trial without a rendezvous counts as {CAP}. Ratio: of the "
         "means over worlds.",
     )
 

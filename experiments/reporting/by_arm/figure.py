@@ -1,4 +1,4 @@
-"""Motions a reach of each agent with each arm: a row an arm, a point an agent."""
+"""Motions per reach of each agent with each arm: a row an arm, a point an agent."""
 
 from collections.abc import Mapping, Sequence
 
@@ -26,7 +26,7 @@ def arms_figure(
     Args:
         motors: By the arm's name, how many it has.
         moments: By the panel's title, the block of trials.
-        found: By arm, agent and block: motions a reach in each world.
+        found: By arm, agent and block: motions per reach in each world.
         agents: With their lines.
         cap: The most motions.
         said: Stands below the panels.
@@ -50,12 +50,12 @@ def arms_figure(
             axes.xaxis.set_major_locator(FixedLocator([1, 2, 5, 10, 20, cap]))
             axes.xaxis.set_minor_locator(NullLocator())
             axes.xaxis.set_major_formatter("{x:g}")
-            axes.set_xlabel("motions a reach")
+            axes.set_xlabel("motions per reach")
             axes.set_title(title)
         panels[0].set_yticks(range(len(rows)), [f"{arm} ({motors[arm]} motors)" for arm in rows])
         panels[0].set_ylim(len(rows) - 0.5, -0.5)
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper")
-        say(figure, f"Motions a reach with each arm (a failure counts as {cap})", said)
+        say(figure, f"Motions per reach with each arm (a failure counts as {cap})", said)
     return figure
 
 

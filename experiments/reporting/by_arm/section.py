@@ -35,7 +35,7 @@ _FIRST = 1
 _OWN = "The agents' own trials"
 
 _HOW_TO_READ = (
-    "The agents' own trials, in which they learn; nothing is set for an arm. Motions a reach of the "
+    "The agents' own trials, in which they learn; nothing is set for an arm. Motions per reach of the "
     "median world, in the first trial of a life → in its last block of trials; a trial without a "
     "rendezvous counts as the cap. Rendezvous: the share of all trials, mean over worlds. Brackets: 95 % "
     "intervals over worlds."

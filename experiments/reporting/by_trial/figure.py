@@ -28,7 +28,7 @@ def trial_curves(
     knocks: Sequence[Knock],
     said: str,
 ) -> Figure:
-    """Motions a reach; every block of trials has the same width.
+    """Motions per reach; every block of trials has the same width.
 
     Args:
         title: Stands above.

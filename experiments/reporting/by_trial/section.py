@@ -34,7 +34,7 @@ from experiments.reporting.tables import Table, number, percent, with_most
 from experiments.statistics import most_worlds
 
 _HOW_TO_READ = (
-    "The agents' own trials, in which they learn. Motions a reach: each world's mean over the trials of a "
+    "The agents' own trials, in which they learn. Motions per reach: each world's mean over the trials of a "
     "block, then the median world, and in brackets the 10th to the 90th percentile of worlds (of fewer "
     f"than 20 the lowest and the highest). Rendezvous, {SUCCESS_IN_WORDS.lower()[:-1]}: means over worlds "
     "with 95 % intervals. A trial without a rendezvous counts as the cap in motions, and as going on to "
@@ -47,7 +47,7 @@ _HOW_TO_READ = (
 
 
 def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
-    """Motions a reach against trials, and the table of their blocks."""
+    """Motions per reach against trials, and the table of their blocks."""
     measures = (MOTIONS, *map(seconds_at, LOOKS), SUCCESS, RENDEZVOUS)
     suite, cap = finished.suite, scenario.env.max_episode_steps
     labels = tuple(agent.label for agent in suite.agents_in(scenario))
@@ -101,9 +101,9 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
                 for measure, each in found.items()
             ]
     band = f"robot seconds, {LOOKS[0]:g} – {LOOKS[-1]:g} s a look"
-    shown = pd.DataFrame(lines, columns=["trials", "agent", "motions a reach", band, "rendezvous"])
+    shown = pd.DataFrame(lines, columns=["trials", "agent", "motions per reach", band, "rendezvous"])
     detailed = pd.DataFrame(
-        intervals, columns=["trials", "agent", "motions a reach", "rendezvous", "success"]
+        intervals, columns=["trials", "agent", "motions per reach", "rendezvous", "success"]
     )
     return Section(
         title=f"{scenario.name}: trial by trial",
@@ -123,5 +123,5 @@ def _title(scenario: ScenarioConfig) -> str:
         again_and_again(scenario),
         *(knock.words for knock in knocks(scenario) or () if not knock.trial),
     ]
-    title = f"Motions a reach (a failure counts as {scenario.env.max_episode_steps})"
+    title = f"Motions per reach (a failure counts as {scenario.env.max_episode_steps})"
     return "\n".join([title, *filter(None, always)])

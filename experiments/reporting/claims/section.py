@@ -20,7 +20,7 @@ from experiments.reporting.tables import Table, number, percent
 _MEASURES = {
     "success": "success",
     "rendezvous": "rendezvous",
-    "motions": "motions a reach",
+    "motions": "motions per reach",
     "seconds": "robot seconds a reach",
     "first_motion": f"first motion within {FIRST_MOTION_PX} px",
     "as_expected": f"where it tells what it expects, it is right about its first motion's {EXPECTED_PX} px",
@@ -34,7 +34,7 @@ _HOW_TO_READ = (
     "Confirmed: the whole interval meets the criterion. Not confirmed: none of it does. Mixed: neither, "
     "or the criteria of a claim differ. Untested: a run has not finished, no world has such trials, or "
     "there are fewer than 20 worlds. Questions are what the paper leaves open; judged is the answer that "
-    f"it suggests. {SUCCESS_IN_WORDS} Rendezvous: the last observation was. Motions a reach: without a "
+    f"it suggests. {SUCCESS_IN_WORDS} Rendezvous: the last observation was. Motions per reach: without a "
     "rendezvous the cap. A world whose lifetime was over before such trials is left out."
 )
 

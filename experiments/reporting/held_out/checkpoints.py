@@ -17,14 +17,14 @@ __all__ = ["checkpoint_section", "with_clocks"]
 _CHANGES = 3
 """Changes after which checkpoints are shown: a report has an end."""
 _HOW_TO_READ = (
-    "Motions a reach in held-out trials, a trial without a rendezvous counting as the cap: the median "
+    "Motions per reach in held-out trials, a trial without a rendezvous counting as the cap: the median "
     "world, and in brackets the 10th to the 90th percentile of worlds (of fewer than 20 the lowest and "
     "the highest). Where an agent has no checkpoint after exactly so many motions, its next one."
 )
 
 
 def checkpoint_section(finished: FinishedSuite, scenario: ScenarioConfig, rows: pd.DataFrame) -> Section:
-    """Motions a reach of all agents, in a table from the beginning and one after each change."""
+    """Motions per reach of all agents, in a table from the beginning and one after each change."""
     held_out = with_clocks(rows)
     tables, summary = [], []
     for stretch, of_stretch in held_out[held_out["stretch"] <= _CHANGES].groupby("stretch"):
@@ -42,7 +42,7 @@ def checkpoint_section(finished: FinishedSuite, scenario: ScenarioConfig, rows: 
                 for clock, (_, values) in zip(clocks, found, strict=True)
                 if len(values)
             ]
-        title = f"{scenario.name}, motions a reach {after}"
+        title = f"{scenario.name}, motions per reach {after}"
         tables.append(Table(f"{scenario.name}-checkpoints", title, pd.DataFrame(lines, columns=columns)))
     return Section(
         title=f"{scenario.name}: after how many motions",

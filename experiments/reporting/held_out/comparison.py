@@ -12,7 +12,7 @@ from experiments.statistics import Estimate, paired_motions, paired_shares, shar
 _FORMS = {RENDEZVOUS: percent, MOTIONS: number, "fewer_motions": percent}
 _HOW_TO_READ = (
     "What an agent has more of than the first one, in the worlds in which both are, each at that moment "
-    "of its own life. Rendezvous: the mean over worlds, in points of a percentage. Motions a reach (a "
+    "of its own life. Rendezvous: the mean over worlds, in points of a percentage. Motions per reach (a "
     "failure counts as the cap): the median over worlds of the difference. Fewer motions: the share of "
     "worlds in which it needs fewer, equal ones counting half. Brackets: 95 % intervals over worlds."
 )
@@ -55,7 +55,7 @@ def comparison_section(
             lines.append([agent, name, *(_FORMS[measure](each) for measure, each in of.items())])
             where = scenario.name, "comparison", agent, name
             summary += [summary_row(*where, key, each, both) for key, each in of.items()]
-    columns = ["agent", "when", "rendezvous", "motions a reach", "fewer motions"]
+    columns = ["agent", "when", "rendezvous", "motions per reach", "fewer motions"]
     title = f"{scenario.name}, beside {first}"
     table = Table(f"{scenario.name}-comparison", title, pd.DataFrame(lines, columns=columns))
     return Section(

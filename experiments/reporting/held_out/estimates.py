@@ -39,7 +39,7 @@ class Moment:
         return mean_share(self.worlds[measure].to_numpy())
 
     def motions(self) -> Estimate:
-        """Motions a reach of the median world, a trial without a rendezvous counting as the cap."""
+        """Motions per reach of the median world, a trial without a rendezvous counting as the cap."""
         return median_world(self.worlds[MOTIONS].to_numpy())
 
     def among_reached(self) -> Estimate:

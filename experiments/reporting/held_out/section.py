@@ -27,7 +27,7 @@ from experiments.statistics import most_worlds
 
 _HOW_TO_READ = (
     "Before: the last held-out trials before the world first changes. Right after: the first ones in the "
-    "changed world. Motions a reach: the median world, a trial without a rendezvous counting as the cap; "
+    "changed world. Motions per reach: the median world, a trial without a rendezvous counting as the cap; "
     "in brackets the 10th to the 90th percentile of worlds (of fewer than 20 the lowest and the highest). "
     "Rendezvous, the share of trials that end with an observed one, and motions of those trials alone are "
     "two numbers: each has its 95 % interval over worlds, of the mean and of the median. "
@@ -78,7 +78,7 @@ def _moments(found: dict[str, dict[str, Moment]], finished: FinishedSuite, scena
             shown = with_most(moment.motions().value, most_worlds(motions), ".1f")
             share = f"{moment.share(RENDEZVOUS).value:.0%}".replace("%", " %")
             lines.append([label, name, f"{moment.finished} of {worlds}", shown, share])
-    columns = ["agent", "when", "worlds", "motions a reach", "rendezvous"]
+    columns = ["agent", "when", "worlds", "motions per reach", "rendezvous"]
     return Table(f"{scenario.name}-moments", scenario.name, pd.DataFrame(lines, columns=columns))
 
 

@@ -16,7 +16,7 @@ from experiments.reporting.finished_suite import (
     worlds_of,
 )
 from experiments.reporting.held_out.estimates import AT_THE_END, BEFORE, RIGHT_AFTER, moments
-from experiments.reporting.held_out.thresholds import BEGINNING, GOOD, times_to_good
+from experiments.reporting.held_out.thresholds import AFTER, BEGINNING, GOOD, Times, times_to_good
 from experiments.reporting.pages.perturbations_in_words import knocks
 from experiments.reporting.sweep.estimates import points
 from experiments.reporting.tables import NOTHING, Table
@@ -56,7 +56,7 @@ def head_table(finished: FinishedSuite) -> Table:
 def table_of(finished: FinishedSuite, part: ScenarioConfig | SweepConfig) -> Table:
     """A scenario or sweep in at most four columns, without intervals; agents in words, in the suite's order.
 
-    With held-out trials: motions a reach before and right after the first change, or at the end where there
+    With held-out trials: motions per reach before and right after the first change, or at the end where there
     is none, and the motions lived before it reaches. Else the first and the last trials, or values.
     """
     if isinstance(part, SweepConfig):
@@ -90,36 +90,35 @@ def _of_held_out(finished: FinishedSuite, scenario: ScenarioConfig) -> tuple[_Ce
     cap = scenario.env.max_episode_steps
     changes = bool(scenario.perturbations)
     shown = (BEFORE, RIGHT_AFTER) if changes else (AT_THE_END,)
-    column = f"motions a reach {' → '.join(shown)}{' the knock' * changes}"
+    column = f"motions per reach {' → '.join(shown)}{' the knock' * changes}"
+    until_good = f"motions until {100 * GOOD:.0f} % of trials succeed{' → again after it' * changes}"
     found = {}
     for agent in finished.suite.agents_in(scenario):
         label, worlds = agent.label, worlds_of(finished.suite, agent.label)
         of_agent = moments(rows, label, worlds, cap)
         cells = [_motions(of_agent[each].motions().value) if each in of_agent else NOTHING for each in shown]
-        found[label] = {column: " → ".join(cells), _LIVED: _lived(rows, label, worlds)}
+        times = times_to_good(rows, label, worlds)
+        until = [_until(times.get(stretch)) for stretch in (BEGINNING, AFTER)[: 1 + changes]]
+        found[label] = {column: " → ".join(cells), until_good: " → ".join(until)}
     met = knocks(scenario)
     knock = f" The knock: {met[0].words}." if met else ""
-    note = f"Of the median world, in held-out trials; one that fails counts as {cap} motions.{knock}"
+    note = f"The median world, in trials that only test; one that fails counts as {cap} motions.{knock}"
     return found, note
 
 
-_LIVED = f"motions lived before it reaches {GOOD:.0%}".replace("%", " %")
-
-
-def _lived(rows: pd.DataFrame, label: str, worlds: int) -> str:
-    times = times_to_good(rows, label, worlds)
-    if BEGINNING not in times:
+def _until(times: Times | None) -> str:
+    if times is None:
         return NOTHING
-    at, good, latest = times[BEGINNING]
+    at, good, latest = times
     median = median_time(at, good).value
-    return f"never in {latest:,.0f}" if math.isinf(median) else f"{median:,.0f}"
+    return f"not in {latest:,.0f}" if math.isinf(median) else f"{median:,.0f}"
 
 
 def _of_trials(finished: FinishedSuite, scenario: ScenarioConfig) -> tuple[_Cells, str]:
     rows = with_cost(finished.results, scenario)
     own, cap = rows[rows["phase"] == "train"], scenario.env.max_episode_steps
     edges = edges_of(scenario, (1, *COARSE))
-    column = f"motions a reach in trial 1 → trials {span(*edges[-2:])}"
+    column = f"motions per reach in trial 1 → trials {span(*edges[-2:])}"
 
     def cell(agent: AgentConfig) -> str:
         worlds = worlds_of(finished.suite, agent.label)

@@ -83,12 +83,12 @@ def _fewest(found: Mapping[str, Moment], when: str, few: bool) -> str:
         worlds = counted(min(len(moment.worlds) for moment in found.values()), "world")
         return (
             f"{when}, the median world needs {motions[best]:.1f} ({best}) to {motions[worst]:.1f} "
-            f"({worst}) motions a reach; {worlds} {'is' if worlds == '1 world' else 'are'} too few to rank "
+            f"({worst}) motions per reach; {worlds} {'is' if worlds == '1 world' else 'are'} too few to rank "
             "anybody."
         )
     others = {words: moment for words, moment in found.items() if words != best}
     near = [words for words, moment in others.items() if not _told_apart(found[best], moment)]
-    first = f"{when}, {best} needs the fewest motions a reach, {motions[best]:.1f} in the median world"
+    first = f"{when}, {best} needs the fewest motions per reach, {motions[best]:.1f} in the median world"
     if len(near) == len(others):
         return f"{first}, but no other agent can be told apart from it."
     return f"{first}; {listed(near)} cannot be told apart from it." if near else f"{first}."
@@ -112,7 +112,7 @@ def _cost(found: Mapping[str, Mapping[str, Moment]]) -> str:
         return ""
     least, most = (f"{both[words][0]:.1f} → {both[words][1]:.1f}" for words in (ranked[0], ranked[-1]))
     return (
-        f"Right after it, {ranked[-1]} loses most ({most} motions a reach) and {ranked[0]} least ({least})."
+        f"Right after it, {ranked[-1]} loses most ({most} motions per reach) and {ranked[0]} least ({least})."
     )
 
 

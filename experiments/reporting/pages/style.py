@@ -46,7 +46,7 @@ STYLE: Any = {
 
 
 def motions_axis(axes: Axes, cap: int) -> None:
-    """Makes the vertical axis one of motions a reach, logarithmic, from 1 to the cap of a failure."""
+    """Makes the vertical axis one of motions per reach, logarithmic, from 1 to the cap of a failure."""
     axes.set_yscale("log")
     marks = [*(mark for mark in (1, 2, 5, 10, 20, 50) if mark < 0.7 * cap), cap]
     axes.yaxis.set_major_locator(FixedLocator(marks))

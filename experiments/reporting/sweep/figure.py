@@ -20,14 +20,14 @@ _ACROSS = 3
 """Sweeps side by side."""
 _LOST = 0.95
 """An agent that misses more than this share of all trials at every value has no line among the misses."""
-_NEEDED = "Motions a reach, mean (a failure: {})"
+_NEEDED = "Motions per reach, mean (a failure: {})"
 
 Curves = Sequence[tuple[AgentConfig, list[Point], Line]]
 """Of each agent, with its line."""
 
 
 def sweep_figure(sweep: SweepConfig, curves: Curves, said: str) -> Figure:
-    """Trials that end off the object on the left, and motions a reach on the right, both against the value.
+    """Trials that end off the object on the left, and motions per reach on the right, both against the value.
 
     Args:
         sweep: What is varied.
@@ -58,7 +58,7 @@ def sweep_figure(sweep: SweepConfig, curves: Curves, said: str) -> Figure:
 
 
 def sweeps_figure(sweeps: Sequence[SweepConfig], curves: Mapping[str, Curves], said: str) -> Figure:
-    """Motions a reach in all sweeps, a panel each, three in a row.
+    """Motions per reach in all sweeps, a panel each, three in a row.
 
     Args:
         sweeps: In their order.

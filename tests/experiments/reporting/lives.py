@@ -10,7 +10,7 @@ from experiments.reporting.finished_suite import FinishedSuite
 from experiments.running.plan import runs_of
 
 CAP = 60
-# Motions of a life; motions a reach at first, right after the knock and in the end; and by how many motions
+# Motions of a life; motions per reach at first, right after the knock and in the end; and by how many motions
 # half of the way is learned.
 LIVES = {
     "oracle": (2_000, 1, 1, 1, 1),

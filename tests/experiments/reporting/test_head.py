@@ -13,7 +13,7 @@ from experiments.reporting.pages.sentences import sentences
 from experiments.running.plan import runs_of
 
 WORLDS, CAP = 20, 20
-COLUMNS = ["agent", "what it must know", "motions a reach before → right after the knock"]
+COLUMNS = ["agent", "what it must know", "motions per reach before → right after the knock"]
 
 
 def life(agent, before, right_after, learned=0, again=10, worlds=WORLDS):
@@ -77,11 +77,11 @@ def test_the_table_says_who_must_know_what_and_reaches_how_soon(finished):
     table = head_table(finished(*five()))
     assert table.header[:3] == COLUMNS
     rows = {row[0]: row[1:] for row in table.rows}
-    assert rows[WORDS["oracle"]] == ["where to go", "1.0 → 1.0", "0"]
-    assert rows[WORDS["random"]] == ["nothing", "20.0 → 20.0", "never in 50"]
-    assert rows[WORDS["unified_servo"]] == ["nothing", "4.0 → 5.0", "0"]
+    assert rows[WORDS["oracle"]] == ["where to go", "1.0 → 1.0", "0 → 0"]
+    assert rows[WORDS["random"]] == ["nothing", "20.0 → 20.0", "not in 50 → not in 40"]
+    assert rows[WORDS["unified_servo"]] == ["nothing", "4.0 → 5.0", "0 → 0"]
     right_after = (9 * 6 + CAP) / 10  # one trial in ten fails
-    assert rows[WORDS["memory"]] == ["nothing", f"2.0 → {right_after:.1f}", "25"]
+    assert rows[WORDS["memory"]] == ["nothing", f"2.0 → {right_after:.1f}", "25 → 10"]
     assert "[" not in table.markdown()
     assert "The knock: left camera turned by 20°." in table.note
 
@@ -93,14 +93,14 @@ def test_the_table_is_of_the_first_scenario_in_which_the_world_changes(finished,
     assert head_part(of).name == "aimed"
     of = finished(*five(), scenarios=[calm])
     table = head_table(of)
-    assert table.header[2] == "motions a reach at the end"
+    assert table.header[2] == "motions per reach at the end"
     assert {row[2] for row in table.rows} == {"–"}, "no run of it has finished"
 
 
 def test_three_sentences_rank_those_who_can_be_told_apart(finished):
     best, cost, again = sentences(*both(finished(*five())))
     memory, unified, paper = (WORDS[name] for name in ("memory", "unified_servo", "paper_servo"))
-    assert f"{memory} needs the fewest motions a reach, 2.0" in best
+    assert f"{memory} needs the fewest motions per reach, 2.0" in best
     assert f"{memory} loses most (2.0 → 7.4 " in cost
     assert f"{paper} least (10.1 → 10.1)" in cost
     assert again.index(unified) < again.index(f"{memory} last, within 10 motions") < again.index(paper)
@@ -120,7 +120,7 @@ def test_equal_agents_are_not_told_apart(finished):
 
 def test_few_worlds_rank_nobody(finished):
     best, *_ = sentences(*both(finished(*five(4), worlds=4)))
-    assert f"2.0 ({WORDS['memory']}) to 10.1 ({WORDS['paper_servo']}) motions a reach" in best
+    assert f"2.0 ({WORDS['memory']}) to 10.1 ({WORDS['paper_servo']}) motions per reach" in best
     assert "fewest" not in best
 
 

@@ -51,10 +51,10 @@ def test_a_suite_is_one_table_a_scenario(kept, finished_once):
     lines = tables_named("quick/aimed", kept).splitlines()
     head, _, servo = lines[0], lines[1], lines[3]
     assert head == (
-        "| agent | what it must know | motions a reach before → right after the knock | "
-        "motions lived before it reaches 95 % |"
+        "| agent | what it must know | motions per reach before → right after the knock | "
+        "motions until 95 % of trials succeed → again after it |"
     )
-    assert servo.startswith(f"| {in_words('unified_servo', 'unified_servo')} | image scale, noise | ")
+    assert servo.startswith(f"| {in_words('unified_servo', 'unified_servo')} | size of an image, image noise | ")
     commit = json.loads((kept / "quick" / "tables.json").read_text())["commit"]
     assert lines[-1] == f"*Made from `experiments/results/quick`, code of commit {commit}.*"
     assert tables_named("quick", kept) == tables_named("quick/aimed", kept)
