@@ -263,12 +263,10 @@ def _status(options: argparse.Namespace) -> int:
 
 
 def _keep(options: argparse.Namespace) -> int:
-    from experiments.reporting.documents.benchmark_report import keep_benchmark
-    from experiments.reporting.documents.keep import keep
-    from experiments.reporting.documents.kept_tables import KEPT
+    from experiments.reporting.documents import benchmark_report, keep, kept_tables
 
-    does = keep_benchmark if options.source.suffix == ".json" else keep
-    print(f"kept: {does(options.source, KEPT)}")
+    does = benchmark_report.keep_benchmark if options.source.suffix == ".json" else keep.keep
+    print(f"kept: {does(options.source, kept_tables.KEPT)}")
     return 0
 
 

@@ -25,6 +25,8 @@ class Encoders:
         share: How much of a word motors usually execute.
     """
 
+    NAME = "registers."
+    """How the names of its arrays begin."""
     GATE = 4.0
     """What differs by so many standard deviations is not the same. Derived: once in 16,000 cases."""
     KEPT = 50
@@ -126,23 +128,23 @@ class Encoders:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All that is known, as named arrays."""
         return {
-            "registers.resting": np.array(self._resting),
-            "registers.errors": np.array(self._errors),
-            "registers.shares": np.array(self._shares),
-            "registers.in_a_row": np.array(self._in_a_row).reshape(-1, 2),
-            "registers.other": np.array([self.share, self._step, self._farthest]),
+            f"{self.NAME}resting": np.array(self._resting),
+            f"{self.NAME}errors": np.array(self._errors),
+            f"{self.NAME}shares": np.array(self._shares),
+            f"{self.NAME}in_a_row": np.array(self._in_a_row).reshape(-1, 2),
+            f"{self.NAME}other": np.array([self.share, self._step, self._farthest]),
         }
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
         """What `arrays` returned of one; nothing is known where a file of an earlier version has none."""
         known = cls()
-        if "registers.other" in arrays:
-            known._resting.extend(arrays["registers.resting"].tolist())
-            known._errors.extend(arrays["registers.errors"].tolist())
-            known._shares.extend(arrays["registers.shares"].tolist())
-            known._in_a_row.extend((one, two) for one, two in arrays["registers.in_a_row"].tolist())
-            known.share, known._step, known._farthest = arrays["registers.other"].tolist()
+        if f"{cls.NAME}other" in arrays:
+            known._resting.extend(arrays[f"{cls.NAME}resting"].tolist())
+            known._errors.extend(arrays[f"{cls.NAME}errors"].tolist())
+            known._shares.extend(arrays[f"{cls.NAME}shares"].tolist())
+            known._in_a_row.extend((one, two) for one, two in arrays[f"{cls.NAME}in_a_row"].tolist())
+            known.share, known._step, known._farthest = arrays[f"{cls.NAME}other"].tolist()
         return known
 
 

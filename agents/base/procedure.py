@@ -245,7 +245,7 @@ class ProcedureAgent(Agent):
 
     def _take_over(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         self._encoders = Encoders.of(arrays)
-        self.restore(arrays)
+        self.restore({name: each for name, each in arrays.items() if not name.startswith(Encoders.NAME)})
 
     @property
     def _like(self) -> tuple[type[ProcedureAgent], str, int]:

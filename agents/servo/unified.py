@@ -160,7 +160,7 @@ class Reach:
         if self.filter.often_mistaken:
             self.points.leave_out_mistaken()
         self._note_seen()
-        if (observation.registers != before.registers).any():
+        if observation.visible.all() and (observation.registers != before.registers).any():
             self._judge(left_px)
 
     def forget_and_go_on(self) -> Motions:
@@ -176,9 +176,10 @@ class Reach:
 
     def _judge(self, expected_px: float) -> None:
         """Counts motions that came hardly nearer than one before, twice where they were expected to."""
-        if self.now.distance_px < HARDLY_NEARER * self._nearest_px:
-            self.in_vain, self._nearest_px = 0, self.now.distance_px
-        elif self.now.distance_px > Gating.AGREE * np.sqrt(2) * self.filter.noise.px:
+        there_px = Gating.AGREE * np.sqrt(2) * self.filter.noise.px
+        if self.now.distance_px < max(HARDLY_NEARER * self._nearest_px, there_px):
+            self.in_vain, self._nearest_px = 0, max(self.now.distance_px, there_px)
+        else:
             self.in_vain += 2 if expected_px < LEFT * self._nearest_px else 1
 
     def _note_seen(self) -> None:

@@ -11,6 +11,7 @@ from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.motors import MotorMap
 
 MOTOR, ONE = 1, slice(0, 1)
+ROUNDING = 1e-12
 
 
 @st.composite
@@ -91,11 +92,11 @@ def test_a_rippled_gears_inverse_stops_and_reach_are_those_of_brute_force(both, 
     low, high = MOVEMASTER.stops[MOTOR] + np.array([1, -1]) * MOVEMASTER.stop_margin[MOTOR]
     within = dense[(positions >= low) & (positions <= high)]
     lowest, highest = motors.lowest[0, MOTOR], motors.highest[0, MOTOR]
-    assert within[0] - 1e-4 <= lowest <= within[0]
-    assert within[-1] <= highest <= within[-1] + 1e-4
+    assert within[0] - 1e-4 <= lowest <= within[0] + ROUNDING
+    assert within[-1] - ROUNDING <= highest <= within[-1] + 1e-4
     for end in (lowest, highest):
         at = shoulder(motors, np.array([end]))
-        assert abs(end) == 1 or np.isclose(at, [low, high], rtol=0, atol=1e-9).any()
+        assert np.isclose(abs(end), 1) or np.isclose(at, [low, high], rtol=0, atol=1e-9).any()
     home = motors.positions(np.zeros((1, 3)), ONE)
     candidates = np.repeat(home, len(dense), 0)
     candidates[:, MOTOR] = positions

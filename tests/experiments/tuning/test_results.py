@@ -42,7 +42,7 @@ def test_pages_show_the_choice_its_cost_and_the_ranges(kept):
     tries = tables_named("tuning/jacobian_servo", kept.parent)
     assert f"| 0 | 0.05 | {default:.2f} |" in tries
     assert "| 0 | 6.0 | complete |" in tries
-    assert (kept / "report.md").read_text().count("\n## ") == 1
+    assert (kept / "report.md").read_text().count("\n## ") == 2
 
 
 def published(name, settings):
