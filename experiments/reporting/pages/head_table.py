@@ -27,14 +27,14 @@ _IN_WORDS = {
     "`joint_angles`": "its joint angles",
     "`joint_zeros`": "where its joints have their zeros",
     "`gripper_position`": "where its gripper is in the room",
-    "image scale": "size of an image",
+    "image scale": "image size",
     "noise": "image noise",
     "camera model": "how cameras project",
     "arm": "its arm",
     "chain of joints": "that its arm is a chain",
     "mount": "where cameras stand",
     "reward": "a reward",
-    "word limit": "strength of motors",
+    "word limit": "motor strength",
     "training worlds": "worlds to train in",
 }
 """Privileged observations, and prior knowledge."""

@@ -95,7 +95,7 @@ def test_words_smaller_than_a_step_are_counted_though_registers_do_not_show_them
 @settings(max_examples=50)
 @given(
     st.floats(1e-3, 0.1),
-    st.lists(st.integers(-300, 300).filter(bool), min_size=6, max_size=30),
+    st.lists(st.integers(-30, 30).filter(bool), min_size=6, max_size=30),
     st.booleans(),
 )
 def test_a_step_is_what_all_registers_are_multiples_of(step, multiples, stepped):
