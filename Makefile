@@ -42,7 +42,7 @@ docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # Every kept result anew, training and tuning apart. Started again, it goes on where it was.
-SUITES := paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions
+SUITES := quick paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions
 BENCHMARKS := coverage controllers priors knowledge first_grasps insert orientations safe_start
 ALONE := changes right_actions sensitivity speed  # they take all cores, or measure time
 parts_of_controllers := controllers models robust servo table
