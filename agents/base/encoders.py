@@ -23,6 +23,7 @@ class Encoders:
 
     Attributes:
         share: How much of a word motors usually execute.
+        noise: Standard deviation of a register, by motors that were sent nothing.
     """
 
     NAME = "registers."
@@ -47,12 +48,11 @@ class Encoders:
     (median deviations), and by no more than half. Choice: else, what stops some motions is no rule."""
     ROUNDING = 4 * float(np.finfo(np.float32).eps)
     """Of registers (a guard): observations have single precision."""
-
     DIVIDED = 300 * float(np.finfo(np.float32).eps)
     """Of the largest register (a guard): as far off is what is left of several divisions."""
 
     def __init__(self) -> None:
-        self.share = 1.0
+        self.share, self.noise = 1.0, 0.0
         self._resting = deque[float](maxlen=self.KEPT)
         self._errors = deque[float](maxlen=self.KEPT)
         self._shares = deque[float](maxlen=self.KEPT)
@@ -62,6 +62,8 @@ class Encoders:
     def rest(self, off: Array) -> None:
         """Registers of motors that have not moved are so far off (n,)."""
         self._resting.extend(off.tolist())
+        noise = _deviation(self._resting, *self.MEDIAN)
+        self.noise = noise * (1 + self.CAUTION / max(len(self._resting), 1))
 
     def learn(self, words: Array, moved: Array, off: Array, before: Array) -> None:
         """Learns from what registers have made of words.
@@ -96,11 +98,6 @@ class Encoders:
     def step(self) -> float:
         """What registers are multiples of, if anything: one reading alone is no evidence of it."""
         return self._step if self._farthest > 1.5 * self._step else 0.0
-
-    @property
-    def noise(self) -> float:
-        """Standard deviation of a register, by motors that were sent nothing."""
-        return _deviation(self._resting, *self.MEDIAN) * (1 + self.CAUTION / max(len(self._resting), 1))
 
     @property
     def error(self) -> float:
@@ -140,7 +137,7 @@ class Encoders:
         """What `arrays` returned of one; nothing is known where a file of an earlier version has none."""
         known = cls()
         if f"{cls.NAME}other" in arrays:
-            known._resting.extend(arrays[f"{cls.NAME}resting"].tolist())
+            known.rest(arrays[f"{cls.NAME}resting"])
             known._errors.extend(arrays[f"{cls.NAME}errors"].tolist())
             known._shares.extend(arrays[f"{cls.NAME}shares"].tolist())
             known._in_a_row.extend((one, two) for one, two in arrays[f"{cls.NAME}in_a_row"].tolist())

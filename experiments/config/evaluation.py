@@ -1,17 +1,16 @@
 """When agents are scored on held-out trials."""
 
 from itertools import pairwise, takewhile
-from typing import Any
 
-from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from experiments.config.environment import EnvironmentConfig
-from experiments.config.model import Model
+from experiments.config.model import WithoutUnused
 
 WHENS = ("every", "at", "per_decade")
 
 
-class EvaluationConfig(Model):
+class EvaluationConfig(WithoutUnused):
     """Held-out trials at checkpoints: by `offsets`, right before and after a perturbation, and at the end.
 
     Attributes:
@@ -42,11 +41,6 @@ class EvaluationConfig(Model):
             found = " and ".join(given) or "none"
             raise ValueError(f"one of {', '.join(WHENS)} says when; found {found}")
         return self
-
-    @model_serializer(mode="wrap")
-    def _without_unused(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        values: dict[str, Any] = written(self)
-        return {key: value for key, value in values.items() if value is not None}
 
     @property
     def begins_anew(self) -> bool:

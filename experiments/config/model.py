@@ -1,8 +1,8 @@
 """What all parts of a configuration have in common."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from calfree_gym.errors import near_misses
 
@@ -13,6 +13,15 @@ class Model(BaseModel):
     """A frozen value that knows all its keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, ser_json_inf_nan="constants")
+
+
+class WithoutUnused(Model):
+    """One whose keys without a value are not written: a new key leaves the ids of runs as they are."""
+
+    @model_serializer(mode="wrap")
+    def _without_unused(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        values: dict[str, Any] = written(self)
+        return {key: value for key, value in values.items() if value is not None}
 
 
 def one_of(found: str, allowed: tuple[str, ...]) -> str:

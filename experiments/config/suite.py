@@ -3,14 +3,7 @@
 from itertools import pairwise
 from typing import Any
 
-from pydantic import (
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationInfo,
-    field_validator,
-    model_serializer,
-    model_validator,
-)
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import agents
 from calfree_gym.errors import near_misses
@@ -20,7 +13,7 @@ from experiments.config.claims import Claim, TrialsOf
 from experiments.config.environment import OWN, EnvironmentConfig
 from experiments.config.evaluation import EvaluationConfig, check_one_world, most_motions
 from experiments.config.lives import check_events, check_lives
-from experiments.config.model import Model, Name, distinct, one_of
+from experiments.config.model import Model, Name, WithoutUnused, distinct, one_of
 from experiments.config.schedule import with_shares_as_motions
 
 FIRST_OWN_TRIALS = 100
@@ -146,7 +139,7 @@ class SweepConfig(Model):
         return ({"at": {"trial": 0}, "do": {**self.do, self.vary: value}},)
 
 
-class AgentConfig(Model):
+class AgentConfig(WithoutUnused):
     """An agent by name, or a name alone, with its settings.
 
     Attributes:
@@ -160,11 +153,6 @@ class AgentConfig(Model):
     settings: dict[str, Any] = Field(default_factory=dict)
     motions: int | None = Field(default=None, gt=0)
     worlds: int | None = Field(default=None, gt=0)
-
-    @model_serializer(mode="wrap")
-    def _without_unused(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        values: dict[str, Any] = written(self)
-        return {key: value for key, value in values.items() if value is not None}
 
     @model_validator(mode="before")
     @classmethod

@@ -64,13 +64,15 @@ def write_report(finished: FinishedSuite) -> Path:
     out = made_folder(finished.out)
     sections = [*_comparison(finished), agents_section(finished), computing_section(finished)]
     write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
+    of_parts = {part.name: table_of(finished, part) for part in finished.suite.parts}
     tables = {
         "commit": finished.versions["commit"],
-        "tables": [table_of(finished, part).to_dict() for part in finished.suite.parts],
+        "tables": [table.to_dict() for table in of_parts.values()],
         "details": [table.to_dict() for section in sections for table in section.tables],
     }
     write_whole(out / TABLES, json.dumps(tables, indent=1))
-    head, failed = head_of(finished), [_failures(finished)] if finished.unfinished else []
+    head = head_of(finished, of_parts[head_part(finished).name])
+    failed = [_failures(finished)] if finished.unfinished else []
     sections = [*failed, *sections, _versions(finished), _provenance(finished)]
     page = out / PAGE
     write_whole(page, html_page(head, sections))
@@ -78,8 +80,8 @@ def write_report(finished: FinishedSuite) -> Path:
     return page
 
 
-def head_of(finished: FinishedSuite) -> Head:
-    """What the report says in a minute."""
+def head_of(finished: FinishedSuite, table: Table) -> Head:
+    """What the report says in a minute, with the table of `head_part`."""
     suite, part = finished.suite, head_part(finished)
     held_out = isinstance(part, ScenarioConfig) and suite.evaluation_of(part) is not None
     figures = {}
@@ -88,7 +90,7 @@ def head_of(finished: FinishedSuite) -> Head:
         figures[name] = save(learning_picture(finished, part), finished.out / "figures", name)
     film = next((path for name in FILMS if (path := finished.out / name).exists()), None)
     said = sentences(finished, part) if isinstance(part, ScenarioConfig) and held_out else []
-    return Head(suite.name, suite.question, figures, head_table(finished), said, film)
+    return Head(suite.name, suite.question, figures, table, said, film)
 
 
 def _comparison(finished: FinishedSuite) -> list[Section]:

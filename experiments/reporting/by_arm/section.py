@@ -85,13 +85,14 @@ def arms_sections(finished: FinishedSuite) -> list[Section]:
                 for block, of_worlds in zip(names, motions.runs.T, strict=True)
             }
     first, lines = suite.scenarios[0], lines_of(suite.agents)
+    amounts = [worlds_of(suite, agent.label) for agent in suite.agents_in(first)]
     figure = arms_figure(
         {scenario.name: _motors(scenario.env) for scenario in suite.scenarios},
         {f"trial {names[0]}": names[0], f"trials {names[-1]}": names[-1]},
         found,
         [(agent, lines[agent.label]) for agent in suite.agents_in(first)],
         first.env.max_episode_steps,
-        f"{where_it_stands(first, _OWN, suite.worlds)} Points: the median world.",
+        f"{where_it_stands(first, _OWN, *amounts)} Points: the median world.",
     )
     return [
         Section(

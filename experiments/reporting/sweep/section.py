@@ -56,7 +56,8 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
     }
 
     def said(sweep: SweepConfig) -> str:
-        return where_it_stands(sweep, "One trial at each value", suite.worlds)
+        worlds = (worlds_of(suite, agent.label) for agent in suite.agents_in(sweep))
+        return where_it_stands(sweep, "One trial at each value", *worlds)
 
     def saved(name: str, figure: Figure) -> dict[str, Drawing]:
         return {name: save(figure, finished.out / "figures", name)}
