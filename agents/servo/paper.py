@@ -59,7 +59,7 @@ class PaperServo:
         after the motion.
         """
         trial = Trial(first, findings, self.first_word, self.test_px)
-        steps = Steps(trial, self.step_px, self.step_word, self.border, beyond=True)
+        steps = Steps(trial, self.step_px, self.step_word, self.border, doubting=True)
         yield from trial.begin()
         while True:
             for motor in trial.unmeasured():

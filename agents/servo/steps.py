@@ -35,7 +35,8 @@ class Steps:
         step_px: No step is predicted to move a point further than this in an image.
         step_word: No word of a step is larger.
         border: Steps are predicted to keep every point within this part of the images.
-        beyond: Whether steps go beyond, and back, after one that came hardly nearer.
+        doubting: Where steps come hardly nearer, points may be noisy and gears may have play: then it looks
+            again, and goes beyond and back.
     """
 
     SHORTER, LONGER = 0.4, 1.5
@@ -49,15 +50,16 @@ class Steps:
     """A step that leads out of the images keeps this share at least: else nothing would move (a guard)."""
 
     def __init__(
-        self, trial: Trial, step_px: float, step_word: float, border: float, beyond: bool = False
+        self, trial: Trial, step_px: float, step_word: float, border: float, doubting: bool = False
     ) -> None:
         self.trial = trial
         self.confidence = 1.0
         self._hardly_nearer = False
+        self._last_px = np.inf
         self._step_px = step_px
         self._step_word = step_word
         self._border = border
-        self._beyond = beyond
+        self._doubting = doubting
 
     def make(self, words: Array) -> Motions:
         """Executes words (m,) as far as they may go; where a point got lost, goes back, and then shorter.
@@ -69,11 +71,12 @@ class Steps:
         words = self.confidence * self.bounded(words)
         self.trial.findings.note_words(words, self.trial.now, self.trial.stops)
         goal = self.trial.now.registers + words
-        if self._beyond and self._hardly_nearer:
+        if self._doubting and self._hardly_nearer:
             yield from self._go(goal + np.copysign(self.trial.test_words, words))
         if not self.trial.filter.lost.any():
             yield from self._go(goal)
         yield from self._look()
+        self._last_px = self.trial.now.distance_px
         self._hardly_nearer = self.trial.now.distance_px > HARDLY_NEARER * before_px
         if not self.trial.filter.lost.any():
             self.confidence = min(1.0, self.LONGER * self.confidence)
@@ -82,9 +85,15 @@ class Steps:
             yield from self.trial.go_back()
 
     def _look(self) -> Motions:
-        """Looks again where all that is left of the distance may be noise."""
+        """Looks again where all that is left of the distance may be noise.
+
+        It may be where a step ends hardly nearer than the one before and nobody knows how noisy points are.
+        """
+        noise = self.trial.filter.noise
+        stalled = self._doubting and self.trial.now.distance_px > HARDLY_NEARER * self._last_px
         for _ in range(self.LOOKS):
-            if self.trial.now.distance_px > Gating.AGREE * self.trial.filter.noise.px:
+            unknown = stalled and not noise.measured
+            if not unknown and self.trial.now.distance_px > Gating.AGREE * noise.px:
                 break
             yield from self.trial.move(np.zeros_like(self.trial.test_words))
 

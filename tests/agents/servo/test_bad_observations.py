@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
+from agents.servo.paper import PaperServo
 from agents.servo.trial import Findings
 from agents.servo.unified import UnifiedServo
 
@@ -20,7 +21,13 @@ HARD = {
 
 
 def share_reached(mount, trouble, motions, error_px, worlds):
-    """Share of wild worlds with so small a true error after the last motion; nothing ends a trial."""
+    """Share of wild worlds with so small a true error after the last motion."""
+    errors_px, _ = after(mount, trouble, motions, worlds, UnifiedServo())
+    return np.mean(errors_px <= error_px + 1.5)
+
+
+def after(mount, trouble, motions, worlds, servo):
+    """True errors, and what was found out, after so many motions in wild worlds; nothing ends a trial."""
     env = gym.make_vec(
         "CalFree/Reach-v0",
         num_envs=worlds,
@@ -32,15 +39,16 @@ def share_reached(mount, trouble, motions, error_px, worlds):
         perturbations=trouble and [{"at": {"trial": 0}, "do": trouble}],
     )
     observations, _ = env.reset(seed=list(range(3000, 3000 + worlds)))
-    servo, words, running = UnifiedServo(), np.zeros((worlds, 3), np.float32), []
+    findings = [Findings(servo.new_estimator(3, None)) for _ in range(worlds)]
+    words, running = np.zeros((worlds, 3), np.float32), []
     for row in range(worlds):
-        running.append(servo(of_row(observations, row), Findings(servo.new_estimator(3, None))))
+        running.append(servo(of_row(observations, row), findings[row]))
         words[row] = next(running[row])
     for _ in range(motions):
         observations, *_, info = env.step(words)
         for row in range(worlds):
             words[row] = running[row].send(of_row(observations, row))
-    return np.mean(info["truth"]["error_px"] <= error_px + 1.5)
+    return info["truth"]["error_px"], findings
 
 
 def of_row(observations, row):
@@ -60,3 +68,10 @@ def test_the_servo_arrives_and_stays_whatever_observations_are_like(trouble, mou
 def test_the_servo_arrives_among_mistaken_missing_and_noisy_points(trouble):
     do, motions, error_px, _ = HARD[trouble]
     assert share_reached("stand", do, motions, error_px, worlds=30) >= 0.9
+
+
+def test_the_paper_s_servo_finds_out_how_noisy_points_are_in_its_first_trial():
+    _, findings = after("waist", {"type": "point_noise", "px": 2.0}, 60, 30, PaperServo())
+    known = [each.filter.noise.px for each in findings if each.filter.noise.measured]
+    assert len(known) >= 25
+    assert 1.6 <= np.median(known) <= 2.4
