@@ -263,9 +263,10 @@ def _status(options: argparse.Namespace) -> int:
 
 
 def _keep(options: argparse.Namespace) -> int:
-    from experiments.reporting.documents import benchmark_report, keep, kept_tables
+    from experiments.reporting import kept_tables
+    from experiments.reporting.keep import keep, keep_benchmark
 
-    does = benchmark_report.keep_benchmark if options.source.suffix == ".json" else keep.keep
+    does = keep_benchmark if options.source.suffix == ".json" else keep
     print(f"kept: {does(options.source, kept_tables.KEPT)}")
     return 0
 
@@ -311,8 +312,7 @@ def _check_arm(options: argparse.Namespace) -> int:
 
 
 def _results_tables(options: argparse.Namespace) -> int:
-    from experiments.reporting.documents.kept_tables import tables_named
-    from experiments.reporting.documents.markers import outdated, pages
+    from experiments.reporting.kept_tables import outdated, pages, tables_named
     from experiments.running.results_folder import write_whole
 
     changed = outdated(pages(), tables_named)

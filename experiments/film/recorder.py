@@ -11,7 +11,8 @@ import numpy as np
 
 from calfree_gym.envs.arms.base import LOOK_SECONDS
 from calfree_gym.geometry import Array
-from experiments.film.captions import Status, announcement, caption, told
+from experiments.config.in_words import in_words
+from experiments.film.captions import Status, caption, told
 from experiments.film.drawing import NO_ALARM, Alarm, Marks
 from experiments.film.lettering import Image, Trial, Words
 from experiments.film.strip import Moment, moment
@@ -183,7 +184,7 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         marks = None if self._marks is None else self._marks.lingering(None)
         pace = self._pace
         for change in self._changes:
-            said = announcement(change)
+            said = in_words(change)
             words, alarm = self._words(said), Alarm(change.get("camera", ""), now=True)
             for flash in (True, False) * pace.flashes:
                 self._show(pace.flash, configuration, marks, words, alarm._replace(flash=flash))

@@ -26,7 +26,7 @@ class FinishedSuite:
         suite: What was run.
         command: What makes it, in any folder and on any number of processes.
         runs: All runs of the suite.
-        outcomes: What the finished ones say about themselves, by their ids; perturbations in words.
+        outcomes: What the finished ones say about themselves, by their ids.
         failures: The last lines that failed ones printed, by their ids.
         versions: The commit, and what else made the finished ones; several versions where they differ.
         results: All rows of the finished ones.

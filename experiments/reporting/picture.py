@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from agents.knowledge.grid_table import GridTable
 from experiments.errors import ConfigError
-from experiments.reporting.pages.style import STYLE
+from experiments.reporting.figures import STYLE
 
 _IMAGES = (("left image", "$x_a$", "$y_a$"), ("right image", "$x_b$", "$y_b$"))
 _EMPTY = "#f2f2f2"

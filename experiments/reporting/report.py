@@ -7,26 +7,21 @@ from pathlib import Path
 import pandas as pd
 import yaml
 
-from experiments.config.suite import ScenarioConfig
-from experiments.reporting.by_arm.section import arms_sections, many_arms
-from experiments.reporting.by_trial.section import trial_section
-from experiments.reporting.claims.section import claims_section
-from experiments.reporting.claims.verdicts import judge
+from experiments.reporting.by_arm import arms_sections, many_arms
+from experiments.reporting.by_trial import trial_section
+from experiments.reporting.claims import claims_section, judge
+from experiments.reporting.figures import save
 from experiments.reporting.finished_suite import FinishedSuite
-from experiments.reporting.held_out.section import scenario_sections
-from experiments.reporting.learning_picture import learning_picture
-from experiments.reporting.pages import Head, Section
-from experiments.reporting.pages.head_table import head_part, head_table, table_of
-from experiments.reporting.pages.html import html_page
-from experiments.reporting.pages.markdown import markdown_page
-from experiments.reporting.pages.sentences import sentences
-from experiments.reporting.pages.style import save
+from experiments.reporting.head import head_part, sentences, table_of
+from experiments.reporting.held_out import HeldOut, held_out
+from experiments.reporting.held_out_section import held_out_sections, learning_picture
+from experiments.reporting.pages import MARKDOWN, PAGE, Head, Section, html_page, markdown_page
 from experiments.reporting.results_file import TIMES, gather, read_finished
-from experiments.reporting.sweep.section import sweep_sections
+from experiments.reporting.sweep import sweep_sections
 from experiments.reporting.tables import NOTHING, Table, show
 from experiments.running.results_folder import LOG, folder_of, made_folder, write_whole
 
-SUMMARY, TABLES, PAGE, MARKDOWN = "summary.csv", "tables.json", "report.html", "report.md"
+SUMMARY, TABLES = "summary.csv", "tables.json"
 FILMS = ("film.gif", "film.png")
 """An agent at work, if one of these lies beside the results."""
 
@@ -45,55 +40,55 @@ def report(source: Path, out: Path | None) -> Path:
         ConfigError: There are no results, or they are damaged.
     """
     results = gather(source) if source.is_dir() or not source.suffix else source
-    finished = read_finished(results, out or results.parent)
-    show([head_table(finished)])
-    return write_report(finished)
+    return write_report(read_finished(results, out or results.parent), show_head=True)
 
 
-def write_report(finished: FinishedSuite) -> Path:
+def write_report(finished: FinishedSuite, show_head: bool = False) -> Path:
     """Writes `report.html`, `report.md`, `tables.json`, `summary.csv` and `figures/` into the suite's folder.
 
     All are made from the finished runs alone, so they are right also where the suite was interrupted.
 
     Args:
         finished: The suite.
+        show_head: Whether to print the one table first.
 
     Returns:
         The path of the HTML page.
     """
+    suite, of_head = finished.suite, head_part(finished)
+    held = {each.name: held_out(finished, each) for each in suite.scenarios if suite.evaluation_of(each)}
+    tables = {part.name: table_of(finished, part, held.get(part.name)) for part in suite.parts}
+    if show_head:
+        show([tables[of_head.name]])
     out = made_folder(finished.out)
-    sections = [*_comparison(finished), agents_section(finished), computing_section(finished)]
+    sections = [*_comparison(finished, held), agents_section(finished), computing_section(finished)]
     write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
-    of_parts = {part.name: table_of(finished, part) for part in finished.suite.parts}
-    tables = {
+    kept = {
         "commit": finished.versions["commit"],
-        "tables": [table.to_dict() for table in of_parts.values()],
+        "tables": [table.to_dict() for table in tables.values()],
         "details": [table.to_dict() for section in sections for table in section.tables],
     }
-    write_whole(out / TABLES, json.dumps(tables, indent=1))
-    head = head_of(finished, of_parts[head_part(finished).name])
+    write_whole(out / TABLES, json.dumps(kept, indent=1))
+    head = head_of(finished, tables[of_head.name], held.get(of_head.name))
     failed = [_failures(finished)] if finished.unfinished else []
     sections = [*failed, *sections, _versions(finished), _provenance(finished)]
-    page = out / PAGE
-    write_whole(page, html_page(head, sections))
+    write_whole(out / PAGE, html_page(head, sections))
     write_whole(out / MARKDOWN, markdown_page(head, sections))
-    return page
+    return out / PAGE
 
 
-def head_of(finished: FinishedSuite, table: Table) -> Head:
-    """What the report says in a minute, with the table of `head_part`."""
-    suite, part = finished.suite, head_part(finished)
-    held_out = isinstance(part, ScenarioConfig) and suite.evaluation_of(part) is not None
-    figures = {}
-    if isinstance(part, ScenarioConfig) and held_out:
-        name = f"{part.name}-held-out"
-        figures[name] = save(learning_picture(finished, part), finished.out / "figures", name)
+def head_of(finished: FinishedSuite, table: Table, held: HeldOut | None) -> Head:
+    """What the report says in a minute: the table of `head_part` and, of held-out trials, more."""
+    figures, said = {}, []
+    if held:
+        name = f"{held.scenario.name}-held-out"
+        figures[name] = save(learning_picture(finished, held), finished.out / "figures", name)
+        said = sentences(finished, held)
     film = next((path for name in FILMS if (path := finished.out / name).exists()), None)
-    said = sentences(finished, part) if isinstance(part, ScenarioConfig) and held_out else []
-    return Head(suite.name, suite.question, figures, table, said, film)
+    return Head(finished.suite.name, finished.suite.question, figures, table, said, film)
 
 
-def _comparison(finished: FinishedSuite) -> list[Section]:
+def _comparison(finished: FinishedSuite, held: dict[str, HeldOut]) -> list[Section]:
     """All that was measured, part by part."""
     sections = []
     if finished.suite.claims:
@@ -101,8 +96,8 @@ def _comparison(finished: FinishedSuite) -> list[Section]:
     by_arm = many_arms(finished.suite.scenarios)
     sections += arms_sections(finished) if by_arm else []
     for scenario in finished.suite.scenarios:
-        if finished.suite.evaluation_of(scenario):
-            sections += scenario_sections(finished, scenario)
+        if scenario.name in held:
+            sections += held_out_sections(finished, held[scenario.name])
         if scenario.trials and not by_arm:
             sections.append(trial_section(finished, scenario))
     sections += sweep_sections(finished)
@@ -134,8 +129,8 @@ def agents_section(finished: FinishedSuite) -> Section:
         ]
         for agent in finished.suite.agents
     ]
-    frame = pd.DataFrame(rows, columns=["agent", "kind", "what it must know", "settings"])
-    return Section(title="What each agent must know", tables=(Table("agents", "Agents", frame),))
+    columns = ["agent", "kind", "what it must know", "settings"]
+    return Section(title="What each agent must know", tables=(Table.of("agents", "Agents", columns, rows),))
 
 
 def computing_section(finished: FinishedSuite) -> Section:
@@ -146,10 +141,9 @@ def computing_section(finished: FinishedSuite) -> Section:
         seconds = f"{mine['wall_seconds'].sum():,.0f}" if len(mine) else NOTHING
         rows.append([agent.label, seconds, *(_milliseconds(mine[what]) for what in ("decision", "learning"))])
     columns = ["agent", "all runs (s)", "decision (ms)", "learning (ms a motion)"]
-    frame = pd.DataFrame(rows, columns=columns)
     return Section(
         title="Computing time",
-        tables=(Table("computing", "Computing time", frame),),
+        tables=(Table.of("computing", "Computing time", columns, rows),),
         note="All runs: wall-clock time, with simulation and evaluation. Decision, learning: CPU time a "
         "motion without the simulation, median over runs; learning includes the decision. These are of "
         f"this repetition, and stand in {TIMES}; all other numbers are the same in each.",
@@ -163,8 +157,8 @@ def _milliseconds(seconds: "pd.Series[float]") -> str:
 
 
 def _versions(finished: FinishedSuite) -> Section:
-    frame = pd.DataFrame(finished.versions.items(), columns=["what", "version"])
-    return Section(title="Versions", tables=(Table("versions", "Versions", frame),))
+    rows = list(finished.versions.items())
+    return Section(title="Versions", tables=(Table.of("versions", "Versions", ["what", "version"], rows),))
 
 
 def _summary(finished: FinishedSuite, sections: list[Section]) -> pd.DataFrame:

@@ -20,8 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
 
-from calfree_gym.perturbations.undo import Undo
-from experiments.config.suite import FIRST_OWN_TRIALS, ScenarioConfig, Suite
+from experiments.config.suite import FIRST_OWN_TRIALS, Suite
 from experiments.errors import ConfigError
 from experiments.evaluation import THRESHOLDS_PX
 from experiments.reporting.finished_suite import FinishedSuite
@@ -97,7 +96,7 @@ def gather(out: Path) -> Path:
         "suite": suite.told(),
         "command": command,
         "versions": _versions(out, runs),
-        "outcomes": {run.id: _outcome(folder_of(out, run.id), run) for run in done},
+        "outcomes": {run.id: _outcome(folder_of(out, run.id)) for run in done},
         "failures": {
             run.id: read_json(report)["log_tail"]
             for run in runs
@@ -162,54 +161,11 @@ def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
     return {name: ", ".join(sorted(versions)) for name, versions in found.items()}
 
 
-def _outcome(folder: Path, run: Run) -> dict[str, Any]:
-    """What a finished run says about itself, its perturbations in words."""
+def _outcome(folder: Path) -> dict[str, Any]:
+    """What a finished run says about itself, but for what its rows tell: when its world changed."""
     outcome = read_json(folder / DONE)
-    if isinstance(run, LifetimeRun):
-        outcome["perturbations"] = [
-            (motions, trials, _in_words(perturbation, run.scenario, {"motion": motions, "trial": trials}))
-            for motions, trials, perturbation in outcome["perturbations"]
-        ]
+    outcome.pop("perturbations", None)
     return outcome
-
-
-def _in_words(perturbation: dict[str, Any], scenario: ScenarioConfig, over: dict[str, int]) -> str:
-    """A perturbation as in the schedule, without what it drew (which differs from world to world).
-
-    Of the entries that it may be, the one that says most, among those that were due.
-
-    Args:
-        perturbation: With all that it drew.
-        scenario: Has the schedule.
-        over: How many motions and trials were over.
-    """
-    schedule = scenario.perturbations
-    if perturbation["type"] == Undo.type:
-        return f"undo: {_named(schedule[perturbation['event']]['do'])}"
-    given = [entry for entry in schedule if entry.get("do", {"": ""}).items() <= perturbation.items()]
-    due = [entry for entry in given if _is_due(entry, over)]
-    entry = max(due or given, key=lambda entry: len(entry["do"]), default={"do": perturbation})
-    return ("drift: " if _drifts(entry) else "") + _named(entry["do"])
-
-
-def _drifts(entry: dict[str, Any]) -> bool:
-    return "drift" in {**entry, **entry.get("at", {})}
-
-
-def _is_due(entry: dict[str, Any], over: dict[str, int]) -> bool:
-    """Whether an entry of a schedule has been applied when so many motions and trials are over."""
-    when = entry.get("at") or entry.get("every") or {}
-    when = when.get("every", when)
-    return _drifts(entry) or all(count <= over[clock] for clock, count in when.items())
-
-
-def _named(perturbation: dict[str, Any]) -> str:
-    given = ", ".join(f"{key} {_short(value)}" for key, value in perturbation.items() if key != "type")
-    return f"{perturbation['type']} ({given})" if given else str(perturbation["type"])
-
-
-def _short(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _rows(folder: Path, run: Run) -> list[dict[str, Any]]:

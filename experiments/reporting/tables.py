@@ -1,10 +1,11 @@
-"""A table: a DataFrame with a title and a note, on a terminal, as Markdown or as JSON."""
+"""A table: a DataFrame with a title and a note, on a terminal, as Markdown or JSON; how cells are written."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
+import numpy as np
 import pandas as pd
 import rich.box
 import rich.table
@@ -15,6 +16,10 @@ from experiments.statistics import Estimate
 
 NOTHING = "–"
 """A cell in which there is no number."""
+MOST_COLUMNS = 5
+"""Of a table that a page shows without scrolling."""
+_INTERVAL = ", 95 %"
+"""How the name of a column ends that has the intervals of the one before; see `beside`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +40,11 @@ class Table:
     formats: Mapping[str, str] = field(default_factory=dict)
     note: str = ""
 
+    @classmethod
+    def of(cls, name: str, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> Self:
+        """A table of such rows."""
+        return cls(name, title, pd.DataFrame(rows, columns=list(columns)))
+
     @property
     def header(self) -> list[str]:
         """The names of the columns."""
@@ -44,7 +54,7 @@ class Table:
     def rows(self) -> list[list[str]]:
         """The cells as text; what is missing is empty."""
         columns = [
-            [_text(cell, self.formats.get(str(name), "")) for cell in self.frame[name]]
+            [written(cell, self.formats.get(str(name), "")) for cell in self.frame[name]]
             for name in self.frame.columns
         ]
         return [list(row) for row in zip(*columns, strict=True)]
@@ -70,6 +80,54 @@ class Table:
         """What `to_dict` returned."""
         frame = pd.DataFrame(data["rows"], columns=data["columns"], dtype=object)
         return cls(data["name"], data["title"], frame, data["formats"], data["note"])
+
+
+def narrow(table: Table) -> list[Table]:
+    """The table in parts of at most five columns; each begins with what names the rows.
+
+    Intervals stand beside their numbers. The title stands above the first part, the note below the last.
+    """
+    cells = _with_intervals(table)
+    if len(cells.columns) <= MOST_COLUMNS:
+        return [replace(table, frame=cells, formats={})]
+    names, rest = _named(cells)
+    count = -(-len(rest.columns) // (MOST_COLUMNS - 1))
+    parts = [rest.iloc[:, part] for part in np.array_split(np.arange(len(rest.columns)), count)]
+    first, last = parts[0], parts[-1]
+    return [
+        replace(
+            table,
+            title=table.title if part is first else "",
+            frame=pd.concat([names, part], axis=1),
+            formats={},
+            note=table.note if part is last else "",
+        )
+        for part in parts
+    ]
+
+
+def _with_intervals(table: Table) -> pd.DataFrame:
+    """All cells as text, each interval beside its number."""
+    cells = pd.DataFrame(table.rows, columns=table.header, dtype=str)
+    for name in table.header:
+        if name.endswith(_INTERVAL) and (number := name.removesuffix(_INTERVAL)) in cells:
+            cells[number] = (cells[number] + " " + cells.pop(name)).str.strip()
+    return cells
+
+
+def _named(cells: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """As one column those of the first ones that tell all rows apart; and all others."""
+    names = [cells.columns[0]]
+    for name in cells.columns[1:-1]:
+        if not cells[names].duplicated().any():
+            break
+        names.append(name)
+    for name in names[1:]:
+        fewer = [each for each in names if each != name]
+        if not cells[fewer].duplicated().any():
+            names = fewer
+    together = cells[names].apply(lambda row: ", ".join(filter(None, row)), axis=1)
+    return together.to_frame(", ".join(names)), cells.drop(columns=names)
 
 
 def show(tables: Iterable[Table], markdown: bool = False) -> None:
@@ -107,14 +165,14 @@ def number(estimate: Estimate, digits: int = 1) -> str:
 
 
 def _with_interval(estimate: Estimate, form: str) -> str:
-    value, low, high = (_text(part, form) for part in (estimate.value, estimate.low, estimate.high))
+    value, low, high = (written(part, form) for part in (estimate.value, estimate.low, estimate.high))
     return f"{value or NOTHING} [{low}, {high}]" if estimate.has_interval else value or NOTHING
 
 
 def with_most(value: float, most: tuple[float, float], form: str) -> str:
     """A median over worlds, and between which values most worlds lie, such as "3.0 (2.1 – 5.6)"."""
-    low, high = (_text(edge, form) for edge in most)
-    return f"{_text(value, form)} ({low} – {high})"
+    low, high = (written(edge, form) for edge in most)
+    return f"{written(value, form)} ({low} – {high})"
 
 
 def counted(amount: int, thing: str) -> str:
@@ -130,9 +188,9 @@ def beside(name: str, found: Estimate, form: str) -> dict[str, Any]:
         found: The number.
         form: How both are written, such as ".1%".
     """
-    limits = ", ".join(_text(edge, form).removesuffix(" %") for edge in (found.low, found.high))
+    limits = ", ".join(written(edge, form).removesuffix(" %") for edge in (found.low, found.high))
     interval = f"[{limits}]{' %' if form.endswith('%') else ''}" if found.has_interval else ""
-    return {name: found.value, f"{name}, 95 %": interval}
+    return {name: found.value, f"{name}{_INTERVAL}": interval}
 
 
 def must_know(privileged: Sequence[str], prior_knowledge: Sequence[str]) -> str:
@@ -145,7 +203,8 @@ def must_know(privileged: Sequence[str], prior_knowledge: Sequence[str]) -> str:
     return ", ".join([*(f"`{observation}`" for observation in privileged), *prior_knowledge]) or "nothing"
 
 
-def _text(cell: Any, form: str) -> str:
+def written(cell: Any, form: str) -> str:
+    """A cell as text: what is missing is empty, and a per cent sign stands apart."""
     if cell is None or (isinstance(cell, float) and pd.isna(cell)):
         return ""
     if isinstance(cell, float) and math.isinf(cell):

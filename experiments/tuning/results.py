@@ -8,7 +8,8 @@ import pandas as pd
 import yaml
 
 from experiments.errors import ConfigError
-from experiments.reporting.documents.benchmark_report import MARKDOWN, write_page
+from experiments.reporting.kept_tables import write_page
+from experiments.reporting.pages import MARKDOWN
 from experiments.reporting.tables import Table, number
 from experiments.running.results_folder import read_json, write_json
 from experiments.running.versions import REPOSITORY

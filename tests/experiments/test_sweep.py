@@ -14,9 +14,7 @@ from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, Suite, SweepConfig
 from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import FinishedSuite
-from experiments.reporting.sweep.estimates import points
-from experiments.reporting.sweep.figure import sweep_figure
-from experiments.reporting.sweep.section import sweep_sections
+from experiments.reporting.sweep import points, sweep_figure, sweep_sections
 from experiments.running import sweep_trials as sweep
 from experiments.running.cpu_time import CpuTimes
 from experiments.running.plan import SweepRun, runs_of
@@ -243,9 +241,7 @@ def test_a_figure_of_many_sweeps_has_a_panel_each_and_names_each_agent_once(
 ):
     """An agent looks the same where it is the third of one sweep, and the first of another."""
     labels, drawn = ["random", "unified_servo", "paper_servo"], {}
-    monkeypatch.setattr(
-        "experiments.reporting.sweep.section.save", lambda fig, _, name: drawn.update({name: fig})
-    )
+    monkeypatch.setattr("experiments.reporting.sweep.save", lambda fig, _, name: drawn.update({name: fig}))
     sweep_data["agents"] = labels
     sweep_data["sweeps"] = [{**ROLL, "over": [0]}, {**AIM, "over": [0], "agents": labels[2:]}]
     suite = Suite.model_validate(sweep_data)

@@ -9,10 +9,11 @@ import pandas as pd
 import pytest
 
 from experiments.__main__ import main
+from experiments.config.in_words import Knock
 from experiments.config.loading import load
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.errors import ConfigError
-from experiments.reporting.by_trial.estimates import (
+from experiments.reporting.by_trial import (
     COARSE,
     FINE,
     LOOKS,
@@ -21,11 +22,11 @@ from experiments.reporting.by_trial.estimates import (
     seconds_at,
     seconds_per_reach,
     slowest_seconds,
+    span,
     trial_costs,
+    trial_curves,
 )
-from experiments.reporting.by_trial.figure import span, trial_curves
 from experiments.reporting.finished_suite import MOTIONS, SUCCESS, with_cost
-from experiments.reporting.pages.perturbations_in_words import Knock
 
 AIM = {"at": {"trial": 4}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}
 BACK = {"at": {"trial": 6}, "undo": 0}

@@ -56,7 +56,8 @@ def finished_lives(worlds: int, out: Path, knock: bool = True, agents: tuple[str
     columns = [
         "agent", "world", "lifetime_motions", "motions_since_perturbation", "motions", "rendezvous",
     ]  # fmt: skip
-    results = pd.DataFrame(rows, columns=columns).assign(scenario="knocked", phase="eval", trial=0)
+    results = pd.DataFrame(rows, columns=columns)
+    results = results.assign(scenario="knocked", phase="eval", trial=0, error_px=1.0, distance_mm=1.0)
     results["motions_since_perturbation"] = results["motions_since_perturbation"].astype("Int64")
     results["success"] = results["rendezvous"]
     runs = runs_of(suite)

@@ -12,9 +12,17 @@ from experiments.config.claims import Claim, Criterion, TrialsOf
 from experiments.config.loading import load
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
-from experiments.reporting.claims.measures import Measured, measured
-from experiments.reporting.claims.section import claims_section, described
-from experiments.reporting.claims.verdicts import Judged, Verdict, in_words, judge, verdict_of
+from experiments.reporting.claims import (
+    Judged,
+    Measured,
+    Verdict,
+    claims_section,
+    described,
+    in_words,
+    judge,
+    measured,
+    verdict_of,
+)
 from experiments.statistics import Estimate, mean_share, paired_motions
 
 WORLDS, CAP = 20, 60

@@ -8,8 +8,8 @@ import agents
 from experiments.config.suite import Suite
 from experiments.reporting.agents_in_words import in_words
 from experiments.reporting.finished_suite import FinishedSuite
-from experiments.reporting.pages.head_table import head_part, head_table
-from experiments.reporting.pages.sentences import sentences
+from experiments.reporting.head import head_part, sentences, table_of
+from experiments.reporting.held_out import held_out
 from experiments.running.plan import runs_of
 
 WORLDS, CAP = 20, 20
@@ -125,4 +125,9 @@ def test_few_worlds_rank_nobody(finished):
 
 
 def both(finished):
-    return finished, finished.suite.scenarios[0]
+    return finished, held_out(finished, finished.suite.scenarios[0])
+
+
+def head_table(finished):
+    part = head_part(finished)
+    return table_of(finished, part, held_out(finished, part))

@@ -14,13 +14,15 @@ from experiments.reporting.finished_suite import (
     FinishedSuite,
     with_cost,
 )
-from experiments.reporting.held_out.checkpoints import scores, shown_clocks
-from experiments.reporting.held_out.clocks import with_clocks
-from experiments.reporting.held_out.comparison import comparison_section, differences
-from experiments.reporting.held_out.estimates import (
+from experiments.reporting.held_out import (
+    HeldOut,
+    differences,
     moments,
+    scores,
+    times_to_good,
+    with_clocks,
 )
-from experiments.reporting.held_out.thresholds import times_to_good
+from experiments.reporting.held_out_section import comparison_section, shown_clocks
 
 CAP = 60
 
@@ -39,7 +41,7 @@ def table(scenario, *rows):
     data["distance_mm"] = 10.0 * (data["world"] + 1)
     data["rendezvous"] = data["success"]
     data["error_px"] = np.where(data["success"], 3.0, 30.0)
-    return with_cost(data.assign(scenario=scenario.name, agent="servo"), scenario)
+    return with_clocks(with_cost(data.assign(scenario=scenario.name, agent="servo"), scenario))
 
 
 @pytest.fixture
@@ -58,9 +60,8 @@ def perturbed_at_different_motions(scenario):
 
 
 def test_every_run_has_its_own_moments(perturbed_at_different_motions):
-    found = moments(perturbed_at_different_motions, "servo", 2, CAP)
+    found = moments(perturbed_at_different_motions, 2, CAP)
     assert list(found) == ["before", "right after", "at the end"]
-    assert [m.lifetime_motions for m in found.values()] == [(100, 100), (121, 161), (300, 300)]
     assert [m.motions().value for m in found.values()] == [15, 50, 30]
     assert [m.share(SUCCESS).value for m in found.values()] == [1, 0.5, 1]
     assert [m.finished for m in found.values()] == [2, 2, 2]
@@ -68,28 +69,28 @@ def test_every_run_has_its_own_moments(perturbed_at_different_motions):
 
 
 def test_failed_runs_are_worst_at_every_moment_but_have_no_distance(perturbed_at_different_motions):
-    found = moments(perturbed_at_different_motions, "servo", 4, CAP)
+    found = moments(perturbed_at_different_motions, 4, CAP)
     assert [m.share(SUCCESS).value for m in found.values()] == [0.5, 0.25, 0.5]
     assert [m.finished for m in found.values()] == [2, 2, 2]
     assert found["at the end"].distance_mm == 15
     assert found["before"].motions().value == (20 + CAP) / 2
     assert found["before"].among_reached().value == 15
     assert (found["before"].errors_px == [[3], [3], [np.inf], [np.inf]]).all()
-    assert moments(perturbed_at_different_motions, "sac", 4, CAP) == {}
+    assert moments(perturbed_at_different_motions.iloc[:0], 4, CAP) == {}
 
 
 def test_a_run_that_is_not_perturbed_has_only_an_end(perturbed_at_different_motions, scenario):
     calm = table(scenario, (2, "eval", 0, None, True, 10), (2, "eval", 300, None, True, 10))
     rows = pd.concat([perturbed_at_different_motions, calm])
-    found = moments(rows, "servo", 3, CAP)
+    found = moments(rows, 3, CAP)
     assert [m.finished for m in found.values()] == [2, 2, 3]
     assert found["before"].share(SUCCESS).value == 1
-    assert list(moments(calm, "servo", 1, CAP)) == ["at the end"]
+    assert list(moments(calm, 1, CAP)) == ["at the end"]
 
 
 def test_a_lifetime_that_begins_perturbed_has_no_before(scenario):
     rows = table(scenario, (0, "eval", 0, 0, True, 10), (0, "eval", 300, 300, True, 10))
-    assert list(moments(rows, "servo", 1, CAP)) == ["right after", "at the end"]
+    assert list(moments(rows, 1, CAP)) == ["right after", "at the end"]
 
 
 def test_a_trial_without_a_rendezvous_counts_as_the_cap(scenario):
@@ -104,13 +105,12 @@ def test_a_trial_without_a_rendezvous_counts_as_the_cap(scenario):
 def test_differences_are_paired_by_world(perturbed_at_different_motions, scenario):
     rows = perturbed_at_different_motions
     slower = rows.assign(agent="slow", **{MOTIONS: rows[MOTIONS] + 5.0})
-    both = pd.concat([rows, slower])
-    servo, slow = (moments(both, agent, 2, CAP)["before"] for agent in ("servo", "slow"))
+    servo, slow = (moments(each, 2, CAP)["before"] for each in (rows, slower))
     found = differences(slow, servo)
     assert found[MOTIONS].value == 5
     assert found["fewer_motions"].value == 0
     assert found[RENDEZVOUS].value == 0
-    failed = moments(rows, "servo", 4, CAP)["before"]
+    failed = moments(rows, 4, CAP)["before"]
     assert list(failed.worlds.index) == [0, 1, 2, 3]
     assert differences(failed, servo)[MOTIONS].value == 0
 
@@ -128,7 +128,7 @@ def test_motions_to_the_threshold_are_right_censored(scenario):
         (1, "eval", 261, 1, True, 40),
         (1, "eval", 300, 5, True, 40),  # after a second perturbation
     )
-    found = times_to_good(rows, "servo", 3)
+    found = times_to_good(rows, 3)
     times, reached, latest = found["from the beginning"]
     assert latest == 200
     assert list(times) == [100, 100, 200]  # good, last looked at, failed
@@ -136,7 +136,7 @@ def test_motions_to_the_threshold_are_right_censored(scenario):
     times, reached, latest = found["after the first change"]
     assert list(times) == [80, 1, 80]
     assert list(reached) == [True, True, False]
-    assert times_to_good(rows, "sac", 3) == {}
+    assert times_to_good(rows.iloc[:0], 3) == {}
 
 
 def test_the_checkpoints_right_before_and_after_a_change_have_the_same_motions(scenario):
@@ -150,15 +150,15 @@ def test_the_checkpoints_right_before_and_after_a_change_have_the_same_motions(s
             for lifetime, since, motions in at
         ),
     )
-    found = moments(rows, "servo", 2, CAP)
+    found = moments(rows, 2, CAP)
     assert [found[when].motions().value for when in ("before", "right after", "at the end")] == [4, 50, 6]
-    assert list(with_clocks(rows[rows["world"] == 0])["stretch"]) == [0, 0, 1, 1, 2, 2]
+    assert list(rows.loc[rows["world"] == 0, "stretch"]) == [0, 0, 1, 1, 2, 2]
 
 
 def test_an_agent_in_fewer_worlds_is_compared_in_those(scenario):
     few = table(scenario, *((world, "eval", 0, None, True, 9 + world) for world in range(20)))
     many = table(scenario, *((world, "eval", 0, None, True, 3 + world) for world in range(50)))
-    mine, reference = (moments(rows, "servo", n, CAP)["at the end"] for rows, n in ((few, 20), (many, 50)))
+    mine, reference = (moments(rows, n, CAP)["at the end"] for rows, n in ((few, 20), (many, 50)))
     found = differences(mine, reference)[MOTIONS]
     assert (found.value, found.low, found.high) == (6, 6, 6)
     assert mine.motions().has_interval
@@ -172,7 +172,7 @@ def test_checkpoints_are_shown_from_the_first_to_the_last_by_ratios():
 
 def test_a_run_that_is_evaluated_at_other_motions_is_shown_by_its_next_checkpoint(scenario):
     rows = [(0, "eval", 0, None, False, 60), (0, "eval", 128, None, True, 3), (1, "eval", 100, None, True, 4)]
-    own = with_clocks(table(scenario, *rows))
+    own = table(scenario, *rows)
     assert dict(scores(own, MOTIONS, 100)) == {0: 3, 1: 4}
     assert dict(scores(own, MOTIONS, 101)) == {0: 3}, "a life that has ended has come to no more"
 
@@ -184,30 +184,27 @@ def test_a_lucky_checkpoint_is_no_threshold(scenario):
         for motions, reached in share.items()
         for trial in range(20)
     ]
-    times, reached, latest = times_to_good(table(scenario, *rows), "servo", 1)["from the beginning"]
+    times, reached, latest = times_to_good(table(scenario, *rows), 1)["from the beginning"]
     assert (times.tolist(), reached.tolist(), latest) == ([300], [True], 400)
 
 
 def test_agents_that_came_to_a_moment_in_other_worlds_are_not_compared_there(scenario, suite_data, tmp_path):
     rows = table(scenario, (0, "eval", 0, None, True, 10), (1, "eval", 0, None, True, 20))
+    at_the_end = moments(rows, 2, CAP)["at the end"]
     found = {
-        agent: {"at the end": moments(rows[rows["world"] == world], "servo", 2, CAP)["at the end"]}
+        agent: {"at the end": replace(at_the_end, worlds=at_the_end.worlds.loc[[world]])}
         for world, agent in enumerate(("one", "other"))
     }
-    for of_agent, world in zip(found.values(), (0, 1), strict=True):
-        of_agent["at the end"] = replace(
-            of_agent["at the end"], worlds=of_agent["at the end"].worlds.loc[[world]]
-        )
     suite = Suite.model_validate({**suite_data, "worlds": 2})
     finished = FinishedSuite(tmp_path, suite, "", [], {}, {}, {}, pd.DataFrame(), pd.DataFrame())
-    section = comparison_section(finished, scenario, found)
-    assert section.summary == []
+    held = HeldOut(scenario, rows, {"one": 2, "other": 2}, found, {})
+    assert comparison_section(finished, held).summary == []
 
 
 def test_a_change_after_which_nothing_was_held_out_is_counted(scenario):
     """The agent's own trials tell of it."""
     rows = [(0, "eval", 0, None, True, 3), (0, "eval", 400, 50, True, 3), (0, "eval", 800, 100, True, 3)]
     own = [(0, "train", 130, 30, True, 3), (0, "train", 360, 10, True, 3), (0, "train", 720, 20, True, 3)]
-    held_out = with_clocks(table(scenario, *rows, *own))
+    held_out = table(scenario, *rows, *own)
     assert list(held_out["stretch"]) == [0, 2, 3]
     assert list(held_out["clock"]) == [0, 50, 100]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from experiments.reporting.agents_in_words import colour, in_words
-from experiments.reporting.learning_picture import learning_picture
-from experiments.reporting.pages.labels import spread
+from experiments.reporting.figures import spread
+from experiments.reporting.held_out import held_out
+from experiments.reporting.held_out_section import learning_picture
 from tests.experiments.reporting.lives import CAP, LIVES, checkpoints, finished_lives
 
 
@@ -20,7 +21,7 @@ def four(tmp_path_factory):
 
 def drawn(finished):
     (scenario,) = finished.suite.scenarios
-    figure = learning_picture(finished, scenario)
+    figure = learning_picture(finished, held_out(finished, scenario))
     plt.close(figure)
     return figure
 

@@ -6,10 +6,10 @@ import pytest
 import scipy.stats
 
 from experiments.config.suite import ScenarioConfig, SweepConfig
-from experiments.reporting.by_trial.estimates import Blocks
+from experiments.reporting.by_trial import Blocks
 from experiments.reporting.finished_suite import SUCCESS, with_cost
-from experiments.reporting.held_out.estimates import moments
-from experiments.reporting.sweep.estimates import points
+from experiments.reporting.held_out import moments, with_clocks
+from experiments.reporting.sweep import points
 
 WORLDS = 400
 MOTIONS_OF_WORLD = 3 + np.minimum(np.random.default_rng(5).gamma(2, 4, WORLDS).round(), 50)
@@ -34,7 +34,7 @@ def rows(scenario):
     data = pd.DataFrame({"world": range(WORLDS), "motions": MOTIONS_OF_WORLD.astype(int)})
     data = data.assign(scenario=scenario.name, agent="servo", phase="eval", lifetime_motions=300)
     data = data.assign(motions_since_perturbation=pd.NA, success=True, rendezvous=True, distance_mm=1.0)
-    return with_cost(data.assign(error_px=1.0), scenario)
+    return with_clocks(with_cost(data.assign(error_px=1.0), scenario))
 
 
 def all_of(worlds):
@@ -47,7 +47,7 @@ def all_of(worlds):
 
 
 def test_the_table_of_moments(rows):
-    found = moments(rows, "servo", WORLDS, cap=int(CAP))["at the end"]
+    found = moments(rows, WORLDS, int(CAP))["at the end"]
     is_of_the_median(found.motions())
     is_of_the_median(found.among_reached())
     low, high = all_of(WORLDS)

@@ -8,10 +8,8 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from experiments.reporting.pages import Head, Section
-from experiments.reporting.pages.html import html_page
-from experiments.reporting.pages.markdown import markdown_page
-from experiments.reporting.pages.style import save, say
+from experiments.reporting.figures import save, say
+from experiments.reporting.pages import Head, Section, html_page, markdown_page
 from experiments.reporting.tables import Table
 
 

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from experiments.errors import ConfigError
-from experiments.reporting.documents.kept_tables import tables_named
+from experiments.reporting.kept_tables import tables_named
 from experiments.tuning.config import TuningConfig
 from experiments.tuning.results import SETTINGS, settings_file, write_agent, write_tables
 from tests.experiments.tuning.conftest import KnownLifetimes, quadratic

@@ -1,1 +1,0 @@
-"""One suite, many arms: how soon each agent reaches with each of them."""

@@ -1,1 +1,0 @@
-"""Scenarios counted in trials: learning curves against trials."""

@@ -1,0 +1,326 @@
+"""Claims of the paper: what was measured for each criterion, the verdicts, and their section of the report.
+
+A claim stands or falls by the whole interval of each number that is a criterion of it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import pandas as pd
+
+from experiments.config.claims import Claim, Criterion, TrialsOf
+from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
+from experiments.reporting.by_trial import seconds_per_reach
+from experiments.reporting.finished_suite import (
+    MOTIONS,
+    RENDEZVOUS,
+    SUCCESS,
+    SUCCESS_IN_WORDS,
+    with_cost,
+    worlds_of,
+)
+from experiments.reporting.held_out import with_clocks
+from experiments.reporting.pages import Section, summary_row
+from experiments.reporting.tables import Table, number, percent, written
+from experiments.statistics import (
+    ENOUGH_WORLDS,
+    Estimate,
+    mean_share,
+    median_world,
+    paired_motions,
+    paired_shares,
+    relative_change,
+)
+
+FIRST_MOTION_PX, EXPECTED_PX = 4, 16
+"""Columns of `motions_to_...`: where a first motion counts as a reach, and what an expectation is about."""
+FEW_MOTIONS = 2
+"""Held-out trials of so many motions are those that are asked to be kept. Choice: a remembered place and one
+correction."""
+_MEASURES = {
+    "success": "success",
+    "rendezvous": "rendezvous",
+    "motions": "motions per reach",
+    "seconds": "robot seconds a reach",
+    "first_motion": f"first motion within {FIRST_MOTION_PX} px",
+    "as_expected": f"where it tells what it expects, it is right about its first motion's {EXPECTED_PX} px",
+    "kept": f"trials of at most {FEW_MOTIONS} motions that stay so",
+}
+_HOW_TO_READ = (
+    "Thresholds stand in the configuration. Each number has its 95 % interval over worlds: shares are "
+    "means over worlds, motions and seconds medians over worlds of each world's mean. Where two are "
+    "compared, it is in the same worlds: the mean of the differences of shares, the median of those of "
+    "motions; a change is that of the mean over worlds, as a share of what it was, with a t interval. "
+    "Confirmed: the whole interval meets the criterion. Not confirmed: none of it does. Mixed: neither, "
+    "or the criteria of a claim differ. Untested: a run has not finished, no world has such trials, or "
+    "there are fewer than 20 worlds. Questions are what the paper leaves open; judged is the answer that "
+    f"it suggests. {SUCCESS_IN_WORDS} Rendezvous: the last observation was. Motions per reach: without a "
+    "rendezvous the cap. A world whose lifetime was over before such trials is left out."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The number of a criterion.
+
+    Attributes:
+        estimate: With its 95 % interval over worlds.
+        worlds: How many of them it is of.
+    """
+
+    estimate: Estimate
+    worlds: int
+
+
+def measured(results: pd.DataFrame, suite: Suite, criterion: Criterion) -> Measured | None:
+    """What a criterion's number is; None where a run that it is about has not finished.
+
+    It is the mean over worlds of shares and of their differences, and the median over worlds of motions and
+    seconds, and of their differences in the same worlds. A world without such trials, as
+    where a lifetime was over before, is left out; None where none is left.
+    """
+    part = _part(suite, criterion.of)
+    chosen = []
+    for trials in criterion.trials():
+        rows = with_cost(results[results["agent"] == trials.agent], _part(suite, trials))
+        if rows["world"].nunique() < worlds_of(suite, trials.agent):
+            return None
+        chosen.append(_chosen(rows, trials))
+    if criterion.measure == "kept":
+        return _estimate(_kept(*chosen), criterion)
+    values = [_values(trials, part, criterion).groupby(trials["world"]).mean().dropna() for trials in chosen]
+    if criterion.than is None:
+        return _estimate(values[0], criterion)
+    both = values[0].index.intersection(values[1].index)
+    if both.empty:
+        return None
+    mine, others = (of_worlds[both].to_numpy() for of_worlds in values)
+    if criterion.relative:
+        return Measured(relative_change(others, mine), len(both))
+    if is_share(criterion):
+        return Measured(paired_shares(mine, others), len(both))
+    return Measured(paired_motions(mine, others), len(both))
+
+
+def is_share(criterion: Criterion) -> bool:
+    """Whether its number is a share of trials, or a difference of such."""
+    return criterion.measure not in ("motions", "seconds")
+
+
+def _part(suite: Suite, trials: TrialsOf) -> ScenarioConfig | SweepConfig:
+    return next(part for part in suite.parts if part.name == trials.scenario)
+
+
+def _chosen(rows: pd.DataFrame, trials: TrialsOf) -> pd.DataFrame:
+    """The rows of the trials."""
+    if trials.trials is not None:
+        first, last = trials.trials
+        return rows[(rows["phase"] == "train") & rows["trial"].between(first - 1, last - 1)]
+    if trials.value is not None:
+        in_view = rows["in_view"].fillna(False).astype(bool)
+        return rows[(rows["phase"] == "sweep") & in_view & (rows["value"] == trials.value)]
+    held_out = with_clocks(rows)
+    held_out = held_out[held_out["lifetime_motions"] >= (trials.motions or 0)]
+    for clock in ("lifetime_motions", "stretch"):  # right before a change, where it comes just then
+        held_out = held_out[held_out[clock] == held_out.groupby("world")[clock].transform("min")]
+    return held_out
+
+
+def _values(
+    trials: pd.DataFrame, part: ScenarioConfig | SweepConfig, criterion: Criterion
+) -> "pd.Series[float]":
+    """The measure in each trial; NaN where it has none."""
+    if criterion.look is not None:
+        return seconds_per_reach(trials, part.env.max_episode_steps, criterion.look)
+    columns = {"success": SUCCESS, "rendezvous": RENDEZVOUS, "motions": MOTIONS}
+    if criterion.measure in columns:
+        return trials[columns[criterion.measure]].astype(float)
+    if criterion.measure == "first_motion":
+        return (trials[f"motions_to_{FIRST_MOTION_PX}"] == 1).astype(float)
+    expected, came = trials["expected_px"] <= EXPECTED_PX, trials[f"motions_to_{EXPECTED_PX}"] == 1
+    return (expected == came).astype(float).where(trials["expected_px"].notna())
+
+
+def _kept(now: pd.DataFrame, then: pd.DataFrame) -> "pd.Series[float]":
+    """Of each world's trials that took few motions then, the share that does now."""
+    few = {
+        name: trials.set_index(["world", "trial"])[MOTIONS] <= FEW_MOTIONS
+        for name, trials in (("now", now), ("then", then))
+    }
+    both = pd.DataFrame(few).dropna().astype(bool)
+    return both.loc[both["then"], "now"].groupby("world").mean().astype(float)
+
+
+def _estimate(values: "pd.Series[float]", criterion: Criterion) -> Measured | None:
+    if values.empty:
+        return None
+    found = values.to_numpy()
+    return Measured(mean_share(found) if is_share(criterion) else median_world(found), len(found))
+
+
+class Verdict(StrEnum):
+    """What becomes of a claim, or of one of its criteria."""
+
+    CONFIRMED = "confirmed"
+    MIXED = "mixed"
+    NOT_CONFIRMED = "not confirmed"
+    UNTESTED = "untested"
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A claim with what its criteria came to.
+
+    Attributes:
+        claim: The claim.
+        found: Each criterion's number; None where there is none.
+        verdicts: Of each criterion.
+    """
+
+    claim: Claim
+    found: tuple[Measured | None, ...]
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Confirmed where all criteria are, not confirmed where none of them can be, else mixed.
+
+        A criterion without a number leaves the claim untested.
+        """
+        kinds = set(self.verdicts)
+        if Verdict.UNTESTED in kinds:
+            return Verdict.UNTESTED
+        return kinds.pop() if len(kinds) == 1 else Verdict.MIXED
+
+
+def verdict_of(criterion: Criterion, found: Measured | None) -> Verdict:
+    """Confirmed where the whole interval meets the criterion, not confirmed where none does, else mixed.
+
+    Untested by fewer than `ENOUGH_WORLDS`: numbers are given, and no verdict.
+    """
+    if found is None or found.worlds < ENOUGH_WORLDS:
+        return Verdict.UNTESTED
+    low, high = found.estimate.low, found.estimate.high
+    if criterion.above is not None:
+        passes, fails = low > criterion.above, high <= criterion.above
+    else:
+        assert criterion.below is not None
+        passes, fails = high < criterion.below, low >= criterion.below
+    return Verdict.CONFIRMED if passes else Verdict.NOT_CONFIRMED if fails else Verdict.MIXED
+
+
+def judge(results: pd.DataFrame, suite: Suite) -> list[Judged]:
+    """All claims of a suite, by its results."""
+    judged = []
+    for claim in suite.claims:
+        found = tuple(measured(results, suite, criterion) for criterion in claim.criteria)
+        verdicts = tuple(verdict_of(*each) for each in zip(claim.criteria, found, strict=True))
+        judged.append(Judged(claim, found, verdicts))
+    return judged
+
+
+def claims_section(judged: Sequence[Judged]) -> Section:
+    """Each claim, its verdict, and the numbers behind it."""
+    rows, summary = [], []
+    for each in judged:
+        claim = each.claim
+        judgements = zip(claim.criteria, each.found, each.verdicts, strict=True)
+        for i, (criterion, found, verdict) in enumerate(judgements):
+            name = "" if i else claim.name.replace("_", " ")
+            must_be = threshold(criterion)
+            rows.append([name, described(criterion), number_of(criterion, found), must_be, str(verdict)])
+            where = criterion.of.scenario, "claims", criterion.of.agent, f"{claim.name}.{i}"
+            measure, worlds = f"{criterion.measure}: {verdict}", found.worlds if found else 0
+            summary.append(summary_row(*where, measure, found.estimate if found else None, worlds))
+    columns = ["claim or question", "criterion", "measured", "must be", "verdict"]
+    remarks = " ".join(f"{each.claim.words} {each.claim.remark}" for each in judged if each.claim.remark)
+    return Section(
+        title="The paper's claims",
+        text=" ".join(in_words(judged)),
+        tables=(
+            _verdicts(judged),
+            Table.of("claims", "What was measured", columns, rows),
+        ),
+        note=f"{_HOW_TO_READ} {remarks}".strip(),
+        summary=summary,
+    )
+
+
+def _verdicts(judged: Sequence[Judged]) -> Table:
+    """Each claim and its verdict."""
+    rows = [
+        [
+            each.claim.name.replace("_", " "),
+            each.claim.words,
+            each.claim.kind,
+            each.claim.section,
+            str(each.verdict),
+        ]
+        for each in judged
+    ]
+    columns = ["claim or question", "in words", "kind", "section", "verdict"]
+    return Table.of("verdicts", "Verdicts", columns, rows)
+
+
+def described(criterion: Criterion) -> str:
+    """What a criterion measures, in words."""
+    look = f", {criterion.look:g} s a look" if criterion.look else ""
+    words = f"{_in_words(criterion.of)}: {_MEASURES[criterion.measure]}{look}"
+    if criterion.than is None:
+        return words
+    of, than = criterion.of, criterion.than
+    other = _when(than) if (of.agent, of.scenario) == (than.agent, than.scenario) else _in_words(than)
+    if criterion.measure == "kept":
+        return f"{words} since {other}"
+    return f"{words}, {'change' if criterion.relative else 'difference'} from {other}"
+
+
+def number_of(criterion: Criterion, found: Measured | None) -> str:
+    """A criterion's number with its interval, as its measure is written."""
+    if found is None:
+        return "unfinished, or no such trials"
+    shares = criterion.relative or is_share(criterion)
+    return percent(found.estimate) if shares else number(found.estimate)
+
+
+def threshold(criterion: Criterion) -> str:
+    """What the number must be for the claim to hold."""
+    bound = criterion.above if criterion.above is not None else criterion.below
+    sign = "above" if criterion.above is not None else "below"
+    shares = criterion.relative or is_share(criterion)
+    return f"{sign} {written(bound, '.0%') if shares else f'{bound:g}'}"
+
+
+def _in_words(trials: TrialsOf) -> str:
+    return f"{trials.agent}, {trials.scenario}, {_when(trials)}"
+
+
+def _when(trials: TrialsOf) -> str:
+    if trials.trials is not None:
+        first, last = trials.trials
+        return f"own trial {first}" if first == last else f"own trials {first}–{last}"
+    if trials.motions is not None:
+        return f"after {trials.motions:,} motions"
+    return f"at {trials.value:g}"
+
+
+def in_words(judged: Sequence[Judged]) -> tuple[str, ...]:
+    """Which claims stand, which fell, and how the paper's questions are answered: a sentence each."""
+    return tuple(
+        f"Of {len(of_kind)} {kind}s of the paper {_counted(of_kind)}."
+        for kind in ("claim", "question")
+        if (of_kind := [each for each in judged if each.claim.kind == kind])
+    )
+
+
+def _counted(judged: Sequence[Judged]) -> str:
+    by_verdict = {
+        verdict: [each.claim.name.replace("_", " ") for each in judged if each.verdict is verdict]
+        for verdict in Verdict
+    }
+    return "; ".join(
+        f"{len(names)} {'is' if len(names) == 1 else 'are'} {verdict} ({', '.join(names)})"
+        for verdict, names in by_verdict.items()
+        if names
+    )

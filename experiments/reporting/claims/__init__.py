@@ -1,1 +1,0 @@
-"""Claims of the paper: what was measured, and the verdicts."""

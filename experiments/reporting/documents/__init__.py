@@ -1,1 +1,0 @@
-"""The result tables of README.md and docs/, made from kept results."""

@@ -1,0 +1,219 @@
+"""How every figure looks: style, axes, worlds, captions, labels, files. Drawn without a display."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator
+from matplotlib.transforms import Bbox
+
+from experiments.reporting.pages import Drawing
+from experiments.statistics import ENOUGH_WORLDS, Array
+
+_MARGIN = 0.05  # inches around a piece
+DARK_GREY = "#555555"
+_BANDED = 3
+"""With more agents in a panel, bands cover each other, and are left out."""
+
+_BEYOND = 0.05
+"""Share of the panel's height by which labels may stand above and below it."""
+_OUT, _ELBOW = 12, 3  # points: from the panel to the words, and of it straight on
+
+Line = dict[str, Any]
+"""How a line is drawn; see `lines_of`."""
+STYLE: Any = {
+    "font.size": 10,
+    "axes.titlesize": 10.5,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "svg.hashsalt": "calfree",
+}
+
+
+def motions_axis(axes: Axes, cap: int) -> None:
+    """Makes the vertical axis one of motions per reach, logarithmic, from 1 to the cap of a failure."""
+    axes.set_yscale("log")
+    marks = [*(mark for mark in (1, 2, 5, 10, 20, 50) if mark < 0.7 * cap), cap]
+    axes.yaxis.set_major_locator(FixedLocator(marks))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.set_ylim(0.9, 1.15 * cap)
+
+
+def draw_worlds(axes: Axes, x: Any, worlds: Array, line: Line, agents: int) -> None:
+    """Draws the median world, and how worlds differ; `drawn_in_words` says how.
+
+    Args:
+        axes: The panel.
+        x: Places (points,).
+        worlds: What each world has come to at each of them (worlds, points).
+        line: How it is drawn.
+        agents: Drawn in the panel, one after the other.
+    """
+    if len(worlds) < ENOUGH_WORLDS:
+        axes.plot(x, worlds.T, color=line["color"], linewidth=0.5, alpha=0.25)
+    elif agents <= _BANDED:
+        low, high = np.percentile(worlds, (10, 90), axis=0)
+        axes.fill_between(x, low, high, color=line["color"], alpha=0.15, linewidth=0)
+    middle = np.median(worlds, axis=0)
+    axes.plot(x, middle, **line)
+
+
+def drawn_in_words(worlds: int, agents: int) -> str:
+    """What the lines of `draw_worlds` are."""
+    if worlds < ENOUGH_WORLDS:
+        return "Lines: the median world; thin: each world."
+    if agents <= _BANDED:
+        return "Lines: the median world; bands: the 10th to 90th percentile of worlds."
+    return "Lines: the median world."
+
+
+def say(figure: Figure, title: str, said: str) -> None:
+    """What the figure shows stands above it, how to read it below, in lines as long as it is wide."""
+    figure.suptitle(title, x=0.005, ha="left", weight="bold", size=11)
+    letters = int(15 * figure.get_figwidth())
+    figure.supxlabel(fill(said, letters), x=0.005, ha="left", size=8.5, color=DARK_GREY)
+
+
+@dataclass(frozen=True, slots=True)
+class LineEnd:
+    """Where a line ends, in the units of its axes, and what stands beside it.
+
+    Attributes:
+        x, y: The end.
+        words: May have several lines.
+        colour: Of the words, and of the thin line that leads to them.
+    """
+
+    x: float
+    y: float
+    words: str
+    colour: Any
+
+
+def label_lines(axes: Axes, ends: Sequence[LineEnd], size: float) -> None:
+    """Writes a label beside the panel for each line, and leads to it from where the line ends.
+
+    The figure is laid out here: the panel must have its scales, its limits and its neighbours.
+
+    Args:
+        axes: The panel; nothing may stand right of it.
+        ends: Of the lines.
+        size: Of the words, in points.
+    """
+    figure = axes.figure
+    texts = [
+        axes.annotate(
+            end.words, (1, 0), (_OUT + 3, 0), axes.transAxes, "offset points", color=end.colour,
+            fontsize=size, va="center", linespacing=1.05, annotation_clip=False,
+        )
+        for end in ends
+    ]  # fmt: skip
+    figure.draw_without_rendering()  # type: ignore[union-attr]
+    panel = axes.get_window_extent()
+    heights = np.array([text.get_window_extent().height for text in texts]) / panel.height
+    at = np.array([_in_panel(axes, end)[1] for end in ends])
+    a_point = figure.dpi / 72 / panel.width
+    for end, text, start, place in zip(ends, texts, at, spread(at, 1.08 * heights), strict=True):
+        text.xy = (1, float(place))
+        x, _ = _in_panel(axes, end)
+        axes.plot(
+            [x, 1 + _ELBOW * a_point, 1 + _OUT * a_point], [start, start, place], color=end.colour,
+            transform=axes.transAxes, linewidth=0.7, alpha=0.55, clip_on=False, zorder=1,
+        )  # fmt: skip
+
+
+def spread(at: NDArray[np.float64], heights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places as near as can be to those wanted, in the same order, no two nearer than they are high.
+
+    Args:
+        at: The places wanted.
+        heights: What stands there, centred.
+    """
+    order = np.argsort(at, kind="stable")
+    middles = np.cumsum(heights[order]) - heights[order] / 2
+    groups: list[tuple[float, int]] = []  # mean of what is wanted less what is taken below, and members
+    for wanted in at[order] - middles:
+        groups.append((float(wanted), 1))
+        while len(groups) > 1 and groups[-2][0] > groups[-1][0]:
+            (low, some), (high, more) = groups.pop(-2), groups.pop()
+            groups.append(((low * some + high * more) / (some + more), some + more))
+    room = max(1 + 2 * _BEYOND - heights.sum(), 0)  # beside the panel, if there is any
+    bottom = np.clip([base for base, _ in groups], -_BEYOND, room - _BEYOND)
+    found = np.empty(len(at))
+    found[order] = np.repeat(bottom, [count for _, count in groups]) + middles
+    return found
+
+
+def _in_panel(axes: Axes, end: LineEnd) -> tuple[float, float]:
+    """Shares of the panel's width and height."""
+    x, y = axes.transAxes.inverted().transform(axes.transData.transform((end.x, end.y)))
+    return float(x), float(y)
+
+
+def save(figure: Figure, folder: Path, name: str) -> Drawing:
+    """Writes a figure as PNG and SVG, and returns it in the pieces of a page."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with plt.rc_context(STYLE):
+        figure.savefig(folder / f"{name}.png", dpi=160)
+        figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+        found = _in_pieces(figure)
+    plt.close(figure)
+    return found
+
+
+def _in_pieces(figure: Figure) -> Drawing:
+    """A drawn figure's columns of panels, one piece each, and the lines of its legends; takes it apart."""
+    figure.set_layout_engine("none")  # all stays where it was drawn
+    title, said = figure.get_suptitle(), " ".join(figure.get_supxlabel().splitlines())
+    say(figure, "", "")
+    columns: dict[int, list[Axes]] = {}
+    for axes in figure.axes:
+        if axes.get_visible():
+            place = axes.get_subplotspec()
+            columns.setdefault(place.colspan.start if place else len(columns), []).append(axes)
+    legends = list(figure.legends)
+    for artist in (*figure.axes, *legends):
+        artist.set_visible(False)
+    panels = tuple(_piece(figure, column) for column in columns.values())
+    lines = []
+    for legend in legends:
+        handles: list[Any] = legend.legend_handles
+        for handle, text in zip(handles, legend.get_texts(), strict=True):
+            alone = figure.legend([handle], [""], handletextpad=0, borderpad=0.1)
+            alone.set_visible(False)
+            lines.append((_piece(figure, [alone]), text.get_text()))
+    return Drawing(title, panels, tuple(lines), said)
+
+
+def _piece(figure: Figure, artists: Iterable[Artist]) -> str:
+    """The SVG of some artists, all others being hidden."""
+    for artist in artists:
+        artist.set_visible(True)
+    around = Bbox.union([box for artist in artists if (box := artist.get_tightbbox())])
+    inches = around.transformed(figure.dpi_scale_trans.inverted()).padded(_MARGIN)
+    text = StringIO()
+    figure.savefig(text, format="svg", bbox_inches=inches, metadata={"Date": None})
+    for artist in artists:
+        artist.set_visible(False)
+    return text.getvalue()

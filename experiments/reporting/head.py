@@ -1,0 +1,251 @@
+"""What a suite comes to in a minute: its one table, and at most three sentences made from its numbers.
+
+Who is told where to go and who moves at random are ceiling and floor, and not compared. Where an agent is in
+fewer than 20 worlds nobody is ranked: then it is said how far agents lie apart.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from experiments.config.in_words import knocks
+from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
+from experiments.reporting.agents_in_words import in_words
+from experiments.reporting.by_trial import COARSE, blocks, edges_of, span
+from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, FinishedSuite, with_cost, worlds_of
+from experiments.reporting.held_out import (
+    AFTER,
+    AT_THE_END,
+    BEFORE,
+    BEGINNING,
+    GOOD,
+    RIGHT_AFTER,
+    HeldOut,
+    Moment,
+    Times,
+    common_worlds,
+)
+from experiments.reporting.sweep import points
+from experiments.reporting.tables import NOTHING, Table, counted, written
+from experiments.statistics import ENOUGH_WORLDS, median_time, paired_motions
+
+_KNOWN_IN_WORDS = {
+    "`object_registers`": "where to go",
+    "`joint_angles`": "its joint angles",
+    "`joint_zeros`": "where its joints have their zeros",
+    "`gripper_position`": "where its gripper is in the room",
+    "image scale": "image size",
+    "noise": "image noise",
+    "camera model": "how cameras project",
+    "arm": "its arm",
+    "chain of joints": "that its arm is a chain",
+    "mount": "where cameras stand",
+    "reward": "a reward",
+    "word limit": "motor strength",
+    "training worlds": "worlds to train in",
+}
+"""Privileged observations, and prior knowledge."""
+_GOOD = written(GOOD, ".0%")
+_OF_A_CEILING = "object_registers"
+"""The privileged observation that tells where to go."""
+_FLOOR = "random"
+"""The kind of agent that knows nothing and learns nothing."""
+_WHEN = {BEFORE: "Before the knock", AT_THE_END: "At the end"}
+_Cells = dict[str, dict[str, str]]
+"""By the agent's label and the column."""
+
+
+def head_part(finished: FinishedSuite) -> ScenarioConfig | SweepConfig:
+    """What the head of a suite is about: its first scenario with a change and held-out trials, if any."""
+    suite = finished.suite
+    held_out = [each for each in suite.scenarios if suite.evaluation_of(each)]
+    changed = [each for each in held_out if each.perturbations]
+    return (*changed, *held_out, *suite.parts)[0]
+
+
+def table_of(finished: FinishedSuite, part: ScenarioConfig | SweepConfig, held: HeldOut | None) -> Table:
+    """A scenario or sweep in at most four columns, without intervals; agents in words, in the suite's order.
+
+    With held-out trials: motions per reach before and right after the first change, or at the end where there
+    is none, and the motions lived before it reaches. Else the first and the last trials, or values.
+    """
+    if isinstance(part, SweepConfig):
+        found, note = _of_sweep(finished, part)
+    elif held:
+        found, note = _of_held_out(held)
+    else:
+        found, note = _of_trials(finished, part)
+    rows = [
+        {
+            "agent": in_words(agent.label, agent.name),
+            "what it must know": known_in_words(finished.must_know(agent)),
+            **found[agent.label],
+        }
+        for agent in finished.suite.agents_in(part)
+    ]
+    return Table(part.name, f"{finished.suite.name}: {part.name}", pd.DataFrame(rows), note=note)
+
+
+def known_in_words(must_know: str) -> str:
+    """What an agent must know, for who has read nothing else."""
+    return ", ".join(_KNOWN_IN_WORDS.get(each, each) for each in must_know.split(", "))
+
+
+def _of_held_out(held: HeldOut) -> tuple[_Cells, str]:
+    changes = bool(held.scenario.perturbations)
+    shown = (BEFORE, RIGHT_AFTER) if changes else (AT_THE_END,)
+    column = f"motions per reach {' → '.join(shown)}{' the knock' * changes}"
+    until_good = f"motions until {_GOOD} of trials succeed{' → again after it' * changes}"
+    found = {}
+    for label, moments in held.moments.items():
+        cells = [_motions(moments[each].motions().value) if each in moments else NOTHING for each in shown]
+        until = [_until(held.times[label].get(stretch)) for stretch in (BEGINNING, AFTER)[: 1 + changes]]
+        found[label] = {column: " → ".join(cells), until_good: " → ".join(until)}
+    met = knocks(held.scenario)
+    knock = f" The knock: {met[0].words}." if met else ""
+    return found, (
+        f"The median world, in trials that only test; one that fails counts as {held.cap} motions.{knock}"
+    )
+
+
+def _until(times: Times | None) -> str:
+    if times is None:
+        return NOTHING
+    median = median_time(times.at, times.good).value
+    return f"not in {times.latest:,.0f}" if math.isinf(median) else f"{median:,.0f}"
+
+
+def _of_trials(finished: FinishedSuite, scenario: ScenarioConfig) -> tuple[_Cells, str]:
+    rows = with_cost(finished.results, scenario)
+    own, cap = rows[rows["phase"] == "train"], scenario.env.max_episode_steps
+    edges = edges_of(scenario, (1, *COARSE))
+    column = f"motions per reach in trial 1 → trials {span(*edges[-2:])}"
+
+    def cell(agent: AgentConfig) -> str:
+        worlds = worlds_of(finished.suite, agent.label)
+        of_blocks = blocks(own, agent.label, MOTIONS, worlds, edges, cap).estimates()
+        return f"{_motions(of_blocks[0].value)} → {_motions(of_blocks[-1].value)}"
+
+    note = f"Of the median world, in the agents' own trials; one that fails counts as {cap} motions."
+    return {agent.label: {column: cell(agent)} for agent in finished.suite.agents_in(scenario)}, note
+
+
+def _of_sweep(finished: FinishedSuite, sweep: SweepConfig) -> tuple[_Cells, str]:
+    column = f"{RENDEZVOUS} at {sweep.vary} {sweep.over[0]:g} → {sweep.over[-1]:g}"
+
+    def cell(agent: AgentConfig) -> str:
+        of_values = points(finished.results, sweep, agent.label, worlds_of(finished.suite, agent.label))
+        shares = [each.rendezvous for each in (of_values[0], of_values[-1])]
+        return " → ".join(written(each.value, ".0%") if each else NOTHING for each in shares)
+
+    note = "Share of trials that end with an observed rendezvous; one trial a world, without learning."
+    return {agent.label: {column: cell(agent)} for agent in finished.suite.agents_in(sweep)}, note
+
+
+def _motions(found: float) -> str:
+    return NOTHING if math.isnan(found) else f"{found:,.1f}"
+
+
+def sentences(finished: FinishedSuite, held: HeldOut) -> list[str]:
+    """At most three: who needs the fewest motions, what the first change costs, and who reaches again."""
+    scenario = held.scenario
+    agents = [each for each in finished.suite.agents_in(scenario) if not _aside(finished, each)]
+    found = {in_words(each.label, each.name): held.moments[each.label] for each in agents}
+    changed = any(BEFORE in of_agent for of_agent in found.values())
+    when, until = (BEFORE, AFTER) if changed else (AT_THE_END, BEGINNING)
+    medians = {
+        in_words(each.label, each.name): median_time(times.at, times.good).value
+        for each in agents
+        if (times := held.times[each.label].get(until))
+    }
+    few = finished.fewest_worlds(scenario) < ENOUGH_WORLDS
+    said = [
+        _fewest({words: of[when] for words, of in found.items() if when in of}, _WHEN[when], few),
+        _cost(found) if changed else "",
+        _again(medians, changed),
+    ]
+    return [sentence for sentence in said if sentence]
+
+
+def _aside(finished: FinishedSuite, agent: AgentConfig) -> bool:
+    """Whether an agent is compared for another purpose than to win."""
+    outcome = finished.outcome_of(agent)
+    return agent.name == _FLOOR or (outcome is not None and _OF_A_CEILING in outcome["privileged"])
+
+
+def _fewest(found: Mapping[str, Moment], when: str, few: bool) -> str:
+    """Who needs the fewest motions, and who cannot be told apart from it."""
+    if not found:
+        return ""
+    motions = {words: moment.motions().value for words, moment in found.items()}
+    best, worst = min(motions, key=motions.__getitem__), max(motions, key=motions.__getitem__)
+    if few or len(found) == 1:
+        worlds = counted(min(len(moment.worlds) for moment in found.values()), "world")
+        return (
+            f"{when}, the median world needs {motions[best]:.1f} ({best}) to {motions[worst]:.1f} "
+            f"({worst}) motions per reach; {worlds} {'is' if worlds == '1 world' else 'are'} too few to rank "
+            "anybody."
+        )
+    others = {words: moment for words, moment in found.items() if words != best}
+    near = [words for words, moment in others.items() if not _told_apart(found[best], moment)]
+    first = f"{when}, {best} needs the fewest motions per reach, {motions[best]:.1f} in the median world"
+    if len(near) == len(others):
+        return f"{first}, but no other agent can be told apart from it."
+    return f"{first}; {listed(near)} cannot be told apart from it." if near else f"{first}."
+
+
+def _told_apart(best: Moment, other: Moment) -> bool:
+    """Whether the interval of the difference, in the worlds of both, leaves out 0."""
+    both = common_worlds(best, other)
+    return paired_motions(other.worlds.loc[both, MOTIONS], best.worlds.loc[both, MOTIONS]).low > 0
+
+
+def _cost(found: Mapping[str, Mapping[str, Moment]]) -> str:
+    """For whom the first change costs most, and least."""
+    both = {
+        words: (of[BEFORE].motions().value, of[RIGHT_AFTER].motions().value)
+        for words, of in found.items()
+        if BEFORE in of and RIGHT_AFTER in of
+    }
+    ranked = sorted(both, key=lambda words: both[words][1] - both[words][0])
+    if len(ranked) < 2:
+        return ""
+    least, most = (f"{both[words][0]:.1f} → {both[words][1]:.1f}" for words in (ranked[0], ranked[-1]))
+    return (
+        f"Right after it, {ranked[-1]} loses most ({most} motions per reach) and {ranked[0]} least ({least})."
+    )
+
+
+def _again(medians: Mapping[str, float], changed: bool) -> str:
+    """Who comes to the threshold first and last, and who never does."""
+    reached = sorted((each for each in medians if math.isfinite(medians[each])), key=medians.__getitem__)
+    never = [each for each in medians if math.isinf(medians[each])]
+    parts = []
+    if reached:
+        first = [each for each in reached if medians[each] == medians[reached[0]]]
+        again = " again" if changed else ""
+        reach = f"{listed(first)} first {_verb('reach', first)} in {_GOOD} of trials{again}"
+        parts.append(f"{reach}, {_within(medians[first[0]])}")
+        if len(first) < len(reached):
+            parts.append(f"{reached[-1]} last, {_within(medians[reached[-1]])}")
+    if never:
+        parts.append(f"{listed(never)} {_verb('do', never)} not in the time that was given")
+    if not parts:
+        return ""
+    when = "After it, " if changed else "From the beginning, "
+    return f"{when}{'; '.join(parts)}."
+
+
+def _within(motions: float) -> str:
+    return f"within {counted(round(motions), 'motion')}" if motions else "at once"
+
+
+def _verb(verb: str, subjects: Sequence[str]) -> str:
+    return verb if len(subjects) > 1 else {"do": "does"}.get(verb, f"{verb}es")
+
+
+def listed(words: Sequence[str]) -> str:
+    """As "a, b and c"."""
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last

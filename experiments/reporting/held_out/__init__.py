@@ -1,1 +1,0 @@
-"""Scenarios with held-out trials: learning curves against lifetime motions."""

@@ -1,0 +1,113 @@
+"""Keeping results in the repository: a suite's numbers, report and small figures, or a benchmark's JSON."""
+
+import shlex
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+from PIL import Image
+
+from experiments.errors import ConfigError
+from experiments.reporting.finished_suite import FinishedSuite
+from experiments.reporting.kept_tables import read_kept, write_page
+from experiments.reporting.pages import MARKDOWN, PAGE
+from experiments.reporting.report import FILMS, write_report
+from experiments.reporting.results_file import RESULTS, TIMES, read_finished
+from experiments.running.versions import commit, is_of_no_commit, versions
+
+COLOURS = 256
+"""Of a kept figure. Choice: files are a third as large. Of 64, blue lines became as green ones."""
+
+
+def keep(out: Path, kept: Path) -> Path:
+    """Copies the numbers of a finished suite, and makes its report of them.
+
+    Args:
+        out: The results folder of the suite.
+        kept: Holds the folders of kept results; that of the suite is replaced.
+
+    Returns:
+        The suite's folder there.
+
+    Raises:
+        ConfigError: Runs are missing; the suite was changed by `--set`; files differed from the commit that
+            the results name, or differ now; other code made the results; the suite's name is that of kept
+            results of another kind.
+    """
+    finished = read_finished(out / RESULTS, out)
+    target = kept / finished.suite.name
+    _refuse(finished, target)
+    partial, old = (kept / f".{target.name}.{what}" for what in ("partial", "old"))
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    for name in (RESULTS, TIMES, *(film for film in FILMS if (out / film).exists())):
+        shutil.copyfile(out / name, partial / name)
+    write_report(replace(finished, out=partial))
+    (partial / PAGE).unlink()
+    for figure in sorted((partial / "figures").iterdir()):
+        if figure.suffix == ".png":
+            with Image.open(figure) as image:
+                small = fewer_colours(image)
+            small.save(figure, optimize=True)
+        else:
+            figure.unlink()
+    shutil.rmtree(old, ignore_errors=True)
+    if target.exists():
+        target.rename(old)
+    partial.rename(target)
+    shutil.rmtree(old, ignore_errors=True)
+    return target
+
+
+def fewer_colours(image: Image.Image) -> Image.Image:
+    """A figure in so few colours that its file is small; lines keep theirs."""
+    return image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+
+
+def _refuse(finished: FinishedSuite, target: Path) -> None:
+    out = finished.out
+    if finished.unfinished:
+        missing = ", ".join(run.id for run in finished.unfinished[:3])
+        raise ConfigError(f"{out}: {len(finished.unfinished)} runs are not finished, such as {missing}")
+    if "--set" in shlex.split(finished.command):
+        raise ConfigError(
+            f"{out} is of a suite changed by --set ({finished.command}); run the file as it stands"
+        )
+    made_by, here = finished.versions["commit"], commit()
+    for whose, found in ((f"{out} was made by", made_by), ("this report would be made by", here)):
+        if is_of_no_commit(found):
+            raise ConfigError(f"{whose} files that no commit has ({found}); commit them, and run it again")
+    if (code := finished.versions["code"]) != (now := versions()["code"]):
+        raise ConfigError(f"{out} was made by other code ({code}, here it is {now}); run it again")
+    if target.exists() and not (target / RESULTS).exists():
+        raise ConfigError(
+            f"{target} holds kept results that are no suite's ({RESULTS} is missing); give the suite "
+            "another name"
+        )
+
+
+def keep_benchmark(measured: Path, kept: Path) -> Path:
+    """Copies the JSON of `python -m experiments benchmark --out`, and writes its page.
+
+    Args:
+        measured: The file NAME.json.
+        kept: Holds the folders of kept results; the file goes to that of its name.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ConfigError: There is no such file, it is damaged, or a suite is kept under its name.
+    """
+    if not measured.is_file():
+        raise ConfigError(f"{measured}: there is no such file")
+    read_kept(measured)
+    folder = kept / measured.stem
+    if (folder / RESULTS).exists():
+        raise ConfigError(f"{folder} holds the results of a suite; give {measured.name} another name")
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / measured.name
+    if target.resolve() != measured.resolve():
+        shutil.copyfile(measured, target)
+    write_page(target, folder / MARKDOWN)
+    return folder

@@ -1,0 +1,151 @@
+"""Kept results (`experiments/results/NAME/`) as tables of README.md and docs/.
+
+A suite keeps `tables.json`: under "tables" one a scenario or sweep, under "details" all others of its report.
+A benchmark keeps JSON of the same form.
+
+A page shows a table between two markers, `<!-- table: NAME -->` and `<!-- end of table -->`, or some columns:
+`<!-- table: NAME: COLUMN, COLUMN -->`.
+"""
+
+import json
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from calfree_gym.errors import near_misses
+from experiments.errors import ConfigError
+from experiments.reporting.agents_table import agents_table
+from experiments.reporting.pages import tables_markdown
+from experiments.reporting.tables import Table
+from experiments.running.results_folder import write_whole
+from experiments.running.versions import REPOSITORY
+
+KEPT = REPOSITORY / "experiments" / "results"
+AGENTS = "agents"
+"""The one table that is made from the code alone."""
+_MARKER = re.compile(r"^<!-- (?:table: (?P<name>\S.*?)|(?P<end>end of table)) -->$", re.MULTILINE)
+
+
+def tables_named(name: str, kept: Path = KEPT) -> str:
+    """The Markdown of a table of README.md or docs/.
+
+    Args:
+        name: "agents", a folder of kept results such as "quick", or one table in it, as "quick/wild"; then,
+            where not all columns are to be shown, those that are, as "quick/wild: agent, success".
+        kept: Holds the folders of kept results.
+
+    Raises:
+        ConfigError: Nothing is kept under that name, or it has no such column; says what there is.
+    """
+    if name == AGENTS:
+        return agents_table().markdown()
+    name, _, columns = name.partition(": ")
+    folder, _, chosen = name.partition("/")
+    allowed = [AGENTS, *sorted(path.name for path in kept.glob("*") if _files(path))]
+    if folder not in allowed:
+        hint = near_misses(folder, allowed)
+        raise ConfigError(f"no results are kept as {folder!r}{hint}; allowed: {', '.join(allowed)}")
+    parts = []
+    names: dict[str, None] = {}
+    for path in _files(kept / folder):
+        tables, details, commit = read_kept(path)
+        names |= dict.fromkeys(table.name for table in (*tables, *details))
+        shown = [table for table in (*tables, *details) if table.name == chosen] if chosen else tables
+        if shown:
+            source = f"*Made from `experiments/results/{folder}`, code of commit {commit}.*"
+            parts += [*tables_markdown([_chosen(table, columns) for table in shown]), source]
+    if not parts:
+        hint = near_misses(chosen, list(names))
+        raise ConfigError(f"{folder} keeps no table {chosen!r}{hint}; allowed: {', '.join(names)}")
+    return "\n\n".join(parts)
+
+
+def _chosen(table: Table, columns: str) -> Table:
+    """The table with these columns alone, separated by commas; with all where none are named."""
+    wanted = columns.split(", ") if columns else table.header
+    for column in wanted:
+        if column not in table.header:
+            hint = near_misses(column, table.header)
+            raise ConfigError(
+                f"{table.name} has no column {column!r}{hint}; allowed: {', '.join(table.header)}"
+            )
+    return replace(table, frame=table.frame[wanted])
+
+
+def read_kept(path: Path) -> tuple[list[Table], list[Table], str]:
+    """The tables in a kept file, the details among them, and the commit that made it.
+
+    Raises:
+        ConfigError: The file is damaged.
+    """
+    try:
+        kept: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        tables, details = (
+            [Table.from_dict(table) for table in each] for each in (kept["tables"], kept.get("details", ()))
+        )
+        return tables, details, kept["commit"]
+    except (KeyError, ValueError) as error:
+        raise ConfigError(f"{path} is damaged or no kept result: {error!r}") from None
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.json"))
+
+
+def pages() -> list[Path]:
+    """README.md and the pages of docs/, of its folders too."""
+    return [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
+
+
+def outdated(paths: Iterable[Path], table: Callable[[str], str]) -> dict[Path, str]:
+    """The pages that differ from what the code makes, and what they should be.
+
+    Args:
+        paths: The pages.
+        table: From a marker's name to the Markdown of its table.
+
+    Raises:
+        ConfigError: A marker is not closed, or there is no table of its name; says where.
+    """
+    found = {}
+    for path in paths:
+        text = path.read_text(encoding="utf-8")
+        if (filled := _filled(path, text, table)) != text:
+            found[path] = filled
+    return found
+
+
+def _filled(path: Path, text: str, table: Callable[[str], str]) -> str:
+    """A page with all its tables made anew."""
+    parts, position, opened = [], 0, None
+    for marker in _MARKER.finditer(text):
+        where = f"{path.name}, line {text.count(chr(10), 0, marker.start()) + 1}"
+        if (marker["name"] is None) == (opened is None):
+            raise ConfigError(f"{where}: {marker[0]} without its other half")
+        if marker["name"] is None:
+            opened, position = None, marker.start()
+            continue
+        opened = where
+        try:
+            made = table(marker["name"])
+        except ConfigError as error:
+            raise ConfigError(f"{where}: {error}") from None
+        parts.append(f"{text[position : marker.end()]}\n\n{made}\n\n")
+    if opened:
+        raise ConfigError(f"{opened}: the table has no <!-- end of table -->")
+    return "".join(parts) + text[position:]
+
+
+def write_page(measured: Path, page: Path) -> None:
+    """Writes the tables of a kept JSON file as a page of Markdown to read.
+
+    Raises:
+        ConfigError: The file is damaged.
+    """
+    tables, _, commit = read_kept(measured)
+    parts = [f"# {measured.parent.name}", f"Code of commit {commit}."]
+    for table in tables:
+        parts += [f"## {table.title}", *tables_markdown([table])]
+    write_whole(page, "\n\n".join(parts) + "\n")

@@ -1,0 +1,299 @@
+"""Sweeps: success and motions against one setting of a perturbation."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from textwrap import fill
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+
+from calfree_gym.perturbations import TYPES
+from experiments.config.in_words import axis_in_words
+from experiments.config.suite import AgentConfig, SweepConfig
+from experiments.reporting.agents_in_words import in_words, lines_of
+from experiments.reporting.figures import STYLE, Line, LineEnd, label_lines, motions_axis, save, say
+from experiments.reporting.finished_suite import (
+    MOTIONS,
+    RENDEZVOUS,
+    SUCCESS,
+    FinishedSuite,
+    about_environment,
+    few_worlds,
+    where_it_stands,
+    with_cost,
+    worlds_of,
+)
+from experiments.reporting.pages import Drawing, Section, summary_row
+from experiments.reporting.tables import NOTHING, Table, counted, number, percent
+from experiments.statistics import Estimate, mean_share, median_world
+
+_SHOWN = 5
+"""Values that stand in the table; the figure has all."""
+_ENOUGH = 0.1
+"""Share of the trials that must reach, for their median to mean anything."""
+_ACROSS = 3
+"""Sweeps side by side."""
+_LOST = 0.95
+"""An agent that misses more than this share of all trials at every value has no line among the misses."""
+_NEEDED = "Motions per reach, mean (a failure: {})"
+_HOW_TO_READ = (
+    "Of the trials in whose first observation both cameras see gripper and object, the same for every "
+    "agent. Success: the share whose true error at the end is within the tolerance. Rendezvous: the share "
+    "that ends with an observed one. Motions: the median of those with one, where at least a tenth has "
+    "one. Brackets: 95 % intervals over worlds, one trial in each."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """An agent at one value of a sweep, over the trials in view.
+
+    Attributes:
+        value: Of what is varied.
+        worlds: In each of which one trial is made.
+        trials: Those in view; the same for every agent. Where it is 0, all that follows is None.
+        success: Share of them whose true error at the end is within the tolerance.
+        rendezvous: Share of them that end with an observed rendezvous.
+        at_once: Share of them that do so by their first motion.
+        motions: Of the median world; a trial without a rendezvous counts as the cap.
+        among_reached: Median of those with a rendezvous; None where hardly any has one.
+    """
+
+    value: float
+    worlds: int
+    trials: int
+    success: Estimate | None = None
+    rendezvous: Estimate | None = None
+    at_once: float = 0.0
+    motions: Estimate | None = None
+    among_reached: Estimate | None = None
+
+
+def points(results: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -> list[Point]:
+    """The points of one agent's curves.
+
+    Args:
+        results: All rows.
+        sweep: What they are about.
+        agent: Its label. A run that failed, without any row, has reached nothing.
+        worlds: How many trials there should be at a value.
+    """
+    rows = with_cost(results, sweep)
+    cap = sweep.env.max_episode_steps
+    return [_point(rows[rows["value"] == value], value, agent, worlds, cap) for value in sweep.over]
+
+
+def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int, cap: int) -> Point:
+    in_view = rows[rows["in_view"].astype(bool)]
+    trials = in_view["world"].nunique() if len(rows) else worlds
+    if not trials:
+        return Point(value, worlds, 0)
+    mine = in_view[in_view["agent"] == agent]
+    failed = trials - len(mine)
+    reached = mine.loc[mine[RENDEZVOUS] == 1, "motions"].to_numpy(dtype=float)
+    success, rendezvous, motions = (
+        np.append(mine[measure].to_numpy(dtype=float), [worst] * failed)
+        for measure, worst in ((SUCCESS, 0.0), (RENDEZVOUS, 0.0), (MOTIONS, float(cap)))
+    )
+    return Point(
+        value,
+        worlds,
+        trials,
+        mean_share(success),
+        mean_share(rendezvous),
+        float((reached <= 1).sum()) / trials,
+        median_world(motions),
+        median_world(reached) if len(reached) >= max(1, _ENOUGH * trials) else None,
+    )
+
+
+Curves = Sequence[tuple[AgentConfig, list[Point], Line]]
+"""Of each agent, with its line."""
+
+
+def sweep_sections(finished: FinishedSuite) -> list[Section]:
+    """Where there are several sweeps, all in one figure; then each with a figure and a table."""
+    suite, sweeps = finished.suite, finished.suite.sweeps
+    lines = lines_of(suite.agents)
+    curves: dict[str, Curves] = {
+        sweep.name: [
+            (
+                agent,
+                points(finished.results, sweep, agent.label, worlds_of(suite, agent.label)),
+                lines[agent.label],
+            )
+            for agent in suite.agents_in(sweep)
+        ]
+        for sweep in sweeps
+    }
+
+    def said(sweep: SweepConfig) -> str:
+        worlds = (worlds_of(suite, agent.label) for agent in suite.agents_in(sweep))
+        return where_it_stands(sweep, "One trial at each value", *worlds)
+
+    def saved(name: str, figure: Figure) -> dict[str, Drawing]:
+        return {name: save(figure, finished.out / "figures", name)}
+
+    each = [
+        Section(
+            title=f"Sweep {sweep.name}",
+            text=_about(finished, sweep),
+            figures=saved(sweep.name, sweep_figure(sweep, curves[sweep.name], said(sweep))),
+            tables=(_table(curves[sweep.name], sweep),),
+            note=_HOW_TO_READ,
+            summary=[
+                summary_row(sweep.name, "sweep", agent.label, f"{at.value:g}", measure, found, at.trials)
+                for agent, of_agent, _ in curves[sweep.name]
+                for at in of_agent
+                for measure, found in (
+                    (SUCCESS, at.success),
+                    (RENDEZVOUS, at.rendezvous),
+                    ("rendezvous_at_once", at.at_once),
+                    (MOTIONS, at.motions),
+                    ("median_motions", at.among_reached),
+                )
+            ],
+        )
+        for sweep in sweeps
+    ]
+    if len(sweeps) < 2:
+        return each
+    together = saved("_all", sweeps_figure(sweeps, curves, said(sweeps[0])))
+    return [Section(title="All sweeps", figures=together), *each]
+
+
+def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
+    do = sweep.do
+    settings = [f"{key} {value}" for key, value in do.items() if key != "type"]
+    settings += [f"any {key}" for key in TYPES[do["type"]].settings() if key not in (*do, sweep.vary)]
+    settings.append(f"{sweep.vary} from {sweep.over[0]:g} to {sweep.over[-1]:g}")
+    return (
+        f"{do['type']} ({', '.join(settings)}) before the first trial; {about_environment(sweep.env)}, at "
+        f"most {sweep.env.max_episode_steps} motions. At each value every agent, without learning, makes "
+        f"one trial in each of {counted(finished.fewest_worlds(sweep), 'world')}, the same for all agents "
+        f"and values.{few_worlds(finished, sweep)}"
+    )
+
+
+def _table(curves: Curves, sweep: SweepConfig) -> Table:
+    indices = np.unique(np.linspace(0, len(sweep.over) - 1, _SHOWN).round().astype(int))
+    rows = [
+        [
+            agent.label,
+            f"{curve[i].value:g}",
+            percent(point.rendezvous) if (point := curve[i]).rendezvous else NOTHING,
+            number(point.among_reached) if point.among_reached else NOTHING,
+            percent(point.success) if point.success else NOTHING,
+        ]
+        for agent, curve, _ in curves
+        for i in indices
+    ]
+    columns = ["agent", sweep.vary, "rendezvous", "motions of those that reached", "success"]
+    return Table.of(sweep.name, f"Sweep {sweep.name}", columns, rows)
+
+
+def sweep_figure(sweep: SweepConfig, curves: Curves, said: str) -> Figure:
+    """Trials that end off the object on the left, and motions per reach on the right, both against the value.
+
+    Args:
+        sweep: What is varied.
+        curves: Of all agents.
+        said: Stands below the panels.
+    """
+    with plt.rc_context(STYLE):
+        figure, (misses, motions) = plt.subplots(1, 2, figsize=(8.6, 4), layout="constrained")
+        lost, worst = [], 0.0
+        for agent, points, line in curves:
+            shares = [1 - p.success.value if p.success else math.nan for p in points]
+            if all(share > _LOST for share in shares if not math.isnan(share)):
+                lost.append(in_words(agent.label, agent.name))
+                continue
+            worst = max(worst, *(share for share in shares if not math.isnan(share)))
+            misses.plot(sweep.over, shares, **line)
+        misses.set_title("Trials that end off the object (%)")
+        misses.set_ylim(-0.02 * max(worst, 0.1), 1.08 * max(worst, 0.1))
+        misses.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:.3g}"))
+        ends = _draw_motions(motions, sweep, curves)
+        motions.set_title(_NEEDED.format(sweep.env.max_episode_steps))
+        for axes in (misses, motions):
+            _scale(axes, sweep, 48)
+        left_out = f" Left out on the left: {', '.join(lost)} (misses all)." if lost else ""
+        say(figure, _title(sweep), said + left_out)
+        label_lines(motions, ends, 9.5)
+    return figure
+
+
+def sweeps_figure(sweeps: Sequence[SweepConfig], curves: Mapping[str, Curves], said: str) -> Figure:
+    """Motions per reach in all sweeps, a panel each, three in a row.
+
+    Args:
+        sweeps: In their order.
+        curves: By the sweep's name.
+        said: Stands below the panels.
+    """
+    across = min(_ACROSS, len(sweeps))
+    down = math.ceil(len(sweeps) / across)
+    with plt.rc_context({**STYLE, "axes.labelsize": 8.5}):
+        figure = plt.figure(figsize=(2.1 * across + 2.6, 2.1 * down + 0.7), layout="constrained")
+        grid = figure.subplots(down, across, squeeze=False)
+        for axes, sweep in zip(grid.flat, sweeps, strict=False):
+            _draw_motions(axes, sweep, curves[sweep.name])
+            _scale(axes, sweep, 28)
+        for axes in grid.flat[len(sweeps) :]:
+            axes.set_visible(False)
+        handles = {
+            label: handle
+            for axes in grid.flat
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend(handles.values(), handles.keys(), loc="outside right upper")
+        say(figure, _NEEDED.format(sweeps[0].env.max_episode_steps), said)
+    return figure
+
+
+def _draw_motions(axes: Axes, sweep: SweepConfig, curves: Curves) -> list[LineEnd]:
+    motions_axis(axes, sweep.env.max_episode_steps)
+    ends = []
+    for agent, points, line in curves:
+        words, reach = in_words(agent.label, agent.name), [_motions(point) for point in points]
+        axes.plot(sweep.over, reach, **line, label=words)
+        last = max((i for i, each in enumerate(reach) if not math.isnan(each)), default=None)
+        if last is not None:
+            ends.append(LineEnd(sweep.over[last], reach[last], words, line["color"]))
+    return ends
+
+
+def _motions(point: Point) -> float:
+    return point.motions.value if point.motions else math.nan
+
+
+def _scale(axes: Axes, sweep: SweepConfig, letters: int) -> None:
+    """Factors are spaced by their ratios; a line below the panel has so many letters at most."""
+    if sweep.vary == "factor":
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(FixedLocator(_apart(sweep.over)))
+        axes.xaxis.set_minor_locator(NullLocator())
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 3, 5, 6, 10]))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.set_xlabel(fill(axis_in_words(sweep), letters))
+
+
+def _title(sweep: SweepConfig) -> str:
+    what, _, _ = axis_in_words(sweep).partition(" (")
+    return what[0].upper() + what[1:]
+
+
+def _apart(factors: Sequence[float]) -> list[float]:
+    """Those that are written: no two nearer than a sixth of the axis."""
+    width = math.log(factors[-1] / factors[0]) if len(factors) > 1 else 1.0
+    found = [factors[0]]
+    for factor in factors[1:]:
+        if math.log(factor / found[-1]) >= width / 6:
+            found.append(factor)
+    return found

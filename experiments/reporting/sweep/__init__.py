@@ -1,1 +1,0 @@
-"""Sweeps: success and motions against one setting of a perturbation."""

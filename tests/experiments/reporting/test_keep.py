@@ -1,0 +1,182 @@
+"""What is kept of a finished suite."""
+
+import io
+import json
+import shutil
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from PIL import Image, ImageColor
+
+from experiments.__main__ import main
+from experiments.errors import ConfigError
+from experiments.reporting import keep as module
+from experiments.reporting.agents_in_words import colour
+from experiments.reporting.keep import fewer_colours, keep
+from experiments.reporting.kept_tables import KEPT, tables_named
+from experiments.reporting.results_file import gather
+
+COMMIT = "0123456789ab"
+NAMES = [
+    "oracle",
+    "paper_servo",
+    "grid_table",
+    "memory",
+    "self_supervised",
+    "sac",
+    "ppo",
+    "cooperstock_milios",
+]
+TABLES = ("tables.json", "timings.csv")
+
+
+@pytest.fixture
+def committed(finished_once, tmp_path, monkeypatch):
+    """Finished results that are said to be made by a commit, beside sources that are said to be of one."""
+    monkeypatch.setattr(module, "commit", lambda: "ba9876543210")
+    return said_to_be(shutil.copytree(finished_once, tmp_path / "out"), commit=COMMIT)
+
+
+def said_to_be(out, **what):
+    about = json.loads((out / "suite.json").read_text())
+    (out / "suite.json").write_text(json.dumps({**about, **what}))
+    gather(out)
+    return out
+
+
+def files(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+def test_lines_of_a_kept_figure_keep_their_colours():
+    figure, axes = plt.subplots(1, 3, figsize=(13, 4.7))
+    motions = np.linspace(0, 1, 9)
+    for index, name in enumerate(NAMES):
+        for panel, curve in zip(axes, (motions**index, 1 - motions**index, index + motions), strict=True):
+            line = {"color": colour(name, name), "linewidth": 2}
+            panel.plot(motions, curve, **line)
+            panel.fill_between(motions, curve - 0.2, curve + 0.1, color=line["color"], alpha=0.15)
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=160)
+    plt.close(figure)
+    image = Image.open(drawn).convert("RGB")
+    before, after = (np.asarray(each.convert("RGB"), int) for each in (image, fewer_colours(image)))
+    for name in NAMES:
+        wanted = np.array(ImageColor.getrgb(colour(name, name)))
+        kept = after[(before == wanted).all(-1)]
+        assert len(kept) > 500
+        assert np.abs(np.median(kept, 0) - wanted).max() <= 6
+
+
+@pytest.mark.slow
+def test_numbers_report_and_small_figures_are_kept(committed, tmp_path):
+    kept = keep(committed, tmp_path / "kept")
+    assert kept == tmp_path / "kept" / "tiny"
+    figures = ["figures/aimed-held-out.png"]
+    assert files(kept) == [*figures, "report.md", "results.parquet", "summary.csv", *TABLES]
+    assert main(["report", str(committed)]) == 0
+    for name in ("results.parquet", "summary.csv", "report.md", *TABLES):
+        assert (kept / name).read_bytes() == (committed / name).read_bytes()
+    for name in figures:
+        assert (kept / name).stat().st_size < 0.6 * (committed / name).stat().st_size
+        with Image.open(kept / name) as small, Image.open(committed / name) as large:
+            assert small.size == large.size
+    assert COMMIT in tables_named("tiny/aimed", tmp_path / "kept")
+
+
+def test_what_was_kept_before_is_replaced(committed, tmp_path):
+    for stale in (
+        tmp_path / "kept" / "tiny" / "report.md",
+        tmp_path / "kept" / ".tiny.partial" / "report.md",
+    ):
+        stale.parent.mkdir(parents=True)
+        stale.with_name("stale.csv").write_text("")
+        stale.with_name("results.parquet").write_text("")
+        stale.write_text("stale")
+    (committed / "figures" / "of-an-earlier-report.png").write_bytes(b"")
+    kept = keep(committed, tmp_path / "kept")
+    assert not [name for name in files(kept) if "stale" in name or "earlier" in name]
+    assert (kept / "report.md").read_text() != "stale"
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["tiny"]
+
+
+def test_what_was_kept_before_stays_where_the_new_cannot_be_made(committed, tmp_path, monkeypatch):
+    def full(finished):
+        raise OSError("the disk is full")
+
+    kept = tmp_path / "kept" / "tiny" / "report.md"
+    kept.parent.mkdir(parents=True)
+    kept.write_text("of before")
+    kept.with_name("results.parquet").write_text("")
+    monkeypatch.setattr(module, "write_report", full)
+    with pytest.raises(OSError, match="full"):
+        keep(committed, tmp_path / "kept")
+    assert kept.read_text() == "of before"
+
+
+def test_a_film_that_lies_beside_is_kept(committed, tmp_path):
+    Image.new("RGB", (4, 4)).save(committed / "film.gif")
+    kept = keep(committed, tmp_path / "kept")
+    assert (kept / "film.gif").exists()
+    assert "![An agent at work](film.gif)" in (kept / "report.md").read_text()
+
+
+def test_unfinished_results_are_not_kept(committed, tmp_path):
+    run = next((committed / "runs").iterdir())
+    shutil.rmtree(run)
+    gather(committed)
+    with pytest.raises(ConfigError, match=f"1 runs are not finished, such as {run.name}"):
+        keep(committed, tmp_path / "kept")
+
+
+@pytest.mark.parametrize("commit", [f"{COMMIT}+", f"{COMMIT}, {COMMIT}+", "unknown"])
+def test_results_of_no_commit_are_not_kept(committed, tmp_path, commit, monkeypatch):
+    with pytest.raises(ConfigError, match=r"out was made by files that no commit has"):
+        keep(said_to_be(committed, commit=commit), tmp_path / "kept")
+    said_to_be(committed, commit=COMMIT)
+    monkeypatch.setattr(module, "commit", lambda: commit)
+    with pytest.raises(ConfigError, match="this report would be made by files that no commit has"):
+        keep(committed, tmp_path / "kept")
+
+
+def test_results_of_other_code_are_not_kept(committed, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "versions", lambda: {"code": "later"})
+    with pytest.raises(ConfigError, match=r"was made by other code \(\w{12}, here it is later\)"):
+        keep(committed, tmp_path / "kept")
+
+
+def test_a_changed_suite_is_not_kept(committed, tmp_path):
+    said_to_be(committed, command="python -m experiments run a.yaml --out DIR --set worlds=2")
+    with pytest.raises(ConfigError, match=r"changed by --set \(python .* worlds=2\)"):
+        keep(committed, tmp_path / "kept")
+
+
+def test_kept_results_of_another_kind_are_not_replaced(committed, tmp_path):
+    tables = tmp_path / "kept" / "tiny" / "choices.json"
+    tables.parent.mkdir(parents=True)
+    tables.write_text("{}")
+    with pytest.raises(
+        ConfigError, match=r"holds kept results that are no suite's \(results\.parquet is missing"
+    ):
+        keep(committed, tmp_path / "kept")
+    assert tables.read_text() == "{}"
+
+
+def test_kept_rows_are_small_enough_for_a_repository():
+    assert sum(path.stat().st_size for path in KEPT.glob("*/results.parquet")) <= 5_000_000
+
+
+def test_the_claims_of_a_kept_suite_are_tables(committed, tmp_path):
+    trials = {"agent": "unified_servo", "scenario": "aimed", "motions": 0}
+    criterion = {"measure": "rendezvous", "of": trials, "above": 0.5}
+    claim = {"name": "it_works", "section": "1", "words": "It works.", "criteria": [criterion]}
+    about = json.loads((committed / "suite.json").read_text())
+    about["suite"]["claims"] = [claim]
+    (committed / "suite.json").write_text(json.dumps(about))
+    gather(committed)
+    keep(committed, tmp_path / "kept")
+    verdicts = tables_named("tiny/verdicts", tmp_path / "kept")
+    assert "| it works | It works. | claim | 1 | untested |" in verdicts
+    assert "above 50 %" in tables_named("tiny/claims", tmp_path / "kept")
+    assert "unified servo" in tables_named("tiny/aimed", tmp_path / "kept")
