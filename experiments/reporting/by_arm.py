@@ -25,7 +25,6 @@ from experiments.reporting.finished_suite import (
     few_worlds,
     where_it_stands,
     with_cost,
-    worlds_of,
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, counted, number, percent
@@ -61,8 +60,7 @@ def arms_sections(finished: FinishedSuite) -> list[Section]:
     for scenario in suite.scenarios:
         costs = with_cost(finished.results, scenario)
         costs, most = costs[costs["phase"] == "train"], scenario.env.max_episode_steps
-        for label in (agent.label for agent in suite.agents_in(scenario)):
-            worlds = worlds_of(suite, label)
+        for label, worlds in finished.worlds_in(scenario).items():
             motions = blocks(costs, label, MOTIONS, worlds, edges, most)
             success, rendezvous = (
                 blocks(costs, label, measure, worlds, edges[[0, -1]], most).estimates()[0]
@@ -75,7 +73,7 @@ def arms_sections(finished: FinishedSuite) -> list[Section]:
             measured += [("all", SUCCESS, success), ("all", RENDEZVOUS, rendezvous)]
             summary += [summary_row(scenario.name, "by_arm", label, *each, worlds) for each in measured]
     lines, agents = lines_of(suite.agents), suite.agents_in(first)
-    own = where_it_stands(first, "The agents' own trials", *(worlds_of(suite, each.label) for each in agents))
+    own = where_it_stands(first, "The agents' own trials", finished.worlds_in(first).values())
     figure = arms_figure(
         {scenario.name: _motors(scenario.env) for scenario in suite.scenarios},
         (f"trial {names[0]}", f"trials {names[-1]}"),

@@ -38,7 +38,6 @@ from experiments.reporting.finished_suite import (
     about,
     where_it_stands,
     with_cost,
-    worlds_of,
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, number, percent, with_most, written
@@ -66,8 +65,8 @@ _HOW_TO_READ = (
 
 def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
     """Motions per reach against trials, and the table of their blocks."""
-    name, suite, cap = scenario.name, finished.suite, scenario.env.max_episode_steps
-    worlds = {agent.label: worlds_of(suite, agent.label) for agent in suite.agents_in(scenario)}
+    name, cap = scenario.name, scenario.env.max_episode_steps
+    worlds = finished.worlds_in(scenario)
     costs = trial_costs(with_cost(finished.results, scenario), scenario)
     edges, measures = edges_of(scenario, COARSE), (MOTIONS, *map(seconds_at, LOOKS), SUCCESS, RENDEZVOUS)
     of_agent = {
@@ -127,7 +126,7 @@ def _figure(
     ]
     title = f"Motions per reach (a failure counts as {cap})"
     always = [again_and_again(scenario), *(knock.words for knock in met if not knock.trial)]
-    own = where_it_stands(scenario, "The agents' own trials", *worlds.values())
+    own = where_it_stands(scenario, "The agents' own trials", worlds.values())
     drawn = drawn_in_words(min(worlds.values()), len(agents))
     return trial_curves("\n".join([title, *filter(None, always)]), curves, cap, met, f"{own} {drawn}")
 

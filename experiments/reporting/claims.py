@@ -18,7 +18,6 @@ from experiments.reporting.finished_suite import (
     SUCCESS,
     SUCCESS_IN_WORDS,
     with_cost,
-    worlds_of,
 )
 from experiments.reporting.held_out import with_clocks
 from experiments.reporting.pages import Section, summary_row
@@ -84,7 +83,8 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Criterion) -> Measu
     chosen = []
     for trials in criterion.trials():
         rows = with_cost(results[results["agent"] == trials.agent], _part(suite, trials))
-        if rows["world"].nunique() < worlds_of(suite, trials.agent):
+        (agent,) = (each for each in suite.agents if each.label == trials.agent)
+        if rows["world"].nunique() < suite.worlds_of(agent):
             return None
         chosen.append(_chosen(rows, trials))
     if criterion.measure == "kept":

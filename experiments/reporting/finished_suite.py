@@ -1,5 +1,6 @@
 """A suite that was run, and what several parts of the report need of its scenarios."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,15 +64,13 @@ class FinishedSuite:
         own = (run.id for run in self.runs if run.agent.label == agent.label)
         return next((self.outcomes[run] for run in own if run in self.outcomes), None)
 
+    def worlds_in(self, part: ScenarioConfig | SweepConfig) -> dict[str, int]:
+        """In how many worlds, the first ones of the suite's, each agent of a part is, by its label."""
+        return {agent.label: self.suite.worlds_of(agent) for agent in self.suite.agents_in(part)}
+
     def fewest_worlds(self, part: ScenarioConfig | SweepConfig) -> int:
         """In how many worlds that agent of a part is that is in the fewest."""
-        return min(worlds_of(self.suite, agent.label) for agent in self.suite.agents_in(part))
-
-
-def worlds_of(suite: Suite, label: str) -> int:
-    """In how many worlds an agent is: the first ones of the suite's."""
-    (agent,) = (agent for agent in suite.agents if agent.label == label)
-    return suite.worlds_of(agent)
+        return min(self.worlds_in(part).values())
 
 
 def with_cost(results: pd.DataFrame, scenario: ScenarioConfig | SweepConfig) -> pd.DataFrame:
@@ -94,7 +93,7 @@ def few_worlds(finished: FinishedSuite, part: ScenarioConfig | SweepConfig) -> s
 
 def about(finished: FinishedSuite, scenario: ScenarioConfig) -> str:
     """What the runs of a scenario have in common, in words."""
-    worlds = {worlds_of(finished.suite, agent.label) for agent in finished.suite.agents_in(scenario)}
+    worlds = {*finished.worlds_in(scenario).values()}
     _, of = scenario.length
     lives = {run.work[0] for run in finished.runs if run.where["scenario"] == scenario.name}
     return (
@@ -130,13 +129,13 @@ _SAID = {"id", "world", "arm", "camera_mount", "tolerance_px", "dynamics"}
 """Of an environment, what its words always tell."""
 
 
-def where_it_stands(part: ScenarioConfig | SweepConfig, trials: str, *worlds: int) -> str:
+def where_it_stands(part: ScenarioConfig | SweepConfig, trials: str, worlds: Collection[int]) -> str:
     """What stands below a figure before its lines are explained: its trials, worlds and tolerance.
 
     Args:
         part: What the figure is of.
         trials: Which trials it shows.
-        worlds: How many; several numbers where agents have not as many.
+        worlds: How many each agent is in.
     """
     fewest, most = min(worlds), max(worlds)
     amount = counted(most, "world") if fewest == most else f"{fewest} to {counted(most, 'world')}"

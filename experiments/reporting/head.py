@@ -13,7 +13,7 @@ from experiments.config.in_words import knocks
 from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
 from experiments.reporting.agents_in_words import in_words
 from experiments.reporting.by_trial import COARSE, blocks, edges_of, span
-from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, FinishedSuite, with_cost, worlds_of
+from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, FinishedSuite, with_cost
 from experiments.reporting.held_out import (
     AFTER,
     AT_THE_END,
@@ -26,7 +26,7 @@ from experiments.reporting.held_out import (
     Times,
     common_worlds,
 )
-from experiments.reporting.sweep import points
+from experiments.reporting.sweep import Swept
 from experiments.reporting.tables import NOTHING, Table, counted, written
 from experiments.statistics import ENOUGH_WORLDS, median_time, paired_motions
 
@@ -64,16 +64,23 @@ def head_part(finished: FinishedSuite) -> ScenarioConfig | SweepConfig:
     return (*changed, *held_out, *suite.parts)[0]
 
 
-def table_of(finished: FinishedSuite, part: ScenarioConfig | SweepConfig, held: HeldOut | None) -> Table:
+def table_of(
+    finished: FinishedSuite, part: ScenarioConfig | SweepConfig, come_to: HeldOut | Swept | None
+) -> Table:
     """A scenario or sweep in at most four columns, without intervals; agents in words, in the suite's order.
 
     With held-out trials: motions per reach before and right after the first change, or at the end where there
     is none, and the motions lived before it reaches. Else the first and the last trials, or values.
+
+    Args:
+        finished: The suite.
+        part: What the table is of.
+        come_to: What the part has come to; None of a scenario without held-out trials.
     """
-    if isinstance(part, SweepConfig):
-        found, note = _of_sweep(finished, part)
-    elif held:
-        found, note = _of_held_out(held)
+    if isinstance(come_to, HeldOut):
+        found, note = _of_held_out(come_to)
+    elif isinstance(part, SweepConfig):
+        found, note = _of_sweep(part, come_to or {})
     else:
         found, note = _of_trials(finished, part)
     rows = [
@@ -121,26 +128,20 @@ def _of_trials(finished: FinishedSuite, scenario: ScenarioConfig) -> tuple[_Cell
     own, cap = rows[rows["phase"] == "train"], scenario.env.max_episode_steps
     edges = edges_of(scenario, (1, *COARSE))
     column = f"motions per reach in trial 1 → trials {span(*edges[-2:])}"
-
-    def cell(agent: AgentConfig) -> str:
-        worlds = worlds_of(finished.suite, agent.label)
-        of_blocks = blocks(own, agent.label, MOTIONS, worlds, edges, cap).estimates()
-        return f"{_motions(of_blocks[0].value)} → {_motions(of_blocks[-1].value)}"
-
-    note = f"Of the median world, in the agents' own trials; one that fails counts as {cap} motions."
-    return {agent.label: {column: cell(agent)} for agent in finished.suite.agents_in(scenario)}, note
+    found = {}
+    for label, worlds in finished.worlds_in(scenario).items():
+        of_blocks = blocks(own, label, MOTIONS, worlds, edges, cap).estimates()
+        found[label] = {column: f"{_motions(of_blocks[0].value)} → {_motions(of_blocks[-1].value)}"}
+    return found, f"Of the median world, in the agents' own trials; one that fails counts as {cap} motions."
 
 
-def _of_sweep(finished: FinishedSuite, sweep: SweepConfig) -> tuple[_Cells, str]:
+def _of_sweep(sweep: SweepConfig, found: Swept) -> tuple[_Cells, str]:
     column = f"{RENDEZVOUS} at {sweep.vary} {sweep.over[0]:g} → {sweep.over[-1]:g}"
-
-    def cell(agent: AgentConfig) -> str:
-        of_values = points(finished.results, sweep, agent.label, worlds_of(finished.suite, agent.label))
-        shares = [each.rendezvous for each in (of_values[0], of_values[-1])]
-        return " → ".join(written(each.value, ".0%") if each else NOTHING for each in shares)
-
-    note = "Share of trials that end with an observed rendezvous; one trial a world, without learning."
-    return {agent.label: {column: cell(agent)} for agent in finished.suite.agents_in(sweep)}, note
+    cells = {}
+    for label, curve in found.items():
+        shares = (written(point.rendezvous.value, ".0%") or NOTHING for point in (curve[0], curve[-1]))
+        cells[label] = {column: " → ".join(shares)}
+    return cells, "Share of trials that end with an observed rendezvous; one trial a world, without learning."
 
 
 def _motions(found: float) -> str:

@@ -17,7 +17,6 @@ from experiments.reporting.finished_suite import (
     SUCCESS,
     FinishedSuite,
     with_cost,
-    worlds_of,
 )
 from experiments.statistics import (
     Array,
@@ -113,8 +112,7 @@ class HeldOut:
 def held_out(finished: FinishedSuite, scenario: ScenarioConfig) -> HeldOut:
     """What the held-out trials of a scenario come to."""
     rows = with_clocks(with_cost(finished.results, scenario))
-    labels = [agent.label for agent in finished.suite.agents_in(scenario)]
-    worlds = {label: worlds_of(finished.suite, label) for label in labels}
+    worlds = finished.worlds_in(scenario)
     of_agents = {agent: (rows[rows["agent"] == agent], amount) for agent, amount in worlds.items()}
     return HeldOut(
         scenario,

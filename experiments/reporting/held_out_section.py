@@ -381,7 +381,7 @@ def _said(finished: FinishedSuite, scenario: ScenarioConfig, curves: _Curves) ->
     trials = f"{evaluation.trials} held-out trials" if evaluation else "Held-out trials"
     worlds = {len(each.worlds) for of_agent in curves.values() for each in of_agent.values()}
     drawn = drawn_in_words(min(worlds), len(curves))
-    return f"{where_it_stands(scenario, f'{trials} at each checkpoint', *worlds)} {drawn}"
+    return f"{where_it_stands(scenario, f'{trials} at each checkpoint', worlds)} {drawn}"
 
 
 def _end(agent: AgentConfig, curves: dict[int, _Stretch], last: int, longest: float, line: Line) -> LineEnd:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -17,7 +18,7 @@ from experiments.reporting.held_out import HeldOut, held_out
 from experiments.reporting.held_out_section import held_out_sections, learning_picture
 from experiments.reporting.pages import MARKDOWN, PAGE, Head, Section, html_page, markdown_page
 from experiments.reporting.results_file import TIMES, gather, read_finished
-from experiments.reporting.sweep import sweep_sections
+from experiments.reporting.sweep import Swept, sweep_sections, swept
 from experiments.reporting.tables import NOTHING, Table, show
 from experiments.running.results_folder import LOG, folder_of, made_folder, write_whole
 
@@ -57,11 +58,12 @@ def write_report(finished: FinishedSuite, show_head: bool = False) -> Path:
     """
     suite, of_head = finished.suite, head_part(finished)
     held = {each.name: held_out(finished, each) for each in suite.scenarios if suite.evaluation_of(each)}
-    tables = {part.name: table_of(finished, part, held.get(part.name)) for part in suite.parts}
+    found = {each.name: swept(finished, each) for each in suite.sweeps}
+    tables = {part.name: table_of(finished, part, (held | found).get(part.name)) for part in suite.parts}
     if show_head:
         show([tables[of_head.name]])
     out = made_folder(finished.out)
-    sections = [*_comparison(finished, held), agents_section(finished), computing_section(finished)]
+    sections = [*_comparison(finished, held, found), agents_section(finished), computing_section(finished)]
     write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
     kept = {
         "commit": finished.versions["commit"],
@@ -88,7 +90,9 @@ def head_of(finished: FinishedSuite, table: Table, held: HeldOut | None) -> Head
     return Head(finished.suite.name, finished.suite.question, figures, table, said, film)
 
 
-def _comparison(finished: FinishedSuite, held: dict[str, HeldOut]) -> list[Section]:
+def _comparison(
+    finished: FinishedSuite, held: Mapping[str, HeldOut], found: Mapping[str, Swept]
+) -> list[Section]:
     """All that was measured, part by part."""
     sections = []
     if finished.suite.claims:
@@ -100,7 +104,7 @@ def _comparison(finished: FinishedSuite, held: dict[str, HeldOut]) -> list[Secti
             sections += held_out_sections(finished, held[scenario.name])
         if scenario.trials and not by_arm:
             sections.append(trial_section(finished, scenario))
-    sections += sweep_sections(finished)
+    sections += sweep_sections(finished, found)
     return sections
 
 

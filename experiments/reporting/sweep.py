@@ -26,12 +26,12 @@ from experiments.reporting.finished_suite import (
     few_worlds,
     where_it_stands,
     with_cost,
-    worlds_of,
 )
 from experiments.reporting.pages import Drawing, Section, summary_row
-from experiments.reporting.tables import NOTHING, Table, counted, number, percent
+from experiments.reporting.tables import Table, counted, number, percent
 from experiments.statistics import Estimate, mean_share, median_world
 
+_NO_NUMBER = Estimate(math.nan)
 _SHOWN = 5
 """Values that stand in the table; the figure has all."""
 _ENOUGH = 0.1
@@ -55,35 +55,42 @@ class Point:
 
     Attributes:
         value: Of what is varied.
-        worlds: In each of which one trial is made.
-        trials: Those in view; the same for every agent. Where it is 0, all that follows is None.
+        trials: Those in view; the same for every agent. Where it is 0, no number follows.
         success: Share of them whose true error at the end is within the tolerance.
         rendezvous: Share of them that end with an observed rendezvous.
         at_once: Share of them that do so by their first motion.
         motions: Of the median world; a trial without a rendezvous counts as the cap.
-        among_reached: Median of those with a rendezvous; None where hardly any has one.
+        among_reached: Median of those with a rendezvous; no number where hardly any has one.
     """
 
     value: float
-    worlds: int
     trials: int
-    success: Estimate | None = None
-    rendezvous: Estimate | None = None
+    success: Estimate = _NO_NUMBER
+    rendezvous: Estimate = _NO_NUMBER
     at_once: float = 0.0
-    motions: Estimate | None = None
-    among_reached: Estimate | None = None
+    motions: Estimate = _NO_NUMBER
+    among_reached: Estimate = _NO_NUMBER
 
 
-def points(results: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -> list[Point]:
+Swept = dict[str, list[Point]]
+"""The points of each agent's curve, by its label, in the suite's order."""
+
+
+def swept(finished: FinishedSuite, sweep: SweepConfig) -> Swept:
+    """What a sweep comes to."""
+    rows = with_cost(finished.results, sweep)
+    return {agent: points(rows, sweep, agent, worlds) for agent, worlds in finished.worlds_in(sweep).items()}
+
+
+def points(rows: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -> list[Point]:
     """The points of one agent's curves.
 
     Args:
-        results: All rows.
+        rows: Of all agents, what `with_cost` returned.
         sweep: What they are about.
         agent: Its label. A run that failed, without any row, has reached nothing.
         worlds: How many trials there should be at a value.
     """
-    rows = with_cost(results, sweep)
     cap = sweep.env.max_episode_steps
     return [_point(rows[rows["value"] == value], value, agent, worlds, cap) for value in sweep.over]
 
@@ -92,7 +99,7 @@ def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int, cap: int) 
     in_view = rows[rows["in_view"].astype(bool)]
     trials = in_view["world"].nunique() if len(rows) else worlds
     if not trials:
-        return Point(value, worlds, 0)
+        return Point(value, 0)
     mine = in_view[in_view["agent"] == agent]
     failed = trials - len(mine)
     reached = mine.loc[mine[RENDEZVOUS] == 1, "motions"].to_numpy(dtype=float)
@@ -102,13 +109,12 @@ def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int, cap: int) 
     )
     return Point(
         value,
-        worlds,
         trials,
         mean_share(success),
         mean_share(rendezvous),
         float((reached <= 1).sum()) / trials,
         median_world(motions),
-        median_world(reached) if len(reached) >= max(1, _ENOUGH * trials) else None,
+        median_world(reached) if len(reached) >= max(1, _ENOUGH * trials) else _NO_NUMBER,
     )
 
 
@@ -116,41 +122,40 @@ Curves = Sequence[tuple[AgentConfig, list[Point], Line]]
 """Of each agent, with its line."""
 
 
-def sweep_sections(finished: FinishedSuite) -> list[Section]:
-    """Where there are several sweeps, all in one figure; then each with a figure and a table."""
+def sweep_sections(finished: FinishedSuite, found: Mapping[str, Swept]) -> list[Section]:
+    """Where there are several sweeps, all in one figure; then each with a figure and a table.
+
+    Args:
+        finished: The suite.
+        found: By the sweep's name.
+    """
     suite, sweeps = finished.suite, finished.suite.sweeps
     lines = lines_of(suite.agents)
     curves: dict[str, Curves] = {
         sweep.name: [
-            (
-                agent,
-                points(finished.results, sweep, agent.label, worlds_of(suite, agent.label)),
-                lines[agent.label],
-            )
-            for agent in suite.agents_in(sweep)
+            (agent, found[sweep.name][agent.label], lines[agent.label]) for agent in suite.agents_in(sweep)
         ]
         for sweep in sweeps
     }
 
     def said(sweep: SweepConfig) -> str:
-        worlds = (worlds_of(suite, agent.label) for agent in suite.agents_in(sweep))
-        return where_it_stands(sweep, "One trial at each value", *worlds)
+        return where_it_stands(sweep, "One trial at each value", finished.worlds_in(sweep).values())
 
     def saved(name: str, figure: Figure) -> dict[str, Drawing]:
         return {name: save(figure, finished.out / "figures", name)}
 
-    each = [
+    sections = [
         Section(
             title=f"Sweep {sweep.name}",
             text=_about(finished, sweep),
             figures=saved(sweep.name, sweep_figure(sweep, curves[sweep.name], said(sweep))),
-            tables=(_table(curves[sweep.name], sweep),),
+            tables=(_table(found[sweep.name], sweep),),
             note=_HOW_TO_READ,
             summary=[
-                summary_row(sweep.name, "sweep", agent.label, f"{at.value:g}", measure, found, at.trials)
-                for agent, of_agent, _ in curves[sweep.name]
+                summary_row(sweep.name, "sweep", label, f"{at.value:g}", measure, each, at.trials)
+                for label, of_agent in found[sweep.name].items()
                 for at in of_agent
-                for measure, found in (
+                for measure, each in (
                     (SUCCESS, at.success),
                     (RENDEZVOUS, at.rendezvous),
                     ("rendezvous_at_once", at.at_once),
@@ -162,9 +167,9 @@ def sweep_sections(finished: FinishedSuite) -> list[Section]:
         for sweep in sweeps
     ]
     if len(sweeps) < 2:
-        return each
+        return sections
     together = saved("_all", sweeps_figure(sweeps, curves, said(sweeps[0])))
-    return [Section(title="All sweeps", figures=together), *each]
+    return [Section(title="All sweeps", figures=together), *sections]
 
 
 def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
@@ -180,17 +185,17 @@ def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
     )
 
 
-def _table(curves: Curves, sweep: SweepConfig) -> Table:
+def _table(found: Swept, sweep: SweepConfig) -> Table:
     indices = np.unique(np.linspace(0, len(sweep.over) - 1, _SHOWN).round().astype(int))
     rows = [
         [
-            agent.label,
+            label,
             f"{curve[i].value:g}",
-            percent(point.rendezvous) if (point := curve[i]).rendezvous else NOTHING,
-            number(point.among_reached) if point.among_reached else NOTHING,
-            percent(point.success) if point.success else NOTHING,
+            percent(curve[i].rendezvous),
+            number(curve[i].among_reached),
+            percent(curve[i].success),
         ]
-        for agent, curve, _ in curves
+        for label, curve in found.items()
         for i in indices
     ]
     columns = ["agent", sweep.vary, "rendezvous", "motions of those that reached", "success"]
@@ -209,7 +214,7 @@ def sweep_figure(sweep: SweepConfig, curves: Curves, said: str) -> Figure:
         figure, (misses, motions) = plt.subplots(1, 2, figsize=(8.6, 4), layout="constrained")
         lost, worst = [], 0.0
         for agent, points, line in curves:
-            shares = [1 - p.success.value if p.success else math.nan for p in points]
+            shares = [1 - point.success.value for point in points]
             if all(share > _LOST for share in shares if not math.isnan(share)):
                 lost.append(in_words(agent.label, agent.name))
                 continue
@@ -260,16 +265,12 @@ def _draw_motions(axes: Axes, sweep: SweepConfig, curves: Curves) -> list[LineEn
     motions_axis(axes, sweep.env.max_episode_steps)
     ends = []
     for agent, points, line in curves:
-        words, reach = in_words(agent.label, agent.name), [_motions(point) for point in points]
+        words, reach = in_words(agent.label, agent.name), [point.motions.value for point in points]
         axes.plot(sweep.over, reach, **line, label=words)
         last = max((i for i, each in enumerate(reach) if not math.isnan(each)), default=None)
         if last is not None:
             ends.append(LineEnd(sweep.over[last], reach[last], words, line["color"]))
     return ends
-
-
-def _motions(point: Point) -> float:
-    return point.motions.value if point.motions else math.nan
 
 
 def _scale(axes: Axes, sweep: SweepConfig, letters: int) -> None:

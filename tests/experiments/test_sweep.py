@@ -13,8 +13,8 @@ from experiments.config.loading import load
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig, Suite, SweepConfig
 from experiments.errors import ConfigError
-from experiments.reporting.finished_suite import FinishedSuite
-from experiments.reporting.sweep import points, sweep_figure, sweep_sections
+from experiments.reporting.finished_suite import FinishedSuite, with_cost
+from experiments.reporting.sweep import points, sweep_figure, sweep_sections, swept
 from experiments.running import sweep_trials as sweep
 from experiments.running.cpu_time import CpuTimes
 from experiments.running.plan import SweepRun, runs_of
@@ -186,25 +186,29 @@ def test_points_are_of_the_trials_in_view():
         ("servo", 180.0, 0, True, False, 60),
         *(("servo", 190.0, world, True, world == 7, 5) for world in range(11)),
     )
-    swept = SweepConfig(**ROLL, over=(0, 90, 180, 190))
-    reached, hidden, missed, once = points(data, swept, "servo", 5)
-    assert (reached.trials, reached.worlds, reached.at_once) == (4, 5, 0.25)
+    of = SweepConfig(**ROLL, over=(0, 90, 180, 190))
+    reached, hidden, missed, once = points(with_cost(data, of), of, "servo", 5)
+    assert (reached.trials, reached.at_once) == (4, 0.25)
     assert reached.success.value == 0.75
     assert not reached.success.has_interval
     assert reached.rendezvous.value == 0.75
     assert reached.motions.value == (9 + 4) / 2
     assert reached.among_reached.value == 4
-    assert (hidden.trials, hidden.success, hidden.rendezvous, hidden.motions) == (0, None, None, None)
-    assert (missed.success.value, missed.motions.value, missed.among_reached) == (0, 60, None)
-    assert (once.success.value, once.among_reached) == (pytest.approx(1 / 11), None)
+    assert hidden.trials == 0
+    assert np.isnan([hidden.success.value, hidden.rendezvous.value, hidden.motions.value]).all()
+    assert (missed.success.value, missed.motions.value) == (0, 60)
+    assert once.success.value == pytest.approx(1 / 11)
+    assert np.isnan([missed.among_reached.value, once.among_reached.value]).all()
 
 
 def test_an_agent_whose_run_failed_has_reached_nothing():
     data = table(("servo", 0.0, 0, True, True, 1), ("servo", 0.0, 1, False, True, 9))
-    (failed,) = points(data, SweepConfig(**ROLL, over=(0,)), "broken", 2)
-    assert (failed.trials, failed.success.value, failed.among_reached) == (1, 0, None)
-    assert failed.motions.value == 60
-    (alone,) = points(data[:0], SweepConfig(**ROLL, over=(0,)), "broken", 2)
+    of = SweepConfig(**ROLL, over=(0,))
+    rows = with_cost(data, of)
+    (failed,) = points(rows, of, "broken", 2)
+    assert (failed.trials, failed.success.value, failed.motions.value) == (1, 0, 60)
+    assert np.isnan(failed.among_reached.value)
+    (alone,) = points(rows[:0], of, "broken", 2)
     assert (alone.trials, alone.success.value) == (2, 0)
 
 
@@ -215,14 +219,15 @@ def test_the_figure_shows_the_points():
         ("servo", 90.0, 0, True, False, 60),
         ("servo", 90.0, 1, False, True, 9),
     )
-    swept = SweepConfig(**ROLL, over=(0, 90))
+    of = SweepConfig(**ROLL, over=(0, 90))
+    rows = with_cost(data, of)
     agent = AgentConfig(name="unified_servo", label="servo")
     lost = AgentConfig(name="random", label="random")
     curves = [
-        (agent, points(data, swept, "servo", 2), {"color": "#112233"}),
-        (lost, points(data, swept, "random", 2), {"color": "#445566"}),
+        (agent, points(rows, of, "servo", 2), {"color": "#112233"}),
+        (lost, points(rows, of, "random", 2), {"color": "#445566"}),
     ]
-    figure = sweep_figure(swept, curves, "2 worlds.")
+    figure = sweep_figure(of, curves, "2 worlds.")
     misses, motions = figure.axes
     (line,) = misses.lines
     assert list(line.get_ydata()) == [0, 1]
@@ -247,7 +252,8 @@ def test_a_figure_of_many_sweeps_has_a_panel_each_and_names_each_agent_once(
     suite = Suite.model_validate(sweep_data)
     rows = table(*((label, 0.0, world, True, True, 3) for label in labels for world in range(2)))
     rows = pd.concat([rows.assign(scenario=name) for name in ("roll", "aim")])
-    sweep_sections(FinishedSuite(tmp_path, suite, "", runs_of(suite), {}, {}, {}, rows, pd.DataFrame()))
+    finished = FinishedSuite(tmp_path, suite, "", runs_of(suite), {}, {}, {}, rows, pd.DataFrame())
+    sweep_sections(finished, {each.name: swept(finished, each) for each in suite.sweeps})
     roll, aim = drawn["_all"].axes
     assert (len(roll.lines), len(aim.lines)) == (3, 1)
     assert roll.lines[2].get_color() == aim.lines[0].get_color() == drawn["aim"].axes[1].lines[0].get_color()

@@ -65,7 +65,7 @@ def test_the_table_of_a_sweep():
     sweep = SweepConfig(name="s", env=env, do={"type": "camera_roll"}, vary="degrees", over=(0,))
     data = pd.DataFrame({"world": range(WORLDS), "motions": MOTIONS_OF_WORLD, "value": 0.0})
     data = data.assign(scenario="s", agent="servo", in_view=True, success=True, rendezvous=True, error_px=1.0)
-    (found,) = points(data, sweep, "servo", WORLDS)
+    (found,) = points(with_cost(data, sweep), sweep, "servo", WORLDS)
     is_of_the_median(found.motions)
     is_of_the_median(found.among_reached)
     low, high = all_of(WORLDS)
