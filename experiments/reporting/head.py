@@ -28,7 +28,7 @@ from experiments.reporting.held_out import (
 )
 from experiments.reporting.sweep import Swept
 from experiments.reporting.tables import NOTHING, Table, counted, written
-from experiments.statistics import ENOUGH_WORLDS, median_time, paired_motions
+from experiments.statistics import ENOUGH_WORLDS, paired_motions
 
 _KNOWN_IN_WORDS = {
     "`object_registers`": "where to go",
@@ -106,7 +106,7 @@ def _of_held_out(held: HeldOut) -> tuple[_Cells, str]:
     until_good = f"motions until {_GOOD} of trials succeed{' → again after it' * changes}"
     found = {}
     for label, moments in held.moments.items():
-        cells = [_motions(moments[each].motions().value) if each in moments else NOTHING for each in shown]
+        cells = [_motions(moments[each].motions.value) if each in moments else NOTHING for each in shown]
         until = [_until(held.times[label].get(stretch)) for stretch in (BEGINNING, AFTER)[: 1 + changes]]
         found[label] = {column: " → ".join(cells), until_good: " → ".join(until)}
     met = knocks(held.scenario)
@@ -119,7 +119,7 @@ def _of_held_out(held: HeldOut) -> tuple[_Cells, str]:
 def _until(times: Times | None) -> str:
     if times is None:
         return NOTHING
-    median = median_time(times.at, times.good).value
+    median = times.median.value
     return f"not in {times.latest:,.0f}" if math.isinf(median) else f"{median:,.0f}"
 
 
@@ -156,7 +156,7 @@ def sentences(finished: FinishedSuite, held: HeldOut) -> list[str]:
     changed = any(BEFORE in of_agent for of_agent in found.values())
     when, until = (BEFORE, AFTER) if changed else (AT_THE_END, BEGINNING)
     medians = {
-        in_words(each.label, each.name): median_time(times.at, times.good).value
+        in_words(each.label, each.name): times.median.value
         for each in agents
         if (times := held.times[each.label].get(until))
     }
@@ -179,7 +179,7 @@ def _fewest(found: Mapping[str, Moment], when: str, few: bool) -> str:
     """Who needs the fewest motions, and who cannot be told apart from it."""
     if not found:
         return ""
-    motions = {words: moment.motions().value for words, moment in found.items()}
+    motions = {words: moment.motions.value for words, moment in found.items()}
     best, worst = min(motions, key=motions.__getitem__), max(motions, key=motions.__getitem__)
     if few or len(found) == 1:
         worlds = counted(min(len(moment.worlds) for moment in found.values()), "world")
@@ -205,7 +205,7 @@ def _told_apart(best: Moment, other: Moment) -> bool:
 def _cost(found: Mapping[str, Mapping[str, Moment]]) -> str:
     """For whom the first change costs most, and least."""
     both = {
-        words: (of[BEFORE].motions().value, of[RIGHT_AFTER].motions().value)
+        words: (of[BEFORE].motions.value, of[RIGHT_AFTER].motions.value)
         for words, of in found.items()
         if BEFORE in of and RIGHT_AFTER in of
     }

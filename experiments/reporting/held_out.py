@@ -22,6 +22,7 @@ from experiments.statistics import (
     Array,
     Estimate,
     mean_share,
+    median_time,
     median_world,
     paired_motions,
     paired_shares,
@@ -45,26 +46,21 @@ class Moment:
         worlds: One row a world: the means over its held-out trials of SUCCESS, RENDEZVOUS and MOTIONS, and of
             `among_reached`, the motions of trials with a rendezvous (NaN without any). A failed run is worst
             in all but that.
+        success, rendezvous: Shares of trials, mean over worlds.
+        motions: Per reach, of the median world; a trial without a rendezvous counts as the cap.
+        among_reached: Motions of trials with a rendezvous, in the median of the worlds that have any.
         errors_px: True errors at the end of the trials (worlds, trials); infinite in failed runs.
         distance_mm: Median true distance at the end of a trial, of finished runs only.
     """
 
     finished: int
     worlds: pd.DataFrame
+    success: Estimate
+    rendezvous: Estimate
+    motions: Estimate
+    among_reached: Estimate
     errors_px: Array
     distance_mm: float
-
-    def share(self, measure: str) -> Estimate:
-        """The mean over worlds of SUCCESS or RENDEZVOUS."""
-        return mean_share(self.worlds[measure].to_numpy())
-
-    def motions(self) -> Estimate:
-        """Motions per reach of the median world, a trial without a rendezvous counting as the cap."""
-        return median_world(self.worlds[MOTIONS].to_numpy())
-
-    def among_reached(self) -> Estimate:
-        """Motions of trials with a rendezvous, in the median of the worlds that have any."""
-        return median_world(self.worlds["among_reached"].to_numpy(float))
 
 
 class Times(NamedTuple):
@@ -74,11 +70,13 @@ class Times(NamedTuple):
         at: When it was first good, or was last looked at (worlds,).
         good: Whether it was (worlds,).
         latest: The latest time that was looked at.
+        median: Of the worlds.
     """
 
     at: Array
     good: NDArray[np.bool_]
     latest: float
+    median: Estimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,9 +176,14 @@ def _moment(rows: pd.DataFrame, failed: list[int], cap: int) -> Moment:
     errors = [each.to_numpy(dtype=float) for _, each in rows.groupby("world")["error_px"]]
     trials = max(map(len, errors))
     infinite = [np.full(trials, np.inf)] * len(failed)
+    worlds = pd.concat([own, pd.DataFrame(worst, index=failed)]).sort_index()
     return Moment(
         finished=rows["world"].nunique(),
-        worlds=pd.concat([own, pd.DataFrame(worst, index=failed)]).sort_index(),
+        worlds=worlds,
+        success=mean_share(worlds[SUCCESS].to_numpy()),
+        rendezvous=mean_share(worlds[RENDEZVOUS].to_numpy()),
+        motions=median_world(worlds[MOTIONS].to_numpy()),
+        among_reached=median_world(worlds["among_reached"].to_numpy(float)),
         errors_px=np.array([np.resize(each, trials) for each in errors] + infinite),
         distance_mm=float(rows["distance_mm"].median()),
     )
@@ -208,10 +211,10 @@ def _first_good(rows: pd.DataFrame, failed: int) -> Times:
     lasting = shares[(shares[RENDEZVOUS] >= GOOD) & (shares["later"] >= GOOD)]
     good = lasting.groupby("world")["clock"].min()
     last = shares.groupby("world")["clock"].max()
-    times = good.reindex(last.index).fillna(last).to_numpy(dtype=float)
-    reached = last.index.isin(good.index)
     latest = float(last.max())
-    return Times(np.append(times, [latest] * failed), np.append(reached, [False] * failed), latest)
+    at = np.append(good.reindex(last.index).fillna(last).to_numpy(dtype=float), [latest] * failed)
+    was_good = np.append(last.index.isin(good.index), [False] * failed)
+    return Times(at, was_good, latest, median_time(at, was_good))
 
 
 def scores(own: pd.DataFrame, measure: str, clock: float) -> "pd.Series[float]":

@@ -47,7 +47,7 @@ from experiments.reporting.held_out import (
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import MOST_COLUMNS, NOTHING, Table, number, percent, with_most, written
-from experiments.statistics import Array, median_time, median_world, most_worlds, performance_profile
+from experiments.statistics import Array, median_world, most_worlds, performance_profile
 
 _CHANGES = 3
 """Changes after which checkpoints are shown: a report has an end."""
@@ -107,12 +107,14 @@ def _moments(finished: FinishedSuite, held: HeldOut) -> Section:
         if not of_agent:
             shown.append([label, "no run finished", f"0 of {held.worlds[label]}", NOTHING, NOTHING])
         for when, moment in of_agent.items():
-            motions, reached = moment.motions(), moment.among_reached()
-            success, rendezvous = moment.share(SUCCESS), moment.share(RENDEZVOUS)
+            success, rendezvous = moment.success, moment.rendezvous
+            motions, reached = moment.motions, moment.among_reached
             spread = with_most(motions.value, most_worlds(moment.worlds[MOTIONS].to_numpy()), ".1f")
             worlds = f"{moment.finished} of {held.worlds[label]}"
             shown.append([label, when, worlds, spread, written(rendezvous.value, ".0%")])
-            intervals.append([label, when, percent(rendezvous), number(reached), percent(success)])
+            intervals.append(
+                [label, when, percent(rendezvous), number(reached), percent(success)]
+            )
             where, amount = (scenario.name, "held_out", label, when), len(moment.worlds)
             with_any = int(moment.worlds["among_reached"].notna().sum())
             summary += [
@@ -188,7 +190,7 @@ def _threshold(finished: FinishedSuite, held: HeldOut) -> Section:
             if stretch not in times:
                 cells += [NOTHING, NOTHING]
                 continue
-            good, median = times[stretch].good, median_time(times[stretch].at, times[stretch].good)
+            good, median = times[stretch].good, times[stretch].median
             cells += [f"{int(good.sum())} of {len(good)}", number(median, 0)]
             summary.append(summary_row(name, "threshold", label, stretch, "median", median, len(good)))
         lines.append(cells)

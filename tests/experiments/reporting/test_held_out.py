@@ -62,19 +62,19 @@ def perturbed_at_different_motions(scenario):
 def test_every_run_has_its_own_moments(perturbed_at_different_motions):
     found = moments(perturbed_at_different_motions, 2, CAP)
     assert list(found) == ["before", "right after", "at the end"]
-    assert [m.motions().value for m in found.values()] == [15, 50, 30]
-    assert [m.share(SUCCESS).value for m in found.values()] == [1, 0.5, 1]
+    assert [m.motions.value for m in found.values()] == [15, 50, 30]
+    assert [m.success.value for m in found.values()] == [1, 0.5, 1]
     assert [m.finished for m in found.values()] == [2, 2, 2]
-    assert [m.among_reached().value for m in found.values()] == [15, 40, 30]
+    assert [m.among_reached.value for m in found.values()] == [15, 40, 30]
 
 
 def test_failed_runs_are_worst_at_every_moment_but_have_no_distance(perturbed_at_different_motions):
     found = moments(perturbed_at_different_motions, 4, CAP)
-    assert [m.share(SUCCESS).value for m in found.values()] == [0.5, 0.25, 0.5]
+    assert [m.success.value for m in found.values()] == [0.5, 0.25, 0.5]
     assert [m.finished for m in found.values()] == [2, 2, 2]
     assert found["at the end"].distance_mm == 15
-    assert found["before"].motions().value == (20 + CAP) / 2
-    assert found["before"].among_reached().value == 15
+    assert found["before"].motions.value == (20 + CAP) / 2
+    assert found["before"].among_reached.value == 15
     assert (found["before"].errors_px == [[3], [3], [np.inf], [np.inf]]).all()
     assert moments(perturbed_at_different_motions.iloc[:0], 4, CAP) == {}
 
@@ -84,7 +84,7 @@ def test_a_run_that_is_not_perturbed_has_only_an_end(perturbed_at_different_moti
     rows = pd.concat([perturbed_at_different_motions, calm])
     found = moments(rows, 3, CAP)
     assert [m.finished for m in found.values()] == [2, 2, 3]
-    assert found["before"].share(SUCCESS).value == 1
+    assert found["before"].success.value == 1
     assert list(moments(calm, 1, CAP)) == ["at the end"]
 
 
@@ -129,11 +129,11 @@ def test_motions_to_the_threshold_are_right_censored(scenario):
         (1, "eval", 300, 5, True, 40),  # after a second perturbation
     )
     found = times_to_good(rows, 3)
-    times, reached, latest = found["from the beginning"]
+    times, reached, latest, _ = found["from the beginning"]
     assert latest == 200
     assert list(times) == [100, 100, 200]  # good, last looked at, failed
     assert list(reached) == [True, False, False]
-    times, reached, latest = found["after the first change"]
+    times, reached, latest, _ = found["after the first change"]
     assert list(times) == [80, 1, 80]
     assert list(reached) == [True, True, False]
     assert times_to_good(rows.iloc[:0], 3) == {}
@@ -151,7 +151,7 @@ def test_the_checkpoints_right_before_and_after_a_change_have_the_same_motions(s
         ),
     )
     found = moments(rows, 2, CAP)
-    assert [found[when].motions().value for when in ("before", "right after", "at the end")] == [4, 50, 6]
+    assert [found[when].motions.value for when in ("before", "right after", "at the end")] == [4, 50, 6]
     assert list(rows.loc[rows["world"] == 0, "stretch"]) == [0, 0, 1, 1, 2, 2]
 
 
@@ -161,7 +161,7 @@ def test_an_agent_in_fewer_worlds_is_compared_in_those(scenario):
     mine, reference = (moments(rows, n, CAP)["at the end"] for rows, n in ((few, 20), (many, 50)))
     found = differences(mine, reference)[MOTIONS]
     assert (found.value, found.low, found.high) == (6, 6, 6)
-    assert mine.motions().has_interval
+    assert mine.motions.has_interval
 
 
 def test_checkpoints_are_shown_from_the_first_to_the_last_by_ratios():
@@ -184,7 +184,7 @@ def test_a_lucky_checkpoint_is_no_threshold(scenario):
         for motions, reached in share.items()
         for trial in range(20)
     ]
-    times, reached, latest = times_to_good(table(scenario, *rows), 1)["from the beginning"]
+    times, reached, latest, _ = times_to_good(table(scenario, *rows), 1)["from the beginning"]
     assert (times.tolist(), reached.tolist(), latest) == ([300], [True], 400)
 
 

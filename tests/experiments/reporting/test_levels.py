@@ -7,7 +7,7 @@ import scipy.stats
 
 from experiments.config.suite import ScenarioConfig, SweepConfig
 from experiments.reporting.by_trial import Blocks
-from experiments.reporting.finished_suite import SUCCESS, with_cost
+from experiments.reporting.finished_suite import with_cost
 from experiments.reporting.held_out import moments, with_clocks
 from experiments.reporting.sweep import points
 
@@ -48,11 +48,11 @@ def all_of(worlds):
 
 def test_the_table_of_moments(rows):
     found = moments(rows, WORLDS, int(CAP))["at the end"]
-    is_of_the_median(found.motions())
-    is_of_the_median(found.among_reached())
+    is_of_the_median(found.motions)
+    is_of_the_median(found.among_reached)
     low, high = all_of(WORLDS)
-    assert low < found.share(SUCCESS).low < high
-    assert found.share(SUCCESS).high == 1
+    assert low < found.success.low < high
+    assert found.success.high == 1
 
 
 def test_the_table_of_blocks():
