@@ -112,9 +112,7 @@ def _moments(finished: FinishedSuite, held: HeldOut) -> Section:
             spread = with_most(motions.value, most_worlds(moment.worlds[MOTIONS].to_numpy()), ".1f")
             worlds = f"{moment.finished} of {held.worlds[label]}"
             shown.append([label, when, worlds, spread, written(rendezvous.value, ".0%")])
-            intervals.append(
-                [label, when, percent(rendezvous), number(reached), percent(success)]
-            )
+            intervals.append([label, when, percent(rendezvous), number(reached), percent(success)])
             where, amount = (scenario.name, "held_out", label, when), len(moment.worlds)
             with_any = int(moment.worlds["among_reached"].notna().sum())
             summary += [
