@@ -14,7 +14,7 @@ from experiments.config.arms import as_told
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.reporting.agents_in_words import in_words, lines_of
-from experiments.reporting.by_trial import COARSE, blocks, edges_of, span
+from experiments.reporting.by_trial import COARSE, OwnTrials, edges_of, span
 from experiments.reporting.figures import STYLE, Line, save, say
 from experiments.reporting.finished_suite import (
     MOTIONS,
@@ -24,7 +24,6 @@ from experiments.reporting.finished_suite import (
     about_environment,
     few_worlds,
     where_it_stands,
-    with_cost,
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, counted, number, percent
@@ -50,37 +49,35 @@ def many_arms(scenarios: tuple[ScenarioConfig, ...]) -> bool:
     return steady and alike and len(arms) > 1
 
 
-def arms_sections(finished: FinishedSuite) -> list[Section]:
+def arms_sections(finished: FinishedSuite, trials: Sequence[OwnTrials]) -> list[Section]:
     """Agents by arms in one figure and table, and what each arm is."""
     suite, first = finished.suite, finished.suite.scenarios[0]
     edges, cap = edges_of(first, (1, *COARSE)), first.env.max_episode_steps
     names = [span(start, end) for start, end in pairwise(edges)]
     rows, summary = [], []
     ends: dict[tuple[str, str], Array] = {}
-    for scenario in suite.scenarios:
-        costs = with_cost(finished.results, scenario)
-        costs, most = costs[costs["phase"] == "train"], scenario.env.max_episode_steps
-        for label, worlds in finished.worlds_in(scenario).items():
-            motions = blocks(costs, label, MOTIONS, worlds, edges, most)
+    for own in trials:
+        arm = own.scenario.name
+        for label, worlds in own.worlds.items():
+            motions = own.blocks(label, MOTIONS, edges)
             success, rendezvous = (
-                blocks(costs, label, measure, worlds, edges[[0, -1]], most).estimates()[0]
-                for measure in (SUCCESS, RENDEZVOUS)
+                own.blocks(label, measure, edges[[0, -1]]).estimates()[0] for measure in (SUCCESS, RENDEZVOUS)
             )
             found = motions.estimates()
-            ends[scenario.name, label] = motions.runs[:, [0, -1]]
-            rows.append([scenario.name, label, number(found[0]), number(found[-1]), percent(rendezvous, 1)])
+            ends[arm, label] = motions.runs[:, [0, -1]]
+            rows.append([arm, label, number(found[0]), number(found[-1]), percent(rendezvous, 1)])
             measured = [*((block, MOTIONS, each) for block, each in zip(names, found, strict=True))]
             measured += [("all", SUCCESS, success), ("all", RENDEZVOUS, rendezvous)]
-            summary += [summary_row(scenario.name, "by_arm", label, *each, worlds) for each in measured]
+            summary += [summary_row(arm, "by_arm", label, *each, worlds) for each in measured]
     lines, agents = lines_of(suite.agents), suite.agents_in(first)
-    own = where_it_stands(first, "The agents' own trials", finished.worlds_in(first).values())
+    where = where_it_stands(first, "The agents' own trials", trials[0].worlds.values())
     figure = arms_figure(
         {scenario.name: _motors(scenario.env) for scenario in suite.scenarios},
         (f"trial {names[0]}", f"trials {names[-1]}"),
         ends,
         [(agent, lines[agent.label]) for agent in agents],
         cap,
-        f"{own} Points: the median world.",
+        f"{where} Points: the median world.",
     )
     columns = ["arm", "agent", f"trial {names[0]}", f"trials {names[-1]}", "rendezvous"]
     environments = [[scenario.name, about_environment(scenario.env)] for scenario in suite.scenarios]

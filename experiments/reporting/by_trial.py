@@ -41,7 +41,7 @@ from experiments.reporting.finished_suite import (
 )
 from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, number, percent, with_most, written
-from experiments.statistics import SHARE, Array, Estimate, mean_shares, medians, most_worlds
+from experiments.statistics import Array, Estimate, mean_shares, medians, most_worlds
 
 FINE = (1, 5, 10, 25, 50, 100, 150, 200, 300, 400, 500, 1_000, 2_000, 5_000)
 COARSE = (25, 50, 100, 150, 300, 400, 500, 1_000, 2_000, 5_000)
@@ -63,15 +63,123 @@ _HOW_TO_READ = (
 )
 
 
-def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
+def seconds_at(look: float) -> str:
+    """The measure of robot seconds per reach where a look takes so many seconds."""
+    return f"{SECONDS}_at_{look:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """One measure of one agent in blocks of trials, over its runs.
+
+    Attributes:
+        edges: Trials that have gone at the first block's beginning and at every block's end (blocks + 1,).
+        runs: The measure's mean over each block, in the run of each world (worlds, blocks).
+        shares: Whether it is a share of trials.
+    """
+
+    edges: Array
+    runs: Array
+    shares: bool
+
+    def estimates(self) -> list[Estimate]:
+        """Each block's mean of shares over worlds, or motions or seconds of the median world."""
+        return mean_shares(self.runs) if self.shares else medians(self.runs)
+
+
+@dataclass(frozen=True, slots=True)
+class OwnTrials:
+    """The agents' own trials in a scenario.
+
+    Attributes:
+        scenario: Whose they are.
+        rows: The trials, of the rows of `with_cost`, with a column of `seconds_at` for each of LOOKS.
+        worlds: By an agent's label, in the suite's order, how many runs there should be.
+    """
+
+    scenario: ScenarioConfig
+    rows: pd.DataFrame
+    worlds: dict[str, int]
+
+    @property
+    def cap(self) -> int:
+        """Motions after which a trial has failed."""
+        return self.scenario.env.max_episode_steps
+
+    def blocks(self, agent: str, measure: str, edges: Array) -> Blocks:
+        """A measure's means over blocks of an agent's trials.
+
+        Runs without any row failed, and are worst throughout: no success, `cap` motions, and the seconds of
+        `cap` motions of a full turn.
+
+        Args:
+            agent: The agent's label.
+            measure: SUCCESS, RENDEZVOUS, MOTIONS or one of `seconds_at`.
+            edges: What `edges_of` returned.
+        """
+        worst = {SUCCESS: 0.0, RENDEZVOUS: 0.0, MOTIONS: float(self.cap)}
+        worst |= {seconds_at(look): slowest_seconds(self.cap, look) for look in LOOKS}
+        mine = self.rows[self.rows["agent"] == agent]
+        mine = mine.assign(block=np.searchsorted(edges, mine["trial"], side="right") - 1)
+        found = mine.pivot_table(index="world", columns="block", values=measure, aggfunc="mean")
+        runs = found.reindex(index=range(self.worlds[agent]), columns=range(len(edges) - 1))
+        runs.loc[~runs.index.isin(found.index)] = worst[measure]
+        return Blocks(edges, runs.to_numpy(dtype=float), measure in (SUCCESS, RENDEZVOUS))
+
+
+def own_trials(finished: FinishedSuite, scenario: ScenarioConfig) -> OwnTrials:
+    """What the agents' own trials in a scenario come to."""
+    rows = with_cost(finished.results, scenario)
+    return OwnTrials(scenario, with_seconds(rows, scenario), finished.worlds_in(scenario))
+
+
+def with_seconds(rows: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
+    """The agents' own trials, of the rows of `with_cost`, in robot seconds per reach too."""
+    mine, cap = rows[rows["phase"] == "train"], scenario.env.max_episode_steps
+    return mine.assign(**{seconds_at(look): seconds_per_reach(mine, cap, look) for look in LOOKS})
+
+
+def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:
+    """Where blocks of trials begin and end: `ends` after the beginning and each `at: {trial: n}`."""
+    trials, _ = scenario.length
+    found = {trials}
+    for start, stop in pairwise(sorted({0, trials, *event_trials(scenario)})):
+        found |= {start, *(start + end for end in ends if start + end < stop)}
+    return np.array(sorted(found), float)
+
+
+def event_trials(scenario: ScenarioConfig) -> set[int]:
+    """The trials before which the schedule perturbs the world, each once."""
+    return {e["at"]["trial"] for e in scenario.perturbations if "trial" in e.get("at", {})}
+
+
+def seconds_per_reach(rows: pd.DataFrame, cap: int, look: float) -> "pd.Series[float]":
+    """Robot seconds of each trial, of the rows of `with_cost`.
+
+    A trial without a rendezvous counts as going on to the cap at its own pace, but not as more than
+    `slowest_seconds`.
+    """
+    longer = (cap / rows["motions"]).where(rows[RENDEZVOUS] == 0, 1.0)
+    seconds: pd.Series[float] = longer * robot_seconds_at(look, rows[SECONDS], rows["motions"])
+    return seconds.clip(upper=slowest_seconds(cap, look))
+
+
+def slowest_seconds(cap: int, look: float) -> float:
+    """Robot seconds of `cap` motions, and of the way home, each a full turn: the most that a reach counts."""
+    return (cap + 1) * (look + 2 * np.pi / HINGE_SPEED)
+
+
+def span(first: float, end: float) -> str:
+    """The trials of a block in words, counted from 1."""
+    return f"{end:,.0f}" if end == first + 1 else f"{first + 1:,.0f}–{end:,.0f}"
+
+
+def trial_section(finished: FinishedSuite, own: OwnTrials) -> Section:
     """Motions per reach against trials, and the table of their blocks."""
-    name, cap = scenario.name, scenario.env.max_episode_steps
-    worlds = finished.worlds_in(scenario)
-    costs = trial_costs(with_cost(finished.results, scenario), scenario)
+    scenario, name = own.scenario, own.scenario.name
     edges, measures = edges_of(scenario, COARSE), (MOTIONS, *map(seconds_at, LOOKS), SUCCESS, RENDEZVOUS)
     of_agent = {
-        label: {measure: blocks(costs, label, measure, amount, edges, cap) for measure in measures}
-        for label, amount in worlds.items()
+        label: {measure: own.blocks(label, measure, edges) for measure in measures} for label in own.worlds
     }
     estimates = {
         label: {measure: each.estimates() for measure, each in of_blocks.items()}
@@ -79,7 +187,7 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
     }
     shown, intervals, summary = [], [], []
     for i, (first, end) in enumerate(pairwise(edges)):
-        for label, amount in worlds.items():
+        for label, amount in own.worlds.items():
             block, found = span(first, end), {measure: each[i] for measure, each in estimates[label].items()}
             spread = most_worlds(of_agent[label][MOTIONS].runs[:, i])
             seconds = [found[seconds_at(look)].value for look in (LOOKS[0], LOOKS[-1])]
@@ -101,7 +209,7 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
     band = f"robot seconds, {LOOKS[0]:g} – {LOOKS[-1]:g} s a look"
     columns = ["trials", "agent", "motions per reach", band, "rendezvous"]
     with_intervals = ["trials", "agent", "motions per reach", "rendezvous", "success"]
-    figure = _figure(finished, scenario, costs, worlds)
+    figure = _figure(finished, own)
     return Section(
         title=f"{name}: trial by trial",
         text=about(finished, scenario),
@@ -115,114 +223,15 @@ def trial_section(finished: FinishedSuite, scenario: ScenarioConfig) -> Section:
     )
 
 
-def _figure(
-    finished: FinishedSuite, scenario: ScenarioConfig, costs: pd.DataFrame, worlds: dict[str, int]
-) -> Figure:
-    agents, lines = finished.suite.agents_in(scenario), lines_of(finished.suite.agents)
-    cap, edges, met = scenario.env.max_episode_steps, edges_of(scenario, FINE), knocks(scenario) or ()
-    curves = [
-        (each, blocks(costs, each.label, MOTIONS, worlds[each.label], edges, cap), lines[each.label])
-        for each in agents
-    ]
-    title = f"Motions per reach (a failure counts as {cap})"
+def _figure(finished: FinishedSuite, own: OwnTrials) -> Figure:
+    scenario, lines = own.scenario, lines_of(finished.suite.agents)
+    agents, met, edges = finished.suite.agents_in(scenario), knocks(scenario) or (), edges_of(scenario, FINE)
+    curves = [(each, own.blocks(each.label, MOTIONS, edges), lines[each.label]) for each in agents]
+    title = f"Motions per reach (a failure counts as {own.cap})"
     always = [again_and_again(scenario), *(knock.words for knock in met if not knock.trial)]
-    own = where_it_stands(scenario, "The agents' own trials", worlds.values())
-    drawn = drawn_in_words(min(worlds.values()), len(agents))
-    return trial_curves("\n".join([title, *filter(None, always)]), curves, cap, met, f"{own} {drawn}")
-
-
-def seconds_at(look: float) -> str:
-    """The measure of robot seconds per reach where a look takes so many seconds."""
-    return f"{SECONDS}_at_{look:g}"
-
-
-@dataclass(frozen=True, slots=True)
-class Blocks:
-    """One measure of one agent in blocks of trials, over its runs.
-
-    Attributes:
-        edges: Trials that have gone at the first block's beginning and at every block's end (blocks + 1,).
-        runs: The measure's mean over each block, in the run of each world (worlds, blocks).
-        bounds: The lowest and the highest value that a run can have.
-    """
-
-    edges: Array
-    runs: Array
-    bounds: tuple[float, float]
-
-    def estimates(self) -> list[Estimate]:
-        """Each block's mean of shares over worlds, or motions or seconds of the median world."""
-        return mean_shares(self.runs) if self.bounds == SHARE else medians(self.runs)
-
-
-def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:
-    """Where blocks of trials begin and end: `ends` after the beginning and each `at: {trial: n}`."""
-    trials, _ = scenario.length
-    found = {trials}
-    for start, stop in pairwise(sorted({0, trials, *event_trials(scenario)})):
-        found |= {start, *(start + end for end in ends if start + end < stop)}
-    return np.array(sorted(found), float)
-
-
-def event_trials(scenario: ScenarioConfig) -> set[int]:
-    """The trials before which the schedule perturbs the world, each once."""
-    return {e["at"]["trial"] for e in scenario.perturbations if "trial" in e.get("at", {})}
-
-
-def trial_costs(rows: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
-    """The agents' own trials, of the rows of `with_cost`, in robot seconds per reach too.
-
-    There is a column for each look time.
-    """
-    mine = rows[rows["phase"] == "train"].copy()
-    for look in LOOKS:
-        mine[seconds_at(look)] = seconds_per_reach(mine, scenario.env.max_episode_steps, look)
-    return mine
-
-
-def seconds_per_reach(rows: pd.DataFrame, cap: int, look: float) -> "pd.Series[float]":
-    """Robot seconds of each trial, of the rows of `with_cost`.
-
-    A trial without a rendezvous counts as going on to the cap at its own pace, but not as more than
-    `slowest_seconds`.
-    """
-    longer = (cap / rows["motions"]).where(rows[RENDEZVOUS] == 0, 1.0)
-    seconds: pd.Series[float] = longer * robot_seconds_at(look, rows[SECONDS], rows["motions"])
-    return seconds.clip(upper=slowest_seconds(cap, look))
-
-
-def slowest_seconds(cap: int, look: float) -> float:
-    """Robot seconds of `cap` motions, and of the way home, each a full turn: the most that a reach counts."""
-    return (cap + 1) * (look + 2 * np.pi / HINGE_SPEED)
-
-
-def blocks(costs: pd.DataFrame, agent: str, measure: str, worlds: int, edges: Array, cap: int) -> Blocks:
-    """A measure's means over blocks of an agent's trials.
-
-    Args:
-        costs: What `trial_costs` returned.
-        agent: The agent's label.
-        measure: SUCCESS, RENDEZVOUS, MOTIONS or one of `seconds_at`.
-        worlds: How many runs there should be; those without any row failed, and are worst throughout: no
-            success, `cap` motions, and the seconds of `cap` motions of a full turn.
-        edges: What `edges_of` returned.
-        cap: Motions after which a trial has failed.
-    """
-    shares = measure in (SUCCESS, RENDEZVOUS)
-    slowest = {seconds_at(look): slowest_seconds(cap, look) for look in LOOKS}
-    most = float(cap) if measure == MOTIONS else slowest.get(measure, 1.0)
-    worst, bounds = (0.0, SHARE) if shares else (most, (1.0 if measure == MOTIONS else 0.0, most))
-    mine = costs[costs["agent"] == agent]
-    mine = mine.assign(block=np.searchsorted(edges, mine["trial"], side="right") - 1)
-    found = mine.pivot_table(index="world", columns="block", values=measure, aggfunc="mean")
-    runs = found.reindex(index=range(worlds), columns=range(len(edges) - 1))
-    runs.loc[~runs.index.isin(found.index)] = worst
-    return Blocks(edges, runs.to_numpy(dtype=float), bounds)
-
-
-def span(first: float, end: float) -> str:
-    """The trials of a block in words, counted from 1."""
-    return f"{end:,.0f}" if end == first + 1 else f"{first + 1:,.0f}–{end:,.0f}"
+    where = where_it_stands(scenario, "The agents' own trials", own.worlds.values())
+    said = f"{where} {drawn_in_words(min(own.worlds.values()), len(agents))}"
+    return trial_curves("\n".join([title, *filter(None, always)]), curves, own.cap, met, said)
 
 
 def trial_curves(

@@ -12,8 +12,8 @@ import pandas as pd
 from experiments.config.in_words import knocks
 from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
 from experiments.reporting.agents_in_words import in_words
-from experiments.reporting.by_trial import COARSE, blocks, edges_of, span
-from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, FinishedSuite, with_cost
+from experiments.reporting.by_trial import COARSE, OwnTrials, edges_of, span
+from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, FinishedSuite
 from experiments.reporting.held_out import (
     AFTER,
     AT_THE_END,
@@ -65,7 +65,7 @@ def head_part(finished: FinishedSuite) -> ScenarioConfig | SweepConfig:
 
 
 def table_of(
-    finished: FinishedSuite, part: ScenarioConfig | SweepConfig, come_to: HeldOut | Swept | None
+    finished: FinishedSuite, part: ScenarioConfig | SweepConfig, come_to: HeldOut | OwnTrials | Swept
 ) -> Table:
     """A scenario or sweep in at most four columns, without intervals; agents in words, in the suite's order.
 
@@ -75,14 +75,14 @@ def table_of(
     Args:
         finished: The suite.
         part: What the table is of.
-        come_to: What the part has come to; None of a scenario without held-out trials.
+        come_to: What the part has come to.
     """
     if isinstance(come_to, HeldOut):
         found, note = _of_held_out(come_to)
-    elif isinstance(part, SweepConfig):
-        found, note = _of_sweep(part, come_to or {})
+    elif isinstance(come_to, OwnTrials):
+        found, note = _of_trials(come_to)
     else:
-        found, note = _of_trials(finished, part)
+        found, note = _of_sweep(come_to)
     rows = [
         {
             "agent": in_words(agent.label, agent.name),
@@ -123,22 +123,22 @@ def _until(times: Times | None) -> str:
     return f"not in {times.latest:,.0f}" if math.isinf(median) else f"{median:,.0f}"
 
 
-def _of_trials(finished: FinishedSuite, scenario: ScenarioConfig) -> tuple[_Cells, str]:
-    rows = with_cost(finished.results, scenario)
-    own, cap = rows[rows["phase"] == "train"], scenario.env.max_episode_steps
-    edges = edges_of(scenario, (1, *COARSE))
+def _of_trials(own: OwnTrials) -> tuple[_Cells, str]:
+    edges = edges_of(own.scenario, (1, *COARSE))
     column = f"motions per reach in trial 1 → trials {span(*edges[-2:])}"
     found = {}
-    for label, worlds in finished.worlds_in(scenario).items():
-        of_blocks = blocks(own, label, MOTIONS, worlds, edges, cap).estimates()
+    for label in own.worlds:
+        of_blocks = own.blocks(label, MOTIONS, edges).estimates()
         found[label] = {column: f"{_motions(of_blocks[0].value)} → {_motions(of_blocks[-1].value)}"}
-    return found, f"Of the median world, in the agents' own trials; one that fails counts as {cap} motions."
+    note = f"Of the median world, in the agents' own trials; one that fails counts as {own.cap} motions."
+    return found, note
 
 
-def _of_sweep(sweep: SweepConfig, found: Swept) -> tuple[_Cells, str]:
-    column = f"{RENDEZVOUS} at {sweep.vary} {sweep.over[0]:g} → {sweep.over[-1]:g}"
+def _of_sweep(found: Swept) -> tuple[_Cells, str]:
+    over = found.sweep.over
+    column = f"{RENDEZVOUS} at {found.sweep.vary} {over[0]:g} → {over[-1]:g}"
     cells = {}
-    for label, curve in found.items():
+    for label, curve in found.points.items():
         shares = (written(point.rendezvous.value, ".0%") or NOTHING for point in (curve[0], curve[-1]))
         cells[label] = {column: " → ".join(shares)}
     return cells, "Share of trials that end with an observed rendezvous; one trial a world, without learning."

@@ -9,7 +9,7 @@ import pandas as pd
 import yaml
 
 from experiments.reporting.by_arm import arms_sections, many_arms
-from experiments.reporting.by_trial import trial_section
+from experiments.reporting.by_trial import OwnTrials, own_trials, trial_section
 from experiments.reporting.claims import claims_section, judge
 from experiments.reporting.figures import save
 from experiments.reporting.finished_suite import FinishedSuite
@@ -58,12 +58,15 @@ def write_report(finished: FinishedSuite, show_head: bool = False) -> Path:
     """
     suite, of_head = finished.suite, head_part(finished)
     held = {each.name: held_out(finished, each) for each in suite.scenarios if suite.evaluation_of(each)}
-    found = {each.name: swept(finished, each) for each in suite.sweeps}
-    tables = {part.name: table_of(finished, part, (held | found).get(part.name)) for part in suite.parts}
+    own = {each.name: own_trials(finished, each) for each in suite.scenarios if each.trials}
+    sweeps = {each.name: swept(finished, each) for each in suite.sweeps}
+    found = own | held | sweeps
+    tables = {part.name: table_of(finished, part, found[part.name]) for part in suite.parts}
     if show_head:
         show([tables[of_head.name]])
     out = made_folder(finished.out)
-    sections = [*_comparison(finished, held, found), agents_section(finished), computing_section(finished)]
+    comparison = _comparison(finished, held, own, sweeps)
+    sections = [*comparison, agents_section(finished), computing_section(finished)]
     write_whole(out / SUMMARY, _summary(finished, sections).to_csv(index=False))
     kept = {
         "commit": finished.versions["commit"],
@@ -91,20 +94,23 @@ def head_of(finished: FinishedSuite, table: Table, held: HeldOut | None) -> Head
 
 
 def _comparison(
-    finished: FinishedSuite, held: Mapping[str, HeldOut], found: Mapping[str, Swept]
+    finished: FinishedSuite,
+    held: Mapping[str, HeldOut],
+    own: Mapping[str, OwnTrials],
+    sweeps: Mapping[str, Swept],
 ) -> list[Section]:
     """All that was measured, part by part."""
     sections = []
     if finished.suite.claims:
         sections.append(claims_section(judge(finished.results, finished.suite)))
     by_arm = many_arms(finished.suite.scenarios)
-    sections += arms_sections(finished) if by_arm else []
+    sections += arms_sections(finished, [*own.values()]) if by_arm else []
     for scenario in finished.suite.scenarios:
         if scenario.name in held:
             sections += held_out_sections(finished, held[scenario.name])
-        if scenario.trials and not by_arm:
-            sections.append(trial_section(finished, scenario))
-    sections += sweep_sections(finished, found)
+        if scenario.name in own and not by_arm:
+            sections.append(trial_section(finished, own[scenario.name]))
+    sections += sweep_sections(finished, [*sweeps.values()])
     return sections
 
 

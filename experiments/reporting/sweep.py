@@ -72,14 +72,25 @@ class Point:
     among_reached: Estimate = _NO_NUMBER
 
 
-Swept = dict[str, list[Point]]
-"""The points of each agent's curve, by its label, in the suite's order."""
+@dataclass(frozen=True, slots=True)
+class Swept:
+    """The trials of a sweep.
+
+    Attributes:
+        sweep: Whose they are.
+        worlds: By an agent's label, in the suite's order, how many trials there should be at a value.
+        points: By the label, those of its curve.
+    """
+
+    sweep: SweepConfig
+    worlds: dict[str, int]
+    points: dict[str, list[Point]]
 
 
 def swept(finished: FinishedSuite, sweep: SweepConfig) -> Swept:
     """What a sweep comes to."""
-    rows = with_cost(finished.results, sweep)
-    return {agent: points(rows, sweep, agent, worlds) for agent, worlds in finished.worlds_in(sweep).items()}
+    rows, worlds = with_cost(finished.results, sweep), finished.worlds_in(sweep)
+    return Swept(sweep, worlds, {agent: points(rows, sweep, agent, worlds[agent]) for agent in worlds})
 
 
 def points(rows: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -> list[Point]:
@@ -122,54 +133,53 @@ Curves = Sequence[tuple[AgentConfig, list[Point], Line]]
 """Of each agent, with its line."""
 
 
-def sweep_sections(finished: FinishedSuite, found: Mapping[str, Swept]) -> list[Section]:
-    """Where there are several sweeps, all in one figure; then each with a figure and a table.
-
-    Args:
-        finished: The suite.
-        found: By the sweep's name.
-    """
-    suite, sweeps = finished.suite, finished.suite.sweeps
-    lines = lines_of(suite.agents)
+def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Section]:
+    """Where there are several sweeps, all in one figure; then each with a figure and a table."""
+    lines = lines_of(finished.suite.agents)
     curves: dict[str, Curves] = {
-        sweep.name: [
-            (agent, found[sweep.name][agent.label], lines[agent.label]) for agent in suite.agents_in(sweep)
+        each.sweep.name: [
+            (agent, each.points[agent.label], lines[agent.label])
+            for agent in finished.suite.agents_in(each.sweep)
         ]
-        for sweep in sweeps
+        for each in found
     }
 
-    def said(sweep: SweepConfig) -> str:
-        return where_it_stands(sweep, "One trial at each value", finished.worlds_in(sweep).values())
+    def said(each: Swept) -> str:
+        return where_it_stands(each.sweep, "One trial at each value", each.worlds.values())
 
     def saved(name: str, figure: Figure) -> dict[str, Drawing]:
         return {name: save(figure, finished.out / "figures", name)}
 
-    sections = [
-        Section(
-            title=f"Sweep {sweep.name}",
-            text=_about(finished, sweep),
-            figures=saved(sweep.name, sweep_figure(sweep, curves[sweep.name], said(sweep))),
-            tables=(_table(found[sweep.name], sweep),),
-            note=_HOW_TO_READ,
-            summary=[
-                summary_row(sweep.name, "sweep", label, f"{at.value:g}", measure, each, at.trials)
-                for label, of_agent in found[sweep.name].items()
-                for at in of_agent
-                for measure, each in (
-                    (SUCCESS, at.success),
-                    (RENDEZVOUS, at.rendezvous),
-                    ("rendezvous_at_once", at.at_once),
-                    (MOTIONS, at.motions),
-                    ("median_motions", at.among_reached),
-                )
-            ],
+    sections = []
+    for each in found:
+        name = each.sweep.name
+        figure = sweep_figure(each.sweep, curves[name], said(each))
+        summary = [
+            summary_row(name, "sweep", label, f"{point.value:g}", measure, measured, point.trials)
+            for label, of_agent in each.points.items()
+            for point in of_agent
+            for measure, measured in (
+                (SUCCESS, point.success),
+                (RENDEZVOUS, point.rendezvous),
+                ("rendezvous_at_once", point.at_once),
+                (MOTIONS, point.motions),
+                ("median_motions", point.among_reached),
+            )
+        ]
+        sections.append(
+            Section(
+                title=f"Sweep {name}",
+                text=_about(finished, each.sweep),
+                figures=saved(name, figure),
+                tables=(_table(each),),
+                note=_HOW_TO_READ,
+                summary=summary,
+            )
         )
-        for sweep in sweeps
-    ]
-    if len(sweeps) < 2:
+    if len(found) < 2:
         return sections
-    together = saved("_all", sweeps_figure(sweeps, curves, said(sweeps[0])))
-    return [Section(title="All sweeps", figures=together), *sections]
+    figure = sweeps_figure([each.sweep for each in found], curves, said(found[0]))
+    return [Section(title="All sweeps", figures=saved("_all", figure)), *sections]
 
 
 def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
@@ -185,7 +195,8 @@ def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
     )
 
 
-def _table(found: Swept, sweep: SweepConfig) -> Table:
+def _table(found: Swept) -> Table:
+    sweep = found.sweep
     indices = np.unique(np.linspace(0, len(sweep.over) - 1, _SHOWN).round().astype(int))
     rows = [
         [
@@ -195,7 +206,7 @@ def _table(found: Swept, sweep: SweepConfig) -> Table:
             number(curve[i].among_reached),
             percent(curve[i].success),
         ]
-        for label, curve in found.items()
+        for label, curve in found.points.items()
         for i in indices
     ]
     columns = ["agent", sweep.vary, "rendezvous", "motions of those that reached", "success"]

@@ -253,7 +253,7 @@ def test_a_figure_of_many_sweeps_has_a_panel_each_and_names_each_agent_once(
     rows = table(*((label, 0.0, world, True, True, 3) for label in labels for world in range(2)))
     rows = pd.concat([rows.assign(scenario=name) for name in ("roll", "aim")])
     finished = FinishedSuite(tmp_path, suite, "", runs_of(suite), {}, {}, {}, rows, pd.DataFrame())
-    sweep_sections(finished, {each.name: swept(finished, each) for each in suite.sweeps})
+    sweep_sections(finished, [swept(finished, each) for each in suite.sweeps])
     roll, aim = drawn["_all"].axes
     assert (len(roll.lines), len(aim.lines)) == (3, 1)
     assert roll.lines[2].get_color() == aim.lines[0].get_color() == drawn["aim"].axes[1].lines[0].get_color()

@@ -17,14 +17,14 @@ from experiments.reporting.by_trial import (
     COARSE,
     FINE,
     LOOKS,
-    blocks,
+    OwnTrials,
     edges_of,
     seconds_at,
     seconds_per_reach,
     slowest_seconds,
     span,
-    trial_costs,
     trial_curves,
+    with_seconds,
 )
 from experiments.reporting.finished_suite import MOTIONS, SUCCESS, with_cost
 
@@ -80,32 +80,32 @@ def test_blocks_begin_anew_after_each_event():
     assert [span(0, 1), span(1, 5), span(1_000, 2_000)] == ["1", "2–5", "1,001–2,000"]
 
 
-def table(of, *rows):
+def own_trials(of, worlds, *rows):
     """From (world, trial, motions, success); a motion takes 3 s without its look, and the way home none."""
     data = pd.DataFrame(rows, columns=["world", "trial", "motions", "success"])
     data = data.assign(scenario=of.name, agent="servo", phase="train", rendezvous=data["success"])
     data = data.assign(robot_seconds=3.0 * data["motions"] + 4.0 * (data["motions"] + 1))
-    return trial_costs(with_cost(data, of), of)
+    return OwnTrials(of, with_seconds(with_cost(data, of), of), {"servo": worlds, "sac": worlds})
 
 
 def test_blocks_are_means_of_trials_in_each_run():
     of = scenario(6)
     first = [(0, trial, motions, True) for trial, motions in enumerate([9, 4, 4, 2, 2, 1])]
     other = [(1, 0, 11, True), (1, 1, 10, False), *((1, trial, 2, True) for trial in (2, 3, 4, 5))]
-    costs = table(of, *first, *other)
+    own = own_trials(of, 2, *first, *other)
     edges = edges_of(of, FINE)
     assert list(edges) == [0, 1, 5, 6]
 
-    motions = blocks(costs, "servo", MOTIONS, 2, edges, cap=20)
+    motions = own.blocks("servo", MOTIONS, edges)
     np.testing.assert_array_equal(motions.runs, [[9, 3, 1], [11, (20 + 3 * 2) / 4, 2]])
     found = motions.estimates()
     assert [each.value for each in found] == [10, 4.75, 1.5]
 
     for look in LOOKS:
-        seconds = blocks(costs, "servo", seconds_at(look), 2, edges, cap=20)
+        seconds = own.blocks("servo", seconds_at(look), edges)
         np.testing.assert_allclose(seconds.runs[0], 3 * motions.runs[0] + look * (motions.runs[0] + 1))
     assert seconds.runs[1, 1] == (2 * (30 + 4 * 11) + 3 * (6 + 12)) / 4  # the failed one goes on to 20
-    success = blocks(costs, "servo", SUCCESS, 2, edges, cap=20)
+    success = own.blocks("servo", SUCCESS, edges)
     np.testing.assert_array_equal(success.runs, [[1, 1, 1], [1, 0.75, 1]])
 
 
@@ -117,18 +117,18 @@ def test_a_trial_that_ends_at_once_counts_no_more_than_the_slowest():
 
 def test_runs_without_a_row_are_worst():
     of = scenario(2)
-    costs, edges = table(of, (0, 0, 5, True), (0, 1, 4, True)), edges_of(of, FINE)
+    own, edges = own_trials(of, 2, (0, 0, 5, True), (0, 1, 4, True)), edges_of(of, FINE)
     worst = {SUCCESS: 0, MOTIONS: 20, seconds_at(4.0): 21 * (4 + 2 * np.pi / 0.7)}
     for measure, value in worst.items():
-        np.testing.assert_allclose(blocks(costs, "servo", measure, 2, edges, 20).runs[1], value)
-        np.testing.assert_allclose(blocks(costs, "sac", measure, 2, edges, 20).runs, np.full((2, 2), value))
+        np.testing.assert_allclose(own.blocks("servo", measure, edges).runs[1], value)
+        np.testing.assert_allclose(own.blocks("sac", measure, edges).runs, np.full((2, 2), value))
 
 
 def test_the_figure_draws_each_block_in_its_middle_and_events_between_trials():
     of = scenario(6, 3)
-    costs, edges = table(of, *((0, trial, 6 - trial, True) for trial in range(6))), edges_of(of, FINE)
+    own, edges = own_trials(of, 1, *((0, trial, 6 - trial, True) for trial in range(6))), edges_of(of, FINE)
     agent = AgentConfig(name="memory", label="servo")
-    found = blocks(costs, "servo", MOTIONS, 1, edges, 20)
+    found = own.blocks("servo", MOTIONS, edges)
     figure = trial_curves(
         "s", [(agent, found, {"color": "#112233"})], 20, [Knock(3, "a lens"), Knock(0, "noise")], "1 world."
     )

@@ -56,7 +56,7 @@ def test_the_table_of_moments(rows):
 
 
 def test_the_table_of_blocks():
-    (found,) = Blocks(np.array([0.0, 1.0]), MOTIONS_OF_WORLD[:, None], (0.0, CAP)).estimates()
+    (found,) = Blocks(np.array([0.0, 1.0]), MOTIONS_OF_WORLD[:, None], shares=False).estimates()
     is_of_the_median(found)
 
 
