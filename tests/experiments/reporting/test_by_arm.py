@@ -9,6 +9,7 @@ import yaml
 from experiments.__main__ import main
 from experiments.reporting import by_arm
 from experiments.reporting.by_arm import many_arms
+from experiments.reporting.by_trial import own_trials
 from experiments.reporting.kept_tables import tables_named
 from experiments.reporting.results_file import RESULTS, read_finished
 from tests.arms.own import MODELS
@@ -70,7 +71,8 @@ def test_the_report_has_one_table_of_arms_whose_numbers_are_those_of_the_trials(
 def test_the_figure_has_a_point_for_each_arm_and_agent_which_is_the_median_world(out, tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(by_arm, "save", lambda figure, *_: drawn.append(figure))
-    by_arm.arms_sections(read_finished(out / RESULTS, tmp_path))
+    finished = read_finished(out / RESULTS, tmp_path)
+    by_arm.arms_sections(finished, [own_trials(finished, each) for each in finished.suite.scenarios])
     first, _ = drawn[0].axes
     points = {line.get_label(): list(line.get_xdata()) for line in first.lines}
     rows = pd.read_parquet(out / RESULTS)
