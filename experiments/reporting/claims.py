@@ -169,7 +169,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class JudgedClaim:
     """A claim with what its criteria came to.
 
     Attributes:
@@ -210,17 +210,17 @@ def verdict_of(criterion: Criterion, found: Measured | None) -> Verdict:
     return Verdict.CONFIRMED if passes else Verdict.NOT_CONFIRMED if fails else Verdict.MIXED
 
 
-def judge(results: pd.DataFrame, suite: Suite) -> list[Judged]:
+def judge(results: pd.DataFrame, suite: Suite) -> list[JudgedClaim]:
     """All claims of a suite, by its results."""
     judged = []
     for claim in suite.claims:
         found = tuple(measured(results, suite, criterion) for criterion in claim.criteria)
         verdicts = tuple(verdict_of(*each) for each in zip(claim.criteria, found, strict=True))
-        judged.append(Judged(claim, found, verdicts))
+        judged.append(JudgedClaim(claim, found, verdicts))
     return judged
 
 
-def claims_section(judged: Sequence[Judged]) -> Section:
+def claims_section(judged: Sequence[JudgedClaim]) -> Section:
     """Each claim, its verdict, and the numbers behind it."""
     rows, summary = [], []
     for each in judged:
@@ -237,7 +237,7 @@ def claims_section(judged: Sequence[Judged]) -> Section:
     remarks = " ".join(f"{each.claim.words} {each.claim.remark}" for each in judged if each.claim.remark)
     return Section(
         title="The paper's claims",
-        text=" ".join(in_words(judged)),
+        text=" ".join(verdicts_in_words(judged)),
         tables=(
             _verdicts(judged),
             Table.of("claims", "What was measured", columns, rows),
@@ -247,7 +247,7 @@ def claims_section(judged: Sequence[Judged]) -> Section:
     )
 
 
-def _verdicts(judged: Sequence[Judged]) -> Table:
+def _verdicts(judged: Sequence[JudgedClaim]) -> Table:
     """Each claim and its verdict."""
     rows = [
         [
@@ -305,7 +305,7 @@ def _when(trials: TrialsOf) -> str:
     return f"at {trials.value:g}"
 
 
-def in_words(judged: Sequence[Judged]) -> tuple[str, ...]:
+def verdicts_in_words(judged: Sequence[JudgedClaim]) -> tuple[str, ...]:
     """Which claims stand, which fell, and how the paper's questions are answered: a sentence each."""
     return tuple(
         f"Of {len(of_kind)} {kind}s of the paper {_counted(of_kind)}."
@@ -314,7 +314,7 @@ def in_words(judged: Sequence[Judged]) -> tuple[str, ...]:
     )
 
 
-def _counted(judged: Sequence[Judged]) -> str:
+def _counted(judged: Sequence[JudgedClaim]) -> str:
     by_verdict = {
         verdict: [each.claim.name.replace("_", " ") for each in judged if each.verdict is verdict]
         for verdict in Verdict

@@ -22,7 +22,7 @@ from experiments.reporting.held_out import (
     GOOD,
     RIGHT_AFTER,
     HeldOut,
-    Moment,
+    HeldOutMoment,
     Times,
     common_worlds,
 )
@@ -175,7 +175,7 @@ def _aside(finished: FinishedSuite, agent: AgentConfig) -> bool:
     return agent.name == _FLOOR or (outcome is not None and _OF_A_CEILING in outcome["privileged"])
 
 
-def _fewest(found: Mapping[str, Moment], when: str, few: bool) -> str:
+def _fewest(found: Mapping[str, HeldOutMoment], when: str, few: bool) -> str:
     """Who needs the fewest motions, and who cannot be told apart from it."""
     if not found:
         return ""
@@ -196,13 +196,13 @@ def _fewest(found: Mapping[str, Moment], when: str, few: bool) -> str:
     return f"{first}; {listed(near)} cannot be told apart from it." if near else f"{first}."
 
 
-def _told_apart(best: Moment, other: Moment) -> bool:
+def _told_apart(best: HeldOutMoment, other: HeldOutMoment) -> bool:
     """Whether the interval of the difference, in the worlds of both, leaves out 0."""
     both = common_worlds(best, other)
     return paired_motions(other.worlds.loc[both, MOTIONS], best.worlds.loc[both, MOTIONS]).low > 0
 
 
-def _cost(found: Mapping[str, Mapping[str, Moment]]) -> str:
+def _cost(found: Mapping[str, Mapping[str, HeldOutMoment]]) -> str:
     """For whom the first change costs most, and least."""
     both = {
         words: (of[BEFORE].motions.value, of[RIGHT_AFTER].motions.value)

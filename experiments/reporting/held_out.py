@@ -38,7 +38,7 @@ _LONGER_THAN_A_LIFE = 2.0**40  # motions
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class HeldOutMoment:
     """An agent at one checkpoint of each of its runs.
 
     Attributes:
@@ -94,7 +94,7 @@ class HeldOut:
     scenario: ScenarioConfig
     rows: pd.DataFrame
     worlds: dict[str, int]
-    moments: dict[str, dict[str, Moment]]
+    moments: dict[str, dict[str, HeldOutMoment]]
     times: dict[str, dict[str, Times]]
 
     @property
@@ -140,7 +140,7 @@ def with_clocks(rows: pd.DataFrame) -> pd.DataFrame:
     return clocked[clocked["phase"] == "eval"]
 
 
-def moments(mine: pd.DataFrame, worlds: int, cap: int) -> dict[str, Moment]:
+def moments(mine: pd.DataFrame, worlds: int, cap: int) -> dict[str, HeldOutMoment]:
     """An agent before and right after the first change of its world, and at the end; what there is, in order.
 
     Each run has its own; one whose world never changed has only an end. Runs that failed are worst at every
@@ -167,7 +167,7 @@ def _at(mine: pd.DataFrame, which: str) -> pd.DataFrame:
     return mine[when == when.groupby(mine["world"]).transform(which)]
 
 
-def _moment(rows: pd.DataFrame, failed: list[int], cap: int) -> Moment:
+def _moment(rows: pd.DataFrame, failed: list[int], cap: int) -> HeldOutMoment:
     """The moment of these trials."""
     reached = rows[rows[RENDEZVOUS] == 1]
     own = rows.groupby("world")[[SUCCESS, RENDEZVOUS, MOTIONS]].mean()
@@ -177,7 +177,7 @@ def _moment(rows: pd.DataFrame, failed: list[int], cap: int) -> Moment:
     trials = max(map(len, errors))
     infinite = [np.full(trials, np.inf)] * len(failed)
     worlds = pd.concat([own, pd.DataFrame(worst, index=failed)]).sort_index()
-    return Moment(
+    return HeldOutMoment(
         finished=rows["world"].nunique(),
         worlds=worlds,
         success=mean_share(worlds[SUCCESS].to_numpy()),
@@ -229,7 +229,7 @@ def scores(own: pd.DataFrame, measure: str, clock: float) -> "pd.Series[float]":
     return found[found["clock"] >= clock].groupby("world")[measure].first()
 
 
-def differences(mine: Moment, reference: Moment) -> dict[str, Estimate]:
+def differences(mine: HeldOutMoment, reference: HeldOutMoment) -> dict[str, Estimate]:
     """What an agent has more of than a reference, world by world, by the name of the measure.
 
     Only worlds in which both came to their moments are compared.
@@ -244,6 +244,6 @@ def differences(mine: Moment, reference: Moment) -> dict[str, Estimate]:
     }
 
 
-def common_worlds(mine: Moment, reference: Moment) -> "pd.Index[int]":
+def common_worlds(mine: HeldOutMoment, reference: HeldOutMoment) -> "pd.Index[int]":
     """The worlds in which both came to their moments."""
     return mine.worlds.index.intersection(reference.worlds.index)

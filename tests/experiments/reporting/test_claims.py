@@ -13,15 +13,15 @@ from experiments.config.loading import load
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.reporting.claims import (
-    Judged,
+    JudgedClaim,
     Measured,
     Verdict,
     claims_section,
     described,
-    in_words,
     judge,
     measured,
     verdict_of,
+    verdicts_in_words,
 )
 from experiments.statistics import Estimate, mean_share, paired_motions
 
@@ -236,7 +236,7 @@ def claim(*criteria, name="a_claim"):
 )
 def test_a_claim_is_as_good_as_its_tests(verdicts, expected):
     test = Criterion(measure="success", of=trials_of(), above=0.5)
-    assert Judged(claim(test, test), (None, None), tuple(map(Verdict, verdicts))).verdict is expected
+    assert JudgedClaim(claim(test, test), (None, None), tuple(map(Verdict, verdicts))).verdict is expected
 
 
 def test_the_report_says_which_claims_stand():
@@ -255,15 +255,16 @@ def test_the_report_says_which_claims_stand():
     )
     judged = judge(results, of)
     assert [each.verdict for each in judged] == ["confirmed", "not confirmed", "untested"]
-    (said,) = in_words(judged)
+    (said,) = verdicts_in_words(judged)
     assert said == (
         "Of 3 claims of the paper 1 is confirmed (it works); 1 is not confirmed (it learns); "
         "1 is untested (unseen)."
     )
     asks = [replace(each, claim=each.claim.model_copy(update={"kind": "question"})) for each in judged[:1]]
-    assert in_words([*judged[1:], *asks])[1] == "Of 1 questions of the paper 1 is confirmed (it works)."
+    _, answered = verdicts_in_words([*judged[1:], *asks])
+    assert answered == "Of 1 questions of the paper 1 is confirmed (it works)."
     section = claims_section(judged)
-    assert section.text == " ".join(in_words(judged))
+    assert section.text == " ".join(verdicts_in_words(judged))
     for table in section.tables:
         assert [row[-1] for row in table.rows] == ["confirmed", "not confirmed", "untested"]
     assert "rendezvous" in described(works.criteria[0])
