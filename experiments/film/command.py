@@ -1,5 +1,6 @@
 """`python -m experiments film`: an agent lives, and is filmed."""
 
+import argparse
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +10,32 @@ import agents
 from experiments.config.requirements import requirements
 from experiments.errors import ConfigError
 from experiments.evaluation import TrialRecord, evaluate
-from experiments.film.config import FilmConfig
+from experiments.film.config import FilmConfig, load_film
 from experiments.film.drawing import Screen
 from experiments.film.files import FilmFiles
 from experiments.film.lettering import Image, Lettering, Words
 from experiments.film.predictions import Predictions
 from experiments.film.recorder import FilmRecorder
+from experiments.options import Parser, add_config
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
 from experiments.running.results_folder import made_folder
+
+
+def add_film(parser: Parser) -> None:
+    """Films an agent."""
+    add_config(parser)
+    parser.add_argument("--out", type=Path, required=True, help="folder for film.mp4, film.gif and film.png")
+    parser.set_defaults(does=_film)
+
+
+def _film(options: argparse.Namespace) -> int:
+    files, records = film(load_film(options.config, options.set), options.out)
+    for record in records:
+        ends = "rendezvous" if record.rendezvous else "no rendezvous"
+        print(f"trial {record.trial + 1}: {ends} after {record.motions} motions, {record.error_px:.1f} px")
+    size = files.gif.stat().st_size / 1e6
+    print(f"film: {files.mp4}, {files.gif}, {files.png} ({files.seconds:.0f} s, GIF {size:.1f} MB)")
+    return 0
 
 
 def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:

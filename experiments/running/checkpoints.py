@@ -6,8 +6,8 @@ from calfree_gym.perturbations import parse_schedule
 from experiments.evaluation import evaluate
 from experiments.running.cpu_time import CpuTimes, TimedPredictor
 from experiments.running.lifetime import LifetimeRecorder, Onlooker
-from experiments.running.plan import LifetimeRun
 from experiments.running.rows import RowsRecorder
+from experiments.running.run import LifetimeRun
 from experiments.running.tensorboard_curves import Curves
 from experiments.running.trial_log import TrialLog
 

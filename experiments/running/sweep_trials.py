@@ -9,7 +9,7 @@ import agents
 from experiments.config.requirements import requirements
 from experiments.evaluation import evaluate
 from experiments.running.cpu_time import CpuTimes, TimedPredictor
-from experiments.running.plan import SweepRun
+from experiments.running.run import SweepRun
 from experiments.running.trial_log import TrialLog
 
 

@@ -1,4 +1,4 @@
-"""The bodies of runs, each in a process of its own: `python -m experiments.running.worker`."""
+"""The process that makes runs, each in a copy of itself: `python -m experiments.running.worker`."""
 
 import os
 import sys
@@ -15,9 +15,10 @@ from experiments.evaluation import TrialRecord
 from experiments.running.checkpoints import Checkpoints, Recorder, print_progress
 from experiments.running.cpu_time import CPU, CpuTimes
 from experiments.running.lifetime import LifetimeRecorder
-from experiments.running.plan import LifetimeRun, SweepRun, parse_run
-from experiments.running.results_folder import DONE, ENDED, SPEC, TIMINGS, write_json
+from experiments.running.process import ENDED
+from experiments.running.results_folder import DONE, RUN, TIMINGS, write_json
 from experiments.running.rows import RowsRecorder
+from experiments.running.run import LifetimeRun, SweepRun, parse_run
 from experiments.running.sweep_trials import run_sweep
 from experiments.running.tensorboard_curves import Curves
 from experiments.running.trial_log import TrialLog
@@ -92,7 +93,7 @@ def main(folder: Path) -> None:
 
     But for what it took, which stands in timings.json, a run leaves the same in each repetition.
     """
-    run = parse_run((folder / SPEC).read_text(encoding="utf-8"))
+    run = parse_run((folder / RUN).read_text(encoding="utf-8"))
     start, times = time.monotonic(), CpuTimes()
     if isinstance(run, SweepRun):
         outcome, learned = run_sweep(run, folder, times), 0
@@ -116,13 +117,13 @@ def serve() -> None:
     there are none (Windows), this process makes one run itself, and ends.
     """
     for line in sys.stdin:
-        body = os.fork() if sys.platform == "linux" else 0
-        if not body:
+        copy = os.fork() if sys.platform == "linux" else 0
+        if not copy:
             threading.Thread(target=end_with_the_parent, daemon=True).start()
             main(Path(line.rstrip("\n")))
             sys.stdout.flush()
             os._exit(0)  # all is written; to take a copy apart takes longer than a short run
-        _, status = os.waitpid(body, 0)
+        _, status = os.waitpid(copy, 0)
         print(f"{ENDED}{os.waitstatus_to_exitcode(status)}", flush=True)
 
 

@@ -14,7 +14,7 @@ from experiments.config.loading import (
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig
 from experiments.config.whole_moves import unfit_life
-from experiments.running.plan import world_seeds
+from experiments.running.run import world_seeds
 from experiments.tuning.config import TunedAgentConfig, TuningConfig, TuningScenarioConfig
 
 

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from experiments.running.cpu_time import CpuTimes
-from experiments.running.plan import LifetimeRun
+from experiments.running.run import LifetimeRun
 from experiments.running.trial_log import TRIALS
 from experiments.running.worker import run_lifetime
 

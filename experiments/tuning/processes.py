@@ -5,8 +5,8 @@ import threading
 from collections.abc import Generator
 from pathlib import Path
 
-from experiments.running.body import start_module
-from experiments.running.plan import LifetimeRun
+from experiments.running.process import start_module
+from experiments.running.run import LifetimeRun
 from experiments.tuning.worker import OVER_BUDGET, Report, Request
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments.errors import ConfigError
-from experiments.running.plan import LifetimeRun, runs_of
+from experiments.running.run import LifetimeRun, runs_of
 from experiments.statistics import mean_estimate
 from experiments.tuning.config import TunedAgentConfig, TuningConfig
 from experiments.tuning.processes import OverBudgetError, Processes

@@ -8,7 +8,7 @@ import traceback
 from contextlib import redirect_stdout
 
 from experiments.config.model import Model
-from experiments.running.plan import LifetimeRun
+from experiments.running.run import LifetimeRun
 from experiments.running.worker import end_with_the_parent
 from experiments.tuning.objective import motions_per_reach
 

@@ -19,7 +19,7 @@ from experiments.reporting.sweep.figure import sweep_figure
 from experiments.reporting.sweep.section import sweep_sections
 from experiments.running import sweep_trials as sweep
 from experiments.running.cpu_time import CpuTimes
-from experiments.running.plan import SweepRun, runs_of
+from experiments.running.run import SweepRun, runs_of
 from tests.arms.own import MODELS
 
 ENV = {"id": "CalFree/Reach-v0", "world": "nominal", "dynamics": "kinematic", "keep_in_view": False}

@@ -7,7 +7,7 @@ import pytest
 from experiments.config.suite import Suite
 from experiments.running import checkpoints, worker
 from experiments.running.cpu_time import CpuTimes
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
 from tests.agents.neural.quick import QUICK
 
 AIM = {"type": "camera_aim", "camera": "left", "degrees": 20}

@@ -9,7 +9,7 @@ from experiments.config.suite import Suite
 from experiments.running import checkpoints, worker
 from experiments.running.cpu_time import CpuTimes
 from experiments.running.lifetime import LifetimeRecorder
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
 from tests.agents.neural.quick import QUICK
 
 AGENTS = [

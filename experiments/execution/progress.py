@@ -1,24 +1,26 @@
-"""Showing how far the runs are: a bar on a terminal, plain lines elsewhere."""
+"""How far the runs are, and how long they still take: a bar on a terminal, plain lines elsewhere."""
 
 import os
 import re
 import sys
+import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from experiments.execution.progress.time_left import in_words
 from experiments.running.results_folder import LOG
 
 _DONE = re.compile(r"^(?:motions|trials) (\d+)/", re.MULTILINE)
 _TAIL = 10_000
 """Bytes at the end of a log in which a line of progress is looked for."""
+_SURE = 20.0
+"""Seconds of work, as kept times have it, from which on this machine's own pace counts more. Choice."""
 
 
 def made_in(folder: Path) -> int:
@@ -68,27 +70,6 @@ class Standing:
     def __str__(self) -> str:
         left = f", about {in_words(self.left)} left" if self.over < self.runs else ""
         return f"{self.over} of {self.runs}{left}"
-
-
-class Display(Protocol):
-    """Shows what the runner does."""
-
-    def __enter__(self) -> Self:
-        """Begins to show."""
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Stops showing."""
-
-    def say(self, text: str) -> None:
-        """Shows a line that stays."""
-
-    def show(self, now: Standing) -> None:
-        """Shows how far the suite is."""
 
 
 class Lines:
@@ -142,6 +123,78 @@ class Bar:
         self._live.update(Group(head, lines))
 
 
+Display = Lines | Bar
+"""Shows what the runner does."""
+
+
 def display() -> Display:
     """A bar where somebody can see it move, lines elsewhere."""
     return Bar(Console()) if sys.stdout.isatty() else Lines()
+
+
+class TimeLeft:
+    """Of runs that are made some at a time, the longest first.
+
+    Args:
+        expected: Seconds of each run where kept times were made, by its id, in the order in which they begin.
+        at_once: How many runs are made at a time; None where that shows by and by.
+        now: Tells the time in seconds.
+    """
+
+    def __init__(
+        self,
+        expected: dict[str, float],
+        at_once: int | None,
+        now: Callable[[], float] = time.monotonic,
+    ):
+        self._expected, self._at_once, self._now = expected, at_once, now
+        self._begun: dict[str, float] = {}
+        self._share: dict[str, float] = {}
+        self._over: list[tuple[float, float]] = []
+
+    def begins(self, run: str) -> None:
+        """A run begins."""
+        self._begun[run] = self._now()
+
+    def has_made(self, run: str, share: float) -> None:
+        """A run that has begun has made this share of its work."""
+        self._share[run] = share
+
+    def ends(self, run: str, took: float | None) -> None:
+        """A run is over, after so many seconds; None where that tells nothing of others."""
+        expected = self._expected.pop(run)
+        self._begun.pop(run, None)
+        self._share.pop(run, None)
+        if took is not None:
+            self._over.append((expected, took))
+
+    def seconds(self) -> float:
+        """Until all runs are over."""
+        shares = {run: self._share.get(run, 0.0) for run in self._expected}
+        under_way = [
+            (shares[run] * self._expected[run], self._now() - self._begun[run]) for run in self._begun
+        ]
+        pace = _pace([*self._over, *((done, took) for done, took in under_way if done)])
+        left = [(1 - shares[run]) * seconds for run, seconds in self._expected.items()]
+        return pace * _one_after_the_other(left, self._at_once or max(len(self._begun), 1))
+
+
+def _pace(made: Iterable[tuple[float, float]]) -> float:
+    """How many times as long as expected work takes here, of expected seconds and those that it took."""
+    sums = [sum(column) for column in zip((_SURE, _SURE), *made, strict=True)]
+    return sums[1] / sums[0]
+
+
+def _one_after_the_other(seconds: Iterable[float], at_once: int) -> float:
+    """When the last of some runs is over, each of which begins as soon as there is a place."""
+    places = [0.0] * at_once
+    for each in seconds:
+        places[places.index(min(places))] += each
+    return max(places)
+
+
+def in_words(seconds: float) -> str:
+    """A rounded time, such as "4 min"."""
+    if seconds < 55:
+        return f"{max(10 * round(seconds / 10), 10)} s"
+    return f"{round(seconds / 60)} min" if seconds < 100 * 60 else f"{seconds / 3600:.1f} h"
