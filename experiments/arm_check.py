@@ -18,7 +18,7 @@ from calfree_gym.geometry import Array
 from calfree_gym.image import PIXELS_PER_UNIT, inside
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.workspace import Workspaces, in_view, least_in_view
-from experiments.config.arms import as_arm
+from experiments.config.environment import as_arm
 from experiments.errors import ConfigError
 from experiments.options import Parser
 from experiments.reporting.tables import Table, show

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
 from experiments.config.environment import EnvironmentConfig
-from experiments.config.evaluation import EvaluationConfig
+from experiments.config.life import EvaluationConfig
 from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
 from experiments.errors import ConfigError
 from experiments.running.finished import RESULTS, TIMES, read_about, read_times

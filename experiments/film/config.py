@@ -8,10 +8,10 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from calfree_gym.envs.rendering.scene_frame import LARGEST, SMALLEST
 from experiments.config.environment import EnvironmentConfig
+from experiments.config.life import check_reached
 from experiments.config.loading import load_as
 from experiments.config.model import Model
 from experiments.config.requirements import requirements
-from experiments.config.schedule import check_reached
 from experiments.config.suite import AgentConfig
 
 BAND = 6.5

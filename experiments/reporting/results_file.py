@@ -40,6 +40,7 @@ from experiments.running.results_folder import (
     DONE,
     FAILED,
     TIMINGS,
+    TRIALS,
     VERSIONS,
     commit_of,
     damaged,
@@ -51,7 +52,6 @@ from experiments.running.results_folder import (
     write_whole,
 )
 from experiments.running.run import LifetimeRun, Run, runs_of
-from experiments.running.trial_log import TRIALS
 
 SCHEMA = pa.schema(
     [

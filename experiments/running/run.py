@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
-from experiments.config.arms import digest
-from experiments.config.evaluation import EvaluationConfig
+from experiments.config.environment import digest
+from experiments.config.life import EvaluationConfig
 from experiments.config.suite import AgentConfig, Model, ScenarioConfig, Suite, SweepConfig
 
 _WORLD, _EVALUATION, _AGENT = range(3)

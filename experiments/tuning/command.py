@@ -13,11 +13,9 @@ from experiments.options import Parser, add_config, whole
 from experiments.reporting.tables import show
 from experiments.running.results_folder import locked, made_folder, write_whole
 from experiments.running.versions import REPOSITORY, commit, versions
-from experiments.tuning.config import TuningConfig
-from experiments.tuning.loading import load_tuning
-from experiments.tuning.processes import LostError, Processes
+from experiments.tuning.config import TuningConfig, load_tuning
 from experiments.tuning.results import SETTINGS, settings_file, write_agent, write_tables
-from experiments.tuning.tuner import DefaultsFailError, Tuner
+from experiments.tuning.tuner import DefaultsFailError, LostError, Processes, Tuner
 
 STUDIES = "studies"
 _MAKES_A_TRY = tuple(f"experiments/tuning/{name}.py" for name in ("objective", "study", "tuner", "worker"))

@@ -10,9 +10,8 @@ import pytest
 
 from experiments.config.suite import Suite
 from experiments.running.process import end_idle_workers, lent_worker
-from experiments.running.results_folder import DONE, RUN, write_whole
+from experiments.running.results_folder import DONE, RUN, TRIALS, write_whole
 from experiments.running.run import runs_of
-from experiments.running.trial_log import TRIALS
 
 MADE_OF = {"code": "this"}
 
