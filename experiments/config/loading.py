@@ -106,14 +106,9 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
 def load_as(
     model: type[Config], path: Path, overrides: Sequence[str], wrong_in: Callable[[Config], dict[str, str]]
 ) -> Config:
-    """Reads a configuration of some kind.
+    """Reads a configuration of some kind, and then asks `wrong_in` what is wrong where, by paths of keys.
 
-    Args:
-        model: The kind.
-        path: A YAML file. The `settings` of `agent`, and in a list of `agents`, may name YAML files, relative
-            to this one.
-        overrides: Values to put in place of those in the file, such as "worlds=2".
-        wrong_in: What is wrong in a configuration whose keys and values are allowed, by the path of the key.
+    The `settings` of `agent`, and in a list of `agents`, may name YAML files, relative to this one.
 
     Raises:
         ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
@@ -142,11 +137,7 @@ def _check_kind(model: type[BaseModel], path: Path) -> None:
 
 
 def read_mapping(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """The plain values in a YAML file, over those of the file that it extends.
-
-    Args:
-        path: The file.
-        above: Files that are read already, each of which extends the next one and the last of which this one.
+    """The plain values in a YAML file, over those of the file that it extends; `above` extend this one.
 
     Raises:
         ConfigError: A file cannot be read, holds no mapping, or extends itself in the end.

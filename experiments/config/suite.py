@@ -291,9 +291,9 @@ class Suite(Model):
                     raise ValueError(f"{where}: {trials.scenario}, {trials.agent}: {error}") from None
         return value
 
-    def worlds_of(self, agent: AgentConfig) -> int:
-        """How many worlds an agent meets."""
-        return agent.worlds or self.worlds
+    def worlds_of(self, label: str) -> int:
+        """How many worlds an agent meets: the first ones of the suite's."""
+        return next(agent.worlds for agent in self.agents if agent.label == label) or self.worlds
 
     @property
     def parts(self) -> tuple[ScenarioConfig | SweepConfig, ...]:
@@ -352,11 +352,6 @@ def _check_lives(
     agents: Sequence[AgentConfig], scenarios: Sequence[ScenarioConfig], evaluation: EvaluationConfig | None
 ) -> None:
     """Raises where a life of its own leads an agent nowhere, or a checkpoint is after all lives.
-
-    Args:
-        agents: All of a suite.
-        scenarios: All of it.
-        evaluation: Where a scenario has none of its own.
 
     Raises:
         ValueError: Names the agent or the checkpoint.

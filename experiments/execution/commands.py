@@ -67,7 +67,6 @@ def _run(options: argparse.Namespace) -> int:
     suite = load(options.config, options.set)
     from experiments.execution.progress import display
     from experiments.execution.runner import Runner
-    from experiments.reporting.report import report
 
     machines = machines_of(options)
     with display() as shown:
@@ -81,6 +80,8 @@ def _run(options: argparse.Namespace) -> int:
             at_once=None if options.cluster else options.jobs,
         )
         failed = runner.run(command_of(options))
+    from experiments.reporting.report import report
+
     print(f"report: {report(options.out, options.out)}")
     if failed:
         print(f"{len(failed)} runs FAILED or did not finish: {', '.join(failed)}", file=sys.stderr)

@@ -139,9 +139,6 @@ def clear(out: Path) -> None:
 def make(pending: str) -> int:
     """Lets a worker of this machine make a pending run.
 
-    Args:
-        pending: Its folder.
-
     Returns:
         An exit code, see `Machines.ended`.
 

@@ -1,7 +1,9 @@
 """Carrying out a suite: finished runs skipped, lost ones made again, one crash fails one run."""
 
 import time
+from collections import Counter
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 from experiments.config.suite import Suite
@@ -43,6 +45,7 @@ SEEN_WITHIN = 60.0
 """Seconds in which one machine sees what another has moved; NFS may remember as long what a folder held."""
 
 
+@dataclass
 class Runner:
     """Carries out the runs of one suite into one folder.
 
@@ -56,26 +59,17 @@ class Runner:
         at_once: How many runs the machines make at a time, where that is known.
     """
 
-    def __init__(
-        self,
-        suite: Suite,
-        out: Path,
-        machines: Machines,
-        display: Display,
-        *,
-        retries: int = 0,
-        fail_fast: bool = False,
-        at_once: int | None = None,
-    ):
-        self._suite = suite
-        self._out = out
-        self._machines = machines
-        self._display = display
-        self._retries = retries
-        self._fail_fast = fail_fast
-        self._at_once = at_once
+    suite: Suite
+    out: Path
+    machines: Machines
+    display: Display
+    retries: int = 0
+    fail_fast: bool = False
+    at_once: int | None = None
+
+    def __post_init__(self) -> None:
         self._pending: dict[Path, Run] = {}
-        self._losses: dict[Path, int] = {}
+        self._losses: Counter[Path] = Counter()
         self._begun: set[Path] = set()
 
     def run(self, command: str) -> list[str]:
@@ -92,37 +86,37 @@ class Runner:
                 of another configuration are there, or the machines went away; what has finished stays.
             OSError: The folder cannot be written; what has finished stays.
         """
-        runs = runs_of(self._suite)
-        with locked(made_folder(self._out)), closing(self._machines):
+        runs = runs_of(self.suite)
+        with locked(made_folder(self.out)), closing(self.machines):
             here = versions()
-            refuse_foreign(self._out, self._suite, here)
-            unfinished = [run for run in runs if not is_done(folder_of(self._out, run.id))]
+            refuse_foreign(self.out, self.suite, here)
+            unfinished = [run for run in runs if not is_done(folder_of(self.out, run.id))]
             self._write_suite(command, bool(unfinished))
-            clear(self._out)
+            clear(self.out)
             kept = KeptTimes()
             unfinished.sort(key=kept.seconds, reverse=True)
-            self._left = TimeLeft({run.id: kept.seconds(run) for run in unfinished}, self._at_once)
+            self._left = TimeLeft({run.id: kept.seconds(run) for run in unfinished}, self.at_once)
             self._runs = len(runs)
             said = f"{len(runs)} runs, {len(runs) - len(unfinished)} of them finished already"
-            self._display.say(f"{said}; about {in_words(self._left.seconds())}" if unfinished else said)
+            self.display.say(f"{said}; about {in_words(self._left.seconds())}" if unfinished else said)
             try:
-                self._pending = {write_pending(self._out, run, here): run for run in unfinished}
-                self._machines.start(list(self._pending))
+                self._pending = {write_pending(self.out, run, here): run for run in unfinished}
+                self.machines.start(list(self._pending))
                 while self._pending:
-                    for pending, exit_code in self._machines.ended(_LOOK_EVERY):
+                    for pending, exit_code in self.machines.ended(_LOOK_EVERY):
                         self._over(pending, exit_code)
                     self._show()
-                clear(self._out)
+                clear(self.out)
             finally:
                 self._stop()
-        return [run.id for run in runs if not is_done(folder_of(self._out, run.id))]
+        return [run.id for run in runs if not is_done(folder_of(self.out, run.id))]
 
     def _write_suite(self, command: str, changes: bool) -> None:
         """Writes down what is run; what is finished keeps the commit that made it."""
-        made_by = commit_of(self._out)
+        made_by = commit_of(self.out)
         by = commit() if changes or is_of_no_commit(made_by) else made_by
-        about = {"suite": self._suite.model_dump(mode="json"), "command": command, "commit": by}
-        write_json(self._out / SUITE, about)
+        about = {"suite": self.suite.model_dump(mode="json"), "command": command, "commit": by}
+        write_json(self.out / SUITE, about)
 
     def _over(self, pending: Path, exit_code: int) -> None:
         """A worker has ended: its run is finished, is to be made again, or has failed."""
@@ -134,14 +128,14 @@ class Runner:
             self._end(pending, _seconds(target_of(pending)))
             return
         if exit_code < 0:
-            self._losses[pending] = self._losses.get(pending, 0) + 1
-            if self._losses[pending] <= self._retries:
-                again = f"made again ({self._losses[pending]} of {self._retries} times)"
-                self._display.say(f"{pending.name}: its worker was lost (exit code {exit_code}); {again}")
-                self._machines.start([pending])
+            self._losses[pending] += 1
+            if self._losses[pending] <= self.retries:
+                again = f"made again ({self._losses[pending]} of {self.retries} times)"
+                self.display.say(f"{pending.name}: its worker was lost (exit code {exit_code}); {again}")
+                self.machines.start([pending])
                 return
         self._fail(pending, exit_code)
-        if self._fail_fast:
+        if self.fail_fast:
             self._stop()
 
     def _fail(self, pending: Path, exit_code: int) -> None:
@@ -156,7 +150,7 @@ class Runner:
         discard(pending)
         tail = "\n".join(f"    {line}" for line in lines)
         said = f"FAILED, exit code {exit_code}:\n{tail}\n    ({target_of(pending) / LOG})"
-        self._display.say(f"{pending.name}: {said}")
+        self.display.say(f"{pending.name}: {said}")
         self._end(pending)
 
     def _stop(self) -> None:
@@ -181,7 +175,7 @@ class Runner:
                 self._left.has_made(run.id, made / amount)
                 at_work.append(AtWork(_in_words(run), made, amount, unit))
         over = self._runs - len(self._pending)
-        self._display.show(Standing(over, self._runs, self._left.seconds(), tuple(at_work)))
+        self.display.show(Standing(over, self._runs, self._left.seconds(), tuple(at_work)))
 
     def _wait_for(self, folder: Path) -> None:
         """Waits until this machine sees, too, what a worker on another one has moved there."""

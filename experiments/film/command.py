@@ -29,11 +29,7 @@ UNSURE_PX = 40.0
 
 
 class Predictions:
-    """Asks an agent what it predicts, and changes nothing in it.
-
-    Args:
-        agent: Its findings in the present trial are kept at hand as it makes them.
-    """
+    """Asks an agent what it predicts, and changes nothing in it."""
 
     def __init__(self, agent: Any) -> None:
         self._findings: Any = None
@@ -78,10 +74,6 @@ def _film(options: argparse.Namespace) -> int:
 
 def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
     """Films an agent.
-
-    Args:
-        config: Whom, and where.
-        out: Folder for film.mp4, film.gif and film.png.
 
     Returns:
         The files, and what all trials came to.

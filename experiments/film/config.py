@@ -108,10 +108,6 @@ class FilmConfig(Model):
 def load_film(path: Path, overrides: Sequence[str] = ()) -> FilmConfig:
     """Reads and validates what is to be filmed; environment and agent are built once.
 
-    Args:
-        path: A YAML file. The agent's `settings` may name another, relative to this one.
-        overrides: Values to put in place of those in the file, such as "trials=2".
-
     Raises:
         ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -12,7 +12,8 @@ import numpy as np
 from calfree_gym.envs.arms.base import LOOK_SECONDS
 from calfree_gym.geometry import Array
 from calfree_gym.robot.inserting.peg import RADIUS
-from experiments.film.pictures import NO_ALARM, Alarm, Image, Marks, Moment, Trial, Words, moment
+from experiments.film.files import FilmFiles
+from experiments.film.pictures import NO_ALARM, Alarm, Image, Marks, Screen, Trial, Words, moment
 
 MM = 1000.0
 _WORDS = {
@@ -131,11 +132,7 @@ def _measured(info: Mapping[str, Any]) -> list[str]:
 
 
 def announcement(perturbation: Mapping[str, Any]) -> str:
-    """A perturbation in words; of a type without words of its own, the name and all settings.
-
-    Args:
-        perturbation: As its `to_dict` gives it, with all that it drew.
-    """
+    """A perturbation in words; of a type without words of its own, the name and all settings."""
     words = _WORDS.get(perturbation["type"])
     if words is not None:
         given = dict(perturbation)
@@ -179,23 +176,6 @@ PACE = Pace()
 """Choice: so that a film of ten motions takes about ten seconds."""
 
 
-class Draws(Protocol):
-    """Draws pictures, see `drawing.Screen`."""
-
-    def draw(self, configuration: Array | None, marks: Marks | None, alarm: Alarm = ...) -> Image:
-        """A picture."""
-
-
-class Takes(Protocol):
-    """Takes pictures, see `files.FilmFiles`."""
-
-    def add(self, picture: Image, times: int) -> None:
-        """Shows a picture for so many frames."""
-
-    def keep(self, moment: Moment) -> None:
-        """Keeps a moment for a strip."""
-
-
 STILL = 1e-4
 """Joints that move less (rad or m) stand still in the film (a guard)."""
 
@@ -221,9 +201,9 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def __init__(
         self,
         env: gymnasium.Env[Any, Any],
-        screen: Draws,
+        screen: Screen,
         write: Callable[[Image, Words], Image],
-        film: Takes,
+        film: FilmFiles,
         frames_per_second: int,
         agent: str,
         first_trial: int = 1,

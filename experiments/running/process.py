@@ -21,9 +21,6 @@ class Worker:
     """A process that has imported what a run needs, and makes each run in a copy of itself, one at a time.
 
     It ends, and the copy with it, when the process that started it ends.
-
-    Args:
-        versions: What it is made of.
     """
 
     def __init__(self, versions: Mapping[str, str]):

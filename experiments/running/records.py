@@ -5,8 +5,7 @@ import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from tensorboard.compat.proto.event_pb2 import Event
@@ -22,19 +21,6 @@ class TrialLog:
 
     def __init__(self, folder: Path):
         self._file = (folder / TRIALS).open("w", encoding="utf-8")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        self._file.close()
 
     def write(
         self,
@@ -63,13 +49,15 @@ class TrialLog:
         self._file.write(json.dumps(row) + "\n")
         self._file.flush()
 
+    def close(self) -> None:
+        """Waits until all is on the disk."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
+
 
 class Curves:
-    """The curves of one run, over its lifetime motions; `tensorboard --logdir OUT/runs` shows them.
-
-    Args:
-        folder: The run's.
-    """
+    """The curves of one run, over its lifetime motions; `tensorboard --logdir OUT/runs` shows them."""
 
     TOGETHER = 10
     """So many trials of the agent's own are one point: an event takes longer than an object to draw."""

@@ -75,10 +75,6 @@ def write_json(path: Path, value: Any) -> None:
 def read_json(path: Path, *keys: str) -> dict[str, Any]:
     """Reads a mapping that `write_json` wrote.
 
-    Args:
-        path: The file.
-        keys: It must have.
-
     Raises:
         ConfigError: The file is damaged.
     """

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,16 +33,11 @@ _PROGRESS_EVERY = 2.0
 def run_lifetime(run: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[str, Any], int]:
     """Makes one agent's lifetime in its scenario, and logs every trial into `folder`.
 
-    Args:
-        run: The run.
-        folder: Of the run.
-        times: Counts CPU seconds.
-
     Returns:
         What the run says about itself: the agent's privileged observations, what it is built on, and how
         its world was perturbed. And the motions from which it learned.
     """
-    with TrialLog(folder) as log, closing(Curves(folder)) as curves:
+    with closing(TrialLog(folder)) as log, closing(Curves(folder)) as curves:
 
         def log_trial(record: TrialRecord) -> None:
             log.write("train", recorder.motions, recorder.since_perturbation, record)
@@ -88,6 +84,7 @@ def _recorder(
     return LifetimeRecorder(env, run.world_seed, on_trial)
 
 
+@dataclass
 class Checkpoints(Onlooker):
     """Evaluates an agent on schedule, and right before and after a perturbation, without learning in between.
 
@@ -104,21 +101,19 @@ class Checkpoints(Onlooker):
         times: Counts CPU seconds.
     """
 
-    def __init__(
-        self,
-        run: LifetimeRun,
-        agent: Any,
-        rows: int,
-        recorder: Recorder,
-        log: TrialLog,
-        curves: Curves,
-        times: CpuTimes,
-    ):
+    run: LifetimeRun
+    agent: Any
+    rows: int
+    recorder: Recorder
+    log: TrialLog
+    curves: Curves
+    times: CpuTimes
+
+    def __post_init__(self) -> None:
+        run = self.run
         assert run.evaluation is not None
         self._evaluation = run.evaluation
-        self._run, self._agent, self._rows, self._recorder = run, agent, rows, recorder
-        self._log, self._curves, self._times = log, curves, times
-        self._env = run.scenario.env.make(tell=agent.privileged)
+        self._env = run.scenario.env.make(tell=self.agent.privileged)
         self._once = {
             (event.clock, event.at)
             for event in parse_schedule(list(run.scenario.perturbations))
@@ -131,7 +126,7 @@ class Checkpoints(Onlooker):
 
     def before_motion(self) -> None:
         """Evaluates where a scheduled checkpoint is reached."""
-        if self._recorder.motions in self._scheduled:
+        if self.recorder.motions in self._scheduled:
             self._again = False
             self._evaluate()
 
@@ -142,7 +137,7 @@ class Checkpoints(Onlooker):
 
     def after_change(self) -> None:
         """Evaluates in the changed world; from a change that comes once, checkpoints are counted anew."""
-        motions, trial, _ = self._recorder.perturbations[-1]
+        motions, trial, _ = self.recorder.perturbations[-1]
         once = not self._once.isdisjoint({("motion", motions), ("trial", trial)})
         if once and self._evaluation.begins_anew:
             self._schedule()
@@ -156,13 +151,13 @@ class Checkpoints(Onlooker):
 
     def _schedule(self) -> None:
         """Adds the checkpoints that are counted from now on."""
-        now = self._recorder.motions
-        left = self._run.scenario.most_motions - now
-        self._scheduled |= {now + offset for offset in self._evaluation.offsets(left, self._rows)}
+        now = self.recorder.motions
+        left = self.run.scenario.most_motions - now
+        self._scheduled |= {now + offset for offset in self._evaluation.offsets(left, self.rows)}
 
     def _evaluate(self) -> None:
         """Makes the held-out trials, unless that has been done in this moment and world."""
-        recorder = self._recorder
+        recorder = self.recorder
         self._scheduled.discard(recorder.motions)
         if self._last == (now := (recorder.motions, len(recorder.perturbations))):
             return
@@ -170,14 +165,14 @@ class Checkpoints(Onlooker):
         held_out: Any = self._env.unwrapped
         held_out.set_world(recorder.world)
         trials = self._evaluation.trials
-        with self._times.of("evaluation"):
-            timed = TimedPredictor(self._agent, self._times)
-            records = evaluate(timed, self._env, trials, self._run.evaluation_seed)
+        with self.times.of("evaluation"):
+            timed = TimedPredictor(self.agent, self.times)
+            records = evaluate(timed, self._env, trials, self.run.evaluation_seed)
         for record in records:
-            self._log.write("eval", recorder.motions, recorder.since_perturbation, record)
-        self._curves.write("eval", recorder.motions, records)
+            self.log.write("eval", recorder.motions, recorder.since_perturbation, record)
+        self.curves.write("eval", recorder.motions, records)
         reached = sum(record.rendezvous for record in records)
-        print_progress(self._run, recorder, f": {reached} of {trials} held-out trials reached")
+        print_progress(self.run, recorder, f": {reached} of {trials} held-out trials reached")
 
 
 def print_progress(run: LifetimeRun, recorder: Recorder, more: str = "") -> None:
@@ -192,18 +187,13 @@ def run_sweep(run: SweepRun, folder: Path, times: CpuTimes) -> dict[str, Any]:
     At every value the agent is made afresh, and learns nothing. A trial is in view where its first
     observation shows all points to both cameras, whatever the agent then does.
 
-    Args:
-        run: The sweep.
-        folder: Of the run.
-        times: Counts CPU seconds.
-
     Returns:
         What the run says about itself: the agent's privileged observations, and what it is built on.
     """
     config = run.sweep
     privileged, settings, _, known = requirements(run.agent, config.env)
     trials, of = run.work
-    with TrialLog(folder) as log:
+    with closing(TrialLog(folder)) as log:
         for i, value in enumerate(config.over, start=1):
             env = config.env.make(config.perturbations(value), privileged)
             agent = agents.make(run.agent.name, env, seed=run.agent_seed, **settings)

@@ -209,10 +209,6 @@ class TuningConfig(Model):
 def load_tuning(path: Path, overrides: Sequence[str] = ()) -> TuningConfig:
     """Reads and validates a configuration.
 
-    Args:
-        path: A YAML file. The suites that stand beside it keep their worlds to themselves.
-        overrides: Values to put in place of those in the file, such as "tries=2".
-
     Raises:
         ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
     """

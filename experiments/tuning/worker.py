@@ -24,9 +24,6 @@ def motions_per_reach(run: LifetimeRun) -> float:
 
     A trial without a rendezvous counts as the cap. So it counts how much an agent knows in the end, how soon
     it knew it, and what a change of the world costs it.
-
-    Args:
-        run: The lifetime, made as in a suite.
     """
     with TemporaryDirectory() as folder:
         run_lifetime(run, Path(folder), CpuTimes())
