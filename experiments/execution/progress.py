@@ -95,22 +95,15 @@ class Lines:
             self.say(f"{now}")
 
 
-class Bar:
+class Bar(Live):
     """A bar for the suite, and below it a line for each run under way."""
 
     def __init__(self, console: Console):
-        self._live = Live(console=console, refresh_per_second=4, transient=True)
-
-    def __enter__(self) -> Self:
-        self._live.start()
-        return self
-
-    def __exit__(self, kind: object, error: object, traceback: object) -> None:
-        self._live.stop()
+        super().__init__(console=console, refresh_per_second=4, transient=True)
 
     def say(self, text: str) -> None:
         """Prints a line above the bar."""
-        self._live.console.print(text, markup=False, highlight=False)
+        self.console.print(text, markup=False, highlight=False)
 
     def show(self, now: Standing) -> None:
         """Moves the bar by whole runs and what is made of those under way."""
@@ -120,7 +113,7 @@ class Bar:
         lines = Table.grid(padding=(0, 2))
         for each in now.at_work:
             lines.add_row(f"  {each.what}", f"{each.made:,} of {each.amount:,} {each.unit}")
-        self._live.update(Group(head, lines))
+        self.update(Group(head, lines))
 
 
 Display = Lines | Bar

@@ -26,12 +26,12 @@ class Worker:
     def __init__(self, versions: Mapping[str, str]):
         self.versions = versions
         self._process = start_module("experiments.running.worker", errors=subprocess.STDOUT)
+        self._input, self._output = pipes_of(self._process)
 
     @property
     def is_alive(self) -> bool:
         """Whether it can make another run."""
-        assert self._process.stdin is not None
-        return self._process.poll() is None and not self._process.stdin.closed
+        return self._process.poll() is None and not self._input.closed
 
     def make(self, folder: Path, log: IO[str]) -> int:
         """Makes the run that `folder` describes, and writes what is printed, errors too.
@@ -39,12 +39,10 @@ class Worker:
         Returns:
             The exit code of the copy, or of the worker itself where that has ended.
         """
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
         with suppress(BrokenPipeError):
-            self._process.stdin.write(f"{folder.resolve()}\n")
-            self._process.stdin.flush()
-        for line in self._process.stdout:
+            self._input.write(f"{folder.resolve()}\n")
+            self._input.flush()
+        for line in self._output:
             printed, ended, exit_code = line.partition(ENDED)
             log.write(printed)
             log.flush()
@@ -54,10 +52,9 @@ class Worker:
 
     def kill(self) -> None:
         """Ends it; the copy ends as its input does."""
-        assert self._process.stdin is not None
         self._process.kill()
         with suppress(BrokenPipeError):
-            self._process.stdin.close()
+            self._input.close()
 
     def end(self) -> None:
         """Ends it, and waits until it has ended."""
@@ -98,6 +95,13 @@ def end_idle_workers() -> None:
     with suppress(IndexError):
         while True:
             _idle.pop().end()
+
+
+def pipes_of(process: subprocess.Popen[str]) -> tuple[IO[str], IO[str]]:
+    """Where it reads, and where it writes."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    return process.stdin, process.stdout
 
 
 def start_module(module: str, errors: int | IO[str]) -> subprocess.Popen[str]:

@@ -18,7 +18,6 @@ from experiments.tuning.results import SETTINGS, settings_file, write_agent, wri
 from experiments.tuning.tuner import DefaultsFailError, LostError, Processes, Tuner
 
 STUDIES = "studies"
-_MAKES_A_TRY = tuple(f"experiments/tuning/{name}.py" for name in ("objective", "study", "tuner", "worker"))
 
 
 def add_tune(parser: Parser) -> None:
@@ -61,7 +60,7 @@ def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bo
     made_folder(out / STUDIES)
     with locked(out):
         processes = Processes()
-        made_by = {**versions(_MAKES_A_TRY), "optuna": optuna.__version__}
+        made_by = {**versions(("experiments/tuning",)), "optuna": optuna.__version__}
         about = (made_by, commit())
         tuners = [Tuner(config, agent, out / STUDIES, processes, *about, _say) for agent in agents]
         pool = ThreadPoolExecutor(jobs)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from experiments.__main__ import main
-from experiments.running.results_folder import TIMINGS
+from experiments.running.results_folder import LOG, TIMINGS
 
 REPOSITORY = Path(__file__).parents[3]
 
@@ -64,11 +64,11 @@ def run(write_config, suite_data):
 
 
 def results(out):
-    """All files of the servo's runs, but of times: timings.json, and TensorBoard's, which hold moments."""
+    """All files of the servo's runs but those that tell of time."""
     return {
         str(path.relative_to(out)): path.read_bytes()
         for path in out.glob("runs/*servo*/*")
-        if path.name != TIMINGS and not path.name.startswith("events.")
+        if path.name not in (TIMINGS, LOG) and not path.name.startswith("events.")
     }
 
 
