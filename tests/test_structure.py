@@ -56,6 +56,7 @@ LAYERS = {
         "film",
         "arm_check",
         "benchmarks",
+        "benchmark",
         "__main__",
     ],
 }
