@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from experiments.config.arms import as_told
-from experiments.config.environment import EnvironmentConfig
+from experiments.config.environment import EnvironmentConfig, as_told
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.reporting.agents_in_words import in_words, lines_of
 from experiments.reporting.by_trial import COARSE, OwnTrials, edges_of, span

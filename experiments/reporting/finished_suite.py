@@ -7,11 +7,10 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.config.arms import as_told
-from experiments.config.environment import EnvironmentConfig
+from experiments.config.environment import EnvironmentConfig, as_told
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.tables import counted, must_know
-from experiments.running.plan import Run
+from experiments.running.run import Run
 from experiments.statistics import ENOUGH_WORLDS
 
 SUCCESS, RENDEZVOUS, MOTIONS, SECONDS = "success", "rendezvous", "motions_per_reach", "robot_seconds"

@@ -17,9 +17,10 @@ from experiments.reporting.head import head_part, sentences, table_of
 from experiments.reporting.held_out import HeldOut, held_out
 from experiments.reporting.held_out_section import held_out_sections, learning_picture
 from experiments.reporting.pages import MARKDOWN, PAGE, Head, Section, html_page, markdown_page
-from experiments.reporting.results_file import TIMES, gather, read_finished
+from experiments.reporting.results_file import gather, read_finished
 from experiments.reporting.sweep import Swept, sweep_sections, swept
 from experiments.reporting.tables import NOTHING, Table, show
+from experiments.running.finished import TIMES
 from experiments.running.results_folder import LOG, folder_of, made_folder, write_whole
 
 SUMMARY, TABLES = "summary.csv", "tables.json"

@@ -5,13 +5,9 @@ import json
 import pandas as pd
 import pytest
 
-from experiments.__main__ import BENCHMARKS, main
+from experiments.__main__ import main
 from experiments.benchmarks import parts
 from experiments.reporting.tables import Table
-
-
-def test_the_command_line_knows_every_part():
-    assert {"speed", *parts.PARTS} == set(BENCHMARKS)
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import gymnasium as gym
 import pytest
 
-from experiments.film.captions import Status, caption, told
+from experiments.film.recorder import Status, caption, told
 
 
 def told_at(status):

@@ -11,7 +11,8 @@ from experiments.reporting import by_arm
 from experiments.reporting.by_arm import many_arms
 from experiments.reporting.by_trial import own_trials
 from experiments.reporting.kept_tables import tables_named
-from experiments.reporting.results_file import RESULTS, read_finished
+from experiments.reporting.results_file import read_finished
+from experiments.running.finished import RESULTS
 from tests.arms.own import MODELS
 
 TRIALS = 3

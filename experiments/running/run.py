@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
-from experiments.config.arms import digest
-from experiments.config.evaluation import EvaluationConfig
+from experiments.config.environment import digest
+from experiments.config.life import EvaluationConfig
 from experiments.config.suite import AgentConfig, Model, ScenarioConfig, Suite, SweepConfig
 
 _WORLD, _EVALUATION, _AGENT = range(3)
@@ -139,7 +139,7 @@ def _lifetimes(suite: Suite) -> list[LifetimeRun]:
         )
         for scenario in suite.scenarios
         for agent in suite.agents_in(scenario)
-        for world in range(suite.worlds_of(agent))
+        for world in range(suite.worlds_of(agent.label))
     ]
 
 
@@ -148,7 +148,7 @@ def _sweeps(suite: Suite) -> list[SweepRun]:
         SweepRun(
             agent=_alone(agent),
             sweep=sweep.model_copy(update={"agents": None}),
-            world_seeds=world_seeds(suite.seed, suite.worlds_of(agent)),
+            world_seeds=world_seeds(suite.seed, suite.worlds_of(agent.label)),
             agent_seed=_seed(suite.seed, _AGENT, 0),
         )
         for sweep in suite.sweeps
