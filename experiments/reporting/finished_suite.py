@@ -67,7 +67,10 @@ class FinishedSuite:
         return min(worlds_of(self.suite, agent.label) for agent in self.suite.agents_in(part))
 
 
-worlds_of = Suite.worlds_of
+def worlds_of(suite: Suite, label: str) -> int:
+    """In how many worlds an agent is: the first ones of the suite's."""
+    (agent,) = (agent for agent in suite.agents if agent.label == label)
+    return suite.worlds_of(agent)
 
 
 def with_cost(results: pd.DataFrame, scenario: ScenarioConfig | SweepConfig) -> pd.DataFrame:
