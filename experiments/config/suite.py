@@ -291,9 +291,9 @@ class Suite(Model):
                     raise ValueError(f"{where}: {trials.scenario}, {trials.agent}: {error}") from None
         return value
 
-    def worlds_of(self, label: str) -> int:
-        """How many worlds an agent meets: the first ones of the suite's."""
-        return next(agent.worlds for agent in self.agents if agent.label == label) or self.worlds
+    def worlds_of(self, agent: AgentConfig) -> int:
+        """How many worlds an agent meets."""
+        return agent.worlds or self.worlds
 
     @property
     def parts(self) -> tuple[ScenarioConfig | SweepConfig, ...]:

@@ -128,7 +128,7 @@ def _works_kept(results: Path) -> dict[str, Work]:
     for part in suite.parts:
         for agent in suite.agents_in(part):
             found[f"{part.name}-{agent.label}"] = (
-                _of_sweep(agent.name, part, suite.worlds_of(agent.label))
+                _of_sweep(agent.name, part, suite.worlds_of(agent))
                 if isinstance(part, SweepConfig)
                 else _of_life(agent.name, part.lived_by(agent), suite.evaluation_of(part))
             )

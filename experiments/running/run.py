@@ -139,7 +139,7 @@ def _lifetimes(suite: Suite) -> list[LifetimeRun]:
         )
         for scenario in suite.scenarios
         for agent in suite.agents_in(scenario)
-        for world in range(suite.worlds_of(agent.label))
+        for world in range(suite.worlds_of(agent))
     ]
 
 
@@ -148,7 +148,7 @@ def _sweeps(suite: Suite) -> list[SweepRun]:
         SweepRun(
             agent=_alone(agent),
             sweep=sweep.model_copy(update={"agents": None}),
-            world_seeds=world_seeds(suite.seed, suite.worlds_of(agent.label)),
+            world_seeds=world_seeds(suite.seed, suite.worlds_of(agent)),
             agent_seed=_seed(suite.seed, _AGENT, 0),
         )
         for sweep in suite.sweeps
