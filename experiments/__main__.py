@@ -12,31 +12,8 @@ from experiments.errors import ConfigError
 from experiments.execution.options import add_run_options, add_tune_options, command_of, executor_of
 from experiments.execution.part import WHOLE
 from experiments.running.plan import runs_of
+from experiments.studies import check_names, names
 
-BENCHMARKS = (
-    "speed",
-    "servo",
-    "controllers",
-    "models",
-    "robust",
-    "table",
-    "knowledge",
-    "changes",
-    "right_actions",
-    "sac",
-    "priors",
-    "sensitivity",
-    "coverage",
-    "arms",
-    "pictures",
-    "pixels",
-    "grasping",
-    "first_grasps",
-    "insert",
-    "orientations",
-    "safe_start",
-)
-"""As in `benchmarks.parts`, which is not loaded for other commands."""
 FILL_FOLDERS = ("run", "tune", "film", "merge", "report")
 """Commands whose --out is a folder."""
 
@@ -125,12 +102,11 @@ def _parser() -> argparse.ArgumentParser:
 def _add_benchmark(commands: Any) -> None:
     benchmark = commands.add_parser("benchmark", help="measure speed, and what the agents reach")
     benchmark.add_argument(
-        "parts",
+        "studies",
         nargs="*",
-        choices=BENCHMARKS,
-        default="speed",
-        metavar="PART",
-        help=f"of {', '.join(BENCHMARKS)} (default: speed)",
+        default=["speed"],
+        metavar="STUDY",
+        help=f"of {', '.join(names())} (default: speed)",
     )
     form = benchmark.add_mutually_exclusive_group()
     form.add_argument("--markdown", action="store_true", help="print Markdown tables on a terminal, too")
@@ -324,10 +300,11 @@ def _results_tables(options: argparse.Namespace) -> int:
 
 
 def _benchmark(options: argparse.Namespace) -> int:
-    from experiments.benchmarks.parts import dumped, measure
     from experiments.reporting.tables import Table, show
     from experiments.running.results_folder import made_folder, write_whole
+    from experiments.studies import dumped, measure
 
+    check_names(options.studies)
     if options.out:
         made_folder(options.out.parent)
 
@@ -335,8 +312,7 @@ def _benchmark(options: argparse.Namespace) -> int:
         if not options.json:
             show(tables, options.markdown)
 
-    parts = [options.parts] if isinstance(options.parts, str) else options.parts
-    found = dumped(measure(parts, options.peer, shown))
+    found = dumped(measure(options.studies, options.peer, shown))
     if options.json:
         print(found)
     if options.out:

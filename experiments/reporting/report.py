@@ -21,6 +21,7 @@ from experiments.reporting.pages.html import html_page
 from experiments.reporting.pages.markdown import markdown_page
 from experiments.reporting.pages.sentences import sentences
 from experiments.reporting.pages.style import save
+from experiments.reporting.required import required_section
 from experiments.reporting.results_file import TIMES, gather, read_finished
 from experiments.reporting.sweep.section import sweep_sections
 from experiments.reporting.tables import NOTHING, Table, show
@@ -98,6 +99,8 @@ def _comparison(finished: FinishedSuite) -> list[Section]:
     sections = []
     if finished.suite.claims:
         sections.append(claims_section(judge(finished.results, finished.suite)))
+    if finished.suite.required:
+        sections.append(required_section(finished.results, finished.suite))
     by_arm = many_arms(finished.suite.scenarios)
     sections += arms_sections(finished) if by_arm else []
     for scenario in finished.suite.scenarios:

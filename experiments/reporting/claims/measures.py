@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
-from experiments.config.claims import Criterion, TrialsOf
+from experiments.config.claims import EXTREMES, Number, TrialsOf
 from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.by_trial.estimates import seconds_per_reach
 from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost, worlds_of
@@ -20,6 +21,8 @@ from experiments.statistics import (
 
 FIRST_MOTION_PX, EXPECTED_PX = 4, 16
 """Columns of `motions_to_...`: where a first motion counts as a reach, and what an expectation is about."""
+NEAR_PX = 16
+"""The true error of a trial that ended near."""
 FEW_MOTIONS = 2
 """Held-out trials of so many motions are those that are asked to be kept. Choice: a remembered place and one
 correction."""
@@ -38,7 +41,7 @@ class Measured:
     worlds: int
 
 
-def measured(results: pd.DataFrame, suite: Suite, criterion: Criterion) -> Measured | None:
+def measured(results: pd.DataFrame, suite: Suite, criterion: Number) -> Measured | None:
     """What a criterion's number is; None where a run that it is about has not finished.
 
     It is the mean over worlds of shares and of their differences, and the median over worlds of motions and
@@ -53,6 +56,8 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Criterion) -> Measu
     chosen = [_chosen(*each) for each in zip(rows, criterion.trials(), strict=True)]
     if criterion.measure == "kept":
         return _estimate(_kept(*chosen), criterion)
+    if criterion.measure == "most_motions":
+        return _most(chosen[0])
     values = [_by_world(trials, part, criterion) for trials in chosen]
     if criterion.than is None:
         return _estimate(values[0], criterion)
@@ -67,9 +72,9 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Criterion) -> Measu
     return Measured(paired_motions(mine, others), len(both))
 
 
-def is_share(criterion: Criterion) -> bool:
+def is_share(criterion: Number) -> bool:
     """Whether its number is a share of trials, or a difference of such."""
-    return criterion.measure not in ("motions", "seconds")
+    return criterion.measure not in ("motions", "seconds", *EXTREMES)
 
 
 def _part(suite: Suite, trials: TrialsOf) -> ScenarioConfig | SweepConfig:
@@ -97,7 +102,7 @@ def _chosen(rows: pd.DataFrame, trials: TrialsOf) -> pd.DataFrame:
 
 
 def _by_world(
-    trials: pd.DataFrame, part: ScenarioConfig | SweepConfig, criterion: Criterion
+    trials: pd.DataFrame, part: ScenarioConfig | SweepConfig, criterion: Number
 ) -> "pd.Series[float]":
     """The measure's mean over each world's trials."""
     values = _values(trials, part, criterion)
@@ -105,14 +110,16 @@ def _by_world(
 
 
 def _values(
-    trials: pd.DataFrame, part: ScenarioConfig | SweepConfig, criterion: Criterion
+    trials: pd.DataFrame, part: ScenarioConfig | SweepConfig, criterion: Number
 ) -> "pd.Series[float]":
     """The measure in each trial; NaN where it has none."""
     if criterion.look is not None:
         return seconds_per_reach(trials, part.env.max_episode_steps, criterion.look)
-    columns = {"success": SUCCESS, "rendezvous": RENDEZVOUS, "motions": MOTIONS}
+    columns = {"success": SUCCESS, "rendezvous": RENDEZVOUS, "motions": MOTIONS, "worst_world": MOTIONS}
     if criterion.measure in columns:
         return trials[columns[criterion.measure]].astype(float)
+    if criterion.measure == "near":
+        return (trials["error_px"] <= NEAR_PX).astype(float)
     if criterion.measure == "first_motion":
         return (trials[f"motions_to_{FIRST_MOTION_PX}"] == 1).astype(float)
     expected, came = trials["expected_px"] <= EXPECTED_PX, trials[f"motions_to_{EXPECTED_PX}"] == 1
@@ -129,8 +136,18 @@ def _kept(now: pd.DataFrame, then: pd.DataFrame) -> "pd.Series[float]":
     return both.loc[both["then"], "now"].groupby("world").mean().astype(float)
 
 
-def _estimate(values: "pd.Series[float]", criterion: Criterion) -> Measured | None:
+def _most(trials: pd.DataFrame) -> Measured | None:
+    """Motions that 95 % of the trials need no more of."""
+    if trials.empty:
+        return None
+    most = np.quantile(trials[MOTIONS], 0.95, method="averaged_inverted_cdf")
+    return Measured(Estimate(float(most)), trials["world"].nunique())
+
+
+def _estimate(values: "pd.Series[float]", criterion: Number) -> Measured | None:
     if values.empty:
         return None
     found = values.to_numpy()
+    if criterion.measure == "worst_world":
+        return Measured(Estimate(float(found.max())), len(found))
     return Measured(mean_share(found) if is_share(criterion) else median_world(found), len(found))

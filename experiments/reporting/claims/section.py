@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from experiments.config.claims import Criterion, TrialsOf
+from experiments.config.claims import Criterion, Number, TrialsOf
 from experiments.reporting.claims.measures import (
     EXPECTED_PX,
     FEW_MOTIONS,
     FIRST_MOTION_PX,
+    NEAR_PX,
     Measured,
     is_share,
 )
@@ -19,8 +20,11 @@ from experiments.reporting.tables import Table, number, percent
 
 _MEASURES = {
     "success": "success",
+    "near": f"true error within {NEAR_PX} px",
     "rendezvous": "rendezvous",
     "motions": "motions per reach",
+    "most_motions": "motions per reach of 95 % of trials",
+    "worst_world": "motions per reach in the worst world",
     "seconds": "robot seconds a reach",
     "first_motion": f"first motion within {FIRST_MOTION_PX} px",
     "as_expected": f"where it tells what it expects, it is right about its first motion's {EXPECTED_PX} px",
@@ -82,7 +86,7 @@ def verdict_table(judged: Sequence[Judged]) -> Table:
     return Table("verdicts", "Verdicts", pd.DataFrame(rows, columns=columns))
 
 
-def described(criterion: Criterion) -> str:
+def described(criterion: Number) -> str:
     """What a criterion measures, in words."""
     look = f", {criterion.look:g} s a look" if criterion.look else ""
     words = f"{_in_words(criterion.of)}: {_MEASURES[criterion.measure]}{look}"
@@ -95,7 +99,7 @@ def described(criterion: Criterion) -> str:
     return f"{words}, {'change' if criterion.relative else 'difference'} from {other}"
 
 
-def number_of(criterion: Criterion, found: Measured | None) -> str:
+def number_of(criterion: Number, found: Measured | None) -> str:
     """A criterion's number with its interval, as its measure is written."""
     if found is None:
         return "unfinished, or no such trials"
