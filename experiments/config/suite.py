@@ -198,7 +198,7 @@ class Suite(Model):
     name: Name
     question: str
     seed: int = Field(0, ge=0)
-    first_world: int | None = Field(None, ge=0)
+    first_world: int | None = Field(default=None, ge=0)
     worlds: int = Field(gt=0)
     scenarios: tuple[ScenarioConfig, ...] = Field((), strict=False)
     sweeps: tuple[SweepConfig, ...] = Field((), strict=False, validate_default=True)
@@ -207,7 +207,7 @@ class Suite(Model):
     )
     agents: tuple[AgentConfig, ...] = Field(min_length=1, strict=False)
     claims: tuple[Claim, ...] = Field((), strict=False, validate_default=True)
-    required: tuple[Requirement, ...] = Field((), strict=False, validate_default=True)
+    required: tuple[Requirement, ...] = Field(default=(), strict=False, validate_default=True)
 
     @model_serializer(mode="wrap")
     def _without_what_came_later(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
