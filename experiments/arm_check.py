@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,10 @@ from calfree_gym.geometry import Array
 from calfree_gym.image import PIXELS_PER_UNIT, inside
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.workspace import Workspaces, in_view, least_in_view
-from experiments.reporting.tables import Table
+from experiments.config.environment import as_arm
+from experiments.errors import ConfigError
+from experiments.options import Parser
+from experiments.reporting.tables import Table, show
 
 WILD_WORLDS = 100
 MOTIONS = 100
@@ -202,3 +207,56 @@ def _listed(amounts: Array, units: Any) -> str:
     return ", ".join(
         dict.fromkeys(f"{amount:.1f} {unit}" for amount, unit in zip(amounts, units, strict=True))
     )
+
+
+def add_check_arm(parser: Parser) -> None:
+    """`python -m experiments check-arm`."""
+    parser.add_argument("model", metavar="FILE", help="MJCF or URDF file")
+    parser.add_argument("--gripper", required=True, metavar="NAME", help="site or body")
+    parser.add_argument("--motors", nargs="+", metavar="JOINT", help="default: all from base to gripper")
+    home = parser.add_mutually_exclusive_group()
+    home.add_argument("--home", metavar="KEY", help="keyframe (default: derived)")
+    home.add_argument(
+        "--home-degrees", nargs="+", type=_joint_at, metavar="JOINT=DEGREES", help="hinges at home"
+    )
+    parser.add_argument("--base", metavar="BODY", help="where the chain starts (default: below the world)")
+    parser.add_argument(
+        "--camera-mount",
+        nargs="+",
+        default=["waist"],
+        metavar="MOUNT",
+        help="waist, stand or a body; two of these for left and right (default: waist)",
+    )
+    parser.add_argument("--out", type=Path, metavar="PICTURE", help="image file, such as arm.png")
+    parser.set_defaults(does=_check_arm)
+
+
+def _joint_at(text: str) -> tuple[str, float]:
+    joint, _, degrees = text.rpartition("=")
+    if not joint:
+        raise argparse.ArgumentTypeError(f"found {text!r}; allowed: such as elbow=-30")
+    try:
+        return joint, float(degrees)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"found {text!r}: {degrees!r} is no number of degrees") from None
+
+
+def _check_arm(options: argparse.Namespace) -> int:
+    given = {name: getattr(options, name) for name in ("model", "gripper", "motors", "home", "base")}
+    mount = options.camera_mount
+    try:
+        if options.out:
+            ArmCheck.check_picture(options.out)
+        if options.home_degrees:
+            given["home_degrees"] = dict(options.home_degrees)
+        check = ArmCheck(as_arm(given), mount[0] if len(mount) == 1 else tuple(mount))
+    except ValueError as error:
+        raise ConfigError(f"{error}") from None
+    for table in check.tables():
+        show([table])
+    if options.out:
+        check.picture(options.out)
+        print(f"picture: {options.out}")
+    for problem in check.problems:
+        print(f"problem: {problem}", file=sys.stderr)
+    return 1 if check.problems else 0

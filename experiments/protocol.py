@@ -15,8 +15,7 @@ from calfree_gym.perturbations import CameraAim
 from experiments.config.environment import EnvironmentConfig
 from experiments.evaluation import Predictor, evaluate
 from experiments.reporting.tables import Table
-from experiments.running.lifetime import LifetimeRecorder
-from experiments.running.rows import RowsRecorder
+from experiments.running.lifetime import LifetimeRecorder, RowsRecorder
 from experiments.statistics import Array
 
 NAME = "CalFree-Reach protocol 1"

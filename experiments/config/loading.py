@@ -1,6 +1,6 @@
 """Reading a YAML file into frozen models, with errors that say where, what and what else."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
@@ -10,12 +10,52 @@ from pydantic import BaseModel, ValidationError
 from calfree_gym.errors import near_misses
 from calfree_gym.errors.yaml_values import UnclearNumberError, read
 from experiments.config.environment import EnvironmentConfig
-from experiments.config.overrides import with_overrides
-from experiments.config.requirements import requirements
-from experiments.config.schedule import with_shares_as_motions
+from experiments.config.life import with_shares_as_motions
+from experiments.config.requirements import requirements, unfit_life
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
-from experiments.config.whole_moves import unfit_life
 from experiments.errors import ConfigError
+
+
+def with_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
+    """A configuration's plain values with some of them replaced.
+
+    Args:
+        data: As read from YAML.
+        overrides: Such as "worlds=2" or "scenarios.0.motions=200": the path as errors spell it, and a value
+            as it would stand in YAML.
+
+    Raises:
+        ConfigError: An override is no key=value, its value no YAML, or its path leads nowhere.
+    """
+    for override in overrides:
+        path, equals, text = override.partition("=")
+        if not equals or not path:
+            raise ConfigError(f"--set {override}: found no key=value; allowed: such as worlds=2")
+        try:
+            value = read(text)
+        except UnclearNumberError as error:
+            raise ConfigError(f"--set {override}: {error}") from None
+        except (yaml.YAMLError, ValueError) as error:
+            raise ConfigError(f"--set {override}: the value is not valid YAML: {error}") from None
+        data = _replaced(data, path.split("."), value, override)
+    return data
+
+
+def _replaced(data: Any, path: list[str], value: Any, override: str) -> Any:
+    if not path:
+        return value
+    key, *rest = path
+    if isinstance(data, list):
+        if not key.isdecimal() or int(key) >= len(data):
+            raise ConfigError(f"--set {override}: found {key!r}; allowed: 0 to {len(data) - 1}")
+        items = list(data)
+        items[int(key)] = _replaced(items[int(key)], rest, value, override)
+        return items
+    if data is None or isinstance(data, dict):
+        values = data or {}
+        return {**values, key: _replaced(values.get(key), rest, value, override)}
+    raise ConfigError(f"--set {override}: {key!r} leads into {data!r}, which has no keys")
+
 
 Config = TypeVar("Config", bound=BaseModel)
 
@@ -66,14 +106,9 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Suite:
 def load_as(
     model: type[Config], path: Path, overrides: Sequence[str], wrong_in: Callable[[Config], dict[str, str]]
 ) -> Config:
-    """Reads a configuration of some kind.
+    """Reads a configuration of some kind, and then asks `wrong_in` what is wrong where, by paths of keys.
 
-    Args:
-        model: The kind.
-        path: A YAML file. The `settings` of `agent`, and in a list of `agents`, may name YAML files, relative
-            to this one.
-        overrides: Values to put in place of those in the file, such as "worlds=2".
-        wrong_in: What is wrong in a configuration whose keys and values are allowed, by the path of the key.
+    The `settings` of `agent`, and in a list of `agents`, may name YAML files, relative to this one.
 
     Raises:
         ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.
@@ -102,11 +137,7 @@ def _check_kind(model: type[BaseModel], path: Path) -> None:
 
 
 def read_mapping(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """The plain values in a YAML file, over those of the file that it extends.
-
-    Args:
-        path: The file.
-        above: Files that are read already, each of which extends the next one and the last of which this one.
+    """The plain values in a YAML file, over those of the file that it extends; `above` extend this one.
 
     Raises:
         ConfigError: A file cannot be read, holds no mapping, or extends itself in the end.

@@ -36,12 +36,7 @@ def one_of(found: str, allowed: tuple[str, ...]) -> str:
 
 
 def distinct(values: list[str], key: str) -> None:
-    """Raises ValueError where a value stands twice.
-
-    Args:
-        values: Of one key in the items of a list.
-        key: For the message.
-    """
+    """Raises ValueError where a value stands twice."""
     twice = sorted({value for value in values if values.count(value) > 1})
     if twice:
         raise ValueError(f"{key} {', '.join(twice)} stands twice; give each its own {key}")

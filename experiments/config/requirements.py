@@ -1,12 +1,15 @@
-"""What an agent requires, so that it is given that and no more."""
+"""What an agent requires, so that it is given that and no more, and whether a life fits it."""
 
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import agents
 from agents.base.prior_knowledge import PriorKnowledge, in_order
 from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.perturbations import parse_schedule
 from experiments.config.environment import EnvironmentConfig
-from experiments.config.suite import AgentConfig
+from experiments.config.life import EvaluationConfig, shares, with_shares_as_motions
+from experiments.config.suite import AgentConfig, ScenarioConfig
 
 
 class Requirements(NamedTuple):
@@ -39,3 +42,73 @@ def requirements(agent: AgentConfig, env: EnvironmentConfig) -> Requirements:
         raise ValueError(f"it learns from {made.rows} rows in one world; redraw is {env.redraw!r}")
     known = in_order(made.prior_knowledge)
     return Requirements(made.privileged, {**mount, **agent.settings}, made.rows, known)
+
+
+_FAR = 10_000
+"""Moves on either side among which the nearest allowed number is sought."""
+
+
+def unfit_life(
+    scenario: ScenarioConfig, agent: AgentConfig, evaluation: EvaluationConfig | None, rows: int
+) -> dict[str, str]:
+    """What a scenario, with its events and checkpoints, asks in vain of an agent whose arms move together.
+
+    Of such arms, short trials end first: the first trials to end would be no fair sample.
+
+    Args:
+        scenario: The environment and the schedule, its shares as they were written.
+        agent: Whose life it is.
+        evaluation: When it is evaluated, if ever; `per_decade` is rounded, and always fits.
+        rows: How many arms.
+
+    Returns:
+        What is wrong, by the key below the scenario, with the nearest numbers that are allowed.
+    """
+    motions = scenario.motions_of(agent)
+    if motions is None:
+        return {"trials": f"its {rows} arms end trials out of turn: count motions, or set rows: 1"}
+    by_share = dict(shares(scenario.perturbations))
+
+    def fits(life: int) -> bool:
+        """Whether its end and all events at shares of it fall on whole moves."""
+        return life > 0 and not any(at % rows for at in (life, *(round(s * life) for s in by_share.values())))
+
+    wrong = {}
+    if motions % rows:
+        wrong["motions"] = f"a life of {motions:,} motions; allowed: {_nearest(motions, rows, fits)}"
+    schedule = parse_schedule(list(with_shares_as_motions(scenario.perturbations, motions)))
+    for i, event in enumerate(schedule):
+        if event.clock != "motion" or event.drift or event.at % rows == 0 or "motions" in wrong:
+            continue
+        where = f"perturbations.{i}.{'every' if event.every else 'at'}"
+        if i in by_share:
+            is_at = f"share {by_share[i]:g} of {motions:,} motions is motion {event.at:,}"
+            wrong[where] = f"{is_at}; allowed: lives of {_nearest(motions, rows, fits)}"
+        else:
+            wrong[where] = f"motion {event.at:,}; allowed: {_nearest(event.at, rows, _above_0)}"
+    wrong |= {f"evaluation.{key}": what for key, what in _off_checkpoints(evaluation, rows)}
+    return {where: f"its {rows} arms move together: {what}" for where, what in wrong.items()}
+
+
+def _off_checkpoints(evaluation: EvaluationConfig | None, rows: int) -> Iterator[tuple[str, str]]:
+    if evaluation is None:
+        return
+    if evaluation.every is not None and evaluation.every % rows:
+        yield "every", f"found {evaluation.every:,}; allowed: {_nearest(evaluation.every, rows, _above_0)}"
+    for at in evaluation.at or ():
+        if at % rows:
+            near = _nearest(at, rows, _above_0)
+            yield "at", f"found {at:,}; allowed: {near}, or per_decade, which is rounded up"
+            return
+
+
+def _above_0(motions: int) -> bool:
+    return motions > 0
+
+
+def _nearest(motions: int, rows: int, fits: Callable[[int], bool]) -> str:
+    """The nearest multiples of rows below and above that fit."""
+    below = motions // rows * rows
+    lower = next((each for each in range(below, below - _FAR * rows, -rows) if fits(each)), None)
+    higher = next((each for each in range(below + rows, below + _FAR * rows, rows) if fits(each)), None)
+    return " or ".join(f"{each:,}" for each in (lower, higher) if each is not None) or "none near"

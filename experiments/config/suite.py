@@ -1,5 +1,6 @@
 """What is compared with what: a suite, read from YAML into frozen models."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -15,13 +16,16 @@ from pydantic import (
 import agents
 from calfree_gym.errors import near_misses
 from calfree_gym.perturbations import TYPES, parse_perturbation
-from experiments.config.arms import as_told
 from experiments.config.claims import Claim, Requirement, TrialsOf
-from experiments.config.environment import OWN, EnvironmentConfig
-from experiments.config.evaluation import EvaluationConfig, check_one_world, most_motions
-from experiments.config.lives import check_events, check_lives
+from experiments.config.environment import OWN, EnvironmentConfig, as_told
+from experiments.config.life import (
+    EvaluationConfig,
+    check_one_world,
+    check_reached,
+    most_motions,
+    with_shares_as_motions,
+)
 from experiments.config.model import Model, Name, WithoutUnused, distinct, one_of
-from experiments.config.schedule import with_shares_as_motions
 
 FIRST_OWN_TRIALS = 100
 """Of a lifetime counted in motions so many own trials are all kept; claims look at no others."""
@@ -59,7 +63,7 @@ class ScenarioConfig(Model):
         cls, value: tuple[dict[str, Any], ...], info: ValidationInfo
     ) -> tuple[dict[str, Any], ...]:
         if {"motions", "trials"} <= info.data.keys():
-            check_events(value, info.data["motions"], info.data["trials"])
+            _check_events(value, info.data["motions"], info.data["trials"])
         return value
 
     @field_validator("evaluation")
@@ -266,7 +270,7 @@ class Suite(Model):
         cls, value: tuple[AgentConfig, ...], info: ValidationInfo
     ) -> tuple[AgentConfig, ...]:
         if {"scenarios", "evaluation"} <= info.data.keys():
-            check_lives(value, info.data["scenarios"], info.data["evaluation"])
+            _check_lives(value, info.data["scenarios"], info.data["evaluation"])
         return value
 
     @field_validator("evaluation")
@@ -306,9 +310,9 @@ class Suite(Model):
                 _check_about(trials, info.data, f"required.{i}")
         return value
 
-    def worlds_of(self, agent: AgentConfig) -> int:
-        """How many worlds an agent meets."""
-        return agent.worlds or self.worlds
+    def worlds_of(self, label: str) -> int:
+        """How many worlds an agent meets: the first ones of the suite's."""
+        return next(agent.worlds for agent in self.agents if agent.label == label) or self.worlds
 
     @property
     def parts(self) -> tuple[ScenarioConfig | SweepConfig, ...]:
@@ -369,3 +373,39 @@ def _check_trials(
         raise ValueError("motions is of held-out trials, and it has none; allowed: trials")
     if trials.motions is not None and trials.motions > part.most_motions:
         raise ValueError(f"found {trials.motions} motions; allowed: up to {part.most_motions}")
+
+
+def _check_events(
+    schedule: Sequence[dict[str, Any]], motions: int | None, trials: int | None, of: str = "a lifetime of "
+) -> None:
+    """Raises ValueError where a schedule is wrong, or an event is never reached in a life of this length."""
+    check_reached(with_shares_as_motions(schedule, motions), {"motion": motions, "trial": trials}, of)
+
+
+def _check_lives(
+    agents: Sequence[AgentConfig], scenarios: Sequence[ScenarioConfig], evaluation: EvaluationConfig | None
+) -> None:
+    """Raises where a life of its own leads an agent nowhere, or a checkpoint is after all lives.
+
+    Raises:
+        ValueError: Names the agent or the checkpoint.
+    """
+    longest = {each.name: each.most_motions for each in scenarios if each.agents is None}
+    for i, agent in enumerate(agents):
+        mine = [each for each in scenarios if each.agents is None or agent.label in each.agents]
+        if agent.motions and not any(each.motions for each in mine):
+            raise ValueError(
+                f"agents.{i}.motions is {agent.motions}, and {agent.label!r} is in no scenario that is "
+                "counted in motions"
+            )
+        for each in mine:
+            motions = each.motions_of(agent)
+            longest[each.name] = max(longest.get(each.name, 0), motions or each.most_motions)
+            if agent.motions and motions:
+                of = f"the life that {agent.label!r} has in {each.name!r}, of "
+                _check_events(each.perturbations, motions, None, of)
+    for each in scenarios:
+        when = each.evaluation or evaluation
+        last = when.at[-1] if when and when.at else 0
+        if last > (most := longest.get(each.name, 0)):
+            raise ValueError(f"evaluation.at has {last}; lives in {each.name!r} have at most {most} motions")

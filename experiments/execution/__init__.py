@@ -1,1 +1,1 @@
-"""Suites carried out: here, on a Dask cluster, on Slurm, and in parts that are merged."""
+"""Suites carried out: here, or on a Dask cluster."""

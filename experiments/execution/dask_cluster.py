@@ -1,4 +1,4 @@
-"""Runs made by the workers of a Dask cluster."""
+"""Runs made on a Dask cluster, whose workers are started by hand, or by Slurm."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -12,17 +12,17 @@ from distributed.comm import CommClosedError, get_address_host_port
 from distributed.scheduler import KilledWorker
 
 from experiments.errors import ConfigError
-from experiments.execution.attempt import LOST, attempt
+from experiments.execution.pending import LOST, make
 
 CONNECT_WITHIN = 5.0
 """Seconds in which a scheduler must answer."""
 
 
 class DaskCluster:
-    """See `Executor`. A worker makes as many attempts at a time as it has threads.
+    """See `Machines`. A worker of Dask makes as many runs at a time as it has threads.
 
-    Dask itself hands an attempt whose worker was killed to another worker, three times (`allowed-failures`
-    of the scheduler), before the attempt counts as lost.
+    Dask itself hands a run whose worker was killed to another worker, three times (`allowed-failures` of the
+    scheduler), before the worker counts as lost.
 
     Args:
         address: Of the scheduler, such as `tcp://head:8786`.
@@ -36,7 +36,7 @@ class DaskCluster:
         self._address = address
         self._patience = patience
         self._seen = time.monotonic()
-        self._attempts: dict[Any, Path] = {}
+        self._working: dict[Any, Path] = {}
         try:
             get_address_host_port(address)
             self._client = Client(address, timeout=CONNECT_WITHIN)
@@ -46,26 +46,26 @@ class DaskCluster:
                 "allowed: the address that `dask scheduler` prints, such as tcp://head:8786"
             ) from error
 
-    def start(self, orders: Sequence[Path]) -> None:
-        """See `Executor`."""
+    def start(self, pending: Sequence[Path]) -> None:
+        """See `Machines`."""
         with self._connected():
             self._refuse_gone()
-            for order in orders:
-                self._attempts[self._client.submit(attempt, str(order.resolve()), pure=False)] = order
+            for each in pending:
+                self._working[self._client.submit(make, str(each.resolve()), pure=False)] = each
 
     def ended(self, seconds: float) -> list[tuple[Path, int]]:
-        """See `Executor`."""
+        """See `Machines`."""
         with self._connected():
             try:
-                over = wait(list(self._attempts), seconds, "FIRST_COMPLETED").done
+                over = wait(list(self._working), seconds, "FIRST_COMPLETED").done
             except TimeoutError:
                 over = ()
             self._refuse_gone()
-            return [(self._attempts.pop(future), self._exit_code(future)) for future in over]
+            return [(self._working.pop(future), self._exit_code(future)) for future in over]
 
     def close(self) -> None:
-        """See `Executor`."""
-        self._attempts.clear()
+        """See `Machines`."""
+        self._working.clear()
         self._client.close(timeout=CONNECT_WITHIN)
 
     def _exit_code(self, future: Any) -> int:

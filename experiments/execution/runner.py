@@ -1,33 +1,33 @@
 """Carrying out a suite: finished runs skipped, lost ones made again, one crash fails one run."""
 
 import time
+from collections import Counter
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
-from experiments.execution.executor import Executor
-from experiments.execution.orders import (
+from experiments.execution.expected import KeptTimes
+from experiments.execution.machines import Machines
+from experiments.execution.pending import (
     begin,
     clear,
     discard,
     is_begun,
-    newest_attempt,
+    newest_folder,
     place,
     target_of,
     withdraw,
-    write_order,
+    write_pending,
 )
-from experiments.execution.part import WHOLE, Part
-from experiments.execution.progress.display import AtWork, Display, Standing, made_in
-from experiments.execution.progress.expected import KeptTimes
-from experiments.execution.progress.time_left import TimeLeft, in_words
-from experiments.running.plan import Run, runs_of
+from experiments.execution.progress import AtWork, Display, Standing, TimeLeft, in_words, made_in
 from experiments.running.results_folder import (
     FAILED,
     LOG,
     SUITE,
     TIMINGS,
+    commit_of,
     folder_of,
     is_done,
     locked,
@@ -36,7 +36,8 @@ from experiments.running.results_folder import (
     refuse_foreign,
     write_json,
 )
-from experiments.running.versions import commit, commit_of, is_of_no_commit, versions
+from experiments.running.run import Run, runs_of
+from experiments.running.versions import commit, is_of_no_commit, versions
 
 _LOOK_EVERY = 1.0
 """Seconds in which is shown how far the runs are."""
@@ -44,42 +45,31 @@ SEEN_WITHIN = 60.0
 """Seconds in which one machine sees what another has moved; NFS may remember as long what a folder held."""
 
 
+@dataclass
 class Runner:
     """Carries out the runs of one suite into one folder.
 
     Args:
         suite: What to run.
         out: The folder.
-        executor: Where the runs are made.
+        machines: Where the runs are made.
         display: Shows what happens.
         retries: How many times a run is made again whose worker was lost; one that failed is not.
         fail_fast: Whether the first failed run stops the others.
-        part: Which of the suite's runs to make.
-        at_once: How many runs the executor makes at a time, where that is known.
+        at_once: How many runs the machines make at a time, where that is known.
     """
 
-    def __init__(
-        self,
-        suite: Suite,
-        out: Path,
-        executor: Executor,
-        display: Display,
-        *,
-        retries: int = 0,
-        fail_fast: bool = False,
-        part: Part = WHOLE,
-        at_once: int | None = None,
-    ):
-        self._suite = suite
-        self._out = out
-        self._executor = executor
-        self._display = display
-        self._retries = retries
-        self._fail_fast = fail_fast
-        self._part = part
-        self._orders: dict[Path, Run] = {}
-        self._losses: dict[Path, int] = {}
-        self._at_once = at_once
+    suite: Suite
+    out: Path
+    machines: Machines
+    display: Display
+    retries: int = 0
+    fail_fast: bool = False
+    at_once: int | None = None
+
+    def __post_init__(self) -> None:
+        self._pending: dict[Path, Run] = {}
+        self._losses: Counter[Path] = Counter()
         self._begun: set[Path] = set()
 
     def run(self, command: str) -> list[str]:
@@ -96,95 +86,99 @@ class Runner:
                 of another configuration are there, or the machines went away; what has finished stays.
             OSError: The folder cannot be written; what has finished stays.
         """
-        runs = self._part.of_runs(runs_of(self._suite))
-        with locked(made_folder(self._out)), closing(self._executor):
+        runs = runs_of(self.suite)
+        with locked(made_folder(self.out)), closing(self.machines):
             here = versions()
-            refuse_foreign(self._out, self._suite, here)
-            pending = [spec for spec in runs if not is_done(folder_of(self._out, spec.id))]
-            about = {"suite": self._suite.model_dump(mode="json"), "command": command}
-            made_by = commit_of(self._out)
-            about["commit"] = commit() if pending or is_of_no_commit(made_by) else made_by
-            write_json(self._out / SUITE, about | {"part": str(self._part)})
-            clear(self._out)
+            refuse_foreign(self.out, self.suite, here)
+            unfinished = [run for run in runs if not is_done(folder_of(self.out, run.id))]
+            self._write_suite(command, bool(unfinished))
+            clear(self.out)
             kept = KeptTimes()
-            pending.sort(key=kept.seconds, reverse=True)
-            self._left = TimeLeft({spec.id: kept.seconds(spec) for spec in pending}, self._at_once)
+            unfinished.sort(key=kept.seconds, reverse=True)
+            self._left = TimeLeft({run.id: kept.seconds(run) for run in unfinished}, self.at_once)
             self._runs = len(runs)
-            said = f"{len(runs)} runs, {len(runs) - len(pending)} of them finished already"
-            self._display.say(f"{said}; about {in_words(self._left.seconds())}" if pending else said)
+            said = f"{len(runs)} runs, {len(runs) - len(unfinished)} of them finished already"
+            self.display.say(f"{said}; about {in_words(self._left.seconds())}" if unfinished else said)
             try:
-                self._orders = {write_order(self._out, spec, here): spec for spec in pending}
-                self._executor.start(list(self._orders))
-                while self._orders:
-                    for order, exit_code in self._executor.ended(_LOOK_EVERY):
-                        self._over(order, exit_code)
+                self._pending = {write_pending(self.out, run, here): run for run in unfinished}
+                self.machines.start(list(self._pending))
+                while self._pending:
+                    for pending, exit_code in self.machines.ended(_LOOK_EVERY):
+                        self._over(pending, exit_code)
                     self._show()
-                clear(self._out)
+                clear(self.out)
             finally:
                 self._stop()
-        return [spec.id for spec in runs if not is_done(folder_of(self._out, spec.id))]
+        return [run.id for run in runs if not is_done(folder_of(self.out, run.id))]
 
-    def _over(self, order: Path, exit_code: int) -> None:
-        """An attempt has ended: its run is finished, is to be made again, or has failed."""
-        if order not in self._orders:  # stopped
+    def _write_suite(self, command: str, changes: bool) -> None:
+        """Writes down what is run; what is finished keeps the commit that made it."""
+        made_by = commit_of(self.out)
+        by = commit() if changes or is_of_no_commit(made_by) else made_by
+        about = {"suite": self.suite.model_dump(mode="json"), "command": command, "commit": by}
+        write_json(self.out / SUITE, about)
+
+    def _over(self, pending: Path, exit_code: int) -> None:
+        """A worker has ended: its run is finished, is to be made again, or has failed."""
+        if pending not in self._pending:  # stopped
             return
         if exit_code == 0:
-            self._wait_for(target_of(order))
-            discard(order)
-            self._end(order, _seconds(target_of(order)))
+            self._wait_for(target_of(pending))
+            discard(pending)
+            self._end(pending, _seconds(target_of(pending)))
             return
         if exit_code < 0:
-            self._losses[order] = self._losses.get(order, 0) + 1
-            if self._losses[order] <= self._retries:
-                again = f"made again ({self._losses[order]} of {self._retries} times)"
-                self._display.say(f"{order.name}: its worker was lost (exit code {exit_code}); {again}")
-                self._executor.start([order])
+            self._losses[pending] += 1
+            if self._losses[pending] <= self.retries:
+                again = f"made again ({self._losses[pending]} of {self.retries} times)"
+                self.display.say(f"{pending.name}: its worker was lost (exit code {exit_code}); {again}")
+                self.machines.start([pending])
                 return
-        self._fail(order, exit_code)
-        if self._fail_fast:
+        self._fail(pending, exit_code)
+        if self.fail_fast:
             self._stop()
 
-    def _fail(self, order: Path, exit_code: int) -> None:
-        """Makes the last attempt the run's result, with how it ended."""
-        attempt = newest_attempt(order) or begin(order)
-        lost = f"its worker was lost {self._losses[order]} times" if exit_code < 0 else ""
-        with (attempt / LOG).open("a", encoding="utf-8") as log:
+    def _fail(self, pending: Path, exit_code: int) -> None:
+        """Makes the folder of the last worker the run's result, with how it ended."""
+        folder = newest_folder(pending) or begin(pending)
+        lost = f"its worker was lost {self._losses[pending]} times" if exit_code < 0 else ""
+        with (folder / LOG).open("a", encoding="utf-8") as log:
             log.write(f"{lost}\n" if lost else "")
-        lines = (attempt / LOG).read_text(encoding="utf-8", errors="replace").splitlines()[-20:]
-        write_json(attempt / FAILED, {"exit_code": exit_code, "log_tail": lines})
-        place(attempt)
-        discard(order)
+        lines = (folder / LOG).read_text(encoding="utf-8", errors="replace").splitlines()[-20:]
+        write_json(folder / FAILED, {"exit_code": exit_code, "log_tail": lines})
+        place(folder)
+        discard(pending)
         tail = "\n".join(f"    {line}" for line in lines)
-        said = f"FAILED, exit code {exit_code}:\n{tail}\n    ({target_of(order) / LOG})"
-        self._display.say(f"{order.name}: {said}")
-        self._end(order)
+        said = f"FAILED, exit code {exit_code}:\n{tail}\n    ({target_of(pending) / LOG})"
+        self.display.say(f"{pending.name}: {said}")
+        self._end(pending)
 
     def _stop(self) -> None:
-        """Ends all attempts, wherever they are made."""
-        for order in self._orders:
-            withdraw(order)
-        self._orders.clear()
+        """Ends all workers, wherever they are."""
+        for pending in self._pending:
+            withdraw(pending)
+        self._pending.clear()
 
-    def _end(self, order: Path, seconds: float | None = None) -> None:
+    def _end(self, pending: Path, seconds: float | None = None) -> None:
         """A run is over, and has taken so long, if it has not failed."""
-        self._left.ends(self._orders.pop(order).id, seconds)
-        self._begun.discard(order)
+        self._left.ends(self._pending.pop(pending).id, seconds)
+        self._begun.discard(pending)
 
     def _show(self) -> None:
         at_work = []
-        for order, spec in self._orders.items():
-            if is_begun(order) and (attempt := newest_attempt(order)):
-                if order not in self._begun:
-                    self._begun.add(order)
-                    self._left.begins(spec.id)
-                made, (amount, unit) = made_in(attempt), spec.work
-                self._left.has_made(spec.id, made / amount)
-                at_work.append(AtWork(_in_words(spec), made, amount, unit))
-        over = self._runs - len(self._orders)
-        self._display.show(Standing(over, self._runs, self._left.seconds(), tuple(at_work)))
+        for pending, run in self._pending.items():
+            if is_begun(pending) and (folder := newest_folder(pending)):
+                if pending not in self._begun:
+                    self._begun.add(pending)
+                    self._left.begins(run.id)
+                made, (amount, unit) = made_in(folder), run.work
+                self._left.has_made(run.id, made / amount)
+                at_work.append(AtWork(_in_words(run), made, amount, unit))
+        over = self._runs - len(self._pending)
+        self.display.show(Standing(over, self._runs, self._left.seconds(), tuple(at_work)))
 
     def _wait_for(self, folder: Path) -> None:
-        """Waits until this machine sees, too, what an attempt on another one has moved there."""
+        """Waits until this machine sees, too, what a worker on another one has moved there."""
         begun = time.monotonic()
         while not is_done(folder):
             if time.monotonic() - begun > SEEN_WITHIN:
@@ -201,7 +195,7 @@ def _seconds(folder: Path) -> float | None:
     return read_json(folder / TIMINGS)["wall_seconds"] if (folder / TIMINGS).exists() else None
 
 
-def _in_words(spec: Run) -> str:
-    where = spec.where
+def _in_words(run: Run) -> str:
+    where = run.where
     world = f", world {where['world']}" if "world" in where else ""
     return f"{where['agent']} in {where['scenario']}{world}"

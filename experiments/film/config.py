@@ -8,10 +8,10 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from calfree_gym.envs.rendering.scene_frame import LARGEST, SMALLEST
 from experiments.config.environment import EnvironmentConfig
+from experiments.config.life import check_reached
 from experiments.config.loading import load_as
 from experiments.config.model import Model
 from experiments.config.requirements import requirements
-from experiments.config.schedule import check_reached
 from experiments.config.suite import AgentConfig
 
 BAND = 6.5
@@ -107,10 +107,6 @@ class FilmConfig(Model):
 
 def load_film(path: Path, overrides: Sequence[str] = ()) -> FilmConfig:
     """Reads and validates what is to be filmed; environment and agent are built once.
-
-    Args:
-        path: A YAML file. The agent's `settings` may name another, relative to this one.
-        overrides: Values to put in place of those in the file, such as "trials=2".
 
     Raises:
         ConfigError: Names the file, the path of each wrong key, what was found, what is allowed.

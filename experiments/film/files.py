@@ -12,8 +12,7 @@ import numpy as np
 from PIL import Image as Pictures
 
 from experiments.errors import ConfigError
-from experiments.film.lettering import COLOURS, Image
-from experiments.film.strip import Moment, chosen, frame_strip
+from experiments.film.pictures import COLOURS, Image, Moment, chosen, frame_strip
 
 MP4, GIF, PNG = "film.mp4", "film.gif", "film.png"
 CODEC = "mp4v"

@@ -6,11 +6,10 @@ from typing import Any
 
 import pandas as pd
 
-from experiments.config.arms import as_told
-from experiments.config.environment import EnvironmentConfig
+from experiments.config.environment import EnvironmentConfig, as_told
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.tables import counted, must_know
-from experiments.running.plan import Run
+from experiments.running.run import Run
 from experiments.statistics import ENOUGH_WORLDS
 
 SUCCESS, RENDEZVOUS, MOTIONS, SECONDS = "success", "rendezvous", "motions_per_reach", "robot_seconds"
@@ -68,10 +67,7 @@ class FinishedSuite:
         return min(worlds_of(self.suite, agent.label) for agent in self.suite.agents_in(part))
 
 
-def worlds_of(suite: Suite, label: str) -> int:
-    """In how many worlds an agent is: the first ones of the suite's."""
-    (agent,) = (agent for agent in suite.agents if agent.label == label)
-    return suite.worlds_of(agent)
+worlds_of = Suite.worlds_of
 
 
 def with_cost(results: pd.DataFrame, scenario: ScenarioConfig | SweepConfig) -> pd.DataFrame:

@@ -22,9 +22,10 @@ from experiments.reporting.pages.markdown import markdown_page
 from experiments.reporting.pages.sentences import sentences
 from experiments.reporting.pages.style import save
 from experiments.reporting.required import required_section
-from experiments.reporting.results_file import TIMES, gather, read_finished
+from experiments.reporting.results_file import gather, read_finished
 from experiments.reporting.sweep.section import sweep_sections
 from experiments.reporting.tables import NOTHING, Table, show
+from experiments.running.finished import TIMES
 from experiments.running.results_folder import LOG, folder_of, made_folder, write_whole
 
 SUMMARY, TABLES, PAGE, MARKDOWN = "summary.csv", "tables.json", "report.html", "report.md"

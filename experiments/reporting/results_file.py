@@ -8,9 +8,7 @@ nothing else comes in. Seconds are rounded to tenths, distances to millimetres. 
 differ, and makes the file some ten times smaller.
 """
 
-import base64
 import json
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +24,25 @@ from experiments.errors import ConfigError
 from experiments.evaluation import THRESHOLDS_PX
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.running.cpu_time import CPU
-from experiments.running.plan import LifetimeRun, Run, runs_of
+from experiments.running.finished import (
+    METADATA,
+    OTHER,
+    RESULTS,
+    TIMED,
+    TIMES,
+    VERSION,
+    opened,
+    packed,
+    read_about,
+    read_times,
+)
 from experiments.running.results_folder import (
     DONE,
     FAILED,
     TIMINGS,
+    TRIALS,
     VERSIONS,
+    commit_of,
     damaged,
     folder_of,
     is_done,
@@ -40,10 +51,8 @@ from experiments.running.results_folder import (
     refuse_foreign,
     write_whole,
 )
-from experiments.running.trial_log import TRIALS
-from experiments.running.versions import commit_of
+from experiments.running.run import LifetimeRun, Run, runs_of
 
-RESULTS, TIMES = "results.parquet", "timings.csv"
 SCHEMA = pa.schema(
     [
         ("run", pa.string()),
@@ -70,8 +79,6 @@ MOST_OWN_TRIALS = 2_000
 """Of a lifetime counted in motions: the first are all kept, and of more than this every k-th. They are
 drawn, in means of many trials, and stand in no table but those of claims, which look at the first ones;
 held-out trials do."""
-_METADATA = "calfree"
-_VERSION = 1
 _FINENESS = {"error_px": 10, "expected_px": 10, "distance_mm": 1, "robot_seconds": 10}
 """Steps in a unit."""
 _COUNTERS = ("lifetime_motions", "motions_since_perturbation", "trial")
@@ -93,7 +100,7 @@ def gather(out: Path) -> Path:
     for run in done[:1]:
         refuse_foreign(out, suite, read_json(folder_of(out, run.id) / VERSIONS))
     about = {
-        "version": _VERSION,
+        "version": VERSION,
         "suite": suite.told(),
         "command": command,
         "versions": _versions(out, runs),
@@ -129,9 +136,9 @@ def read_finished(results: Path, out: Path) -> FinishedSuite:
         known = {run.id for run in runs}
         if foreign := sorted({*about["outcomes"], *about["failures"], *rows["run"]} - known):
             raise ConfigError(
-                f"{results} holds the run {foreign[0]}, which its own suite does not have: {_OTHER}"
+                f"{results} holds the run {foreign[0]}, which its own suite does not have: {OTHER}"
             )
-        timings = _read_times(results.with_name(TIMES))
+        timings = read_times(results.with_name(TIMES))
         return FinishedSuite(
             out=out,
             suite=suite,
@@ -144,11 +151,7 @@ def read_finished(results: Path, out: Path) -> FinishedSuite:
             timings=timings[timings["run"].isin(known)],
         )
     except (KeyError, ValidationError) as error:
-        raise ConfigError(f"{results} cannot be read: {error}: {_OTHER}") from None
-
-
-_OTHER = "it was made by other code; make its report with that code"
-_TIMED = ("run", "wall_seconds", "decision", "learning")
+        raise ConfigError(f"{results} cannot be read: {error}: {OTHER}") from None
 
 
 def _versions(out: Path, runs: list[Run]) -> dict[str, str]:
@@ -249,28 +252,13 @@ def _times(out: Path, done: list[Run]) -> pd.DataFrame:
     paths = {run.id: folder_of(out, run.id) / TIMINGS for run in done}
     found = [(run, read_json(path, "wall_seconds", CPU)) for run, path in paths.items() if path.exists()]
     rows = [{"run": run, "wall_seconds": each["wall_seconds"], **each[CPU]} for run, each in found]
-    return pd.DataFrame(rows, columns=_TIMED)
-
-
-def _read_times(path: Path) -> pd.DataFrame:
-    """What `_times` found, if it was written."""
-    if not path.exists():
-        return pd.DataFrame(columns=_TIMED)
-    try:
-        return pd.read_csv(
-            path, usecols=_TIMED, dtype={name: str if name == "run" else float for name in _TIMED}
-        )
-    except ValueError as error:
-        raise ConfigError(
-            f"{path} is damaged ({error}): delete it, or make it anew by `report` of the results folder"
-        ) from None
+    return pd.DataFrame(rows, columns=TIMED)
 
 
 def _write(rows: list[dict[str, Any]], about: dict[str, Any], target: Path) -> None:
     """Replaced as a whole. Metadata are not compressed by Parquet, and are by us."""
     table = pa.Table.from_pylist(rows, schema=SCHEMA)
     columns = [_compact(field, table[field.name]) for field in SCHEMA]
-    packed = base64.b64encode(zlib.compress(json.dumps(about).encode(), 9)).decode()
     table = pa.table(columns, names=SCHEMA.names)
     partial = target.with_suffix(".partial")
     with pq.ParquetWriter(
@@ -286,7 +274,7 @@ def _write(rows: list[dict[str, Any]], about: dict[str, Any], target: Path) -> N
         max_rows_per_page=2**30,  # pages are packed one by one
     ) as writer:
         writer.write_table(table)
-        writer.add_key_value_metadata({_METADATA: packed})
+        writer.add_key_value_metadata({METADATA: packed(about)})
     partial.replace(target)
 
 
@@ -301,21 +289,7 @@ def _compact(field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray | pa.A
 
 def _read(results: Path) -> tuple[dict[str, Any], pd.DataFrame]:
     """The metadata and the rows."""
-    try:
-        table = pq.read_table(results)
-    except FileNotFoundError:
-        raise ConfigError(f"{results}: there is no such file") from None
-    except (OSError, pa.ArrowException) as error:
-        raise ConfigError(f"{results} is damaged, or no Parquet file: {error}") from None
-    packed = (table.schema.metadata or {}).get(_METADATA.encode())
-    if packed is None:
-        raise ConfigError(f"{results} says nothing of a suite: {_OTHER}")
-    try:
-        about: dict[str, Any] = json.loads(zlib.decompress(base64.b64decode(packed)))
-    except (ValueError, zlib.error) as error:
-        raise ConfigError(f"{results} is damaged in what it says of its suite: {error}") from None
-    if (version := about.get("version")) != _VERSION:
-        raise ConfigError(f"{results} has form {version}; known is form {_VERSION}: {_OTHER}")
+    about, table = read_about(results), opened(pq.read_table, results)
     if missing := [name for name in SCHEMA.names if name not in table.column_names]:
-        raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {_OTHER}")
+        raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {OTHER}")
     return about, table.to_pandas()

@@ -1,11 +1,22 @@
 """One agent's lifetime, recorded at its environment: motions counted, trials and perturbations noted."""
 
+from __future__ import annotations
+
 import copy
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorWrapper
+from numpy.typing import NDArray
 
+from calfree_gym.envs.arms.base import Arms
+from calfree_gym.envs.row import Row
+from calfree_gym.perturbations.application import PerturbationScheduler
+from calfree_gym.perturbations.schedule import Event
+from experiments.config.environment import EnvironmentConfig
 from experiments.evaluation import TrialMeter, TrialRecord
 
 MOST_MOTIONS = 1_000
@@ -167,3 +178,142 @@ def learn_trials(
 
     agent.learn(trials * MOST_MOTIONS, callback=go_on)
     return recorder.records
+
+
+_CLOCKS = ("trial", "motion")
+
+
+class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
+    """`LifetimeRecorder` for an agent that learns from rows: a batched environment with SAME_STEP autoreset.
+
+    The world is the one that any agent meets under this seed, and perturbations are drawn as in its single
+    environment. An event is applied to all rows before the first motion after which their summed motions, or
+    their ended trials, have reached it. Row 0 meets the objects that a single environment would.
+
+    Attributes:
+        world: The world in which the last motion was made (at first: the world to begin in).
+        motions, records, perturbations: See `LifetimeCounts`; of all rows, trials numbered as they ended.
+
+    Args:
+        config: The environment.
+        rows: How many arms.
+        privileged: What the environment must tell.
+        schedule: Of perturbations.
+        seed: Seeds world, objects and noise.
+        on_trial: Called with the record of each finished trial.
+    """
+
+    def __init__(
+        self,
+        config: EnvironmentConfig,
+        rows: int,
+        privileged: tuple[str, ...],
+        schedule: tuple[dict[str, Any], ...],
+        seed: int,
+        on_trial: Callable[[TrialRecord], None] = lambda record: None,
+    ):
+        self.world = _world(config, seed)
+        super().__init__(config.make_rows(rows, self.world, privileged))
+        self.metadata = {**self.env.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
+        stereo: Any = self.env.unwrapped
+        arms: Arms = stereo.arms
+        self._arms = arms
+        self._scheduler = PerturbationScheduler(
+            1, list(schedule), arms.robot, arms.mounts, config.keep_in_view, arms.as_seen, arms.can_begin
+        )
+        self._scheduler.seed(0, seed)
+        self._applied = dict.fromkeys(_CLOCKS, -1)
+        self._on_trial = on_trial
+        self._moved = False
+        self._count_from_zero()
+        self._apply_due("trial")
+        self._first = self.env.reset(seed=seed)
+        self._meters = [self._meter(row, self._first[1]) for row in range(rows)]
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begins a trial in every row, unless none has moved yet. A trial cut off has no record.
+
+        Raises:
+            ValueError: Options are given.
+        """
+        refuse_options(options)
+        if self._moved:
+            self._moved = False
+            self._first = self.env.reset()
+            self._meters = [self._meter(row, self._first[1]) for row in range(self.num_envs)]
+        return self._first
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Makes one motion in every row, counts them, and begins the next trials of rows that are over."""
+        self.onlooker.before_motion()
+        self._apply_due(*_CLOCKS)
+        self._moved = True
+        observation, rewards, terminated, truncated, infos = self.env.step(actions)
+        self.motions += self.num_envs
+        over = terminated | truncated
+        for row, meter in enumerate(self._meters):
+            meter.add(_of_row(infos, row))
+            if over[row]:
+                self.records.append(replace(meter.record(), trial=self.trials))
+                self._on_trial(self.records[-1])
+        if over.any():
+            final = {"final_obs": observation, "_final_obs": over, "final_info": infos, "_final_info": over}
+            observation, infos = self.env.reset(options={"reset_mask": over})
+            for begun in np.flatnonzero(over).tolist():
+                self._meters[begun] = self._meter(begun, infos)
+            infos |= final
+        return observation, rewards, terminated, truncated, infos
+
+    def _meter(self, row: int, infos: dict[str, Any]) -> TrialMeter:
+        envs: Any = self.env.unwrapped
+        return TrialMeter(Row(envs, row), 0, _of_row(infos, row))  # type: ignore[arg-type]
+
+    def _apply_due(self, *clocks: str) -> None:
+        """Applies to all rows what has become due since the last call, by the counts at which it was due."""
+        due = [each for clock in clocks for each in self._newly_due(clock)]
+        if not due:
+            return
+        world, changes = self.world, []
+        for at, place, event in due:
+            world, drawn = self._scheduler.apply(place, event, 0, at, world)
+            changes += [] if drawn is None else [(self.motions, self.trials, drawn.to_dict())]
+        self._arms.enter(0, world)  # it was in all that was judged
+        if world is not self.world:
+            rows: Any = self.env.unwrapped
+            rows.set_world(world)
+        if changes:
+            self.onlooker.before_change()
+        self.world = world
+        self.perturbations += changes
+        if changes:
+            self.onlooker.after_change()
+
+    def _newly_due(self, clock: str) -> list[tuple[int, int, Event]]:
+        """Counts at which events have become due, with these and their places in the schedule."""
+        count = {"motion": self.motions, "trial": self.trials}[clock]
+        since, self._applied[clock] = self._applied[clock] + 1, count
+        return [
+            (at, place, event)
+            for at in range(since, count + 1)
+            for place, event in self._scheduler.events[clock]
+            if event.is_due(np.array([at]))[0]
+        ]
+
+
+def _of_row(infos: dict[str, Any], row: int) -> dict[str, Any]:
+    """What `TrialMeter` reads of one row's info."""
+    truth: dict[str, NDArray[Any]] = infos["truth"]
+    return {
+        "truth": {name: float(values[row]) for name, values in truth.items() if values.ndim == 1},
+        "is_success": infos["is_success"][row],
+        "robot_seconds": infos["robot_seconds"][row],
+    }
+
+
+def _world(config: EnvironmentConfig, seed: int) -> Any:
+    """The world that the single environment draws from this seed."""
+    single: gymnasium.Env[Any, Any] = config.make()
+    single.reset(seed=seed)
+    drawn: Any = single.unwrapped
+    single.close()
+    return drawn.world

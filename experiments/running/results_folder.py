@@ -15,20 +15,19 @@ from pydantic import ValidationError
 from agents.base.storage import whole
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
+from experiments.running.versions import UNKNOWN
 
 SUITE = "suite.json"
 RUNS = "runs"
 LOCK = ".lock"
-SPEC = "run.json"
+RUN = "run.json"
 VERSIONS = "versions.json"
 LOG = "log.txt"
+TRIALS = "trials.jsonl"
 DONE = "DONE.json"
 TIMINGS = "timings.json"
 FAILED = "FAILED.json"
-ENDED = "\0ended "
-"""In what bodies print one after the other: before the exit code of one that has ended."""
-
 PATIENCE = 10.0
 """Seconds in which a runner that was killed has let go of the folder."""
 
@@ -76,10 +75,6 @@ def write_json(path: Path, value: Any) -> None:
 def read_json(path: Path, *keys: str) -> dict[str, Any]:
     """Reads a mapping that `write_json` wrote.
 
-    Args:
-        path: The file.
-        keys: It must have.
-
     Raises:
         ConfigError: The file is damaged.
     """
@@ -116,6 +111,11 @@ def read_suite(out: Path) -> tuple[Suite, str]:
     except ValidationError as error:
         first = error.errors()[0]
         raise damaged(out / SUITE, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+
+
+def commit_of(out: Path) -> str:
+    """The commit that made what is finished in a folder."""
+    return str(read_json(out / SUITE).get("commit", UNKNOWN)) if (out / SUITE).exists() else UNKNOWN
 
 
 @contextmanager
@@ -170,7 +170,7 @@ def refuse_foreign(out: Path, suite: Suite, versions: dict[str, str]) -> None:
     Raises:
         ConfigError: Names the runs, what differs, and what can be done.
     """
-    known = {spec.id for spec in runs_of(suite)}
+    known = {run.id for run in runs_of(suite)}
     finished = sorted(folder for folder in (out / RUNS).glob("*") if is_done(folder))
     if foreign := [folder.name for folder in finished if folder.name not in known]:
         raise ConfigError(

@@ -6,8 +6,6 @@ import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from experiments.running.results_folder import SUITE, read_json
-
 REPOSITORY = Path(__file__).resolve().parents[2]
 UNKNOWN = "unknown"
 """The commit of code that is in no repository."""
@@ -26,23 +24,9 @@ WHAT_MAKES_A_RESULT = (
     "calfree_gym",
     "agents",
     "configs/agents",
-    "experiments/config/arms.py",
-    "experiments/config/environment.py",
-    "experiments/config/evaluation.py",
-    "experiments/config/model.py",
-    "experiments/config/requirements.py",
-    "experiments/config/schedule.py",
-    "experiments/config/suite.py",
+    "experiments/config",
     "experiments/evaluation.py",
-    "experiments/running/body.py",
-    "experiments/running/checkpoints.py",
-    "experiments/running/cpu_time.py",
-    "experiments/running/lifetime.py",
-    "experiments/running/plan.py",
-    "experiments/running/rows.py",
-    "experiments/running/sweep_trials.py",
-    "experiments/running/trial_log.py",
-    "experiments/running/worker.py",
+    "experiments/running",
 )
 MAKES_REPORTS = ("calfree_gym", "agents", "experiments", ":(exclude)experiments/results", "configs")
 """Sources of results and reports, as git takes them; kept results are none."""
@@ -82,13 +66,8 @@ def commit() -> str:
 
 
 def is_of_no_commit(name: str) -> bool:
-    """Whether what `commit` or `commit_of` found is more or other than commits."""
+    """Whether what `commit` found, or a folder says, is more or other than commits."""
     return "+" in name or UNKNOWN in name
-
-
-def commit_of(out: Path) -> str:
-    """The commit that made what is finished in a folder; several where parts were merged."""
-    return str(read_json(out / SUITE).get("commit", UNKNOWN)) if (out / SUITE).exists() else UNKNOWN
 
 
 def _code(also: tuple[str, ...]) -> str:

@@ -1,4 +1,4 @@
-"""The bodies of runs, each in a process of its own: `python -m experiments.running.worker`."""
+"""The process that makes runs, each in a copy of itself: `python -m experiments.running.worker`."""
 
 import os
 import sys
@@ -6,66 +6,63 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+
 import agents
+from calfree_gym.perturbations import parse_schedule
 from experiments.config.requirements import requirements
-from experiments.evaluation import TrialRecord
-from experiments.running.checkpoints import Checkpoints, Recorder, print_progress
-from experiments.running.cpu_time import CPU, CpuTimes
-from experiments.running.lifetime import LifetimeRecorder
-from experiments.running.plan import LifetimeRun, SweepRun, parse_run
-from experiments.running.results_folder import DONE, ENDED, SPEC, TIMINGS, write_json
-from experiments.running.rows import RowsRecorder
-from experiments.running.sweep_trials import run_sweep
-from experiments.running.tensorboard_curves import Curves
-from experiments.running.trial_log import TrialLog
+from experiments.evaluation import TrialRecord, evaluate
+from experiments.running.cpu_time import CPU, CpuTimes, TimedPredictor
+from experiments.running.lifetime import LifetimeRecorder, Onlooker, RowsRecorder
+from experiments.running.process import ENDED
+from experiments.running.records import Curves, TrialLog
+from experiments.running.results_folder import DONE, RUN, TIMINGS, write_json
+from experiments.running.run import LifetimeRun, SweepRun, parse_run
+
+Recorder = LifetimeRecorder | RowsRecorder
+
 
 _PROGRESS_EVERY = 2.0
 """Seconds after which a lifetime prints how far it is."""
 
 
-def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[str, Any], int]:
+def run_lifetime(run: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[str, Any], int]:
     """Makes one agent's lifetime in its scenario, and logs every trial into `folder`.
-
-    Args:
-        spec: The run.
-        folder: Of the run.
-        times: Counts CPU seconds.
 
     Returns:
         What the run says about itself: the agent's privileged observations, what it is built on, and how
         its world was perturbed. And the motions from which it learned.
     """
-    with TrialLog(folder) as log, closing(Curves(folder)) as curves:
+    with closing(TrialLog(folder)) as log, closing(Curves(folder)) as curves:
 
         def log_trial(record: TrialRecord) -> None:
             log.write("train", recorder.motions, recorder.since_perturbation, record)
             curves.add_own(recorder.motions, record)
 
-        scenario, said = spec.scenario, time.monotonic()
-        privileged, settings, rows, known = requirements(spec.agent, scenario.env)
-        recorder: Any = _recorder(spec, privileged, rows, log_trial)
+        scenario, said = run.scenario, time.monotonic()
+        privileged, settings, rows, known = requirements(run.agent, scenario.env)
+        recorder: Any = _recorder(run, privileged, rows, log_trial)
         times.watch(recorder, "environment", "reset", "step")
-        agent = agents.make(spec.agent.name, recorder, seed=spec.agent_seed, **settings)
-        checkpoints = (
-            Checkpoints(spec, agent, rows, recorder, log, curves, times) if spec.evaluation else None
-        )
+        agent = agents.make(run.agent.name, recorder, seed=run.agent_seed, **settings)
+        checkpoints = Checkpoints(run, agent, rows, recorder, log, curves, times) if run.evaluation else None
         recorder.onlooker = checkpoints or recorder.onlooker
 
         def after_motion(progress: Any) -> bool:
             nonlocal said
             if time.monotonic() > said + _PROGRESS_EVERY:
-                print_progress(spec, recorder)
+                print_progress(run, recorder)
                 said = time.monotonic()
             return scenario.trials is None or recorder.trials < scenario.trials
 
-        length, of = spec.work
+        length, of = run.work
         with times.of("learning"):
             agent.learn(scenario.most_motions, callback=after_motion)
         if (made := getattr(recorder, of)) != length:
-            raise RuntimeError(f"{spec.agent.name} made {made} {of}; it was given {length}")
+            raise RuntimeError(f"{run.agent.name} made {made} {of}; it was given {length}")
         if checkpoints:
             checkpoints.finish()
     outcome = {
@@ -77,14 +74,145 @@ def run_lifetime(spec: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict
 
 
 def _recorder(
-    spec: LifetimeRun, privileged: tuple[str, ...], rows: int, on_trial: Callable[[TrialRecord], None]
+    run: LifetimeRun, privileged: tuple[str, ...], rows: int, on_trial: Callable[[TrialRecord], None]
 ) -> Recorder:
     """The environment of the agent's lifetime, of one arm or of rows."""
-    scenario = spec.scenario
+    scenario = run.scenario
     if rows > 1:
-        return RowsRecorder(scenario.env, rows, privileged, scenario.perturbations, spec.world_seed, on_trial)
+        return RowsRecorder(scenario.env, rows, privileged, scenario.perturbations, run.world_seed, on_trial)
     env = scenario.env.make(scenario.perturbations, privileged)
-    return LifetimeRecorder(env, spec.world_seed, on_trial)
+    return LifetimeRecorder(env, run.world_seed, on_trial)
+
+
+@dataclass
+class Checkpoints(Onlooker):
+    """Evaluates an agent on schedule, and right before and after a perturbation, without learning in between.
+
+    Where one comes again and again, this is done once between two scheduled checkpoints, so that a world
+    that is perturbed at every trial does not turn into one long evaluation.
+
+    Args:
+        run: The run, which has an evaluation.
+        agent: Made for `recorder`.
+        rows: How many arms it moves at once.
+        recorder: Whose motions count.
+        log: Gets one row a trial.
+        curves: Gets the means.
+        times: Counts CPU seconds.
+    """
+
+    run: LifetimeRun
+    agent: Any
+    rows: int
+    recorder: Recorder
+    log: TrialLog
+    curves: Curves
+    times: CpuTimes
+
+    def __post_init__(self) -> None:
+        run = self.run
+        assert run.evaluation is not None
+        self._evaluation = run.evaluation
+        self._env = run.scenario.env.make(tell=self.agent.privileged)
+        self._once = {
+            (event.clock, event.at)
+            for event in parse_schedule(list(run.scenario.perturbations))
+            if not event.every
+        }
+        self._scheduled: set[int] = set()
+        self._schedule()
+        self._again = False
+        self._last: tuple[int, int] | None = None
+
+    def before_motion(self) -> None:
+        """Evaluates where a scheduled checkpoint is reached."""
+        if self.recorder.motions in self._scheduled:
+            self._again = False
+            self._evaluate()
+
+    def before_change(self) -> None:
+        """Evaluates in the world as it still is."""
+        if not self._again:
+            self._evaluate()
+
+    def after_change(self) -> None:
+        """Evaluates in the changed world; from a change that comes once, checkpoints are counted anew."""
+        motions, trial, _ = self.recorder.perturbations[-1]
+        once = not self._once.isdisjoint({("motion", motions), ("trial", trial)})
+        if once and self._evaluation.begins_anew:
+            self._schedule()
+        if once or not self._again:
+            self._evaluate()
+        self._again = not once
+
+    def finish(self) -> None:
+        """Evaluates at the end of the lifetime."""
+        self._evaluate()
+
+    def _schedule(self) -> None:
+        """Adds the checkpoints that are counted from now on."""
+        now = self.recorder.motions
+        left = self.run.scenario.most_motions - now
+        self._scheduled |= {now + offset for offset in self._evaluation.offsets(left, self.rows)}
+
+    def _evaluate(self) -> None:
+        """Makes the held-out trials, unless that has been done in this moment and world."""
+        recorder = self.recorder
+        self._scheduled.discard(recorder.motions)
+        if self._last == (now := (recorder.motions, len(recorder.perturbations))):
+            return
+        self._last = now
+        held_out: Any = self._env.unwrapped
+        held_out.set_world(recorder.world)
+        trials = self._evaluation.trials
+        with self.times.of("evaluation"):
+            timed = TimedPredictor(self.agent, self.times)
+            records = evaluate(timed, self._env, trials, self.run.evaluation_seed)
+        for record in records:
+            self.log.write("eval", recorder.motions, recorder.since_perturbation, record)
+        self.curves.write("eval", recorder.motions, records)
+        reached = sum(record.rendezvous for record in records)
+        print_progress(self.run, recorder, f": {reached} of {trials} held-out trials reached")
+
+
+def print_progress(run: LifetimeRun, recorder: Recorder, more: str = "") -> None:
+    """Prints how far a lifetime is, as `progress.made_in` reads it."""
+    length, of = run.work
+    print(f"{of} {getattr(recorder, of)}/{length}{more}", flush=True)
+
+
+def run_sweep(run: SweepRun, folder: Path, times: CpuTimes) -> dict[str, Any]:
+    """Makes the trials of a sweep, and logs each into `folder`.
+
+    At every value the agent is made afresh, and learns nothing. A trial is in view where its first
+    observation shows all points to both cameras, whatever the agent then does.
+
+    Returns:
+        What the run says about itself: the agent's privileged observations, and what it is built on.
+    """
+    config = run.sweep
+    privileged, settings, _, known = requirements(run.agent, config.env)
+    trials, of = run.work
+    with closing(TrialLog(folder)) as log:
+        for i, value in enumerate(config.over, start=1):
+            env = config.env.make(config.perturbations(value), privileged)
+            agent = agents.make(run.agent.name, env, seed=run.agent_seed, **settings)
+            reached = 0
+            for world, seed in enumerate(run.world_seeds):
+                in_view = _in_view(env, seed)
+                (record,) = evaluate(TimedPredictor(agent, times), env, trials=1, seed=seed)
+                log.write("sweep", 0, 0, record, world=world, value=float(value), in_view=in_view)
+                reached += record.rendezvous
+            env.close()
+            made = i * len(run.world_seeds)
+            print(f"{of} {made}/{trials}: {reached} reached at {config.vary} {value:g}", flush=True)
+    return {"privileged": list(privileged), "prior_knowledge": list(known)}
+
+
+def _in_view(env: gymnasium.Env[Any, Any], seed: int) -> bool:
+    env.reset(seed=seed)
+    unwrapped: Any = env.unwrapped
+    return bool(unwrapped.arms.delivered[1].all())
 
 
 def main(folder: Path) -> None:
@@ -92,7 +220,7 @@ def main(folder: Path) -> None:
 
     But for what it took, which stands in timings.json, a run leaves the same in each repetition.
     """
-    run = parse_run((folder / SPEC).read_text(encoding="utf-8"))
+    run = parse_run((folder / RUN).read_text(encoding="utf-8"))
     start, times = time.monotonic(), CpuTimes()
     if isinstance(run, SweepRun):
         outcome, learned = run_sweep(run, folder, times), 0
@@ -116,13 +244,13 @@ def serve() -> None:
     there are none (Windows), this process makes one run itself, and ends.
     """
     for line in sys.stdin:
-        body = os.fork() if sys.platform == "linux" else 0
-        if not body:
+        copy = os.fork() if sys.platform == "linux" else 0
+        if not copy:
             threading.Thread(target=end_with_the_parent, daemon=True).start()
             main(Path(line.rstrip("\n")))
             sys.stdout.flush()
             os._exit(0)  # all is written; to take a copy apart takes longer than a short run
-        _, status = os.waitpid(body, 0)
+        _, status = os.waitpid(copy, 0)
         print(f"{ENDED}{os.waitstatus_to_exitcode(status)}", flush=True)
 
 

@@ -1,5 +1,6 @@
 """`python -m experiments tune`: several agents, one after the other or side by side."""
 
+import argparse
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -8,16 +9,30 @@ from typing import Any
 import optuna
 
 from experiments.errors import ConfigError
+from experiments.options import Parser, add_config, whole
 from experiments.reporting.tables import show
 from experiments.running.results_folder import locked, made_folder, write_whole
 from experiments.running.versions import REPOSITORY, commit, versions
-from experiments.tuning.config import TuningConfig
-from experiments.tuning.processes import LostError, Processes
+from experiments.tuning.config import TuningConfig, load_tuning
 from experiments.tuning.results import SETTINGS, settings_file, write_agent, write_tables
-from experiments.tuning.tuner import DefaultsFailError, Tuner
+from experiments.tuning.tuner import DefaultsFailError, LostError, Processes, Tuner
 
 STUDIES = "studies"
-_MAKES_A_TRY = tuple(f"experiments/tuning/{name}.py" for name in ("objective", "study", "tuner", "worker"))
+
+
+def add_tune(parser: Parser) -> None:
+    """Tunes agents."""
+    add_config(parser)
+    parser.add_argument("--out", type=Path, required=True, help="folder for the results")
+    parser.add_argument("--jobs", type=whole(1), default=1, help="agents at a time (default: 1)")
+    parser.add_argument("--agent", nargs="+", default=[], metavar="NAME", help="these alone")
+    parser.add_argument("--write", action="store_true", help="write better settings into configs/agents")
+    parser.set_defaults(does=_tune)
+
+
+def _tune(options: argparse.Namespace) -> int:
+    config = load_tuning(options.config, options.set)
+    return 1 if tune(config, options.out, options.agent, options.jobs, options.write) else 0
 
 
 def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bool) -> list[str]:
@@ -45,7 +60,7 @@ def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bo
     made_folder(out / STUDIES)
     with locked(out):
         processes = Processes()
-        made_by = {**versions(_MAKES_A_TRY), "optuna": optuna.__version__}
+        made_by = {**versions(("experiments/tuning",)), "optuna": optuna.__version__}
         about = (made_by, commit())
         tuners = [Tuner(config, agent, out / STUDIES, processes, *about, _say) for agent in agents]
         pool = ThreadPoolExecutor(jobs)

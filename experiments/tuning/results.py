@@ -49,10 +49,6 @@ def write_tables(out: Path, config: TuningConfig) -> list[Table]:
 def settings_file(found: dict[str, Any], folder: Path = SETTINGS) -> str:
     """configs/agents/NAME.yaml with the chosen settings in it, whatever else stands there kept.
 
-    Args:
-        found: What `Tuner.tune` returned.
-        folder: Where the present file may be.
-
     Raises:
         ConfigError: One of the settings stands there over several lines.
     """

@@ -1,24 +1,96 @@
 """Tuning one agent: tries within its budget, then the best beside the default settings in other worlds."""
 
-from collections.abc import Callable
-from dataclasses import asdict
+import subprocess
+import threading
+from collections.abc import Callable, Generator
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from experiments.errors import ConfigError
-from experiments.running.plan import LifetimeRun, runs_of
+from experiments.running.process import pipes_of, start_module
+from experiments.running.run import LifetimeRun, runs_of
 from experiments.statistics import mean_estimate
 from experiments.tuning.config import TunedAgentConfig, TuningConfig
-from experiments.tuning.processes import OverBudgetError, Processes
 from experiments.tuning.study import Study, Try
+from experiments.tuning.worker import OVER_BUDGET, Report, Request
+
+
+class OverBudgetError(Exception):
+    """CPU time ran out."""
+
+
+class LostError(Exception):
+    """A process was stopped, or died: nothing follows about its settings."""
+
+
+class Processes:
+    """Starts worker processes, several at a time from several threads, and ends them all where asked."""
+
+    def __init__(self) -> None:
+        self._running: set[subprocess.Popen[str]] = set()
+        self._lock = threading.Lock()
+        self._stopped = False
+
+    def reports(
+        self, runs: tuple[LifetimeRun, ...], cpu_seconds: float | None, log: Path
+    ) -> Generator[Report, None, None]:
+        """Makes lifetimes in a fresh process with one thread; closed early, it ends the process.
+
+        Args:
+            runs: The lifetimes.
+            cpu_seconds: The CPU time that they may take; None: any.
+            log: What they print is appended to this file.
+
+        Yields:
+            A report after each lifetime.
+
+        Raises:
+            OverBudgetError: They took longer.
+            LostError: The process was stopped, or died.
+        """
+        process = self._start(log)
+        told, tells = pipes_of(process)
+        try:
+            request = Request(runs=runs, cpu_seconds=cpu_seconds)
+            told.write(request.model_dump_json() + "\n")
+            told.flush()
+            for line in tells:
+                yield Report.model_validate_json(line)
+            code = process.wait()
+            if code == OVER_BUDGET:
+                raise OverBudgetError
+            if code:
+                raise LostError(f"its process ended with exit code {code}; see {log}")
+        finally:
+            process.kill()
+            process.wait()
+            with self._lock:
+                self._running.discard(process)
+
+    def stop(self) -> None:
+        """Ends all processes, and starts no more."""
+        with self._lock:
+            self._stopped = True
+            for process in self._running:
+                process.kill()
+
+    def _start(self, log: Path) -> subprocess.Popen[str]:
+        with self._lock, log.open("a", encoding="utf-8") as file:
+            if self._stopped:
+                raise LostError("stopped")
+            process = start_module("experiments.tuning.worker", errors=file)
+            self._running.add(process)
+        return process
 
 
 class DefaultsFailError(Exception):
     """An agent raises an error with its default settings, which are what others are compared with."""
 
 
+@dataclass
 class Tuner:
     """Tunes one agent.
 
@@ -38,29 +110,28 @@ class Tuner:
         ConfigError: The folder has a study of this agent by other code or of another configuration.
     """
 
-    def __init__(
-        self,
-        config: TuningConfig,
-        agent: TunedAgentConfig,
-        folder: Path,
-        processes: Processes,
-        versions: dict[str, str],
-        commit: str,
-        say: Callable[[str], None],
-    ):
+    config: TuningConfig
+    agent: TunedAgentConfig
+    folder: Path
+    processes: Processes
+    versions: dict[str, str]
+    commit: str
+    say: Callable[[str], None]
+
+    def __post_init__(self) -> None:
+        config, agent = self.config, self.agent
         self.name = agent.name
-        self._config, self._agent, self._processes, self._say = config, agent, processes, say
         self._scenario = config.scenario_of(agent)
         self._worst = float(self._scenario.env.max_episode_steps)
-        self._log = folder / f"{agent.name}.txt"
-        journal = folder / f"{agent.name}.journal"
+        self._log = self.folder / f"{agent.name}.txt"
+        journal = self.folder / f"{agent.name}.journal"
         defined_by = {
             "agent": agent.model_dump(mode="json"),
             "scenario": self._scenario.model_dump(mode="json"),
             "seed": config.seed,
-            "versions": versions,
+            "versions": self.versions,
         }
-        self._study = Study(journal, agent, {**defined_by, "commit": commit}, config.seed)
+        self._study = Study(journal, agent, {**defined_by, "commit": self.commit}, config.seed)
         for key, now in defined_by.items():
             if (then := self._study.about[key]) != now:
                 raise ConfigError(
@@ -79,7 +150,7 @@ class Tuner:
             LostError: A process was stopped, or died; what has finished is kept.
         """
         if not self._study.tries:
-            self._say(f"{self.name}: at most {self._config.tries} tries {self._size()}")
+            self.say(f"{self.name}: at most {self.config.tries} tries {self._size()}")
         while (stopped_by := self._stopped_by()) is None:
             self._try()
         tries = self._study.tries
@@ -95,7 +166,7 @@ class Tuner:
             "best": best.settings if best else None,
             "check": check,
             "choice": "default" if chosen is default else "tuned",
-            "settings": self._agent.settings | chosen.settings,
+            "settings": self.agent.settings | chosen.settings,
         }
 
     def _size(self) -> str:
@@ -104,8 +175,8 @@ class Tuner:
 
     def _stopped_by(self) -> str | None:
         """Why no more tries are made, if so."""
-        tries, minutes = self._study.tries, self._config.cpu_minutes
-        if len(tries) >= self._config.tries:
+        tries, minutes = self._study.tries, self.config.cpu_minutes
+        if len(tries) >= self.config.tries:
             return f"{len(tries)} tries"
         made = [each.cpu_seconds for each in tries if each.state != "repeated"]
         if not made or sum(made) + np.mean(made) <= 60 * minutes:
@@ -115,7 +186,7 @@ class Tuner:
         return f"{minutes:g} CPU minutes: another try would exceed them"
 
     def _try(self) -> None:
-        k, left = len(self._study.tries), 60 * self._config.cpu_minutes
+        k, left = len(self._study.tries), 60 * self.config.cpu_minutes
         left -= sum(each.cpu_seconds for each in self._study.tries)
         trial, settings = self._study.begin()
         if earlier := self._study.earlier(settings):
@@ -127,14 +198,14 @@ class Tuner:
             if found.state == "failed" and k == 0:
                 raise DefaultsFailError(f"with its default settings it fails: {found.error}")
         self._study.end(trial, found)
-        self._say(f"{self.name}: {self._described(k, found)}")
+        self.say(f"{self.name}: {self._described(k, found)}")
 
     def _lived(self, settings: dict[str, Any], cpu_seconds: float, trial: Any) -> Try:
         """Makes lifetimes in one world after the other, unless earlier tries say that it is no use."""
         runs = self._runs(settings)[: self._scenario.worlds]
         worlds: list[float] = []
         used, state, error = 0.0, "complete", None
-        reports = self._processes.reports(runs, cpu_seconds, self._log)
+        reports = self.processes.reports(runs, cpu_seconds, self._log)
         try:
             for report in reports:
                 used = report.cpu_seconds
@@ -154,7 +225,7 @@ class Tuner:
         return Try(settings, state, objective, tuple(worlds), used, error)
 
     def _runs(self, settings: dict[str, Any]) -> tuple[LifetimeRun, ...]:
-        runs = runs_of(self._config.suite(self._agent, settings))
+        runs = runs_of(self.config.suite(self.agent, settings))
         return tuple(run for run in runs if isinstance(run, LifetimeRun))
 
     def _described(self, k: int, found: Try) -> str:
@@ -165,10 +236,8 @@ class Tuner:
             said += f" ({found.error})"
         said += f", {found.cpu_seconds:.0f} s of CPU"
         if k == 0:
-            minutes = self._config.tries * found.cpu_seconds / 60
-            said += (
-                f"; {self._config.tries} such tries: {minutes:.1f} of {self._config.cpu_minutes:g} minutes"
-            )
+            minutes = self.config.tries * found.cpu_seconds / 60
+            said += f"; {self.config.tries} such tries: {minutes:.1f} of {self.config.cpu_minutes:g} minutes"
         return said
 
     def _check(self, best: Try) -> dict[str, Any]:
@@ -186,8 +255,8 @@ class Tuner:
     def _in_other_worlds(self, settings: dict[str, Any]) -> dict[str, Any]:
         if (found := self._study.checked(settings)) is None:
             runs = self._runs(settings)[self._scenario.worlds :]
-            self._say(f"{self.name}: {settings} in {len(runs)} other worlds")
-            reports = list(self._processes.reports(runs, None, self._log))
+            self.say(f"{self.name}: {settings} in {len(runs)} other worlds")
+            reports = list(self.processes.reports(runs, None, self._log))
             values = [self._worst if report.value is None else report.value for report in reports]
             found = {"worlds": values, "cpu_seconds": reports[-1].cpu_seconds}
             self._study.keep_checked(settings, found)

@@ -1,16 +1,37 @@
-"""Some lifetimes in a process of their own: `python -m experiments.tuning.worker`, told on its input."""
+"""Some lifetimes in a process of their own, told on its input: `python -m experiments.tuning.worker`."""
 
+import json
 import os
 import sys
 import threading
 import time
 import traceback
 from contextlib import redirect_stdout
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
 
 from experiments.config.model import Model
-from experiments.running.plan import LifetimeRun
-from experiments.running.worker import end_with_the_parent
-from experiments.tuning.objective import motions_per_reach
+from experiments.running.cpu_time import CpuTimes
+from experiments.running.results_folder import TRIALS
+from experiments.running.run import LifetimeRun
+from experiments.running.worker import end_with_the_parent, run_lifetime
+
+
+def motions_per_reach(run: LifetimeRun) -> float:
+    """Motions of a held-out reach, mean over all checkpoints of a lifetime.
+
+    A trial without a rendezvous counts as the cap. So it counts how much an agent knows in the end, how soon
+    it knew it, and what a change of the world costs it.
+    """
+    with TemporaryDirectory() as folder:
+        run_lifetime(run, Path(folder), CpuTimes())
+        lines = (Path(folder) / TRIALS).read_text(encoding="utf-8").splitlines()
+    trials = [trial for trial in map(json.loads, lines) if trial["phase"] == "eval"]
+    cap = run.scenario.env.max_episode_steps
+    return float(np.mean([trial["motions"] if trial["rendezvous"] else cap for trial in trials]))
+
 
 OVER_BUDGET = 75
 """Exit code where CPU time ran out."""

@@ -17,9 +17,9 @@ from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.sweep.estimates import points
 from experiments.reporting.sweep.figure import sweep_figure
 from experiments.reporting.sweep.section import sweep_sections
-from experiments.running import sweep_trials as sweep
+from experiments.running import worker
 from experiments.running.cpu_time import CpuTimes
-from experiments.running.plan import SweepRun, runs_of
+from experiments.running.run import SweepRun, runs_of
 from tests.arms.own import MODELS
 
 ENV = {"id": "CalFree/Reach-v0", "world": "nominal", "dynamics": "kinematic", "keep_in_view": False}
@@ -43,7 +43,7 @@ def rows_of(tmp_path):
     def make(data):
         found = {}
         for run in runs_of(Suite.model_validate(data)):
-            sweep.run_sweep(run, tmp_path, CpuTimes())
+            worker.run_sweep(run, tmp_path, CpuTimes())
             lines = (tmp_path / "trials.jsonl").read_text().splitlines()
             found[run.agent.label] = pd.DataFrame([json.loads(line) for line in lines])
         return found
@@ -101,7 +101,7 @@ def test_whatever_changes_a_sweep_changes_its_runs_and_nothing_else_does(sweep_d
 
 
 def test_all_agents_meet_the_same_worlds_objects_and_observations(sweep_data, rows_of, monkeypatch):
-    evaluate, met = sweep.evaluate, {}
+    evaluate, met = worker.evaluate, {}
 
     def watched(agent, env, trials, seed):
         observation, info = env.reset(seed=seed)
@@ -110,7 +110,7 @@ def test_all_agents_meet_the_same_worlds_objects_and_observations(sweep_data, ro
         )
         return evaluate(agent, env, trials, seed)
 
-    monkeypatch.setattr(sweep, "evaluate", watched)
+    monkeypatch.setattr(worker, "evaluate", watched)
     sweep_data["agents"] = ["random", "joint_space_servo", "affine_stereo"]
     rows_of(sweep_data)
     random, joints, affine = met.values()

@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from experiments.config.arms import as_told
-from experiments.config.environment import EnvironmentConfig
+from experiments.config.environment import EnvironmentConfig, as_told
 from experiments.config.suite import ScenarioConfig
 from experiments.reporting.agents_in_words import lines_of
 from experiments.reporting.by_arm.figure import arms_figure

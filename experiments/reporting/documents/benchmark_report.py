@@ -6,7 +6,7 @@ from pathlib import Path
 from experiments.errors import ConfigError
 from experiments.reporting.documents.kept_tables import read_kept
 from experiments.reporting.pages.markdown import tables_markdown
-from experiments.reporting.results_file import RESULTS
+from experiments.running.finished import RESULTS
 from experiments.running.results_folder import write_whole
 
 MARKDOWN = "report.md"

@@ -10,7 +10,8 @@ from PIL import Image
 from experiments.errors import ConfigError
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.report import FILMS, PAGE, write_report
-from experiments.reporting.results_file import RESULTS, TIMES, read_finished
+from experiments.reporting.results_file import read_finished
+from experiments.running.finished import RESULTS, TIMES
 from experiments.running.versions import commit, is_of_no_commit, versions
 
 COLOURS = 256

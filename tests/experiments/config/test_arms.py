@@ -12,7 +12,7 @@ from calfree_gym import Arm
 from experiments.__main__ import main
 from experiments.config.loading import load
 from experiments.errors import ConfigError
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
 from tests.arms.own import ARMS, MODELS
 
 ROOT = Path(__file__).parents[3]

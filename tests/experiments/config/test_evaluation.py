@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.config.evaluation import EvaluationConfig
+from experiments.config.life import EvaluationConfig
 from experiments.config.loading import load
 from experiments.errors import ConfigError
 

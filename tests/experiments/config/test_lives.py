@@ -5,7 +5,7 @@ import pytest
 from experiments.config.loading import load
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
-from experiments.running.plan import parse_run, runs_of
+from experiments.running.run import parse_run, runs_of
 from tests.agents.neural.quick import QUICK
 
 AIM = {"type": "camera_aim", "camera": "left", "degrees": 20}

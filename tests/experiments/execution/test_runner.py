@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from experiments.__main__ import main
-from experiments.execution.options import command_of
+from experiments.execution.commands import command_of
 from experiments.running.results_folder import locked
 from experiments.running.versions import REPOSITORY
 
@@ -70,7 +70,7 @@ def test_what_is_finished_keeps_the_commit_that_made_it(finished, monkeypatch, b
     about = json.loads((out / "suite.json").read_text())
     (out / "suite.json").write_text(json.dumps(about | {"commit": before}))
     monkeypatch.setattr("experiments.execution.runner.commit", lambda: "later")
-    monkeypatch.setattr("experiments.__main__._report", lambda source, out: None)
+    monkeypatch.setattr("experiments.reporting.report.report", lambda source, out: None)
     for folder in list(out.glob("runs/*unified_servo*"))[:lost]:
         shutil.rmtree(folder)
     assert run(config, out) == 0
@@ -129,9 +129,8 @@ def test_one_crash_fails_one_run_loudly(suite_data, write_config, tmp_path, caps
     results = pd.read_parquet(out / "results.parquet")
     assert set(results["scenario"]) == {"aimed"}
     page = (out / "report.html").read_text()
-    assert page.index("1 of 2 runs FAILED") < page.index("Scenario aimed")
+    assert page.index("1 of 2 runs FAILED") < page.index("aimed: held-out trials")
     assert "the world after" in page
-    assert "<td>random</td><td>no run finished</td><td>0 of 1</td>" in page
     assert main(["report", str(out)]) == 0
 
 
@@ -222,11 +221,15 @@ def test_a_folder_that_cannot_be_written_is_one_message(suite_data, write_config
     assert capsys.readouterr().err == f"{said}nothing was run; allowed: a folder that can\n"
 
 
-@pytest.mark.parametrize("command", ["run", "film", "benchmark", "merge", "report"])
+@pytest.mark.parametrize("command", ["run", "film", "benchmark", "report"])
 def test_where_nothing_can_be_written_nothing_is_begun(command, finished, capsys, monkeypatch):
     """/proc takes no folder of anybody, however mighty."""
     config, done = finished
-    for begins in ("execution.orders.write_order", "film.command.requirements", "studies.measure"):
+    for begins in (
+        "execution.pending.write_pending",
+        "film.command.requirements",
+        "studies.measure",
+    ):
         monkeypatch.setattr(f"experiments.{begins}", None)
     what = {"run": config, "film": REPOSITORY / "configs/film.yaml", "benchmark": "speed"}.get(command, done)
     out = "/proc/xx/speed.json" if command == "benchmark" else "/proc/xx"
@@ -235,11 +238,11 @@ def test_where_nothing_can_be_written_nothing_is_begun(command, finished, capsys
     assert said in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [["run"], ["tune"], ["film"], ["merge"], ["report"]])
+@pytest.mark.parametrize("command", ["run", "tune", "film", "report"])
 def test_a_file_in_place_of_a_folder_is_told_first(command, tmp_path, capsys):
     file = tmp_path / "file"
     file.write_text("")
-    assert main([*command, "nowhere", "--out", str(file)]) == 2
+    assert main([command, "nowhere", "--out", str(file)]) == 2
     assert (
         capsys.readouterr().err
         == f"error: --out: {file} is a file; allowed: a folder, which need not be there yet\n"
@@ -250,7 +253,7 @@ def test_a_file_in_place_of_a_folder_is_told_first(command, tmp_path, capsys):
 def test_a_full_disk_loses_nothing(suite_data, write_config, tmp_path, capsys, monkeypatch):
     config, out = write_config(suite_data), tmp_path / "out"
     real = os.fsync
-    left = iter([None] * 13)  # the suite, four orders, and two attempts
+    left = iter([None] * 13)  # the suite, four pending runs, and two workers
 
     def full(descriptor):
         if next(left, "full") == "full":
@@ -278,8 +281,8 @@ def test_a_full_disk_loses_nothing(suite_data, write_config, tmp_path, capsys, m
 )
 def test_a_folder_of_earlier_code_is_one_message(tmp_path, capsys, text, what):
     (tmp_path / "suite.json").write_text(text)
-    for command in (["status"], ["report"], ["merge", "--out", str(tmp_path / "out")]):
-        assert main([*command, str(tmp_path)]) == 2
+    for command in ("status", "report"):
+        assert main([command, str(tmp_path)]) == 2
         said = capsys.readouterr().err
         assert re.search(what, said)
         assert f"{tmp_path / 'suite.json'} is damaged, or of an earlier form" in said
@@ -312,3 +315,34 @@ def test_user_errors_are_one_message(capsys, tmp_path):
 def test_validate_counts_the_work(suite_data, write_config, capsys):
     assert main(["validate", str(write_config(suite_data))]) == 0
     assert "2 agents, 1 scenario, 2 worlds: 4 runs, 360 motions" in capsys.readouterr().out
+
+
+def test_runs_made_in_several_folders_are_one_suite_where_they_are_copied_together(
+    finished, write_config, suite_data, capsys
+):
+    config, part = finished
+    whole = part.with_name("whole")
+    for folder in sorted(part.glob("runs/*"))[:3]:
+        shutil.copytree(folder, whole / "runs" / folder.name)
+    assert run(config, whole) == 0
+    assert "4 runs, 3 of them finished already" in capsys.readouterr().out
+    assert (whole / "summary.csv").read_bytes() == (part / "summary.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "instead"),
+    [
+        (["merge", "a", "b", "--out", "c"], "merge is no command any more: copy all folders of PART/runs"),
+        (["run", "a.yaml", "--out", "b", "--part", "1/2"], "--part is no option any more: --cluster shares"),
+        (["run", "a.yaml", "--out", "b", "--slurm"], "--slurm is no option any more: let Slurm start Dask's"),
+        (
+            ["run", "a.yaml", "--out", "b", "--slurm-option", "qos=low"],
+            "--slurm-option is no option any more",
+        ),
+    ],
+)
+def test_what_is_gone_says_what_to_use_instead(arguments, instead, capsys):
+    with pytest.raises(SystemExit) as error:
+        main(arguments)
+    assert error.value.code == 2
+    assert instead in capsys.readouterr().err

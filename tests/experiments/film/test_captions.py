@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calfree_gym.perturbations import TYPES
-from experiments.film.captions import Status, announcement, caption, told
+from experiments.film.recorder import Status, announcement, caption, told
 
 
 def test_a_knock_is_told_in_words():

@@ -8,7 +8,7 @@ from PIL import Image
 from calfree_gym.envs.rendering.scene_frame import GRIPPER_COLOUR
 from experiments.errors import ConfigError
 from experiments.film.files import FilmFiles
-from experiments.film.strip import WIDTH, Moment, chosen, frame_strip, moment
+from experiments.film.pictures import WIDTH, Moment, chosen, frame_strip, moment
 
 SIZE = (120, 90)
 

@@ -10,9 +10,18 @@ import agents
 from calfree_gym.envs.rendering.scene_frame import GRIPPER_COLOUR, SceneFrame
 from calfree_gym.image import lengths_px
 from experiments.__main__ import main
-from experiments.film.drawing import Alarm, Marks, Screen, draw_crosses
-from experiments.film.lettering import ALARM, SUCCESS, Lettering, Trial, Words
-from experiments.film.predictions import Predictions
+from experiments.film.command import Predictions
+from experiments.film.pictures import (
+    ALARM,
+    SUCCESS,
+    Alarm,
+    Lettering,
+    Marks,
+    Screen,
+    Trial,
+    Words,
+    draw_crosses,
+)
 from experiments.film.recorder import FilmRecorder
 
 

@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from experiments.film.lettering import Trial
+from experiments.film.pictures import Trial
 from experiments.film.recorder import PACE, FilmRecorder, eased
 
 RATE = 20

@@ -7,7 +7,7 @@ import pandas as pd
 
 from experiments.config.suite import Suite
 from experiments.reporting.finished_suite import FinishedSuite
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
 
 CAP = 60
 # Motions of a life; motions per reach at first, right after the knock and in the end; and by how many motions

@@ -10,7 +10,8 @@ from experiments.__main__ import main
 from experiments.reporting.by_arm import section
 from experiments.reporting.by_arm.section import many_arms
 from experiments.reporting.documents.kept_tables import tables_named
-from experiments.reporting.results_file import RESULTS, read_finished
+from experiments.reporting.results_file import read_finished
+from experiments.running.finished import RESULTS
 from tests.arms.own import MODELS
 
 TRIALS = 3

@@ -4,7 +4,7 @@ import pandas as pd
 
 from experiments.config.suite import Suite
 from experiments.reporting.finished_suite import FinishedSuite, about, few_worlds
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
 
 
 def of_suite(suite):

@@ -10,7 +10,7 @@ from experiments.reporting.agents_in_words import in_words
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.pages.head_table import head_part, head_table
 from experiments.reporting.pages.sentences import sentences
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
 
 WORLDS, CAP = 20, 20
 COLUMNS = ["agent", "what it must know", "motions per reach before → right after the knock"]

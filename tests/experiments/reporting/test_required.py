@@ -7,7 +7,7 @@ from experiments.config.claims import Requirement
 from experiments.config.loading import load
 from experiments.errors import ConfigError
 from experiments.reporting.required import required_section
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
 
 SUITE = {
     "name": "asked",

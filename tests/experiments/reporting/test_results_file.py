@@ -14,8 +14,8 @@ from experiments.config.suite import FIRST_OWN_TRIALS, ScenarioConfig
 from experiments.errors import ConfigError
 from experiments.reporting.report import computing_section
 from experiments.reporting.results_file import MOST_OWN_TRIALS, _in_words, gather, read_finished
-from experiments.running.plan import runs_of
 from experiments.running.results_folder import read_suite
+from experiments.running.run import runs_of
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ import json
 import pytest
 
 from experiments.config.suite import Suite
-from experiments.running import checkpoints, worker
+from experiments.running import worker
 from experiments.running.cpu_time import CpuTimes
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
 from tests.agents.neural.quick import QUICK
 
 AIM = {"type": "camera_aim", "camera": "left", "degrees": 20}
@@ -22,14 +22,14 @@ def live(suite_data, tmp_path, monkeypatch):
     def make(agent, **changes):
         suite_data["agents"], suite_data["worlds"] = [agent], 1
         suite_data["evaluation"] = {"trials": 1, **changes}
-        seen, evaluate = [], checkpoints.evaluate
+        seen, evaluate = [], worker.evaluate
 
         def watched(timed, env, trials, seed):
             timed.agent.save(tmp_path / "agent")
             seen.append((env.unwrapped.world, (tmp_path / "agent").read_bytes()))
             return evaluate(timed, env, trials, seed)
 
-        monkeypatch.setattr(checkpoints, "evaluate", watched)
+        monkeypatch.setattr(worker, "evaluate", watched)
         (spec,) = runs_of(Suite.model_validate(suite_data))
         worker.run_lifetime(spec, tmp_path, CpuTimes())
         rows = map(json.loads, (tmp_path / "trials.jsonl").read_text().splitlines())

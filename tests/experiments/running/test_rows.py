@@ -8,15 +8,13 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from experiments.config.environment import EnvironmentConfig
-from experiments.config.requirements import requirements
+from experiments.config.requirements import requirements, unfit_life
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
-from experiments.config.whole_moves import unfit_life
 from experiments.evaluation import TrialRecord
 from experiments.running import worker
 from experiments.running.cpu_time import CpuTimes
-from experiments.running.lifetime import LifetimeRecorder
-from experiments.running.plan import runs_of
-from experiments.running.rows import RowsRecorder
+from experiments.running.lifetime import LifetimeRecorder, RowsRecorder
+from experiments.running.run import runs_of
 from tests.agents.neural.quick import QUICK
 
 ENV = EnvironmentConfig(id="CalFree/ReachDense-v0", world="wild", dynamics="kinematic", max_episode_steps=8)

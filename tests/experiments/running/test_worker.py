@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from experiments.config.suite import Suite
-from experiments.running import checkpoints, worker
+from experiments.running import worker
 from experiments.running.cpu_time import CpuTimes
 from experiments.running.lifetime import LifetimeRecorder
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
 from tests.agents.neural.quick import QUICK
 
 AGENTS = [
@@ -85,13 +85,13 @@ def test_checkpoints_are_the_same_for_agents_that_reset_at_once(suite_data, run_
     suite_data |= {"worlds": 1, "agents": [AGENTS[1], AGENTS[3]]}
     suite_data["scenarios"][0]["perturbations"] = [{"at": {"trial": 2}, "do": AIM}]
     suite_data["scenarios"][0]["env"]["tolerance_px"] = 0.01  # never reached: trial 2 begins after 40 motions
-    worlds, evaluate = [], checkpoints.evaluate
+    worlds, evaluate = [], worker.evaluate
 
     def watched(agent, env, trials, seed):
         worlds.append(env.unwrapped.world)
         return evaluate(agent, env, trials, seed)
 
-    monkeypatch.setattr(checkpoints, "evaluate", watched)
+    monkeypatch.setattr(worker, "evaluate", watched)
     recorders = run_all()
     for _, _, rows in recorders:
         held_out = [row for row in rows if row["phase"] == "eval" and row["trial"] == 0]

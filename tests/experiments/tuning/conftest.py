@@ -6,8 +6,7 @@ import math
 import pytest
 
 from experiments.tuning.config import TuningConfig
-from experiments.tuning.processes import OverBudgetError
-from experiments.tuning.tuner import Tuner
+from experiments.tuning.tuner import OverBudgetError, Tuner
 from experiments.tuning.worker import Report
 
 

@@ -11,10 +11,10 @@ import time
 import pytest
 
 from experiments.__main__ import main
-from experiments.running.plan import runs_of
+from experiments.running.run import runs_of
 from experiments.running.versions import REPOSITORY
 from experiments.tuning.config import TuningConfig
-from experiments.tuning.processes import LostError, OverBudgetError, Processes
+from experiments.tuning.tuner import LostError, OverBudgetError, Processes
 
 
 def command(config, out):

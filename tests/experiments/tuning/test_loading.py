@@ -9,8 +9,8 @@ import yaml
 from experiments.config.loading import read_mapping, read_yaml
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
-from experiments.running.plan import runs_of
-from experiments.tuning.loading import load_tuning, seeds_of_suites
+from experiments.running.run import runs_of
+from experiments.tuning.config import load_tuning, seeds_of_suites
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 RANGE = ("agents", 0, "ranges", "damping")

@@ -1,8 +1,11 @@
-"""Learning curves as TensorBoard scalars, written while a run goes on."""
+"""What a run writes while it goes on: a row a trial as JSON, and TensorBoard's curves."""
 
+import json
+import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tensorboard.compat.proto.event_pb2 import Event
@@ -10,14 +13,51 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.event_file_writer import EventFileWriter
 
 from experiments.evaluation import TrialRecord
+from experiments.running.results_folder import TRIALS
+
+
+class TrialLog:
+    """The append-only curve of one run."""
+
+    def __init__(self, folder: Path):
+        self._file = (folder / TRIALS).open("w", encoding="utf-8")
+
+    def write(
+        self,
+        phase: str,
+        lifetime_motions: int,
+        since_perturbation: int | None,
+        record: TrialRecord,
+        **columns: Any,
+    ) -> None:
+        """Appends one trial; `columns` are those that only some runs have."""
+        row = {
+            "phase": phase,
+            "lifetime_motions": lifetime_motions,
+            "motions_since_perturbation": since_perturbation,
+            "trial": record.trial,
+            "motions": record.motions,
+            "robot_seconds": record.robot_seconds,
+            "success": record.success,
+            "rendezvous": record.rendezvous,
+            "error_px": record.error_px,
+            "distance_mm": record.distance_mm,
+            **{f"motions_to_{px}": motion for px, motion in record.motions_to.items()},
+            "expected_px": record.expected_px,
+            **columns,
+        }
+        self._file.write(json.dumps(row) + "\n")
+        self._file.flush()
+
+    def close(self) -> None:
+        """Waits until all is on the disk."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
 
 
 class Curves:
-    """The curves of one run, over its lifetime motions; `tensorboard --logdir OUT/runs` shows them.
-
-    Args:
-        folder: The run's.
-    """
+    """The curves of one run, over its lifetime motions; `tensorboard --logdir OUT/runs` shows them."""
 
     TOGETHER = 10
     """So many trials of the agent's own are one point: an event takes longer than an object to draw."""

@@ -1,6 +1,7 @@
 """Runs on a Dask cluster: workers that are killed, and clusters that go away."""
 
 import json
+import random
 import subprocess
 import sys
 import threading
@@ -9,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.experiments.execution.machines.conftest import assert_nothing_changed, made_anew_until, results
+from experiments.__main__ import main
+from experiments.running.results_folder import LOG, TIMINGS
 
-REPOSITORY = Path(__file__).parents[4]
+REPOSITORY = Path(__file__).parents[3]
 
 
 class Cluster:
@@ -54,6 +56,22 @@ def cluster(tmp_path):
     cluster.close()
 
 
+@pytest.fixture
+def run(write_config, suite_data):
+    """Carries out two of the four runs of `finished_once` into a folder, with options."""
+    config = write_config(suite_data | {"agents": [{"name": "unified_servo"}]})
+    return lambda out, *options: main(["run", str(config), "--out", str(out), *map(str, options)])
+
+
+def results(out):
+    """All files of the servo's runs but those that tell of time."""
+    return {
+        str(path.relative_to(out)): path.read_bytes()
+        for path in out.glob("runs/*servo*/*")
+        if path.name not in (TIMINGS, LOG) and not path.name.startswith("events.")
+    }
+
+
 @pytest.mark.slow
 def test_workers_killed_at_some_moments_change_nothing(run, finished_once, cluster, tmp_path):
     kill_workers(run, finished_once, cluster, tmp_path, kills=3)
@@ -65,16 +83,31 @@ def test_workers_killed_at_twenty_moments_change_nothing(run, finished_once, clu
 
 
 def kill_workers(run, finished_once, cluster, tmp_path, kills):
-    """Kills workers, for each of which another one comes."""
+    """Makes the suite anew until so many workers were killed, for each of which another one comes."""
     cluster.add(workers=2)
+    rng, killed = random.Random(0), 0
+    for number in range(10 + kills):
+        out, over, count = tmp_path / str(number), threading.Event(), []
 
-    def kill_one(rng, out):
-        cluster.kill_one(rng.randrange(2))
-        cluster.add()
-        return True
+        def kill(over=over, count=count):
+            while len(count) < 3 and not over.wait(rng.uniform(0.2, 2.0)):
+                cluster.kill_one(rng.randrange(2))
+                cluster.add()
+                count.append(1)
 
-    for out in made_anew_until(kills, lambda out: run(out, "--cluster", cluster.address), kill_one, tmp_path):
-        assert_nothing_changed(out, finished_once)
+        thread = threading.Thread(target=kill)
+        thread.start()
+        try:
+            assert run(out, "--cluster", cluster.address) == 0
+        finally:
+            over.set()
+            thread.join()
+        assert results(out) == results(finished_once)
+        assert not (out / "runs" / ".attempts").exists()
+        killed += len(count)
+        if killed >= kills:
+            return
+    pytest.fail("the suite is over before anything is killed")
 
 
 @pytest.mark.slow
@@ -118,12 +151,9 @@ def test_a_wrong_address_is_one_error_and_touches_nothing(run, tmp_path, capsys,
 
 
 def test_a_missing_package_is_named(run, tmp_path, capsys, monkeypatch):
-    for module in ("dask_cluster", "slurm"):
-        monkeypatch.delitem(sys.modules, f"experiments.execution.{module}", raising=False)
+    monkeypatch.delitem(sys.modules, "experiments.execution.dask_cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    monkeypatch.setitem(sys.modules, "submitit", None)
-    for options in (("--cluster", "tcp://127.0.0.1:1"), ("--slurm",)):
-        assert run(tmp_path / "out", *options) == 2
-        said = capsys.readouterr().err
-        assert f"error: {options[0]} needs" in said
-        assert "pip install '.[cluster]'" in said
+    assert run(tmp_path / "out", "--cluster", "tcp://127.0.0.1:1") == 2
+    said = capsys.readouterr().err
+    assert "error: --cluster needs distributed" in said
+    assert "pip install '.[cluster]'" in said

@@ -1,22 +1,22 @@
 """How long runs take where kept results were made: by the times that stand beside these."""
 
-import base64
-import json
-import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
-import pyarrow.parquet as pq
+from pydantic import ValidationError
 
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
-from experiments.config.evaluation import EvaluationConfig
-from experiments.running.plan import LifetimeRun, Run
+from experiments.config.environment import EnvironmentConfig
+from experiments.config.life import EvaluationConfig
+from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
+from experiments.errors import ConfigError
+from experiments.running.finished import RESULTS, TIMES, read_about, read_times
+from experiments.running.run import LifetimeRun, Run, SweepRun
 from experiments.running.versions import REPOSITORY
 
 KEPT = REPOSITORY / "experiments" / "results"
-_RESULTS, _TIMES = "results.parquet", "timings.csv"
 _COSTS = ("other", "decision", "learning")
 _UNKNOWN = {"motions": (2e-4, 5e-4, 1e-3), "trials": (2e-2, 0.0, 0.0)}
 """Seconds where nothing alike is kept. Choice."""
@@ -48,17 +48,11 @@ class Work(NamedTuple):
 
 
 class KeptTimes:
-    """Seconds by agent and kind of environment, from all kept results.
-
-    Args:
-        kept: Their folder.
-    """
+    """Seconds by agent and kind of environment, from all kept results."""
 
     def __init__(self, kept: Path = KEPT):
         rows = [
-            [*work[:3], *costs]
-            for path in sorted(kept.glob(f"*/{_TIMES}"))
-            for work, costs in _measured(path)
+            [*work[:3], *costs] for path in sorted(kept.glob(f"*/{TIMES}")) for work, costs in _measured(path)
         ]
         self._known: dict[Work, float] = {}
         self._costs = pd.DataFrame(rows, columns=["agent", "env", "unit", *_COSTS])
@@ -82,18 +76,36 @@ class KeptTimes:
 
 def work_of(run: Run) -> Work:
     """What a run does."""
-    amount, unit = run.work
-    if not isinstance(run, LifetimeRun):
-        return Work(run.agent.name, _env(run.model_dump(mode="json")["sweep"]["env"]), unit, amount, 0)
-    env = run.scenario.env
-    held_out = _held_out(run.evaluation, run.scenario.most_motions, run.scenario.perturbations)
-    return Work(run.agent.name, _env(env.model_dump()), unit, amount, held_out)
+    if isinstance(run, SweepRun):
+        return _of_sweep(run.agent.name, run.sweep, len(run.world_seeds))
+    assert isinstance(run, LifetimeRun)
+    return _of_life(run.agent.name, run.scenario, run.evaluation)
+
+
+def _of_sweep(agent: str, sweep: SweepConfig, worlds: int) -> Work:
+    return Work(agent, _env(sweep.env), "trials", len(sweep.over) * worlds, 0)
+
+
+def _of_life(agent: str, scenario: ScenarioConfig, evaluation: EvaluationConfig | None) -> Work:
+    own, unit = scenario.length
+    held_out = 0
+    if evaluation:
+        once = sum("at" in each for each in scenario.perturbations)
+        stretches = 1 + once if evaluation.begins_anew else 1
+        scheduled = len(evaluation.offsets(scenario.most_motions // stretches)) * stretches
+        held_out = (scheduled + 2 * once + 1) * evaluation.trials * _REACH
+    return Work(agent, _env(scenario.env), unit, own, held_out)
+
+
+def _env(env: EnvironmentConfig) -> tuple[Any, ...]:
+    task = env.id.removeprefix("CalFree/").partition("-")[0].removesuffix("Dense")
+    return task, env.dynamics, env.observation, env.arm == MOVEMASTER_NAME
 
 
 def _measured(times: Path) -> Iterator[tuple[Work, tuple[float, float, float]]]:
     """What the runs of a kept suite did, and what that cost: medians over worlds."""
-    works = _works_kept(times.with_name(_RESULTS))
-    rows = pd.read_csv(times).fillna({"decision": 0.0, "learning": 0.0})
+    works = _works_kept(times.with_name(RESULTS))
+    rows = read_times(times).fillna({"decision": 0.0, "learning": 0.0})
     names = rows.pop("run").str.rsplit("-", n=1).str[0]  # without the hash
     of_lives = names.str.rsplit("-", n=1).str[0]  # nor the world, which sweeps have not
     for name, (wall, decision, learning) in (
@@ -107,41 +119,17 @@ def _measured(times: Path) -> Iterator[tuple[Work, tuple[float, float, float]]]:
 
 
 def _works_kept(results: Path) -> dict[str, Work]:
-    """What the runs of a kept suite did, by how their names begin."""
+    """What the runs of a kept suite did, by how their names begin; nothing of one that cannot be read now."""
     try:
-        packed = pq.read_metadata(results).metadata[b"calfree"]
-        suite = json.loads(zlib.decompress(base64.b64decode(packed)))["suite"]
-    except (OSError, KeyError, ValueError, TypeError, zlib.error):
+        suite = Suite.model_validate(read_about(results)["suite"])
+    except (ConfigError, KeyError, ValidationError):
         return {}
     found = {}
-    for agent in suite["agents"]:
-        for part in suite["scenarios"]:
-            motions = part["motions"] and (agent.get("motions") or part["motions"])
-            most = motions or part["trials"] * part["env"]["max_episode_steps"]
-            when = part.get("evaluation") or suite["evaluation"]
-            evaluation = when and EvaluationConfig.model_validate(when)
-            held_out = _held_out(evaluation, most, part["perturbations"])
-            unit, own = ("motions", motions) if motions else ("trials", part["trials"])
-            work = Work(agent["name"], _env(part["env"]), unit, own, held_out)
-            found[f"{part['name']}-{agent['label']}"] = work
-        for part in suite["sweeps"]:
-            own = len(part["over"]) * (agent.get("worlds") or suite["worlds"])
-            work = Work(agent["name"], _env(part["env"]), "trials", own, 0)
-            found[f"{part['name']}-{agent['label']}"] = work
+    for part in suite.parts:
+        for agent in suite.agents_in(part):
+            found[f"{part.name}-{agent.label}"] = (
+                _of_sweep(agent.name, part, suite.worlds_of(agent.label))
+                if isinstance(part, SweepConfig)
+                else _of_life(agent.name, part.lived_by(agent), suite.evaluation_of(part))
+            )
     return found
-
-
-def _env(env: Mapping[str, Any]) -> tuple[Any, ...]:
-    task = str(env["id"]).removeprefix("CalFree/").partition("-")[0].removesuffix("Dense")
-    built_in = env.get("arm", MOVEMASTER_NAME) == MOVEMASTER_NAME
-    return task, env.get("dynamics"), env.get("observation", "points"), built_in
-
-
-def _held_out(evaluation: EvaluationConfig | None, motions: int, schedule: Sequence[Any]) -> int:
-    """About how many motions a life's held-out trials have."""
-    if evaluation is None:
-        return 0
-    once = sum("at" in each for each in schedule)
-    stretches = 1 + once if evaluation.begins_anew else 1
-    checkpoints = len(evaluation.offsets(motions // stretches)) * stretches + 2 * once + 1
-    return checkpoints * evaluation.trials * _REACH

@@ -1,7 +1,7 @@
 import math
 
 from experiments.config.suite import Suite
-from experiments.running.plan import parse_run, runs_of
+from experiments.running.run import parse_run, runs_of
 
 
 def test_agents_meet_the_same_worlds_and_trials(suite_data):

@@ -1,4 +1,4 @@
-"""Templates of bodies: copies as good as fresh processes, and what ends when."""
+"""Workers: copies as good as fresh processes, and what ends when."""
 
 import os
 import signal
@@ -9,34 +9,33 @@ from pathlib import Path
 import pytest
 
 from experiments.config.suite import Suite
-from experiments.running.body import end_templates, template
-from experiments.running.plan import runs_of
-from experiments.running.results_folder import DONE, SPEC, write_whole
-from experiments.running.trial_log import TRIALS
+from experiments.running.process import end_idle_workers, lent_worker
+from experiments.running.results_folder import DONE, RUN, TRIALS, write_whole
+from experiments.running.run import runs_of
 
 MADE_OF = {"code": "this"}
 
 
 @pytest.fixture(autouse=True)
 def _none_left():
-    end_templates()
+    end_idle_workers()
     yield
-    end_templates()
+    end_idle_workers()
 
 
 @pytest.fixture
 def folders(suite_data, tmp_path):
     """Of four runs: two agents in two worlds."""
     made = []
-    for spec in runs_of(Suite.model_validate(suite_data)):
-        made.append(tmp_path / spec.id)
+    for run in runs_of(Suite.model_validate(suite_data)):
+        made.append(tmp_path / run.id)
         made[-1].mkdir()
-        write_whole(made[-1] / SPEC, spec.model_dump_json())
+        write_whole(made[-1] / RUN, run.model_dump_json())
     return made
 
 
 def make(folder, versions=MADE_OF):
-    with template(versions) as lent, (folder / "log.txt").open("w") as log:
+    with lent_worker(versions) as lent, (folder / "log.txt").open("w") as log:
         return lent, lent.make(folder, log)
 
 
@@ -55,15 +54,15 @@ def test_a_copy_makes_what_a_fresh_process_makes_whatever_was_made_before(folder
     assert "90/90" in (first / "log.txt").read_text()
 
 
-def test_a_body_that_fails_says_why_and_the_next_one_is_made(folders):
-    (folders[0] / SPEC).write_text("{}")
+def test_a_run_that_fails_says_why_and_the_next_one_is_made(folders):
+    (folders[0] / RUN).write_text("{}")
     lent, code = make(folders[0])
     assert code == 1
     assert "ValidationError" in (folders[0] / "log.txt").read_text()
     assert make(folders[1]) == (lent, 0)
 
 
-def test_a_template_of_other_versions_is_ended(folders):
+def test_a_worker_of_other_versions_is_ended(folders):
     old, _ = make(folders[0])
     new, code = make(folders[1], {"code": "that"})
     assert code == 0
@@ -81,31 +80,31 @@ def wait_for(pid):
         time.sleep(0.01)
 
 
-@pytest.mark.parametrize("killed", ["body", "template"])
+@pytest.mark.parametrize("killed", ["copy", "worker"])
 def test_what_is_killed_is_lost_and_leaves_nothing_behind(folders, suite_data, killed):
     suite_data["scenarios"][0]["motions"] = 1_000_000
     endless = runs_of(Suite.model_validate(suite_data))[0]
-    (folders[0] / SPEC).write_text(endless.model_dump_json())
+    (folders[0] / RUN).write_text(endless.model_dump_json())
     found = []
 
     def kill():
         while not (folders[0] / TRIALS).exists():
             time.sleep(0.01)
         found.extend(children(lent._process.pid))
-        if killed == "body":
+        if killed == "copy":
             os.kill(found[0], signal.SIGKILL)
         else:
             lent.kill()
 
-    with template(MADE_OF) as lent, (folders[0] / "log.txt").open("w") as log:
+    with lent_worker(MADE_OF) as lent, (folders[0] / "log.txt").open("w") as log:
         thread = threading.Thread(target=kill)
         thread.start()
         code = lent.make(folders[0], log)
         thread.join()
     assert code == -signal.SIGKILL
-    if killed == "template":
+    if killed == "worker":
         assert not lent.is_alive
     wait_for(found[0])
     next_one, code = make(folders[1])
     assert code == 0
-    assert (next_one is lent) == (killed == "body")
+    assert (next_one is lent) == (killed == "copy")

@@ -1,15 +1,32 @@
-"""How long a suite still takes, beside what a simulated machine comes to."""
+"""What is shown of a suite under way: a line where runs have ended, or a bar where somebody can see it."""
 
-import pandas as pd
+import io
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 
-from experiments.config.suite import Suite
-from experiments.execution.progress.expected import KEPT, KeptTimes
-from experiments.execution.progress.time_left import TimeLeft, in_words
-from experiments.reporting.results_file import RESULTS, read_finished
-from experiments.running.plan import runs_of
+from experiments.execution.progress import AtWork, Bar, Lines, Standing, TimeLeft, in_words
+
+AT_WORK = (AtWork("ppo in knocked, world 2", 1_000, 4_000, "motions"), AtWork("sac in aim", 3, 5, "trials"))
+
+
+def test_lines_are_one_where_runs_have_ended(capsys):
+    with Lines() as lines:
+        for over in (0, 0, 3, 3, 36):
+            lines.show(Standing(over, 36, 240.0, AT_WORK))
+    assert capsys.readouterr().out == "3 of 36, about 4 min left\n36 of 36\n"
+
+
+@pytest.mark.parametrize("width", [50, 120])
+def test_a_bar_tells_what_each_worker_does(width):
+    shown = io.StringIO()
+    with Bar(Console(file=shown, force_terminal=True, width=width, color_system=None)) as bar:
+        bar.say("36 runs")
+        bar.show(Standing(3, 36, 240.0, AT_WORK))
+    for text in ("36 runs", "3 of 36, about 4 min left", "ppo in knocked, world 2", "1,000 of 4,000 motions"):
+        assert text in shown.getvalue()
 
 
 @given(
@@ -54,18 +71,3 @@ def test_a_run_under_way_shows_the_pace():
 )
 def test_times_are_rounded(seconds, words):
     assert in_words(seconds) == words
-
-
-@pytest.mark.parametrize("suite", ["others", "rivals"])
-def test_kept_runs_are_expected_to_take_what_they_took(suite, tmp_path):
-    kept, finished = KeptTimes(), read_finished(KEPT / suite / RESULTS, tmp_path)
-    took = finished.timings.set_index("run")["wall_seconds"]
-    expected = pd.Series({run.id: kept.seconds(run) for run in finished.runs})
-    assert expected.sum() == pytest.approx(took.sum(), rel=0.6)
-    assert expected.corr(took, "spearman") > 0.7  # so the longest come first
-
-
-def test_without_kept_results_there_is_still_an_order(tmp_path, suite_data):
-    suite_data["agents"] = ["random", {"name": "unified_servo", "motions": 400}]
-    short, _, long, _ = map(KeptTimes(tmp_path).seconds, runs_of(Suite.model_validate(suite_data)))
-    assert 0 < short < long

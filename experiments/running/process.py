@@ -8,45 +8,41 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from experiments.running.results_folder import ENDED
 from experiments.running.versions import REPOSITORY
 
+ENDED = "\0ended "
+"""In what a worker prints: before the exit code of a run that is over."""
 _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
 )
 
 
-class Template:
-    """A process that has imported what a run needs. The body of each run is a copy of it, one at a time.
+class Worker:
+    """A process that has imported what a run needs, and makes each run in a copy of itself, one at a time.
 
-    It ends, and the body with it, when the process that started it ends.
-
-    Args:
-        versions: What it is made of.
+    It ends, and the copy with it, when the process that started it ends.
     """
 
     def __init__(self, versions: Mapping[str, str]):
         self.versions = versions
         self._process = start_module("experiments.running.worker", errors=subprocess.STDOUT)
+        self._input, self._output = pipes_of(self._process)
 
     @property
     def is_alive(self) -> bool:
         """Whether it can make another run."""
-        assert self._process.stdin is not None
-        return self._process.poll() is None and not self._process.stdin.closed
+        return self._process.poll() is None and not self._input.closed
 
     def make(self, folder: Path, log: IO[str]) -> int:
         """Makes the run that `folder` describes, and writes what is printed, errors too.
 
         Returns:
-            The exit code of the body, or of this process where it has ended.
+            The exit code of the copy, or of the worker itself where that has ended.
         """
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
         with suppress(BrokenPipeError):
-            self._process.stdin.write(f"{folder.resolve()}\n")
-            self._process.stdin.flush()
-        for line in self._process.stdout:
+            self._input.write(f"{folder.resolve()}\n")
+            self._input.flush()
+        for line in self._output:
             printed, ended, exit_code = line.partition(ENDED)
             log.write(printed)
             log.flush()
@@ -55,11 +51,10 @@ class Template:
         return self._process.wait()
 
     def kill(self) -> None:
-        """Ends it; the body ends as its input does."""
-        assert self._process.stdin is not None
+        """Ends it; the copy ends as its input does."""
         self._process.kill()
         with suppress(BrokenPipeError):
-            self._process.stdin.close()
+            self._input.close()
 
     def end(self) -> None:
         """Ends it, and waits until it has ended."""
@@ -68,13 +63,13 @@ class Template:
             pass
 
 
-_idle: list[Template] = []
+_idle: list[Worker] = []
 
 
 @contextmanager
-def template(versions: Mapping[str, str]) -> Iterator[Template]:
-    """A process made of these versions, to make one run: one that has made others, or a new one."""
-    lent = _idle_of(versions) or Template(versions)
+def lent_worker(versions: Mapping[str, str]) -> Iterator[Worker]:
+    """A worker made of these versions, to make one run: one that has made others, or a new one."""
+    lent = _idle_of(versions) or Worker(versions)
     try:
         yield lent
     except BaseException:
@@ -86,7 +81,7 @@ def template(versions: Mapping[str, str]) -> Iterator[Template]:
         lent.end()
 
 
-def _idle_of(versions: Mapping[str, str]) -> Template | None:
+def _idle_of(versions: Mapping[str, str]) -> Worker | None:
     """An idle one; those made of other versions are ended."""
     with suppress(IndexError):  # several threads take from the same list
         while (found := _idle.pop()).versions != versions:
@@ -95,11 +90,18 @@ def _idle_of(versions: Mapping[str, str]) -> Template | None:
     return None
 
 
-def end_templates() -> None:
+def end_idle_workers() -> None:
     """Ends those that make no run."""
     with suppress(IndexError):
         while True:
             _idle.pop().end()
+
+
+def pipes_of(process: subprocess.Popen[str]) -> tuple[IO[str], IO[str]]:
+    """Where it reads, and where it writes."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    return process.stdin, process.stdout
 
 
 def start_module(module: str, errors: int | IO[str]) -> subprocess.Popen[str]:

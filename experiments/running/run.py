@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
-from experiments.config.arms import digest
-from experiments.config.evaluation import EvaluationConfig
+from experiments.config.environment import digest
+from experiments.config.life import EvaluationConfig
 from experiments.config.suite import AgentConfig, Model, ScenarioConfig, Suite, SweepConfig
 
 _WORLD, _EVALUATION, _AGENT = range(3)
@@ -115,6 +115,11 @@ def world_seeds(suite_seed: int, worlds: int, first: int | None = None) -> tuple
     return tuple(_seed(suite_seed, _WORLD, world) for world in range(worlds))
 
 
+def _worlds(suite: Suite, agent: AgentConfig) -> tuple[int, ...]:
+    """What seeds the worlds that an agent meets."""
+    return world_seeds(suite.seed, suite.worlds_of(agent.label), suite.first_world)
+
+
 def _alone(agent: AgentConfig) -> AgentConfig:
     """Without what stands in its runs already."""
     return agent.model_copy(update={"motions": None, "worlds": None})
@@ -141,7 +146,7 @@ def _lifetimes(suite: Suite) -> list[LifetimeRun]:
         )
         for scenario in suite.scenarios
         for agent in suite.agents_in(scenario)
-        for world, seed in enumerate(world_seeds(suite.seed, suite.worlds_of(agent), suite.first_world))
+        for world, seed in enumerate(_worlds(suite, agent))
     ]
 
 
@@ -150,7 +155,7 @@ def _sweeps(suite: Suite) -> list[SweepRun]:
         SweepRun(
             agent=_alone(agent),
             sweep=sweep.model_copy(update={"agents": None}),
-            world_seeds=world_seeds(suite.seed, suite.worlds_of(agent), suite.first_world),
+            world_seeds=_worlds(suite, agent),
             agent_seed=_seed(suite.seed, _AGENT, 0),
         )
         for sweep in suite.sweeps

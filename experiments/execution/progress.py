@@ -1,0 +1,193 @@
+"""How far the runs are, and how long they still take: a bar on a terminal, plain lines elsewhere."""
+
+import os
+import re
+import sys
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+
+from experiments.running.results_folder import LOG
+
+_DONE = re.compile(r"^(?:motions|trials) (\d+)/", re.MULTILINE)
+_TAIL = 10_000
+"""Bytes at the end of a log in which a line of progress is looked for."""
+_SURE = 20.0
+"""Seconds of work, as kept times have it, from which on this machine's own pace counts more. Choice."""
+
+
+def made_in(folder: Path) -> int:
+    """How much of its work a run says it has done, in its log."""
+    try:
+        with (folder / LOG).open("rb") as log:
+            log.seek(max(0, log.seek(0, os.SEEK_END) - _TAIL))
+            found = _DONE.findall(log.read().decode(errors="replace"))
+    except FileNotFoundError:
+        return 0
+    return int(found[-1]) if found else 0
+
+
+@dataclass(frozen=True, slots=True)
+class AtWork:
+    """A run under way.
+
+    Attributes:
+        what: The run, in words.
+        made: How much of its work is done.
+        amount: Of how much.
+        unit: "motions" or "trials".
+    """
+
+    what: str
+    made: int
+    amount: int
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How far a suite is.
+
+    Attributes:
+        over: Runs that are over.
+        runs: All runs.
+        left: Seconds that the others will take, about.
+        at_work: Runs under way.
+    """
+
+    over: int
+    runs: int
+    left: float
+    at_work: tuple[AtWork, ...]
+
+    def __str__(self) -> str:
+        left = f", about {in_words(self.left)} left" if self.over < self.runs else ""
+        return f"{self.over} of {self.runs}{left}"
+
+
+class Lines:
+    """Plain lines: one where runs have ended."""
+
+    def __init__(self) -> None:
+        self._over = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, error: object, traceback: object) -> None:
+        pass
+
+    def say(self, text: str) -> None:
+        """Prints a line."""
+        print(text, flush=True)
+
+    def show(self, now: Standing) -> None:
+        """Prints how far the suite is, where more runs are over than last time."""
+        if now.over > self._over:
+            self._over = now.over
+            self.say(f"{now}")
+
+
+class Bar(Live):
+    """A bar for the suite, and below it a line for each run under way."""
+
+    def __init__(self, console: Console):
+        super().__init__(console=console, refresh_per_second=4, transient=True)
+
+    def say(self, text: str) -> None:
+        """Prints a line above the bar."""
+        self.console.print(text, markup=False, highlight=False)
+
+    def show(self, now: Standing) -> None:
+        """Moves the bar by whole runs and what is made of those under way."""
+        made = now.over + sum(each.made / each.amount for each in now.at_work)
+        head = Table.grid(padding=(0, 1))
+        head.add_row(ProgressBar(total=now.runs, completed=made, width=40), str(now))
+        lines = Table.grid(padding=(0, 2))
+        for each in now.at_work:
+            lines.add_row(f"  {each.what}", f"{each.made:,} of {each.amount:,} {each.unit}")
+        self.update(Group(head, lines))
+
+
+Display = Lines | Bar
+"""Shows what the runner does."""
+
+
+def display() -> Display:
+    """A bar where somebody can see it move, lines elsewhere."""
+    return Bar(Console()) if sys.stdout.isatty() else Lines()
+
+
+class TimeLeft:
+    """Of runs that are made some at a time, the longest first.
+
+    Args:
+        expected: Seconds of each run where kept times were made, by its id, in the order in which they begin.
+        at_once: How many runs are made at a time; None where that shows by and by.
+        now: Tells the time in seconds.
+    """
+
+    def __init__(
+        self,
+        expected: dict[str, float],
+        at_once: int | None,
+        now: Callable[[], float] = time.monotonic,
+    ):
+        self._expected, self._at_once, self._now = expected, at_once, now
+        self._begun: dict[str, float] = {}
+        self._share: dict[str, float] = {}
+        self._over: list[tuple[float, float]] = []
+
+    def begins(self, run: str) -> None:
+        """A run begins."""
+        self._begun[run] = self._now()
+
+    def has_made(self, run: str, share: float) -> None:
+        """A run that has begun has made this share of its work."""
+        self._share[run] = share
+
+    def ends(self, run: str, took: float | None) -> None:
+        """A run is over, after so many seconds; None where that tells nothing of others."""
+        expected = self._expected.pop(run)
+        self._begun.pop(run, None)
+        self._share.pop(run, None)
+        if took is not None:
+            self._over.append((expected, took))
+
+    def seconds(self) -> float:
+        """Until all runs are over."""
+        shares = {run: self._share.get(run, 0.0) for run in self._expected}
+        under_way = [
+            (shares[run] * self._expected[run], self._now() - self._begun[run]) for run in self._begun
+        ]
+        pace = _pace([*self._over, *((done, took) for done, took in under_way if done)])
+        left = [(1 - shares[run]) * seconds for run, seconds in self._expected.items()]
+        return pace * _one_after_the_other(left, self._at_once or max(len(self._begun), 1))
+
+
+def _pace(made: Iterable[tuple[float, float]]) -> float:
+    """How many times as long as expected work takes here, of expected seconds and those that it took."""
+    sums = [sum(column) for column in zip((_SURE, _SURE), *made, strict=True)]
+    return sums[1] / sums[0]
+
+
+def _one_after_the_other(seconds: Iterable[float], at_once: int) -> float:
+    """When the last of some runs is over, each of which begins as soon as there is a place."""
+    places = [0.0] * at_once
+    for each in seconds:
+        places[places.index(min(places))] += each
+    return max(places)
+
+
+def in_words(seconds: float) -> str:
+    """A rounded time, such as "4 min"."""
+    if seconds < 55:
+        return f"{max(10 * round(seconds / 10), 10)} s"
+    return f"{round(seconds / 60)} min" if seconds < 100 * 60 else f"{seconds / 3600:.1f} h"

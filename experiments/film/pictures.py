@@ -1,0 +1,353 @@
+"""A film's pictures: the scene and both camera images, what is written on them, and a strip of moments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Pictures
+from PIL import ImageDraw, ImageFont
+
+from calfree_gym.envs.arms.base import Arms
+from calfree_gym.envs.rendering.scene_frame import (
+    GRIPPER_COLOUR,
+    OBJECT_COLOUR,
+    SceneFrame,
+    beside,
+    draw_points,
+)
+from calfree_gym.geometry import Array, Flags
+from calfree_gym.image import CAMERAS, IMAGE_SIZE, PIXELS_PER_UNIT
+from calfree_gym.vision.image_formation import ImageFormation
+
+Image = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+DARK, LIGHT = (30, 30, 34), (240, 240, 240)
+ALARM, SUCCESS, FAILURE = (222, 80, 16), (40, 170, 105), (140, 140, 146)
+GOOD_NEWS = (120, 225, 140)
+LEGEND = (("gripper", GRIPPER_COLOUR), ("object", OBJECT_COLOUR), ("rings: seen", LIGHT))
+"""From the left, under the caption."""
+EXPECTED = ("crosses: expected", LIGHT)
+"""Likewise, of agents that expect something."""
+MOST_BARS = 10
+"""Of so many trials, the last ones, bars are shown."""
+FEWEST_MOTIONS, MOST_MOTIONS = 6, 14
+"""Of the highest bar: those of more are not higher, and of fewer not as high."""
+
+COLOURS = (
+    *(DARK, LIGHT, ALARM, SUCCESS, FAILURE, GOOD_NEWS, GRIPPER_COLOUR, OBJECT_COLOUR),
+    *((255, 255, 255), (0, 0, 0)),
+)
+"""All that is drawn and written, but for the scene."""
+
+
+class Trial(NamedTuple):
+    """A bar.
+
+    Attributes:
+        motions: Made so far.
+        success: Whether its task was done; None while it lasts.
+        knocked: Whether the world was changed at its beginning or in it.
+    """
+
+    motions: int = 0
+    success: bool | None = None
+    knocked: bool = False
+
+
+class Words(NamedTuple):
+    """What a picture says.
+
+    Attributes:
+        caption: Below.
+        good: Whether that is good news.
+        announced: Across the scene; nothing, if empty.
+        unit: What a trial is called.
+        trials: All so far, also those that were not shown.
+        expected: Whether the agent has expected anything so far.
+    """
+
+    caption: str
+    good: bool = False
+    announced: str = ""
+    unit: str = "trial"
+    trials: tuple[Trial, ...] = ()
+    expected: bool = False
+
+
+class Lettering:
+    """Writes on pictures of one size, and on a band below.
+
+    Args:
+        width: Of a picture, in pixels.
+        scene: Of its scene, likewise.
+        band: Height of the band, likewise.
+    """
+
+    def __init__(self, width: int, scene: int, band: int) -> None:
+        self._width, self._scene, self._band = width, scene, band
+        self._edge = round(0.18 * band)
+        self._font, self._small, self._tiny = font(0.23 * band), font(0.18 * band), font(0.15 * band)
+
+    def write(self, picture: Image, words: Words) -> Image:
+        """The picture (height, width, 3) with what is written, (height + band, width, 3)."""
+        height = len(picture)
+        canvas = Pictures.new("RGB", (self._width, height + self._band), DARK)
+        canvas.paste(Pictures.fromarray(picture), (0, 0))
+        draw = ImageDraw.Draw(canvas)
+        if words.announced:
+            self._announce(draw, words.announced)
+        self._below(draw, height, words)
+        if words.trials:
+            self._bars(draw, height, words)
+        return np.asarray(canvas)
+
+    def _announce(self, draw: ImageDraw.ImageDraw, text: str) -> None:
+        high = round(0.5 * self._band)
+        draw.rectangle((0, 0, self._scene, high), ALARM)
+        fits = fitting(text, self._font, self._scene - 2 * self._edge)
+        draw.text((self._scene // 2, high // 2), text, (255, 255, 255), fits, anchor="mm")
+
+    def _below(self, draw: ImageDraw.ImageDraw, height: int, words: Words) -> None:
+        """The caption, and under it the legend."""
+        x, colour = float(self._edge), GOOD_NEWS if words.good else LIGHT
+        fits = fitting(words.caption, self._font, self._scene - 2 * self._edge)
+        draw.text((x, height + 0.34 * self._band), words.caption, colour, fits, anchor="lm")
+        for text, colour in (*LEGEND, EXPECTED) if words.expected else LEGEND:
+            draw.text((x, height + 0.72 * self._band), text, colour, self._small, anchor="lm")
+            x += self._small.getlength(text + "   ")
+
+    def _bars(self, draw: ImageDraw.ImageDraw, height: int, words: Words) -> None:
+        """Motions of each trial, as bars; a line stands where the world was changed."""
+        edge, left = self._edge, float(self._scene)
+        ground, tallest = height + self._band - edge / 2, 0.38 * self._band
+        draw.text((left, height + edge / 2), f"motions in each {words.unit}", LIGHT, self._small, anchor="lt")
+        step = (self._width - left - edge) / MOST_BARS
+        shown = words.trials[-MOST_BARS:]
+        highest = min(max(FEWEST_MOTIONS, *(trial.motions for trial in shown)), MOST_MOTIONS)
+        for trial in shown:
+            bar = ground - tallest * min(1.0, trial.motions / highest)
+            if trial.knocked:
+                x = left - 0.15 * step
+                draw.line((x, ground - 1.3 * tallest, x, ground), ALARM, max(2, self._band // 30))
+            draw.rectangle((left, min(bar, ground - 2), left + 0.7 * step, ground), _COLOURS[trial.success])
+            middle = left + 0.35 * step, bar - edge / 6
+            draw.text(middle, f"{trial.motions}", LIGHT, self._tiny, anchor="mb")
+            left += step
+
+
+_COLOURS: dict[bool | None, Colour] = {None: LIGHT, True: SUCCESS, False: FAILURE}
+
+
+def font(size: float) -> ImageFont.FreeTypeFont:
+    """Pillow's own font, so many pixels high."""
+    found = ImageFont.load_default(size)
+    assert isinstance(found, ImageFont.FreeTypeFont), "Pillow has one of any size where it has FreeType"
+    return found
+
+
+def fitting(text: str, usual: ImageFont.FreeTypeFont, width: float) -> ImageFont.FreeTypeFont:
+    """The font, or a smaller one where text would be wider than `width` pixels."""
+    return font(usual.size * min(1.0, width / max(1.0, usual.getlength(text))))
+
+
+_CROSS = 11.0
+"""Half a cross, in pixels of 512."""
+_RING = 0.045
+"""Radius of the ring around a camera that is changed, as a share of the scene's height."""
+_TINT = 0.45
+"""So much of a flashing image is the colour of the alarm."""
+
+
+class Marks(NamedTuple):
+    """What is marked in the images.
+
+    Attributes:
+        points: Where points were seen last (4, 2), in image units: gripper left, right, object left, right.
+        seen: Which of them are seen now (4,).
+        target: Around which the task is done (2, 2), left and right.
+        predicted: Where they are expected (4, 2), NaN where they are not; or None.
+    """
+
+    points: Array
+    seen: Flags
+    target: Array
+    predicted: Array | None = None
+
+    def lingering(self, predicted: Array | None) -> Marks:
+        """While the arm moves: nothing is seen, and all stays where it was seen last."""
+        return Marks(self.points, np.zeros_like(self.seen), self.target, predicted)
+
+
+class Alarm(NamedTuple):
+    """What has just happened to a camera.
+
+    Attributes:
+        camera: Its name; empty, if to none more than to others. Its image has a border.
+        now: Whether it happens now: in the scene the camera is ringed.
+        flash: Whether its image flashes.
+    """
+
+    camera: str = ""
+    now: bool = False
+    flash: bool = False
+
+
+NO_ALARM = Alarm()
+
+
+class Screen:
+    """Draws one arm.
+
+    Args:
+        arms: The arm, and no other.
+        width: Of a picture, in pixels.
+        height: Of a picture, in pixels; even.
+        sensors: Whether camera images have the light, the blur, exposure and noise by which agents see.
+
+    Raises:
+        gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
+    """
+
+    def __init__(self, arms: Arms, width: int, height: int, sensors: bool) -> None:
+        self._arms = arms
+        self._frame = SceneFrame(arms, width, height, sensors)
+        self._sensors = ImageFormation(height // 2) if sensors else None
+        self._font, self._stroke = font(height / 28), max(1, height // 300)
+
+    def draw(self, configuration: Array | None, marks: Marks | None, alarm: Alarm = NO_ALARM) -> Image:
+        """A picture (height, width, 3).
+
+        Args:
+            configuration: All that moves (q,), where it is to be other than now.
+            marks: What is marked in the images, if anything.
+            alarm: What has just happened to a camera, if anything.
+        """
+        scene, *images = self._frame.views(0, configuration)
+        world = self._arms.world(0)
+        for camera, name in enumerate(CAMERAS):
+            image = images[camera]
+            if self._sensors is not None:
+                image = self._sensors.image(image, world, camera, np.zeros(2))
+            if marks is not None:
+                self._mark(image, marks, camera)
+            if name == alarm.camera:
+                image = _alarmed(image, alarm.flash)
+                if alarm.now:
+                    place = np.round(self._frame.camera_in_scene(camera)).astype(int).tolist()
+                    radius, width = round(_RING * len(scene)), max(2, len(scene) // 120)
+                    cv2.circle(scene, place, radius, ALARM, width, cv2.LINE_AA)
+            images[camera] = self._named(image, name)
+        return beside(scene, images)
+
+    def _mark(self, image: Image, marks: Marks, camera: int) -> None:
+        tolerance = float(self._arms.tolerance) * PIXELS_PER_UNIT
+        target = marks.target[camera]
+        draw_points(image, marks.points[camera::2], marks.seen[camera::2], target, tolerance)
+        if marks.predicted is not None:
+            draw_crosses(image, marks.predicted[camera::2])
+
+    def _named(self, image: Image, name: str) -> Image:
+        picture = Pictures.fromarray(image)
+        edge = round(self._font.size / 2)
+        ImageDraw.Draw(picture).text(
+            (edge, edge), name, LIGHT, self._font, stroke_width=self._stroke, stroke_fill=DARK
+        )
+        return np.asarray(picture)
+
+    def close(self) -> None:
+        """Frees the GL context."""
+        self._frame.close()
+
+
+def _alarmed(image: Image, flash: bool) -> Image:
+    """An image of a camera that is changed."""
+    if flash:
+        image = (image + _TINT * (np.array(ALARM) - image)).astype(np.uint8)
+    cv2.rectangle(image, (0, 0), (len(image) - 1,) * 2, ALARM, max(2, len(image) // 40))
+    return image
+
+
+def draw_crosses(image: Image, points: Array) -> None:
+    """Draws a cross at the gripper and object points (2, 2), but where they are NaN.
+
+    Args:
+        image: A camera's (size, size, 3); it is drawn on.
+        points: In image units.
+    """
+    size = len(image)
+    half = max(2, round(_CROSS * size / IMAGE_SIZE))
+    for point, colour in zip(points, (GRIPPER_COLOUR, OBJECT_COLOUR), strict=True):
+        if not np.isfinite(point).all() or np.abs(point).max() > 1:
+            continue
+        x, y = np.round((point + 1) * size / 2 - 0.5).astype(int).tolist()
+        for shade, thickness in (((255, 255, 255), 4), (colour, 2)):
+            cv2.line(image, (x - half, y), (x + half, y), shade, thickness, cv2.LINE_AA)
+            cv2.line(image, (x, y - half), (x, y + half), shade, thickness, cv2.LINE_AA)
+
+
+MOST = 5
+"""Moments in a strip."""
+FEWEST = 4
+"""Where there are fewer turns, looks are shown beside them."""
+WIDTH = 400
+"""Of a moment, in pixels."""
+_GAP, _BELOW = 12, 44
+"""Between moments, and for words below them, in pixels."""
+
+
+class Moment(NamedTuple):
+    """What may be shown.
+
+    Attributes:
+        picture: `WIDTH` wide (height, width, 3).
+        words: Said of it.
+        turn: Whether a trial ended, or the world was changed; else the agent just looks.
+        change: Whether the world was changed.
+    """
+
+    picture: Image
+    words: str
+    turn: bool = False
+    change: bool = False
+
+
+def moment(picture: Image, words: str, turn: bool = False, change: bool = False) -> Moment:
+    """A moment of a picture of any size."""
+    size = WIDTH, round(len(picture) * WIDTH / picture.shape[1])
+    return Moment(np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA)), words, turn, change)
+
+
+def chosen(moments: Sequence[Moment]) -> list[Moment]:
+    """At most `MOST`: from the turn before the first change on; without a change, evenly spaced."""
+    turns = [each for each in moments if each.turn]
+    shown = turns if len(turns) >= FEWEST else list(moments)
+    change = next((place for place, each in enumerate(shown) if each.change), None)
+    if change is not None:
+        begin = max(0, min(change - 1, len(shown) - MOST))
+        return shown[begin : begin + MOST]
+    places = np.linspace(0, len(shown) - 1, min(MOST, len(shown))).round().astype(int)
+    return [shown[place] for place in places]
+
+
+def frame_strip(moments: Sequence[Moment]) -> Image:
+    """Moments of one size side by side (height, width, 3), on white.
+
+    Raises:
+        ValueError: There is none.
+    """
+    if not moments:
+        raise ValueError("a strip of no moments")
+    height, step = len(moments[0].picture), WIDTH + _GAP
+    strip = Pictures.new("RGB", (step * len(moments) - _GAP, height + _BELOW), "white")
+    draw, usual = ImageDraw.Draw(strip), font(0.6 * _BELOW)
+    for place, each in enumerate(moments):
+        left = place * step
+        strip.paste(Pictures.fromarray(each.picture), (left, 0))
+        middle = left + WIDTH // 2, height + _BELOW // 2
+        draw.text(middle, each.words, DARK, fitting(each.words, usual, WIDTH), anchor="mm")
+    return np.asarray(strip)
