@@ -42,13 +42,13 @@ docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # Every kept result anew, training and tuning apart. Started again, it goes on where it was.
-SUITES := quick paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions
-BENCHMARKS := coverage controllers priors knowledge first_grasps insert orientations safe_start
+SUITES := quick paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions \
+	first-trials bad-observations later-trials re-aimed-table memory first-grasps
+STUDIES := coverage priors knowledge insert orientations safe_start
 ALONE := changes right_actions sensitivity speed  # they take all cores, or measure time
-parts_of_controllers := controllers models robust servo table
 
 results: results-suites
-	printf '%s\n' $(BENCHMARKS) | xargs -P $(JOBS) -I{} $(MAKE) benchmark-{}
+	printf '%s\n' $(STUDIES) | xargs -P $(JOBS) -I{} $(MAKE) benchmark-{}
 	$(MAKE) -j 1 $(addprefix benchmark-,$(ALONE))
 	$(BIN)/python -m experiments results-tables
 
@@ -62,7 +62,7 @@ benchmark-safe_start: arms
 benchmark-%: venv
 	commit=$$($(BIN)/python -c 'from experiments.running.versions import commit; print(commit())') && \
 	grep -qs "\"commit\": \"$$commit\"" build/results/$*.json \
-	|| $(BIN)/python -m experiments benchmark $(or $(parts_of_$*),$*) --out build/results/$*.json
+	|| $(BIN)/python -m experiments benchmark $* --out build/results/$*.json
 	$(BIN)/python -m experiments keep build/results/$*.json
 
 # Tables between markers in README.md and docs/, from the kept results in experiments/results.

@@ -17,7 +17,7 @@ COMMANDS = {
     "results-tables": ("reporting.commands", "make the tables of README.md and docs/ anew"),
     "picture": ("reporting.commands", "draw what a saved grid_table has learned"),
     "check-arm": ("arm_check", "show what comes of an arm's MJCF, and draw it"),
-    "benchmark": ("benchmark", "measure speed, and what the agents reach"),
+    "benchmark": ("studies", "measure speed, and what the agents reach"),
 }
 """Each in its module, whose `add_...` adds its options, and what it does; no other module is loaded."""
 GONE = {

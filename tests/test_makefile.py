@@ -44,16 +44,7 @@ def made(tmp_path):
     return make
 
 
-SIDE_BY_SIDE = (
-    "controllers",
-    "coverage",
-    "first_grasps",
-    "insert",
-    "knowledge",
-    "orientations",
-    "priors",
-    "safe_start",
-)
+SIDE_BY_SIDE = ("coverage", "insert", "knowledge", "orientations", "priors", "safe_start")
 ALONE = ("changes", "right_actions", "sensitivity", "speed")
 
 

@@ -55,7 +55,7 @@ LAYERS = {
         "tuning",
         "film",
         "arm_check",
-        "benchmarks",
+        "studies",
         "benchmark",
         "__main__",
     ],

@@ -97,7 +97,7 @@ class WorkPlaneServo:
     were tuned on wild worlds 3000 and up.
 
     As turn and motion together solve all four equations, it hardly matters whether motor 1 does turn the
-    waist: with motors in another order it needs 1 to 8 % more motions (`experiments.benchmarks.priors`).
+    waist: with motors in another order it needs 1 to 8 % more motions (`experiments.studies.priors`).
 
     Attributes:
         camera: Whose solution moves the gripper within the work plane: "left", "right", or the mean of

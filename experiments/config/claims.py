@@ -1,18 +1,32 @@
 """What a paper claims or asks, and how it is put to the test: read from YAML into frozen models."""
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
 from experiments.config.model import Model, Name
 
-Measure = Literal["success", "rendezvous", "motions", "seconds", "first_motion", "as_expected", "kept"]
+Measure = Literal[
+    "success",
+    "near",
+    "rendezvous",
+    "motions",
+    "most_motions",
+    "worst_world",
+    "seconds",
+    "first_motion",
+    "as_expected",
+    "kept",
+]
 """What is measured in a trial, and averaged over the trials of a world:
 
 - success: the true error at the end is within the tolerance.
+- near: the true error at the end is within 16 px.
 - rendezvous: the last observation was.
 - motions: motions of a reach; a trial without a rendezvous counts as the cap.
+- most_motions: the same, such that 95 % of all trials need no more.
+- worst_world: the same, of the world in which they are most.
 - seconds: robot seconds of a reach, where a look takes `look` seconds; without a rendezvous it goes on to the
   cap at its own pace.
 - first_motion: the true error after the first motion is within 4 px.
@@ -22,6 +36,8 @@ Measure = Literal["success", "rendezvous", "motions", "seconds", "first_motion",
 """
 HELD_OUT = ("as_expected", "kept")
 """Measures of held-out trials alone."""
+EXTREMES = ("most_motions", "worst_world")
+"""Measures that compare nothing, and have no interval."""
 
 
 class TrialsOf(Model):
@@ -52,8 +68,8 @@ class TrialsOf(Model):
         return self
 
 
-class Criterion(Model):
-    """One number of the results, and what it must be.
+class Number(Model):
+    """One number of the results.
 
     Attributes:
         measure: See `Measure`.
@@ -61,8 +77,6 @@ class Criterion(Model):
         than: If given, the number is by how much `of` differs from it, world by world.
         relative: Whether that is told as a share of what it is at `than`.
         look: Seconds that a look takes, for seconds.
-        above: The number must lie above this.
-        below: The number must lie below this.
     """
 
     measure: Measure
@@ -70,13 +84,9 @@ class Criterion(Model):
     than: TrialsOf | None = None
     relative: bool = False
     look: float | None = Field(None, gt=0, allow_inf_nan=False)
-    above: float | None = Field(None, allow_inf_nan=False)
-    below: float | None = Field(None, allow_inf_nan=False)
 
     @model_validator(mode="after")
-    def _complete(self) -> "Criterion":
-        if (self.above is None) == (self.below is None):
-            raise ValueError("one of above and below is the threshold")
+    def _complete(self) -> Self:
         if (self.measure == "seconds") != (self.look is not None):
             raise ValueError("seconds need look, the seconds that a look takes; other measures have none")
         if self.relative and self.than is None:
@@ -85,11 +95,51 @@ class Criterion(Model):
             raise ValueError("kept needs than, the earlier trials, and is a share already")
         if self.measure in HELD_OUT and any(each.motions is None for each in self.trials()):
             raise ValueError(f"{self.measure} is of held-out trials: motions says which")
+        if self.measure in EXTREMES and self.than is not None:
+            raise ValueError(f"{self.measure} compares nothing; leave than out")
         return self
 
     def trials(self) -> tuple[TrialsOf, ...]:
         """All trials that it is about."""
         return (self.of, self.than) if self.than else (self.of,)
+
+
+class Criterion(Number):
+    """A number, and what it must be: its whole interval lies there.
+
+    Attributes:
+        above: It must lie above this.
+        below: It must lie below this.
+    """
+
+    above: float | None = Field(None, allow_inf_nan=False)
+    below: float | None = Field(None, allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _one_threshold(self) -> Self:
+        if (self.above is None) == (self.below is None):
+            raise ValueError("one of above and below is the threshold")
+        if self.measure in EXTREMES:
+            raise ValueError(f"{self.measure} has no interval to judge by; it can only be required")
+        return self
+
+
+class Requirement(Number):
+    """A number that the project asks of itself, whatever its interval.
+
+    Attributes:
+        at_least: The number must be no less.
+        at_most: The number must be no more.
+    """
+
+    at_least: float | None = Field(None, allow_inf_nan=False)
+    at_most: float | None = Field(None, allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _one_bound(self) -> Self:
+        if (self.at_least is None) == (self.at_most is None):
+            raise ValueError("one of at_least and at_most is the bound")
+        return self
 
 
 class Claim(Model):

@@ -4,12 +4,19 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 import agents
 from calfree_gym.errors import near_misses
 from calfree_gym.perturbations import TYPES, parse_perturbation
-from experiments.config.claims import Claim, TrialsOf
+from experiments.config.claims import Claim, Requirement, TrialsOf
 from experiments.config.environment import OWN, EnvironmentConfig, as_told
 from experiments.config.life import (
     EvaluationConfig,
@@ -175,6 +182,8 @@ class AgentConfig(WithoutUnused):
         return one_of(value, tuple(dict.fromkeys(name for task in OWN for name in agents.names(task))))
 
 
+LATER = frozenset({"first_world", "required"})
+"""Keys of which older results know nothing."""
 FIGURES = ("held-out", "trials")
 """How names of a scenario's figures end."""
 
@@ -183,11 +192,17 @@ class Suite(Model):
     """A question, and the runs that answer it: agents in scenarios and sweeps, each in every world.
 
     In a file `claims` is the name of another one, relative to it.
+
+    Attributes:
+        seed: Worlds, held-out trials and agents draw their seeds from it.
+        first_world: If given, worlds have the seeds from this one on instead.
+        required: Numbers that the project asks of itself.
     """
 
     name: Name
     question: str
     seed: int = Field(0, ge=0)
+    first_world: int | None = Field(default=None, ge=0)
     worlds: int = Field(gt=0)
     scenarios: tuple[ScenarioConfig, ...] = Field((), strict=False)
     sweeps: tuple[SweepConfig, ...] = Field((), strict=False, validate_default=True)
@@ -196,6 +211,13 @@ class Suite(Model):
     )
     agents: tuple[AgentConfig, ...] = Field(min_length=1, strict=False)
     claims: tuple[Claim, ...] = Field((), strict=False, validate_default=True)
+    required: tuple[Requirement, ...] = Field(default=(), strict=False, validate_default=True)
+
+    @model_serializer(mode="wrap")
+    def _without_what_came_later(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What results say of suites that do not use it stays as it was."""
+        values: dict[str, Any] = written(self)
+        return {k: value for k, value in values.items() if k not in LATER or value not in (None, [], ())}
 
     @field_validator("scenarios")
     @classmethod
@@ -271,24 +293,21 @@ class Suite(Model):
 
     @field_validator("claims")
     @classmethod
-    def _about_this_suite(cls, value: tuple[Claim, ...], info: ValidationInfo) -> tuple[Claim, ...]:
+    def _claims_about_this_suite(cls, value: tuple[Claim, ...], info: ValidationInfo) -> tuple[Claim, ...]:
         distinct([claim.name for claim in value], "name")
-        if not {"scenarios", "sweeps", "agents", "evaluation"} <= info.data.keys():
-            return value
-        parts = {part.name: part for part in (*info.data["scenarios"], *info.data["sweeps"])}
-        labels = tuple(agent.label for agent in info.data["agents"])
         for i, claim in enumerate(value):
             for j, trials in claim.trials():
-                try:
-                    part = parts[one_of(trials.scenario, tuple(parts))]
-                    one_of(trials.agent, part.agents or labels)
-                    agent = info.data["agents"][labels.index(trials.agent)]
-                    lived = part if isinstance(part, SweepConfig) else part.lived_by(agent)
-                    evaluation = getattr(part, "evaluation", None) or info.data["evaluation"]
-                    _check_trials(trials, lived, evaluation)
-                except ValueError as error:
-                    where = f"claims.{i}.criteria.{j} ({claim.name})"
-                    raise ValueError(f"{where}: {trials.scenario}, {trials.agent}: {error}") from None
+                _check_about(trials, info.data, f"claims.{i}.criteria.{j} ({claim.name})")
+        return value
+
+    @field_validator("required")
+    @classmethod
+    def _required_of_this_suite(
+        cls, value: tuple[Requirement, ...], info: ValidationInfo
+    ) -> tuple[Requirement, ...]:
+        for i, requirement in enumerate(value):
+            for trials in requirement.trials():
+                _check_about(trials, info.data, f"required.{i}")
         return value
 
     def worlds_of(self, agent: AgentConfig) -> int:
@@ -315,6 +334,21 @@ class Suite(Model):
     def evaluation_of(self, scenario: ScenarioConfig) -> EvaluationConfig | None:
         """When agents are evaluated in a scenario, if ever."""
         return scenario.evaluation or self.evaluation
+
+
+def _check_about(trials: TrialsOf, suite: dict[str, Any], where: str) -> None:
+    """Raises ValueError where a suite, of which this is valid so far, has no such trials."""
+    if not {"scenarios", "sweeps", "agents", "evaluation"} <= suite.keys():
+        return
+    parts = {part.name: part for part in (*suite["scenarios"], *suite["sweeps"])}
+    agents = {agent.label: agent for agent in suite["agents"]}
+    try:
+        part = parts[one_of(trials.scenario, tuple(parts))]
+        agent = agents[one_of(trials.agent, part.agents or tuple(agents))]
+        lived = part if isinstance(part, SweepConfig) else part.lived_by(agent)
+        _check_trials(trials, lived, getattr(part, "evaluation", None) or suite["evaluation"])
+    except ValueError as error:
+        raise ValueError(f"{where}: {trials.scenario}, {trials.agent}: {error}") from None
 
 
 def _check_trials(

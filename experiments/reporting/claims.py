@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
 import pandas as pd
 
-from experiments.config.claims import Claim, Criterion, TrialsOf
+from experiments.config.claims import EXTREMES, Claim, Criterion, Number, Requirement, TrialsOf
 from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.by_trial import seconds_per_reach
 from experiments.reporting.finished_suite import (
@@ -34,13 +35,18 @@ from experiments.statistics import (
 
 FIRST_MOTION_PX, EXPECTED_PX = 4, 16
 """Columns of `motions_to_...`: where a first motion counts as a reach, and what an expectation is about."""
+NEAR_PX = 16
+"""The true error of a trial that ended near."""
 FEW_MOTIONS = 2
 """Held-out trials of so many motions are those that are asked to be kept. Choice: a remembered place and one
 correction."""
 _MEASURES = {
     "success": "success",
+    "near": f"true error within {NEAR_PX} px",
     "rendezvous": "rendezvous",
     "motions": "motions per reach",
+    "most_motions": "motions per reach of 95 % of trials",
+    "worst_world": "motions per reach in the worst world",
     "seconds": "robot seconds a reach",
     "first_motion": f"first motion within {FIRST_MOTION_PX} px",
     "as_expected": f"where it tells what it expects, it is right about its first motion's {EXPECTED_PX} px",
@@ -59,6 +65,13 @@ _HOW_TO_READ = (
 )
 
 
+_HOW_REQUIRED = (
+    "Shares are means over worlds; motions are medians over worlds of each world's mean or, where it says "
+    "so, those that 95 % of trials need no more of, or of the worst world. Met: the number itself is as "
+    "required, wherever its 95 % interval over worlds ends."
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Measured:
     """The number of a criterion.
@@ -72,7 +85,7 @@ class Measured:
     worlds: int
 
 
-def measured(results: pd.DataFrame, suite: Suite, criterion: Criterion) -> Measured | None:
+def measured(results: pd.DataFrame, suite: Suite, criterion: Number) -> Measured | None:
     """What a criterion's number is; None where a run that it is about has not finished.
 
     It is the mean over worlds of shares and of their differences, and the median over worlds of motions and
@@ -89,6 +102,8 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Criterion) -> Measu
         chosen.append(_chosen(rows, trials))
     if criterion.measure == "kept":
         return _estimate(_kept(*chosen), criterion)
+    if criterion.measure == "most_motions":
+        return _most(chosen[0])
     values = [_values(trials, part, criterion).groupby(trials["world"]).mean().dropna() for trials in chosen]
     if criterion.than is None:
         return _estimate(values[0], criterion)
@@ -103,9 +118,9 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Criterion) -> Measu
     return Measured(paired_motions(mine, others), len(both))
 
 
-def is_share(criterion: Criterion) -> bool:
+def is_share(criterion: Number) -> bool:
     """Whether its number is a share of trials, or a difference of such."""
-    return criterion.measure not in ("motions", "seconds")
+    return criterion.measure not in ("motions", "seconds", *EXTREMES)
 
 
 def _part(suite: Suite, trials: TrialsOf) -> ScenarioConfig | SweepConfig:
@@ -128,14 +143,16 @@ def _chosen(rows: pd.DataFrame, trials: TrialsOf) -> pd.DataFrame:
 
 
 def _values(
-    trials: pd.DataFrame, part: ScenarioConfig | SweepConfig, criterion: Criterion
+    trials: pd.DataFrame, part: ScenarioConfig | SweepConfig, criterion: Number
 ) -> "pd.Series[float]":
     """The measure in each trial; NaN where it has none."""
     if criterion.look is not None:
         return seconds_per_reach(trials, part.env.max_episode_steps, criterion.look)
-    columns = {"success": SUCCESS, "rendezvous": RENDEZVOUS, "motions": MOTIONS}
+    columns = {"success": SUCCESS, "rendezvous": RENDEZVOUS, "motions": MOTIONS, "worst_world": MOTIONS}
     if criterion.measure in columns:
         return trials[columns[criterion.measure]].astype(float)
+    if criterion.measure == "near":
+        return (trials["error_px"] <= NEAR_PX).astype(float)
     if criterion.measure == "first_motion":
         return (trials[f"motions_to_{FIRST_MOTION_PX}"] == 1).astype(float)
     expected, came = trials["expected_px"] <= EXPECTED_PX, trials[f"motions_to_{EXPECTED_PX}"] == 1
@@ -152,10 +169,20 @@ def _kept(now: pd.DataFrame, then: pd.DataFrame) -> "pd.Series[float]":
     return both.loc[both["then"], "now"].groupby("world").mean().astype(float)
 
 
-def _estimate(values: "pd.Series[float]", criterion: Criterion) -> Measured | None:
+def _most(trials: pd.DataFrame) -> Measured | None:
+    """Motions that 95 % of the trials need no more of."""
+    if trials.empty:
+        return None
+    most = np.quantile(trials[MOTIONS], 0.95, method="averaged_inverted_cdf")
+    return Measured(Estimate(float(most)), trials["world"].nunique())
+
+
+def _estimate(values: "pd.Series[float]", criterion: Number) -> Measured | None:
     if values.empty:
         return None
     found = values.to_numpy()
+    if criterion.measure == "worst_world":
+        return Measured(Estimate(float(found.max())), len(found))
     return Measured(mean_share(found) if is_share(criterion) else median_world(found), len(found))
 
 
@@ -247,6 +274,34 @@ def claims_section(judged: Sequence[JudgedClaim]) -> Section:
     )
 
 
+def required_section(results: pd.DataFrame, suite: Suite) -> Section:
+    """Each number that is required, and whether it was met."""
+    rows = []
+    for requirement in suite.required:
+        found = measured(results, suite, requirement)
+        met = "unfinished" if found is None else "yes" if _is_met(requirement, found.estimate.value) else "NO"
+        rows.append([described(requirement), number_of(requirement, found), _bound(requirement), met])
+    table = Table(
+        "required", "What is required", pd.DataFrame(rows, columns=["of", "measured", "required", "met"])
+    )
+    return Section(title="What is required", tables=(table,), note=_HOW_REQUIRED)
+
+
+def _is_met(requirement: Requirement, value: float) -> bool:
+    if requirement.at_least is not None:
+        return value >= requirement.at_least
+    assert requirement.at_most is not None
+    return value <= requirement.at_most
+
+
+def _bound(requirement: Requirement) -> str:
+    least = requirement.at_least is not None
+    bound = requirement.at_least if requirement.at_least is not None else requirement.at_most
+    assert bound is not None
+    written = f"{100 * bound:g} %" if requirement.relative or is_share(requirement) else f"{bound:g}"
+    return f"at {'least' if least else 'most'} {written}"
+
+
 def _verdicts(judged: Sequence[JudgedClaim]) -> Table:
     """Each claim and its verdict."""
     rows = [
@@ -263,7 +318,7 @@ def _verdicts(judged: Sequence[JudgedClaim]) -> Table:
     return Table.of("verdicts", "Verdicts", columns, rows)
 
 
-def described(criterion: Criterion) -> str:
+def described(criterion: Number) -> str:
     """What a criterion measures, in words."""
     look = f", {criterion.look:g} s a look" if criterion.look else ""
     words = f"{_in_words(criterion.of)}: {_MEASURES[criterion.measure]}{look}"
@@ -276,7 +331,7 @@ def described(criterion: Criterion) -> str:
     return f"{words}, {'change' if criterion.relative else 'difference'} from {other}"
 
 
-def number_of(criterion: Criterion, found: Measured | None) -> str:
+def number_of(criterion: Number, found: Measured | None) -> str:
     """A criterion's number with its interval, as its measure is written."""
     if found is None:
         return "unfinished, or no such trials"

@@ -136,10 +136,11 @@ def _of_trials(own: OwnTrials) -> tuple[_Cells, str]:
 
 def _of_sweep(found: Swept) -> tuple[_Cells, str]:
     over = found.sweep.over
-    column = f"{RENDEZVOUS} at {found.sweep.vary} {over[0]:g} → {over[-1]:g}"
+    ends = (0, -1)[: len(over)]
+    column = f"{RENDEZVOUS} at {found.sweep.vary} {' → '.join(f'{over[i]:g}' for i in ends)}"
     cells = {}
     for label, curve in found.points.items():
-        shares = (written(point.rendezvous.value, ".0%") or NOTHING for point in (curve[0], curve[-1]))
+        shares = (written(curve[i].rendezvous.value, ".0%") or NOTHING for i in ends)
         cells[label] = {column: " → ".join(shares)}
     return cells, "Share of trials that end with an observed rendezvous; one trial a world, without learning."
 

@@ -10,7 +10,7 @@ import yaml
 
 from experiments.reporting.by_arm import arms_sections, many_arms
 from experiments.reporting.by_trial import OwnTrials, own_trials, trial_section
-from experiments.reporting.claims import claims_section, judge
+from experiments.reporting.claims import claims_section, judge, required_section
 from experiments.reporting.figures import save
 from experiments.reporting.finished_suite import FinishedSuite
 from experiments.reporting.head import head_part, sentences, table_of
@@ -104,6 +104,8 @@ def _comparison(
     sections = []
     if finished.suite.claims:
         sections.append(claims_section(judge(finished.results, finished.suite)))
+    if finished.suite.required:
+        sections.append(required_section(finished.results, finished.suite))
     by_arm = many_arms(finished.suite.scenarios)
     sections += arms_sections(finished, [*own.values()]) if by_arm else []
     for scenario in finished.suite.scenarios:

@@ -108,9 +108,16 @@ def runs_of(suite: Suite) -> list[Run]:
     return [*_lifetimes(suite), *_sweeps(suite)]
 
 
-def world_seeds(suite_seed: int, worlds: int) -> tuple[int, ...]:
-    """What seeds the worlds of a suite, in their order."""
+def world_seeds(suite_seed: int, worlds: int, first: int | None = None) -> tuple[int, ...]:
+    """What seeds the worlds of a suite, in their order: from `first` on where that is given."""
+    if first is not None:
+        return tuple(range(first, first + worlds))
     return tuple(_seed(suite_seed, _WORLD, world) for world in range(worlds))
+
+
+def _worlds(suite: Suite, agent: AgentConfig) -> tuple[int, ...]:
+    """What seeds the worlds that an agent meets."""
+    return world_seeds(suite.seed, suite.worlds_of(agent), suite.first_world)
 
 
 def _alone(agent: AgentConfig) -> AgentConfig:
@@ -133,13 +140,13 @@ def _lifetimes(suite: Suite) -> list[LifetimeRun]:
             scenario=scenario.lived_by(agent),
             evaluation=suite.evaluation_of(scenario),
             world=world,
-            world_seed=_seed(suite.seed, _WORLD, world),
+            world_seed=seed,
             evaluation_seed=_seed(suite.seed, _EVALUATION, world),
             agent_seed=_seed(suite.seed, _AGENT, world),
         )
         for scenario in suite.scenarios
         for agent in suite.agents_in(scenario)
-        for world in range(suite.worlds_of(agent))
+        for world, seed in enumerate(_worlds(suite, agent))
     ]
 
 
@@ -148,7 +155,7 @@ def _sweeps(suite: Suite) -> list[SweepRun]:
         SweepRun(
             agent=_alone(agent),
             sweep=sweep.model_copy(update={"agents": None}),
-            world_seeds=world_seeds(suite.seed, suite.worlds_of(agent)),
+            world_seeds=_worlds(suite, agent),
             agent_seed=_seed(suite.seed, _AGENT, 0),
         )
         for sweep in suite.sweeps

@@ -225,7 +225,7 @@ def seeds_of_suites(folder: Path) -> dict[int, str]:
         if isinstance(data.get("worlds"), int):
             own = (each.get("worlds", 0) for each in data.get("agents", ()) if isinstance(each, dict))
             most = max(data["worlds"], *own, 0)
-            found |= dict.fromkeys(world_seeds(data.get("seed", 0), most), path.name)
+            found |= dict.fromkeys(world_seeds(data.get("seed", 0), most, data.get("first_world")), path.name)
     return found
 
 

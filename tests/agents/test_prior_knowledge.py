@@ -8,7 +8,7 @@ import agents
 from agents import KNOWLEDGE
 from agents.base.prior_knowledge import PriorKnowledge, in_order
 from calfree_gym.envs.arms.privileged import PRIVILEGED
-from experiments.benchmarks.priors import (
+from experiments.studies.priors import (
     ALTERATIONS,
     BREAKS,
     AlteredSenses,

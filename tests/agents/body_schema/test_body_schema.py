@@ -10,7 +10,7 @@ import agents
 from agents.base.observation import Observation
 from agents.base.prior_knowledge import PriorKnowledge
 from agents.body_schema.chain import Views
-from experiments.benchmarks import priors
+from experiments.studies import priors
 from tests.agents.body_schema.chains import MODELS, Arm
 
 

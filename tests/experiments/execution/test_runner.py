@@ -228,7 +228,7 @@ def test_where_nothing_can_be_written_nothing_is_begun(command, finished, capsys
     for begins in (
         "execution.pending.write_pending",
         "film.command.requirements",
-        "benchmark.measure",
+        "studies.measure",
     ):
         monkeypatch.setattr(f"experiments.{begins}", None)
     what = {"run": config, "film": REPOSITORY / "configs/film.yaml", "benchmark": "speed"}.get(command, done)

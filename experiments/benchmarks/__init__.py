@@ -1,1 +1,0 @@
-"""What agents and environments reach, and how fast: `python -m experiments benchmark`."""

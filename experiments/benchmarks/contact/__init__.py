@@ -1,1 +1,0 @@
-"""What is grasped at any orientation, and put into holes."""

@@ -1,1 +1,0 @@
-"""Which constants of the agents matter, by halving and doubling each."""

@@ -1,0 +1,110 @@
+"""Studies that no suite can be: `python -m experiments benchmark NAME`.
+
+Each module here is a study of its name, and has `tables()`, which yields tables as they are measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import Any
+
+from calfree_gym.errors import near_misses
+from experiments.errors import ConfigError
+from experiments.options import Parser
+from experiments.reporting.tables import Table, show
+from experiments.running.results_folder import made_folder, write_whole
+from experiments.running.versions import commit, versions
+
+SHARED = "common"
+"""The one module that is no study."""
+MOVED = {
+    **dict.fromkeys(("servo", "controllers", "models"), "run configs/first-trials.yaml --out FOLDER"),
+    "robust": "run configs/bad-observations.yaml --out FOLDER",
+    "table": "run configs/re-aimed-table.yaml --out FOLDER",
+    "sac": "run configs/sac.yaml --out FOLDER",
+    "first_grasps": "run configs/first-grasps.yaml --out FOLDER",
+    "arms": "run configs/other-arms.yaml --out FOLDER",
+    "grasping": "benchmark speed",
+}
+"""Commands that measure what studies of these names did."""
+
+
+def names() -> tuple[str, ...]:
+    """Of all studies."""
+    return tuple(module.name for module in iter_modules(__path__) if module.name != SHARED)
+
+
+def check_names(found: Sequence[str]) -> None:
+    """Raises ConfigError where one of these is no study; says where it went, or what there is."""
+    for name in found:
+        if name in MOVED:
+            raise ConfigError(f"{name} is now: python -m experiments {MOVED[name]}")
+        if name not in (known := names()):
+            raise ConfigError(f"no study {name!r}{near_misses(name, known)}; allowed: {', '.join(known)}")
+
+
+def measure(
+    chosen: Sequence[str], peers: Sequence[str], show: Callable[[Iterable[Table]], None]
+) -> dict[str, Any]:
+    """Makes some studies, and shows each table as soon as it is there.
+
+    Args:
+        chosen: Names of studies.
+        peers: As `speed.tables` takes them.
+        show: Called with each table.
+
+    Returns:
+        Plain values for JSON: tables, commit and versions.
+    """
+    document: dict[str, Any] = {"commit": commit(), "versions": versions(), "tables": []}
+    for name in chosen:
+        study = import_module(f"{__name__}.{name}")
+        for table in study.tables(peers) if name == "speed" else study.tables():
+            show([table])
+            document["tables"].append(table.to_dict())
+    return document
+
+
+def dumped(document: dict[str, Any]) -> str:
+    """The document as text; NumPy's numbers become plain ones."""
+    return json.dumps(document, indent=2, default=lambda value: value.item())
+
+
+def add_benchmark(parser: Parser) -> None:
+    """Makes some studies."""
+    help_ = f"of {', '.join(names())} (default: speed)"
+    parser.add_argument("studies", nargs="*", default=["speed"], metavar="STUDY", help=help_)
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--markdown", action="store_true", help="print Markdown tables on a terminal, too")
+    form.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--out", type=Path, metavar="FILE.json", help="write the same JSON to a file")
+    parser.add_argument(
+        "--peer",
+        action="append",
+        default=[],
+        metavar="PYTHON=ENV_ID",
+        help="time a Gymnasium environment of another interpreter beside ours (repeatable)",
+    )
+    parser.set_defaults(does=_benchmark)
+
+
+def _benchmark(options: argparse.Namespace) -> int:
+    check_names(options.studies)
+    if options.out:
+        made_folder(options.out.parent)
+
+    def shown(tables: Iterable[Table]) -> None:
+        if not options.json:
+            show(tables, options.markdown)
+
+    found = dumped(measure(options.studies, options.peer, shown))
+    if options.json:
+        print(found)
+    if options.out:
+        write_whole(options.out, found)
+    return 0

@@ -1,0 +1,122 @@
+"""What studies share: trials, what becomes of them in tables, and processes side by side."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+import agents
+import calfree_gym
+from calfree_gym.geometry import Array
+from experiments.evaluation import TrialRecord
+from experiments.reporting.tables import beside
+from experiments.statistics import mean_share
+
+REACH = calfree_gym.ENV_IDS[0]
+CAP = gym.spec(REACH).max_episode_steps or 0
+"""Motions as which a trial without a rendezvous counts."""
+
+Lifetimes = Sequence[Sequence[TrialRecord]]
+"""Trials of each world, of the same number in all."""
+Map = Callable[..., Iterable[Any]]
+"""As `map` with one argument."""
+
+
+def motions_per_reach(lifetimes: Lifetimes) -> Array:
+    """Motions (worlds, trials), a trial without a rendezvous counting as `CAP`."""
+    return np.array([[record.motions_per_reach(CAP) for record in records] for records in lifetimes], float)
+
+
+def share_of(what: str, lifetimes: Lifetimes, form: str) -> dict[str, Any]:
+    """Columns of a table: the share of trials with a "rendezvous" or "success", its interval over worlds."""
+    found = np.array([[record[what] for record in records] for records in lifetimes])
+    return beside(what, mean_share(found), form)
+
+
+class FirstTrial(NamedTuple):
+    """What came of the first trial of an agent that knows nothing.
+
+    Attributes:
+        success: Whether the task is done, by the truth.
+        told: Whether images tell so.
+        motions: Made.
+        infos: Of each motion.
+        words: Of each motion (motions, m).
+        gave_up: Whether the agent said that nothing could be done.
+    """
+
+    success: bool
+    told: bool
+    motions: int
+    infos: Sequence[Mapping[str, Any]]
+    words: Array
+    gave_up: bool
+
+
+def first_trial(agent: Any, env: gym.Env[Any, Any], seed: int, object_: Array | None = None) -> FirstTrial:
+    """One trial of a fresh agent, in the world of a seed.
+
+    Args:
+        agent: With `predict`.
+        env: A task with `is_solved`.
+        seed: Of the world.
+        object_: Where the object is, as `reset` takes it; None: drawn.
+    """
+    observation, _ = env.reset(seed=seed, options=None if object_ is None else {"object": object_})
+    state, over = None, False
+    sent, infos = [], []
+    while not over:
+        words, state = agent.predict(observation, state)
+        observation, _, terminated, truncated, info = env.step(words)
+        sent.append(words)
+        infos.append(info)
+        over = terminated or truncated
+    solved = bool(env.unwrapped.is_solved(info["truth"]))  # type: ignore[attr-defined]
+    gave_up = bool(any(agent.gave_up(state))) if hasattr(agent, "gave_up") else False
+    return FirstTrial(solved, bool(info["is_success"]), len(infos), infos, np.array(sent), gave_up)
+
+
+def first_trials(
+    name: str, env: gym.Env[Any, Any], seeds: Iterable[int], **settings: Any
+) -> list[FirstTrial]:
+    """One in the world of each seed, each by a fresh agent of a registered name."""
+    return [first_trial(agents.make(name, env, seed=seed, **settings), env, seed) for seed in seeds]
+
+
+def arms_of_tests() -> dict[str, dict[str, Any]]:
+    """The arms of the tests, which stand in the repository alone: our own, and those of `make arms`."""
+    from tests.arms.fetched import fetched_arms
+    from tests.arms.own import ARMS
+
+    return {**ARMS, **fetched_arms()}
+
+
+@contextmanager
+def side_by_side(jobs: int | None = None) -> Iterator[Map]:
+    """`map` over fresh processes of one thread each; in this process where there is one job.
+
+    Args:
+        jobs: Processes; None: one for each core.
+    """
+    jobs = jobs or len(os.sched_getaffinity(0))
+    if jobs == 1:
+        yield map
+        return
+    one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    before = {name: os.environ.get(name) for name in one_thread}
+    os.environ.update(one_thread)
+    try:
+        with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+            yield pool.imap
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

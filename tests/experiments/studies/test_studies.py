@@ -1,0 +1,81 @@
+"""The command line of studies: tables, JSON and a kept file; and first trials, which several of them make."""
+
+import json
+from types import SimpleNamespace
+
+import gymnasium as gym
+import pandas as pd
+import pytest
+
+import agents
+from calfree_gym.envs.arms.privileged import PRIVILEGED
+from experiments import studies
+from experiments.__main__ import main
+from experiments.config.loading import load
+from experiments.reporting.tables import Table
+from experiments.running.versions import REPOSITORY
+from experiments.studies.common import first_trial
+
+
+@pytest.fixture
+def two_studies(monkeypatch):
+    def study(name):
+        frame = pd.DataFrame({"agent": [name], "success": [0.5], "trials": pd.array([3])})
+        table = Table(name, name.title(), frame, {"success": ".0%"})
+        return SimpleNamespace(tables=lambda: [table])
+
+    monkeypatch.setattr(studies, "import_module", lambda name: study(name.rpartition(".")[2]))
+
+
+def test_studies_are_shown_and_kept(two_studies, tmp_path, capsys):
+    out = tmp_path / "deep" / "kept.json"
+    assert main(["benchmark", "priors", "insert", "--out", str(out)]) == 0
+    shown = capsys.readouterr().out
+    assert "### Priors\n\n| agent | success | trials |\n| --- | --- | --- |\n| priors | 50 % | 3 |\n" in shown
+    kept = json.loads(out.read_text())
+    assert [table["name"] for table in kept["tables"]] == ["priors", "insert"]
+    assert kept["versions"]["mujoco"]
+    assert kept["commit"]
+    assert main(["benchmark", "priors", "insert", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == kept
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["priors", "--out", "."], "is a folder; allowed: a file"),
+        (["prior"], "no study 'prior' (did you mean priors?); allowed: changes, coverage,"),
+        (["common"], "no study 'common'"),
+        (["servo"], "servo is now: python -m experiments run configs/first-trials.yaml --out FOLDER"),
+    ],
+)
+def test_what_cannot_be_done_is_told_before_anything_is_measured(arguments, said, monkeypatch, capsys):
+    monkeypatch.setattr(studies, "import_module", lambda name: pytest.fail("it was measured"))
+    assert main(["benchmark", *arguments]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_markdown_or_json():
+    with pytest.raises(SystemExit):
+        main(["benchmark", "priors", "--json", "--markdown"])
+
+
+def test_each_study_has_its_tables_and_each_suite_that_was_one_is_there():
+    for name in studies.names():
+        assert callable(studies.import_module(f"experiments.studies.{name}").tables)
+    for command in studies.MOVED.values():
+        if ".yaml" in command:
+            load(REPOSITORY / command.split()[1], [])
+
+
+def test_who_is_told_where_to_go_is_there_after_one_motion():
+    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", tell=tuple(PRIVILEGED))
+    trial = first_trial(agents.make("oracle", env), env, 3)
+    assert (trial.success, trial.told, trial.motions) == (True, True, 1)
+    assert trial.infos[-1]["truth"]["error_px"] < 1
+
+
+def test_a_trial_of_no_use_goes_on_to_the_cap():
+    env = gym.make("CalFree/Grasp-v0", shape="sphere")
+    trial = first_trial(agents.make("random", env), env, 3)
+    assert (trial.success, trial.told, trial.motions) == (False, False, 60)
