@@ -21,6 +21,8 @@ LAYERS = {
         "robot",
         "world",
         "perturbations",
+        "rendering",
+        "engine",
         "tasks",
         "calfree_gym",
         "envs",
@@ -79,7 +81,7 @@ PUBLIC_FOR_CALIBRATED = {
 }
 """What the calibrated robots may know besides: how the robot was built."""
 MOST_MODULES = 14
-MOST_LINES = 350
+MOST_LINES = 600
 
 
 def modules(package):
@@ -200,7 +202,7 @@ def test_no_file_is_longer_than_can_be_read_at_once(folder):
             {"torch", "OpenGL", "matplotlib"},
         ),
         (
-            "import gymnasium, agents; from calfree_gym.envs.arms.privileged import PRIVILEGED;"
+            "import gymnasium, agents; from calfree_gym.tasks.reach import PRIVILEGED;"
             "e = gymnasium.make('calfree_gym:CalFree/Reach-v0', tell=tuple(PRIVILEGED));"
             "[agents.make(name, e).learn(3) for name in agents.names() if name not in agents.NEURAL]",
             {"torch", "OpenGL", "matplotlib", "stable_baselines3", "scipy"},

@@ -13,10 +13,10 @@ from pydantic import (
 )
 
 import calfree_gym
+from calfree_gym.engine.config import MOST_TOLERANCE
 from calfree_gym.errors import near_misses
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, robot_of
 from calfree_gym.robot.grasping.shapes import check_shape
-from calfree_gym.tasks.reach import MOST_TOLERANCE
 from calfree_gym.world import DISTRIBUTIONS
 from experiments.config.arms import as_arm, is_told
 from experiments.config.model import Model, one_of

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import agents
 from agents.base.prior_knowledge import PriorKnowledge, in_order
-from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.tasks.reach import PRIVILEGED
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.suite import AgentConfig
 

@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image as Pictures
 from PIL import ImageDraw
 
-from calfree_gym.envs.arms.base import Arms
-from calfree_gym.envs.rendering.scene_frame import (
+from calfree_gym.engine.arms import Arms
+from calfree_gym.engine.frames import (
     GRIPPER_COLOUR,
     OBJECT_COLOUR,
     SceneFrame,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
-from calfree_gym.envs.rendering.scene_frame import GRIPPER_COLOUR, OBJECT_COLOUR
+from calfree_gym.engine.frames import GRIPPER_COLOUR, OBJECT_COLOUR
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]

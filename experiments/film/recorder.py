@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import gymnasium
 import numpy as np
 
-from calfree_gym.envs.arms.base import LOOK_SECONDS
+from calfree_gym.engine.arms import LOOK_SECONDS
 from calfree_gym.geometry import Array
 from experiments.film.captions import Status, announcement, caption, told
 from experiments.film.drawing import NO_ALARM, Alarm, Marks

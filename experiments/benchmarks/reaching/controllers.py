@@ -14,7 +14,7 @@ import pandas as pd
 import agents
 import calfree_gym
 from agents.base.prior_knowledge import in_order
-from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.tasks.reach import PRIVILEGED
 from experiments.benchmarks.trials import CAP, REACH, Lifetimes, each_alone, motions_per_reach, share_of
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.reporting.tables import Table, beside, must_know

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.rendering.gl import current, gl_context
 from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.rendering.renderer import current, gl_context
 from calfree_gym.robot.line_of_sight import SEEN
 from calfree_gym.robot.simulation import Picture
 from calfree_gym.vision.cameras import undistort

@@ -10,8 +10,8 @@ import gymnasium as gym
 import numpy as np
 import pandas as pd
 
-from calfree_gym.envs.rendering.stereo_images import StereoImages
 from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.rendering.stereo_images import StereoImages
 from experiments.benchmarks.speed.first_renderer import FirstRenderer
 from experiments.reporting.tables import Table
 

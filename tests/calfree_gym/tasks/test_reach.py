@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from calfree_gym.tasks.goals import image_distances
+from calfree_gym.engine.spaces import image_distances
 from calfree_gym.tasks.reach import kept_apart, rendezvous
 
 coordinates = st.floats(-1, 1, width=32)

@@ -2,7 +2,7 @@
 
 import gymnasium as gym
 
-from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.tasks.reach import PRIVILEGED
 from experiments.benchmarks.contact.first_grasps import GRASP, first_grasps
 from experiments.benchmarks.contact.first_trial import first_trial
 

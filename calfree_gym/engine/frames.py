@@ -1,28 +1,27 @@
-"""A frame for people: the scene, and at its side what both cameras see."""
+"""What people see: frames of the scene with what both cameras see at its side, and MuJoCo's viewer."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import cv2
+import gymnasium as gym
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.rendering.renderer import Image
-from calfree_gym.envs.rendering.stereo_images import FOR_PEOPLE, StereoImages
-from calfree_gym.errors import check_whole
+from calfree_gym.engine.arms import Arms
+from calfree_gym.engine.config import check_size
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT
+from calfree_gym.rendering.renderer import Image
+from calfree_gym.rendering.stereo_images import FOR_PEOPLE, StereoImages
 from calfree_gym.robot.arms.movemaster import Movemaster
 from calfree_gym.robot.arms.robot import ROOM
 from calfree_gym.robot.line_of_sight import RIG_GROUP, SEEN
 
-if TYPE_CHECKING:
-    from calfree_gym.envs.arms.base import Arms
-
-SMALLEST, LARGEST = 120, 4096
 FINER = 2
 """The scene is drawn so many times larger, and then reduced: so its edges are smooth."""
 GRIPPER_COLOUR, OBJECT_COLOUR = (242, 13, 140), (13, 179, 64)
@@ -109,16 +108,6 @@ def beside(scene: Image, insets: Sequence[Image]) -> Image:
     return np.hstack([scene, np.vstack(insets)])
 
 
-def check_size(width: int, height: int) -> None:
-    """Raises ValueError where no frame can have that size."""
-    check_whole("width", width, SMALLEST, LARGEST)
-    check_whole("height", height, SMALLEST, LARGEST)
-    if width < height or height % 2:
-        raise ValueError(
-            f"width is {width} and height {height}; height must be even, and width at least as much"
-        )
-
-
 def draw_points(
     image: Image, points: Array, seen: NDArray[np.bool_], target: Array, tolerance_px: float
 ) -> None:
@@ -179,3 +168,61 @@ def dress_cameras(model: mujoco.MjModel, arms: Arms) -> None:
         housing.quat[:] = turn
         housing.size[:] = scale * np.array([0.022, 0.018, 0.035])
     model.geom_sameframe[:] = 0
+
+
+class Viewer:
+    """A window that shows one arm.
+
+    Args:
+        arms: The arms.
+
+    Raises:
+        gymnasium.error.DependencyNotInstalled: No window can be opened.
+    """
+
+    def __init__(self, arms: Arms) -> None:
+        self._arms = arms
+        self._picture = arms.simulation.picture()
+        self._window: Any = None
+
+    def draw(self, row: int) -> None:
+        """Shows where everything of a row is now."""
+        if self._window is None:
+            self._open(row)
+        with self._window.lock():
+            self._show(row)
+        self._window.sync()
+
+    def _open(self, row: int) -> None:
+        self._show(row)
+        try:
+            _need_a_screen()
+            from mujoco import viewer
+
+            self._window = viewer.launch_passive(*self._picture, show_left_ui=False, show_right_ui=False)
+        except Exception as error:
+            raise gym.error.DependencyNotInstalled(
+                f"render_mode='human' cannot open MuJoCo's viewer ({error}); it needs a screen. Without one, "
+                "use render_mode='rgb_array'"
+            ) from error
+
+    def _show(self, row: int) -> None:
+        self._arms.simulation.show(row, self._picture)
+        dress_cameras(self._picture[0], self._arms)
+
+    def close(self) -> None:
+        """Closes the window."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+
+def _need_a_screen() -> None:
+    """Raises where no window can be opened: MuJoCo's viewer then ends the whole process."""
+    import glfw
+
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        if not glfw.init():
+            raise RuntimeError("; ".join(str(each.message) for each in said) or "GLFW cannot be initialized")
+    glfw.terminate()

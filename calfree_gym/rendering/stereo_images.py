@@ -2,30 +2,47 @@
 
 from __future__ import annotations
 
+import colorsys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from functools import lru_cache
+from typing import NamedTuple
 
+import cv2
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.rendering.lens_map import LensMap
-from calfree_gym.envs.rendering.renderer import Image, Renderer
-from calfree_gym.envs.rendering.textures import STUDIO, studio, texture
 from calfree_gym.geometry import Array
-from calfree_gym.image import CAMERAS
+from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.rendering.renderer import Image, Renderer
+from calfree_gym.robot.arms.robot import Rig
 from calfree_gym.robot.line_of_sight import SEEN
-from calfree_gym.world.value import BUILT_LIGHT
-
-if TYPE_CHECKING:
-    from calfree_gym.robot.arms.robot import Rig
-    from calfree_gym.robot.simulation import Simulation
-    from calfree_gym.world import World
+from calfree_gym.robot.simulation import Simulation
+from calfree_gym.vision.cameras import undistort
+from calfree_gym.world.value import BUILT_LIGHT, World
 
 LAMP_FAR = 2.0
 """From the middle of the work space to the lamp (m, for the RV-M2)."""
 LIT = 0.7
 """So far around it there are shadows (m, likewise)."""
+RADII = 2048
+"""Entries of the table of radii: between them a pinhole point is interpolated, to 0.001 px."""
+_NO_SHARES = np.empty(0, np.uint16)
+MARGIN, MARGIN_PX = 0.01, 1.1
+"""A pinhole image is wider than what the lens shows: by this share, or, where pixels are few, by so many (the
+outermost are seen at their middles). Choice."""
+LARGEST = 2.0
+"""A pinhole image is at most so much wider than the lens's; beyond that it is coarser instead."""
+MOST_SATURATED = 0.3
+"""Marks are told from their background by saturation; theirs is 0.8 and more."""
+DARKEST, BRIGHTEST = 0.25, 0.9
+KEPT = 256
+"""Pictures that are kept: two a world, so that many rows can be rendered in turns."""
+STUDIO = -1
+"""Number of the light covers before which people see an arm best; no world's."""
+_ROOM, _SQUARES = (211, 221, 233), ((248, 250, 251), (232, 236, 241))
+OCTAVES = 5
+"""Blotches of five sizes, each half as large as the one before."""
 
 
 class Light(NamedTuple):
@@ -170,3 +187,93 @@ class StereoImages:
     def close(self) -> None:
         """Frees the GL context."""
         self.renderer.close()
+
+
+class LensMap(NamedTuple):
+    """One camera's map from pixels of its image to pixels of a pinhole image, which has the same middle.
+
+    Attributes:
+        half: Tangent of half the pinhole image's field of view.
+        source: Width and height of the pinhole image in pixels.
+        places: Whole pixels, for `cv2.remap`.
+        shares: Of pixels, likewise.
+        nearest: Whole pixels where no shares are taken.
+    """
+
+    half: float
+    source: int
+    places: NDArray[np.int16]
+    shares: NDArray[np.uint16]
+    nearest: NDArray[np.int16]
+
+    @classmethod
+    def of(cls, focal_length: float, principal_point: Array, k1: float, size: int) -> LensMap:
+        """The map of a camera for images of `size` pixels.
+
+        Args:
+            focal_length: In pixels of an image of 512.
+            principal_point: Offset (2,) in such pixels.
+            k1: Radial distortion.
+            size: Width and height of the image in pixels.
+        """
+        scale = size / IMAGE_SIZE
+        pixels = np.arange(size) + 0.5 - size / 2
+        x, y = (pixels - scale * offset for offset in principal_point)
+        x, y = x / (scale * focal_length), y[:, None] / (scale * focal_length)
+        radii = np.sqrt(x * x + y * y)
+        table = np.linspace(0.0, radii.max(), RADII)
+        flat, shown = undistort(np.stack([table, np.zeros(RADII)], -1), k1)
+        with np.errstate(invalid="ignore"):
+            stretch = np.where(table > 0, flat[:, 0] / table, 1.0)
+        end = table[shown].max()
+        stretch = np.where(radii <= end, np.interp(radii, table, stretch), np.nan)
+        x, y = x * stretch, y * stretch
+        shown_half = float(max(np.nanmax(np.abs(x)), np.nanmax(np.abs(y))))
+        half = (1 + MARGIN) * shown_half
+        source = int(min(np.ceil(2 * half * scale * focal_length), np.ceil(LARGEST * size)))
+        half = max(half, shown_half * source / (source - MARGIN_PX))
+        columns, rows = ((way / half + 1) * source / 2 - 0.5 for way in (x, -y))
+        columns, rows = (np.where(np.isnan(way), -10, way).astype(np.float32) for way in (columns, rows))
+        places, shares = cv2.convertMaps(columns, rows, cv2.CV_16SC2)
+        nearest, _ = cv2.convertMaps(columns, rows, cv2.CV_16SC2, nninterpolation=True)
+        maps = np.asarray(places, np.int16), np.asarray(shares, np.uint16), np.asarray(nearest, np.int16)
+        return cls(half, source, *maps)
+
+    def colours(self, pinhole: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The lens's image (size, size, 3) of a pinhole image, upside down; black where it shows nothing."""
+        return np.asarray(cv2.remap(pinhole, self.places, self.shares, cv2.INTER_LINEAR), np.uint8)
+
+    def depths(self, pinhole: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The same of depths (size, size): those of the nearest pixels."""
+        return np.asarray(cv2.remap(pinhole, self.nearest, _NO_SHARES, cv2.INTER_NEAREST), np.float32)
+
+
+@lru_cache(maxsize=KEPT)
+def texture(number: int, height: int, width: int) -> NDArray[np.uint8]:
+    """Blotches of two colours (height, width, 3); the same number gives the same picture."""
+    rng = np.random.default_rng(number)
+    field = np.zeros((height, width), np.float32)
+    for octave in range(OCTAVES):
+        cells = 2 ** (octave + 1)
+        blotches = rng.random((cells, cells), np.float32)
+        strength = rng.uniform(0.2, 1) / (octave + 1)
+        field += strength * cv2.resize(blotches, (width, height), interpolation=cv2.INTER_CUBIC)
+    field -= field.min()
+    field /= field.max()
+    first, second = (
+        255
+        * np.array(
+            colorsys.hsv_to_rgb(rng.random(), rng.uniform(0, MOST_SATURATED), rng.uniform(DARKEST, BRIGHTEST))
+        )
+        for _ in range(2)
+    )
+    return np.asarray(first + field[..., None] * (second - first), np.uint8)
+
+
+def studio(height: int, width: int) -> NDArray[np.uint8]:
+    """A light cover (height, width, 3): of a table, which is square, four squares; of a room one colour."""
+    if height != width:
+        return np.full((height, width, 3), _ROOM, np.uint8)
+    cover, half = np.full((height, width, 3), _SQUARES[0], np.uint8), height // 2
+    cover[:half, :half] = cover[half:, half:] = _SQUARES[1]
+    return cover

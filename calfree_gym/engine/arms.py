@@ -1,25 +1,37 @@
-"""N arms, each in its own world and at its own trial: what all tasks share."""
+"""N arms, each in its own world and at its own trial: the engine under every task.
+
+One motion, from top to bottom: `Arms.move` applies the perturbations that are due, adds control words to the
+registers, makes joint positions of these, and has the task `execute` them; `Arms.observe` then looks.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
-from calfree_gym.envs.arms.events import apply_due, undivided
-from calfree_gym.envs.arms.state import RowState, arm_state, check_fits, check_state, restore, state_of
+from calfree_gym.engine.config import Config
+from calfree_gym.engine.sight import Sight, Tracker, sight_of
+from calfree_gym.engine.spaces import Observation
+from calfree_gym.engine.state import RowState, arm_state, check_fits, check_state, restore, state_of
 from calfree_gym.geometry import Array, Flags, Rows
+from calfree_gym.image import IMAGE_UNIT, inside
 from calfree_gym.perturbations.application import Applied, PerturbationScheduler
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.motors import MotorErrors, MotorMap, Registers
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.robot.workspace import Workspaces, check_in_view, first_in_view
 from calfree_gym.vision.latency import Latency
-from calfree_gym.world import World, WorldChoice, WorldDistribution, world_choices
+from calfree_gym.world import World, WorldDistribution, world_choices
+
+Events = dict[str, NDArray[Any]]
+"""What infos tell of the last motion: arrays (N,)."""
 
 LOOK_SECONDS = 4.0
 """Assumed seconds in which the arm settles and the vision system delivers still image points. With this
@@ -27,7 +39,10 @@ value a reach by test motions takes most of the paper's 50 s a grasp, and one le
 
 
 class Arms(ABC):
-    """N arms with stereo cameras, stepped together.
+    """N arms with stereo cameras at one task, stepped together.
+
+    A task says what its arguments are, of which points its cameras tell, where its objects are, what a motion
+    does, what is observed, and when it is done.
 
     Attributes:
         registers: Sums of what was executed since home (N, m), in [-1, 1].
@@ -45,59 +60,53 @@ class Arms(ABC):
         simulation: Of the N arms.
         robot: The arm.
         points: p.
-        world: A `World`, a distribution or its name, or a sequence of N of them.
-        camera_mount: "waist", "stand", the name of a body of the arm, or a pair of these, left and right.
-        perturbations: A schedule, see `perturbations.parse_schedule`.
-        redraw: "never", or "trial": every trial in a new world, where `world` is a distribution.
-        keep_in_view: Whether worlds and objects that the cameras do not see are drawn again.
+        config: The arguments of the environment.
 
     Raises:
         ValueError: An argument is unknown, or a given world is not in view.
     """
 
+    task: ClassVar[str]
+    """What is asked, by the name that agents have for it."""
+    config_of: ClassVar[type[Config]]
+    """The arguments of its environments."""
+    tracker_of: ClassVar[type[Tracker]]
+    """What finds its points in images."""
     state_names: ClassVar[tuple[str, ...]] = (
         *("_choices", "_seeds", "_worlds", "motions", "trials", "_motions_before"),
         *("registers", "points", "visible", "true_points", "_begun"),
     )
+    parts: ClassVar[tuple[str, ...]] = (
+        *("simulation", "_registers", "_motor_errors", "_latency", "_scheduler", "_sight"),
+    )
+    """Names of what has a state of its own."""
     may_stop_short: ClassVar[bool] = False
     """Whether something may stop an arm on its way, see `stopped_short`."""
-    parts: ClassVar[tuple[str, ...]] = ("simulation", "_registers", "_motor_errors", "_latency", "_scheduler")
-    """Names of what has a state of its own."""
     shown_points: ClassVar[tuple[int, int, int, int]] = (0, 1, 2, 3)
     """Which of the image points are the gripper's and the object's, left and right of each."""
     also_asks: ClassVar[str] = ""
     """What `also_in_view` asks, in words."""
     delivered: tuple[NDArray[Any], ...]
-    tolerance: np.float32
 
-    def __init__(
-        self,
-        simulation: Simulation,
-        robot: Robot,
-        points: int,
-        *,
-        world: WorldChoice | Sequence[WorldChoice],
-        camera_mount: str | Sequence[str],
-        perturbations: Any,
-        redraw: str,
-        keep_in_view: bool,
-    ) -> None:
+    def __init__(self, simulation: Simulation, robot: Robot, points: int, config: Config) -> None:
+        self.config = config
         self.simulation, self.robot = simulation, robot
         self.rows = rows = simulation.rows
-        self.mounts = robot.mounts(camera_mount)
+        self.mounts = robot.mounts(config.camera_mount)
+        self.tolerance = np.float32(config.tolerance_px * IMAGE_UNIT)
         motors = len(robot.motors)
         self.motors = MotorMap(rows, robot)
         self._motor_errors = MotorErrors(rows, motors)
         self._workspaces = Workspaces(rows, robot, self.mounts, points // 2)
+        keep_in_view = config.keep_in_view
         self._scheduler = PerturbationScheduler(
-            rows, perturbations, robot, self.mounts, keep_in_view, self.as_seen, self.can_begin
+            rows, config.perturbations, robot, self.mounts, keep_in_view, self.as_seen, self.can_begin
         )
-        self._choices = world_choices(world, rows)
+        self._choices = world_choices(config.world, rows)
         self.register_bound = max(choice.register_bound for choice in self._choices)
         self._registers = Registers(self.motors, self.register_bound)
         self.registers = self._registers.executed
-        self._redraws = redraw == "trial"
-        self._keep_in_view = keep_in_view
+        self._redraws, self._keep_in_view = config.redraw == "trial", keep_in_view
         for choice in dict.fromkeys(self._choices):
             if isinstance(choice, World):
                 self._check_world(choice)
@@ -113,15 +122,77 @@ class Arms(ABC):
         self._begun = np.zeros(rows, bool)
         self._seeds: list[int | None] = [None] * rows
         self._latency = Latency(rows)
+        images = config.observation, config.image_size, self.tracker_of
+        self._sight: Sight = sight_of(simulation, robot.rig, points, *images)
+        self._moved = np.zeros(rows, bool)
         self._all = np.arange(rows)
 
     @abstractmethod
-    def observe(self) -> None:
-        """Updates what the cameras see, after every row has moved or begun a trial."""
+    def make_spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
+        """Observations and actions of one arm."""
+
+    @abstractmethod
+    def objects_of(self, options: dict[str, Any] | None) -> Array | None:
+        """The objects of reset's options (N, ...), or None without them."""
 
     @abstractmethod
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """Where the objects of the next trial of some rows (n,) are: drawn, unless they are given."""
+
+    @abstractmethod
+    def begun(self, rows: Rows) -> None:
+        """These rows have begun a trial; the arms are at home."""
+
+    @abstractmethod
+    def execute(self, rows: Rows, joints: Array, words: Array) -> Array:
+        """Sends the arms of `rows` to joint positions (n, j); how long they travel (n,), in seconds.
+
+        Words (n, ...) are those of the motion: a task may have more of them than the arm has motors.
+        """
+
+    @abstractmethod
+    def observe(self) -> None:
+        """Updates what is delivered, after every row has moved or begun a trial: by `look`."""
+
+    @abstractmethod
+    def outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
+        """The last observation: batched observations, image distances (N, 2), and success (N,)."""
+
+    @abstractmethod
+    def judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:
+        """Image distances (..., 2) of goals (..., g), and whether the task is done (...); pure."""
+
+    @abstractmethod
+    def truth(self) -> dict[str, Any]:
+        """What is true of all rows: arrays (N, ...)."""
+
+    @abstractmethod
+    def is_solved(self, truth: Mapping[str, Any]) -> bool:
+        """Whether the truth of one arm says that the task is done."""
+
+    def events(self) -> Events:
+        """What else infos tell of the last motion."""
+        return {}
+
+    def cut_short(self, events: Events) -> NDArray[np.bool_]:
+        """Where (N,) the trial cannot go on, by what `events` tells."""
+        return np.zeros(self.rows, bool)
+
+    def in_sight(self) -> Flags | None:
+        """Which points (N, p) nothing hides from a camera, where that matters."""
+        return None
+
+    def as_seen(self, world: World) -> World:
+        """A world as it is judged whether it is in view."""
+        return world
+
+    def also_in_view(self, row: int) -> Callable[[World], bool] | None:
+        """What a drawn world must fulfil besides, if anything."""
+        return None
+
+    def can_begin(self, row: int) -> Callable[[World], bool] | None:
+        """What of that a world must fulfil after a perturbation: else no trial could begin."""
+        return None
 
     def shown(self, row: int) -> tuple[Array, Flags, Array]:
         """What frames show of a row, by camera: gripper and object points (2, 2, 2), seen (2, 2), target.
@@ -131,14 +202,6 @@ class Arms(ABC):
         pairs = list(self.shown_points)
         points, visible = (each[row, pairs] for each in self.delivered[:2])
         return points.reshape(2, 2, 2), visible.reshape(2, 2), points.reshape(2, 2, 2)[1:]
-
-    @abstractmethod
-    def begun(self, rows: Rows) -> None:
-        """These rows have begun a trial; the arms are at home."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Frees what renders images; it comes back with the next image."""
 
     def world(self, row: int) -> World:
         """The world of a row.
@@ -166,16 +229,16 @@ class Arms(ABC):
     def seed_streams(self, row: int, seed: int) -> None:
         """Gives all that draws numbers in `row` its streams."""
         self._seeds[row] = seed
-        self._registers.seed(row, seed)
-        self._motor_errors.seed(row, seed)
-        self._scheduler.seed(row, seed)
+        for part in (self._registers, self._motor_errors, self._scheduler, self._sight):
+            part.seed(row, seed)
 
     def enter(self, row: int, world: World) -> None:
         """Puts all of a row into `world`."""
         self._worlds[row] = world
         arm = self.motors, self._registers, self._motor_errors, self.simulation
-        for part in (*arm, self._workspaces, self._latency):
+        for part in (*arm, self._workspaces, self._latency, self._sight):
             part.set_world(row, world)
+        self._moved[row] = True
 
     def _draw_world(self, distribution: WorldDistribution, row: int, seed: int, trial: int) -> World:
         def draw(attempt: int) -> World:
@@ -192,18 +255,6 @@ class Arms(ABC):
             also=self.also_in_view(row),
             also_asks=self.also_asks,
         )
-
-    def as_seen(self, world: World) -> World:
-        """A world as it is judged whether it is in view."""
-        return world
-
-    def also_in_view(self, row: int) -> Callable[[World], bool] | None:
-        """What a drawn world must fulfil besides, if anything."""
-        return None
-
-    def can_begin(self, row: int) -> Callable[[World], bool] | None:
-        """What of that a world must fulfil after a perturbation: else no trial could begin."""
-        return None
 
     def set_world(self, row: int, world: World) -> None:
         """Puts `row` into `world` from now on; seeds then draw objects and noise only.
@@ -229,10 +280,10 @@ class Arms(ABC):
         """
         indices = self._all[rows]
         self._begun[rows] = False
-        with undivided(self, self._scheduler, indices.tolist()):
+        with self._undivided(indices.tolist()):
             if self._redraws:
                 self._redraw(indices)
-            applied = apply_due(self, self._scheduler, "trial", self.trials, indices)
+            applied = self._apply_due("trial", self.trials, indices)
             objects = self.next_objects(indices, objects)
         self._begun[rows] = True
         self.trials[rows] += 1
@@ -241,8 +292,44 @@ class Arms(ABC):
         home = self._motor_errors.at_home(rows, home, self.trials, self.motions_of_trial)
         self.simulation.place(rows, self.motors.angles(home, rows), objects)
         self.points[rows] = 0.0
+        self._sight.begin_trial(indices)
+        self._moved[rows] = True
         self.begun(rows)
         return applied
+
+    def _apply_due(self, clock: str, counts: NDArray[np.int64], rows: NDArray[np.intp]) -> list[Applied]:
+        """Applies the events that are due in `rows` by "motion" or "trial"; so many (N,) are over."""
+        due = [
+            (place, event, row)
+            for place, event in self._scheduler.events[clock]
+            for row in rows[event.is_due(counts[rows])].tolist()
+        ]
+        if not due:
+            return []
+        applied: list[Applied] = []
+        with self._undivided({row for *_, row in due}):
+            for place, event, row in due:
+                count = int(counts[row])
+                world, perturbation = self._scheduler.apply(place, event, row, count, self.world(row))
+                self.enter(row, world)
+                if perturbation is not None:
+                    applied.append((row, perturbation))
+        return applied
+
+    @contextmanager
+    def _undivided(self, rows: Iterable[int]) -> Iterator[None]:
+        """Where an error leaves the block, worlds and schedules of these rows are as they were.
+
+        So who catches it and goes on gets no event twice.
+        """
+        before = [(row, self.world(row), self._scheduler.kept(row)) for row in rows]
+        try:
+            yield
+        except Exception:
+            for row, world, kept in before:
+                self.enter(row, world)
+                self._scheduler.go_on_with(row, kept)
+            raise
 
     def check_begun(self, rows: Rows = slice(None)) -> None:
         """Raises ResetNeeded where no trial has begun in some of these rows."""
@@ -261,19 +348,32 @@ class Arms(ABC):
         self.check_begun(rows)
         if self.may_stop_short:
             self._registers.depart(rows)
-        applied = apply_due(self, self._scheduler, "motion", self.motions, self._all[rows])
-        return self.execute(rows, words) + LOOK_SECONDS, applied
-
-    @abstractmethod
-    def execute(self, rows: Rows, words: Array) -> Array:
-        """Executes control words (n, ...); how long the arms travel (n,), in seconds."""
-
-    def targets(self, rows: Rows, words: Array) -> Array:
-        """Adds control words (n, m) to the registers: joint positions (n, j) to which the arms are sent."""
-        positions = self._registers.move(rows, words)
+        applied = self._apply_due("motion", self.motions, self._all[rows])
+        positions = self._registers.move(rows, words[..., : len(self.robot.motors)])
         self.motions[rows] += 1
         positions = self._motor_errors.after_a_motion(rows, positions, self.trials, self.motions_of_trial)
-        return self.motors.angles(positions, rows)
+        self._moved[rows] = True
+        seconds = self.execute(rows, self.motors.angles(positions, rows), words)
+        return seconds + LOOK_SECONDS, applied
+
+    def look(self) -> tuple[NDArray[Any], ...]:
+        """Takes in what the cameras see now; images, where they are delivered."""
+        self.simulation.refresh()
+        pixels, depth = self.simulation.pinhole_pixels()
+        true, shown = self._workspaces.cameras.through_lens(pixels)
+        visible = shown & (depth > 0) & inside(true)
+        self.true_points = true
+        if (in_sight := self.in_sight()) is not None:
+            visible &= in_sight
+        counts = self.trials, self.motions_of_trial
+        seen, self.visible, *images = self._sight.look(true, visible, self._moved, *counts)
+        self._moved[:] = False
+        self.points = np.where(self.visible[:, :, None], seen, self.points)
+        return tuple(images)
+
+    def close(self) -> None:
+        """Frees what renders images; it comes back with the next image."""
+        self._sight.close()
 
     def stopped_short(self, row: int, share: float) -> None:
         """An arm stopped at this share of its way in joint positions: registers are of where it stands.

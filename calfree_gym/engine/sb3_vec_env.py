@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
-from calfree_gym.envs.row import Row
+from calfree_gym.engine.vector import Row
 
 
 class StereoArmVecEnv(VecEnv):

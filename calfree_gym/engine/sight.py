@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.envs.rendering.stereo_images import StereoImages
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.rendering.stereo_images import StereoImages
+from calfree_gym.robot.arms.robot import Rig
+from calfree_gym.robot.simulation import Simulation
 from calfree_gym.streams import MotionNumbers
 from calfree_gym.vision.image_formation import ImageFormation
 from calfree_gym.vision.measurement import MeasurementModel
 from calfree_gym.world import World
 
-if TYPE_CHECKING:
-    from calfree_gym.envs.arms.base import Arms
-    from calfree_gym.vision.tracking.grasp_tracker import GraspTracker
-    from calfree_gym.vision.tracking.tracker import StereoTracker
+Counts = NDArray[np.int64]
 
-    Tracker = StereoTracker | GraspTracker
+
+class Tracker(Protocol):
+    """Finds points in the images of one arm, see `calfree_gym.vision`."""
+
+    def reset(self) -> None:
+        """Forgets what was tracked before."""
+
+    def __call__(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Array, Flags]:
+        """Points (p, 2), and which of them were seen (p,)."""
+
 
 SHADOWS_FROM = 256
 """Images of fewer pixels have no shadows. Choice: those who ask for small images want them fast, and shadows
@@ -40,7 +48,8 @@ class Sight:
         images: Those of all rows (N, 2, size, size, ...), where they are delivered; else none.
 
     Args:
-        arms: The arms.
+        rows: N.
+        points: p.
     """
 
     renders: ClassVar[bool] = False
@@ -48,9 +57,8 @@ class Sight:
     state_names: ClassVar[tuple[str, ...]] = ()
     images: tuple[NDArray[Any], ...] = ()
 
-    def __init__(self, arms: Arms) -> None:
-        self._arms = arms
-        self._measurement = MeasurementModel(*arms.visible.shape)
+    def __init__(self, rows: int, points: int) -> None:
+        self._measurement = MeasurementModel(rows, points)
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`."""
@@ -63,16 +71,17 @@ class Sight:
     def begin_trial(self, rows: NDArray[np.intp]) -> None:
         """These rows are at home."""
 
-    def look(self, true: Array, visible: Flags, moved: Flags) -> Seen:
+    def look(self, true: Array, visible: Flags, moved: Flags, trials: Counts, motions: Counts) -> Seen:
         """What is seen.
 
         Args:
             true: Where noise-free cameras would see the points (N, p, 2).
             visible: Which of them are in the images, and nothing hides them (N, p).
             moved: Where anything has moved (N,) since the last look.
+            trials: Begun (N,).
+            motions: Of these trials (N,).
         """
-        arms = self._arms
-        return self._measurement.measure(true, visible, arms.trials, arms.motions_of_trial)
+        return self._measurement.measure(true, visible, trials, motions)
 
     def close(self) -> None:
         """Frees what renders."""
@@ -84,7 +93,9 @@ class RenderedSight(Sight):
     Makes its GL context when the first image is rendered.
 
     Args:
-        arms: The arms.
+        simulation: The N arms.
+        rig: Where the lamp is to light up the room.
+        points: p.
         size: Width and height of an image in pixels.
         depth: Whether they show depths in m rather than colours.
     """
@@ -92,14 +103,16 @@ class RenderedSight(Sight):
     renders = True
     state_names: ClassVar[tuple[str, ...]] = ("_images",)
 
-    def __init__(self, arms: Arms, size: int, depth: bool = False) -> None:
-        super().__init__(arms)
-        self._size, self._depth = size, depth
-        shape = (arms.rows, 2, size, size)
+    def __init__(self, simulation: Simulation, rig: Rig, points: int, size: int, depth: bool = False) -> None:
+        rows = simulation.rows
+        super().__init__(rows, points)
+        self._simulation, self._rig, self._size, self._depth = simulation, rig, size, depth
+        shape = (rows, 2, size, size)
         self._images: NDArray[Any] = np.zeros(shape, np.float32) if depth else np.zeros((*shape, 3), np.uint8)
         self.images = (self._images,)
+        self._worlds: dict[int, World] = {}
         self._sensors = ImageFormation(size)
-        self._places = MotionNumbers(arms.rows, "image_noise", (2, 2), normal=False)
+        self._places = MotionNumbers(rows, "image_noise", (2, 2), normal=False)
         self._renderer: StereoImages | None = None
 
     def seed(self, row: int, seed: int) -> None:
@@ -108,20 +121,20 @@ class RenderedSight(Sight):
 
     def set_world(self, row: int, world: World) -> None:
         """See `Sight`: points are those of the images, and have no noise of their own."""
+        self._worlds[row] = world
 
-    def look(self, true: Array, visible: Flags, moved: Flags) -> Seen:
+    def look(self, true: Array, visible: Flags, moved: Flags, trials: Counts, motions: Counts) -> Seen:
         """See `Sight`."""
-        self._render(np.flatnonzero(moved))
+        self._render(np.flatnonzero(moved), trials, motions)
         return true, visible, *self.images
 
-    def _render(self, rows: NDArray[np.intp]) -> None:
-        arms = self._arms
+    def _render(self, rows: NDArray[np.intp], trials: Counts, motions: Counts) -> None:
         if self._renderer is None:
             shadows = self._size >= SHADOWS_FROM
-            self._renderer = StereoImages(arms.simulation, arms.robot.rig, self._size, shadows)
-        places = self._places.at(arms.trials, arms.motions_of_trial)
+            self._renderer = StereoImages(self._simulation, self._rig, self._size, shadows)
+        places = self._places.at(trials, motions)
         for row in rows.tolist():
-            world = arms.world(row)
+            world = self._worlds[row]
             if self._depth:
                 self._images[row] = self._renderer.depths(row, world)
                 continue
@@ -139,37 +152,45 @@ class TrackedSight(RenderedSight):
     """Points that a tracker finds in images of 512 x 512 pixels.
 
     Args:
-        arms: The arms.
+        simulation, rig, points: See `RenderedSight`.
         tracker: Makes a tracker for one row.
     """
 
     finds = True
     state_names = ("_trackers", "_points", "_visible")
 
-    def __init__(self, arms: Arms, tracker: Callable[[], Tracker]) -> None:
-        super().__init__(arms, IMAGE_SIZE)
+    def __init__(self, simulation: Simulation, rig: Rig, points: int, tracker: Callable[[], Tracker]) -> None:
+        super().__init__(simulation, rig, points, IMAGE_SIZE)
         self.images = ()
-        self._trackers = [tracker() for _ in range(arms.rows)]
-        self._points, self._visible = np.zeros_like(arms.points), np.zeros_like(arms.visible)
+        rows = simulation.rows
+        self._trackers = [tracker() for _ in range(rows)]
+        self._points, self._visible = np.zeros((rows, points, 2)), np.zeros((rows, points), bool)
 
     def begin_trial(self, rows: NDArray[np.intp]) -> None:
         """See `Sight`: what was tracked before is forgotten."""
         for row in rows.tolist():
             self._trackers[row].reset()
 
-    def look(self, true: Array, visible: Flags, moved: Flags) -> Seen:
+    def look(self, true: Array, visible: Flags, moved: Flags, trials: Counts, motions: Counts) -> Seen:
         """See `Sight`."""
         rows = np.flatnonzero(moved)
-        self._render(rows)
+        self._render(rows, trials, motions)
         for row in rows.tolist():
             self._points[row], self._visible[row] = self._trackers[row](*self._images[row])
         return self._points.copy(), self._visible.copy()
 
 
-def sight_of(arms: Arms, observation: str, image_size: int, tracker: Callable[[], Tracker]) -> Sight:
+def sight_of(
+    simulation: Simulation,
+    rig: Rig,
+    points: int,
+    observation: str,
+    image_size: int,
+    tracker: Callable[[], Tracker],
+) -> Sight:
     """What an observation of that name needs; `tracker` makes one for what is to be found in images."""
     if observation == "points":
-        return Sight(arms)
+        return Sight(simulation.rows, points)
     if observation == "vision":
-        return TrackedSight(arms, tracker)
-    return RenderedSight(arms, image_size, depth=observation == "depth")
+        return TrackedSight(simulation, rig, points, tracker)
+    return RenderedSight(simulation, rig, points, image_size, depth=observation == "depth")

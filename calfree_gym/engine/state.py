@@ -1,14 +1,11 @@
-"""Copies of environments, and the states between which planners go back and forth."""
+"""The states of rows, between which planners go back and forth, and from which copies go on."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 from calfree_gym.robot.arms.robot import Mounts, Robot
-
-if TYPE_CHECKING:
-    from calfree_gym.envs.arms.base import Arms
 
 RowState = Mapping[str, Any]
 """Numbers, arrays and frozen values of one row; it shares nothing with the environment that it came from."""
@@ -22,30 +19,6 @@ class HasState(Protocol):
     """
 
     state_names: ClassVar[tuple[str, ...]]
-
-
-class Copyable:
-    """Pickle and deepcopy copy it, in mid-trial too: the copy goes on, bit by bit, as it would have.
-
-    MuJoCo's simulation cannot be pickled. So a copy makes its own, and brings every row into its state.
-    """
-
-    arms: Arms
-
-    def _new_arms(self) -> Arms:
-        """Arms of the same arguments."""
-        raise NotImplementedError
-
-    def __getstate__(self) -> dict[str, Any]:
-        rows = [self.arms.get_state(row) for row in range(self.arms.rows)]
-        return {**vars(self), "arms": rows, "_renderer": None}
-
-    def __setstate__(self, copied: dict[str, Any]) -> None:
-        vars(self).update(copied)
-        self.arms = self._new_arms()
-        for row, state in enumerate(copied["arms"]):
-            self.arms.set_state(row, state)
-        self.arms.simulation.refresh()
 
 
 def state_of(part: HasState, row: int) -> dict[str, Any]:
