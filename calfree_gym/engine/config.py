@@ -79,22 +79,20 @@ def check_size(width: int, height: int) -> None:
         )
 
 
-def constructor(owner: type, before: dict[str, Any], config_of: type[Any]) -> Callable[..., None]:
-    """An `__init__` for `owner` that takes arguments by keyword, and hands them to its `_build`.
-
-    Args:
-        owner: The class.
-        before: Parameters that come first, with their defaults.
-        config_of: The dataclass whose fields are the others.
-    """
-    of_task = {field.name: field.default for field in fields(config_of)}
-    keyword = inspect.Parameter.KEYWORD_ONLY
+def constructor(owner: type, *configs: type[Any]) -> Callable[..., None]:
+    """An `__init__` of `owner` that takes the fields of dataclasses by keyword; `_build` gets these."""
+    fields_of = {config: {each.name: each for each in fields(config)} for config in configs}
     parameters = [inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)]
-    for name, default in (before | of_task).items():
-        parameters.append(inspect.Parameter(name, keyword, default=default))
+    for each in (each for of_one in fields_of.values() for each in of_one.values()):
+        written = {"default": each.default, "annotation": each.type}
+        parameters.append(inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, **written))
 
-    def __init__(self: Any, **arguments: Any) -> None:
-        self._build(**before | arguments)
+    def __init__(self: Any, **given: Any) -> None:
+        made = (
+            config(**{name: given[name] for name in of_one.keys() & given.keys()})
+            for config, of_one in fields_of.items()
+        )
+        self._build(*made)
 
     __init__.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     __init__.__module__, __init__.__qualname__ = owner.__module__, f"{owner.__qualname__}.__init__"

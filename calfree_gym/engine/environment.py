@@ -49,8 +49,8 @@ class Environment:
     task: ClassVar[str]
     arms_of: ClassVar[Any]
     """The class of the arms: it takes rows, threads and config."""
-    before: ClassVar[dict[str, Any]] = {}
-    """Arguments that come before those of the task, with their defaults."""
+    configs: ClassVar[tuple[type, ...]] = ()
+    """Dataclasses of arguments that come before those of the task."""
     config: Config
     arms: Arms
 
@@ -59,11 +59,11 @@ class Environment:
         super().__init_subclass__(**kwargs)
         if arms is not None:
             cls.arms_of, cls.task = arms, arms.task
-            cls.__init__ = constructor(cls, cls.before, arms.config_of)  # type: ignore[method-assign]
+            cls.__init__ = constructor(cls, *cls.configs, arms.config_of)  # type: ignore[method-assign]
 
-    def _build_arms(self, rows: int, threads: int, arguments: dict[str, Any]) -> None:
-        """Checks and keeps the arguments of the task, and makes the arms."""
-        self.config = config = self.arms_of.config_of(**arguments)
+    def _make(self, config: Config, rows: int, threads: int) -> None:
+        """Keeps the arguments of the task, and makes the arms."""
+        self.config = config
         self.render_mode, self.tolerance_px = config.render_mode, float(config.tolerance_px)
         self._ends, self._gives_truth = config.terminate_on_success, config.truth
         self._reward = sparse_reward if config.reward == "sparse" else dense_reward

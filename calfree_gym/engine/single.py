@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import Events
-from calfree_gym.engine.config import RENDER_MODES
+from calfree_gym.engine.config import RENDER_MODES, Config
 from calfree_gym.engine.environment import Environment
 from calfree_gym.engine.spaces import Observation, control_words
 from calfree_gym.engine.state import RowState
@@ -26,8 +26,8 @@ class ArmEnv(Environment, gym.Env[Any, Any]):
     applied: list[Perturbation | Undo]
     """The perturbations that were applied before the last motion, with all that they drew."""
 
-    def _build(self, **arguments: Any) -> None:
-        self._build_arms(1, 1, arguments)
+    def _build(self, config: Config) -> None:
+        self._make(config, rows=1, threads=1)
         self.observation_space, self.action_space = self.arms.make_spaces()
         self._action_shape = tuple(self.action_space.shape or ())
         self.applied = []

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import Events
-from calfree_gym.engine.config import RENDER_MODES
+from calfree_gym.engine.config import RENDER_MODES, Config
 from calfree_gym.engine.environment import Environment
 from calfree_gym.engine.spaces import Observation, checked_options, control_words
 from calfree_gym.engine.state import RowState
@@ -29,6 +30,29 @@ NO_LIMIT = -1
 """Of motions of a trial, as for `gymnasium.make`."""
 
 
+@dataclass(kw_only=True)
+class Batch:
+    """The arguments that batched environments have besides those of their task."""
+
+    num_envs: int = 1
+    max_episode_steps: int = 60
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks them.
+
+        Raises:
+            ValueError: An argument is not allowed.
+        """
+        check_whole("num_envs", self.num_envs, 1, MOST_ROWS)
+        if self.max_episode_steps != NO_LIMIT:
+            check_whole("max_episode_steps", self.max_episode_steps, 1, LONGEST_TRIAL, ", or -1: no limit")
+        check_whole("threads", self.threads, 0, MOST_THREADS)
+        mode = getattr(self.autoreset_mode, "value", self.autoreset_mode)
+        check_choice("autoreset_mode", mode, tuple(mode.value for mode in AutoresetMode))
+
+
 class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
     """Many arms: what a batched environment of any task has."""
 
@@ -37,33 +61,20 @@ class ArmVectorEnv(Environment, VectorEnv[Any, Any, Any]):
         "render_fps": 2,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    configs = (Batch,)
 
-    before: ClassVar[dict[str, Any]] = {
-        "num_envs": 1,
-        "max_episode_steps": 60,
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-        "threads": 0,
-    }
-
-    def _build(
-        self, num_envs: int, max_episode_steps: int, autoreset_mode: Any, threads: int, **arguments: Any
-    ) -> None:
-        check_whole("num_envs", num_envs, 1, MOST_ROWS)
-        if max_episode_steps != NO_LIMIT:
-            check_whole("max_episode_steps", max_episode_steps, 1, LONGEST_TRIAL, ", or -1: no limit")
-        check_whole("threads", threads, 0, MOST_THREADS)
-        modes = tuple(mode.value for mode in AutoresetMode)
-        check_choice("autoreset_mode", getattr(autoreset_mode, "value", autoreset_mode), modes)
-        self._build_arms(num_envs, threads, arguments)
-        self.num_envs = num_envs
-        self._max_episode_steps = np.inf if max_episode_steps == NO_LIMIT else max_episode_steps
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+    def _build(self, batch: Batch, config: Config) -> None:
+        self._make(config, batch.num_envs, batch.threads)
+        self.num_envs = batch.num_envs
+        limit = batch.max_episode_steps
+        self._max_episode_steps = np.inf if limit == NO_LIMIT else limit
+        self.autoreset_mode = AutoresetMode(batch.autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space, self.single_action_space = self.arms.make_spaces()
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._action_shape = tuple(self.single_action_space.shape or ())
-        self._over = np.zeros(num_envs, bool)
+        self._over = np.zeros(self.num_envs, bool)
         self._applied: list[Applied] = []
 
     @property
