@@ -17,6 +17,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from calfree_gym.engine.config import Config
+from calfree_gym.engine.measurement import Latency
 from calfree_gym.engine.sight import Sight, Tracker, sight_of
 from calfree_gym.engine.spaces import Observation
 from calfree_gym.engine.state import RowState, arm_state, check_fits, check_state, restore, state_of
@@ -27,7 +28,6 @@ from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.motors import MotorErrors, MotorMap, Registers
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.robot.workspace import Workspaces, check_in_view, first_in_view
-from calfree_gym.vision.latency import Latency
 from calfree_gym.world import World, WorldDistribution, world_choices
 
 Events = dict[str, NDArray[Any]]

@@ -20,7 +20,7 @@ from calfree_gym.rendering.renderer import Image
 from calfree_gym.rendering.stereo_images import FOR_PEOPLE, StereoImages
 from calfree_gym.robot.arms.movemaster import Movemaster
 from calfree_gym.robot.arms.robot import ROOM
-from calfree_gym.robot.line_of_sight import RIG_GROUP, SEEN
+from calfree_gym.robot.rays import RIG_GROUP, SEEN
 
 FINER = 2
 """The scene is drawn so many times larger, and then reduced: so its edges are smooth."""

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.engine.measurement import MeasurementModel
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.rendering.stereo_images import StereoImages
@@ -15,7 +16,6 @@ from calfree_gym.robot.arms.robot import Rig
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.streams import MotionNumbers
 from calfree_gym.vision.image_formation import ImageFormation
-from calfree_gym.vision.measurement import MeasurementModel
 from calfree_gym.world import World
 
 Counts = NDArray[np.int64]

@@ -15,7 +15,7 @@ from calfree_gym.engine.spaces import Observation, control_words
 from calfree_gym.engine.state import RowState
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
-from calfree_gym.perturbations.undo import Undo
+from calfree_gym.perturbations.schedule import Undo
 from calfree_gym.world import World
 
 

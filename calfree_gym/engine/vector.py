@@ -21,7 +21,7 @@ from calfree_gym.engine.state import RowState
 from calfree_gym.errors import check_choice, check_whole
 from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
-from calfree_gym.perturbations.undo import Undo
+from calfree_gym.perturbations.schedule import Undo
 from calfree_gym.world import World
 
 MOST_ROWS, LONGEST_TRIAL, MOST_THREADS, LARGEST_SEED = 2**20, 2**31, 2**10, 2**64

@@ -8,8 +8,7 @@ from functools import partial
 from typing import Any, ClassVar
 
 from calfree_gym.perturbations.base import Perturbation
-from calfree_gym.perturbations.schedule import CLOCKS, Event, parse_schedule
-from calfree_gym.perturbations.undo import Undo, undone
+from calfree_gym.perturbations.schedule import CLOCKS, Event, Undo, parse_schedule, undone
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.workspace import cameras_at_home, first_in_view, in_view
 from calfree_gym.streams import stream

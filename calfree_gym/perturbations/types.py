@@ -6,7 +6,20 @@ from collections.abc import Mapping
 from typing import Any
 
 from calfree_gym.errors import near_misses
-from calfree_gym.perturbations.arm import Backlash, JointZero, LinkLength, MotorGain, MotorSign, Repeatability
+from calfree_gym.perturbations.arm import (
+    Backlash,
+    DeadZone,
+    GearRipple,
+    JointZero,
+    LinkLength,
+    LongestMotion,
+    MotorGain,
+    MotorSign,
+    RegisterNoise,
+    RegisterStep,
+    Repeatability,
+    Shortfall,
+)
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.camera import (
     CameraAim,
@@ -16,17 +29,17 @@ from calfree_gym.perturbations.camera import (
     CameraZoom,
     Lens,
 )
-from calfree_gym.perturbations.image import Blur, Exposure, ImageNoise, Light
-from calfree_gym.perturbations.image_points import Latency, PointDropout, PointNoise, PointOutliers
-from calfree_gym.perturbations.occluder import Occluder
-from calfree_gym.perturbations.registers import (
-    DeadZone,
-    GearRipple,
-    LongestMotion,
-    RegisterNoise,
-    RegisterStep,
-    Shortfall,
+from calfree_gym.perturbations.image import (
+    Blur,
+    Exposure,
+    ImageNoise,
+    Latency,
+    Light,
+    PointDropout,
+    PointNoise,
+    PointOutliers,
 )
+from calfree_gym.perturbations.occluder import Occluder
 
 TYPES: dict[str, type[Perturbation]] = {
     cls.type: cls

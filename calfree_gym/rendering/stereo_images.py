@@ -16,7 +16,7 @@ from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.rendering.renderer import Image, Renderer
 from calfree_gym.robot.arms.robot import Rig
-from calfree_gym.robot.line_of_sight import SEEN
+from calfree_gym.robot.rays import SEEN
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.vision.cameras import undistort
 from calfree_gym.world.value import BUILT_LIGHT, World

@@ -16,7 +16,7 @@ from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, Candidates, Workspace
 from calfree_gym.streams import CounterStreams, Key, key
 
 if TYPE_CHECKING:
-    from calfree_gym.world import World
+    from calfree_gym.world.value import World
 
 BLOCK = 16
 """Candidates that are judged at once."""

@@ -30,14 +30,11 @@ from calfree_gym.engine.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT, lengths
-from calfree_gym.robot.grasping.gripping_arm import GrippingArm
+from calfree_gym.robot.grasping.gripping_arm import STROKE, GrippingArm, TiltingArm
 from calfree_gym.robot.grasping.held import HeldPlacing, HeldSimulation
-from calfree_gym.robot.grasping.in_sight import InSight
-from calfree_gym.robot.grasping.jaws import STROKE
-from calfree_gym.robot.grasping.placing import Placed, Placing
+from calfree_gym.robot.grasping.placing import InSight, Placed, Placing
 from calfree_gym.robot.grasping.shapes import ShapeChoice, check_shape
 from calfree_gym.robot.grasping.simulation import OBJECT, POINTS, GraspSimulation
-from calfree_gym.robot.grasping.tilting_arm import TiltingArm
 from calfree_gym.tasks.contact import MM, ContactArms
 from calfree_gym.world import World, WorldChoice
 

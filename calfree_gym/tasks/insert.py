@@ -28,10 +28,7 @@ from calfree_gym.engine.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.image import PIXELS_PER_UNIT, lengths
-from calfree_gym.robot.inserting.holes import Holes
-from calfree_gym.robot.inserting.inserting_arm import InsertingArm
-from calfree_gym.robot.inserting.peg import RADIUS
-from calfree_gym.robot.inserting.simulation import OBJECT, POINTS, InsertSimulation
+from calfree_gym.robot.inserting import OBJECT, POINTS, RADIUS, Holes, InsertingArm, InsertSimulation
 from calfree_gym.tasks.contact import MM, ContactArms
 from calfree_gym.world import World, WorldChoice
 

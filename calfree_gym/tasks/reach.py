@@ -36,7 +36,7 @@ from calfree_gym.robot.arms.marks import RADIUS as MARK_RADIUS
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.line_of_sight import LinesOfSight
 from calfree_gym.robot.objects import ObjectDraws
-from calfree_gym.robot.reach_simulation import DYNAMICS, ReachSimulation
+from calfree_gym.robot.simulation import DYNAMICS, ReachSimulation
 from calfree_gym.vision.tracking.tracker import StereoTracker
 from calfree_gym.world import World, WorldChoice
 

@@ -18,7 +18,7 @@ from calfree_gym.geometry import Array, Rows
 from calfree_gym.robot.arms.arm import ArmChoice
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.objects import ObjectDraws
-from calfree_gym.robot.touching.simulation import CLEARANCE, TouchingSimulation
+from calfree_gym.robot.touching import CLEARANCE, TouchingSimulation
 from calfree_gym.robot.workspace import ATTEMPTS
 from calfree_gym.streams import stream
 from calfree_gym.tasks.reach import ReachArms, check_reach

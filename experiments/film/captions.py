@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from calfree_gym.robot.inserting.peg import RADIUS
+from calfree_gym.robot.inserting import RADIUS
 
 MM = 1000.0
 _WORDS = {

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
 
-from calfree_gym.perturbations.undo import Undo
+from calfree_gym.perturbations.schedule import Undo
 from experiments.config.suite import FIRST_OWN_TRIALS, ScenarioConfig, Suite
 from experiments.errors import ConfigError
 from experiments.evaluation import THRESHOLDS_PX

@@ -14,7 +14,7 @@ import numpy as np
 
 from calfree_gym.geometry import Array
 from calfree_gym.image import rounded
-from calfree_gym.robot.line_of_sight import MARKS, MARKS_GROUP, shares_in_sight
+from calfree_gym.robot.rays import MARKS, MARKS_GROUP, shares_in_sight
 
 COLOURS = ((0.95, 0.05, 0.55), (0.10, 0.20, 0.95), (0.05, 0.70, 0.25))
 """Red, green and blue of the marks: hues far apart, and far more saturated than a room is."""

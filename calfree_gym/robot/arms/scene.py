@@ -13,7 +13,7 @@ from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE
 from calfree_gym.robot.arms.marks import GripperMarks, add_bar, add_marks
 from calfree_gym.robot.arms.robot import ROOM, Furnish, Mounts, Scene
-from calfree_gym.robot.line_of_sight import RIG_GROUP
+from calfree_gym.robot.rays import RIG_GROUP
 
 PREFIX = "calfree "
 """Of the names of all that is added to a model of other people's."""

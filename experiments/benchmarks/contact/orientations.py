@@ -12,9 +12,8 @@ import pandas as pd
 
 from calfree_gym import MOUNTS
 from calfree_gym.geometry import Array, rotation_matrix
-from calfree_gym.robot.grasping.held import PITCHES, HeldSimulation, drawn_pose
-from calfree_gym.robot.grasping.jaws import STROKE
-from calfree_gym.robot.grasping.orientations import ROLLS
+from calfree_gym.robot.grasping.gripping_arm import STROKE
+from calfree_gym.robot.grasping.held import PITCHES, ROLLS, HeldSimulation, drawn_pose
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 from experiments.benchmarks.contact.first_trial import first_trial
 from experiments.reporting.tables import Table, beside

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.rendering.renderer import current, gl_context
-from calfree_gym.robot.line_of_sight import SEEN
+from calfree_gym.robot.rays import SEEN
 from calfree_gym.robot.simulation import Picture
 from calfree_gym.vision.cameras import undistort
 from calfree_gym.world import World

@@ -15,7 +15,7 @@ import pandas as pd
 
 import agents
 from calfree_gym.geometry import Array
-from calfree_gym.robot.reach_simulation import SUBSTEPS
+from calfree_gym.robot.simulation import SUBSTEPS
 from experiments.benchmarks.speed.rates import pinned, stepping
 from experiments.reporting.tables import Table
 

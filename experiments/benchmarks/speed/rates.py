@@ -18,7 +18,7 @@ from mujoco.batch import Batch
 
 from calfree_gym import Arm
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.reach_simulation import SUBSTEPS
+from calfree_gym.robot.simulation import SUBSTEPS
 from experiments.benchmarks.speed.peer import Peer
 
 REACH = "calfree_gym:CalFree/Reach-v0"

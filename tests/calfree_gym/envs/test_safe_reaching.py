@@ -12,13 +12,16 @@ import pytest
 
 import calfree_gym
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.touching.furniture import CLEARANCE, SENSOR, furniture, of_arm
-from calfree_gym.robot.touching.simulation import (
+from calfree_gym.robot.touching import (
+    CLEARANCE,
     LEAST,
     REACTION,
     RETREAT,
+    SENSOR,
     TRIP,
     TouchingSimulation,
+    furniture,
+    of_arm,
     ramp,
 )
 from tests.arms.own import ARMS

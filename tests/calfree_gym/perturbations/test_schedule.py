@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from calfree_gym import nominal
 from calfree_gym.perturbations import TYPES, CameraRoll
-from calfree_gym.perturbations.schedule import Event, parse_schedule
-from calfree_gym.perturbations.undo import Undo
+from calfree_gym.perturbations.schedule import Event, Undo, parse_schedule
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from calfree_gym import MOUNTS, WorldDistribution, nominal
+from calfree_gym.engine.measurement import MeasurementModel
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
-from calfree_gym.vision.measurement import MeasurementModel
 
 
 def lifetime(world, motions=300, **arguments):

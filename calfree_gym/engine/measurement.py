@@ -1,8 +1,8 @@
-"""From true image points to measured ones: noise, outliers, dropout."""
+"""From true image points to delivered ones: noise, outliers, dropout, latency."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.streams import MotionNumbers
-
-if TYPE_CHECKING:
-    from calfree_gym.world import World
+from calfree_gym.world.value import MAX_LATENCY, World
 
 Counts = NDArray[np.int64]
 
@@ -61,3 +59,49 @@ class MeasurementModel:
         if self._any_dropout:
             visible = visible & (self._dropout_numbers.at(trials, motions) >= self._dropout)
         return measured, visible
+
+
+class Latency:
+    """Queues of observations of N worlds, one row each.
+
+    The queue of a new trial holds the observation at home. Where latency begins in mid-trial, the queue holds
+    the observation of that time.
+
+    Args:
+        rows: N.
+    """
+
+    state_names: ClassVar[tuple[str, ...]] = ("_queues", "_beginning")
+
+    def __init__(self, rows: int) -> None:
+        self._latency = np.zeros(rows, np.int64)
+        self._beginning = np.zeros(rows, bool)
+        self._queues: list[dict[int, tuple[NDArray[Any], ...]]] = [{} for _ in range(rows)]
+
+    def set_world(self, row: int, world: World) -> None:
+        """Gives `row` the latency of `world`."""
+        if not world.latency:
+            self._queues[row].clear()
+        self._beginning[row] |= world.latency > 0 and self._latency[row] == 0
+        self._latency[row] = world.latency
+
+    def deliver(self, motions: NDArray[np.int64], *observed: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+        """What comes out of the queues, as many motions late as each world is.
+
+        Args:
+            motions: Of the trial (N,).
+            observed: Arrays (N, ...).
+        """
+        if not self._latency.any():
+            return observed
+        late = tuple(each.copy() for each in observed)
+        for row, (queue, motion) in enumerate(zip(self._queues, motions.tolist(), strict=True)):
+            if self._beginning[row] or motion == 0:
+                queue.clear()
+            queue[motion] = tuple(each[row].copy() for each in observed)
+            queue.pop(motion - MAX_LATENCY - 1, None)
+            due = queue[max(motion - int(self._latency[row]), min(queue))]
+            for each, delivered in zip(late, due, strict=True):
+                each[row] = delivered
+        self._beginning[:] = False
+        return late
