@@ -1,4 +1,4 @@
-"""N arms, each in its own world and at its own trial: the engine under every task.
+"""N arms, each in its own world and at its own trial: the engine under every task, and its states.
 
 One motion, from top to bottom: `Arms.move` applies the perturbations that are due, adds control words to the
 registers, makes joint positions of these, and has the task `execute` them; `Arms.observe` then looks.
@@ -7,9 +7,9 @@ registers, makes joint positions of these, and has the task `execute` them; `Arm
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -17,18 +17,87 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from calfree_gym.engine.config import Config
-from calfree_gym.engine.measurement import Latency
-from calfree_gym.engine.sight import Sight, Tracker, sight_of
-from calfree_gym.engine.spaces import Observation
-from calfree_gym.engine.state import RowState, arm_state, check_fits, check_state, restore, state_of
+from calfree_gym.engine.sight import Latency, Sight, Tracker, sight_of
+from calfree_gym.engine.spaces import Observation, placed_objects
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import IMAGE_UNIT, inside
-from calfree_gym.perturbations.application import Applied, PerturbationScheduler
-from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.perturbations.schedule import Applied, PerturbationScheduler
+from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.motors import MotorErrors, MotorMap, Registers
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.robot.workspace import Workspaces, check_in_view, first_in_view
 from calfree_gym.world import World, WorldDistribution, world_choices
+
+RowState = Mapping[str, Any]
+"""Numbers, arrays and frozen values of one row; it shares nothing with the environment that it came from."""
+
+
+class HasState(Protocol):
+    """A part of N rows.
+
+    Attributes:
+        state_names: Names of the arrays and lists whose entries, one a row, are its state.
+    """
+
+    state_names: ClassVar[tuple[str, ...]]
+
+
+def state_of(part: HasState, row: int) -> dict[str, Any]:
+    """The state of a row of a part."""
+    return {name: _own(getattr(part, name)[row]) for name in part.state_names}
+
+
+def restore(part: HasState, row: int, state: RowState) -> None:
+    """Brings a row of a part into a state that `state_of` gave."""
+    for name in part.state_names:
+        getattr(part, name)[row] = _own(state[name])
+
+
+def _own(value: Any) -> Any:
+    return value.copy() if hasattr(value, "copy") else value
+
+
+def arm_state(robot: Robot, mounts: Mounts) -> dict[str, Any]:
+    """By what the state of an arm is told from that of another."""
+    links = dict(zip(robot.links, robot.lengths.tolist(), strict=True))
+    return {"motors": robot.motors, "links": links, "camera mounts": mounts}
+
+
+def check_state(state: RowState, robot: Robot, mounts: Mounts, parts: Sequence[str]) -> None:
+    """Raises where something is no state of a row with this arm, or has not all of its parts.
+
+    Raises:
+        ValueError: It is none, or that of another arm; says what was found and what is allowed.
+    """
+    if not isinstance(state, Mapping) or not {"arm", *parts} <= state.keys():
+        found = repr(state)
+        raise ValueError(
+            f"the state is {found[:100] + '...' * (len(found) > 100)}; it must be what get_state() gave"
+        )
+    for name, here in arm_state(robot, mounts).items():
+        if (there := state["arm"].get(name)) != here:
+            raise ValueError(f"the state is of another arm: its {name} are {there}; here they are {here}")
+
+
+def check_fits(part: HasState, row: int, state: RowState, prefix: str = "") -> None:
+    """Raises where a state is not that of such a part of a row.
+
+    Args:
+        part: The part.
+        row: The row.
+        state: Its state.
+        prefix: Of the names that errors tell.
+
+    Raises:
+        ValueError: An entry is missing, or of another shape; says which.
+    """
+    for name in part.state_names:
+        if name not in state:
+            raise ValueError(f"the state has no {prefix}{name}: its environment observes something else")
+        found, here = (getattr(each, "shape", ()) for each in (state[name], getattr(part, name)[row]))
+        if found != here:
+            raise ValueError(f"the state's {prefix}{name} has shape {found}; it must have {here}")
+
 
 Events = dict[str, NDArray[Any]]
 """What infos tell of the last motion: arrays (N,)."""
@@ -131,16 +200,15 @@ class Arms(ABC):
     def make_spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
         """Observations and actions of one arm."""
 
-    @abstractmethod
     def objects_of(self, options: dict[str, Any] | None) -> Array | None:
-        """The objects of reset's options (N, ...), or None without them."""
+        """The objects of reset's options (N, ...), points (N, 3) in m unless told; or None without them."""
+        return placed_objects(options, self.rows, self.robot)
 
     @abstractmethod
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """Where the objects of the next trial of some rows (n,) are: drawn, unless they are given."""
 
-    @abstractmethod
-    def begun(self, rows: Rows) -> None:
+    def begun(self, rows: Rows) -> None:  # noqa: B027
         """These rows have begun a trial; the arms are at home."""
 
     @abstractmethod

@@ -8,14 +8,12 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.engine.arms import Events
+from calfree_gym.engine.arms import Events, RowState
 from calfree_gym.engine.config import RENDER_MODES, Config
 from calfree_gym.engine.environment import Environment
 from calfree_gym.engine.spaces import Observation, control_words
-from calfree_gym.engine.state import RowState
-from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
-from calfree_gym.perturbations.schedule import Undo
+from calfree_gym.perturbations.schedule import Applied, Undo
 from calfree_gym.world import World
 
 

@@ -13,15 +13,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from calfree_gym.engine.arms import Events
+from calfree_gym.engine.arms import Events, RowState
 from calfree_gym.engine.config import RENDER_MODES, Config
 from calfree_gym.engine.environment import Environment
 from calfree_gym.engine.spaces import Observation, checked_options, control_words
-from calfree_gym.engine.state import RowState
 from calfree_gym.errors import check_choice, check_whole
-from calfree_gym.perturbations.application import Applied
 from calfree_gym.perturbations.base import Perturbation
-from calfree_gym.perturbations.schedule import Undo
+from calfree_gym.perturbations.schedule import Applied, Undo
 from calfree_gym.world import World
 
 MOST_ROWS, LONGEST_TRIAL, MOST_THREADS, LARGEST_SEED = 2**20, 2**31, 2**10, 2**64

@@ -3,15 +3,15 @@
 To add a perturbation:
 
 1. Write a frozen dataclass, derived from `base.Perturbation`, in the module of what it changes: `camera`,
-   `arm`, `registers`, `image`, `image_points` or `occluder`. Its docstring says what it changes and what it
-   draws for omitted settings; it becomes part of the documentation.
+   `arm`, `image` or `occluder`. Its docstring says what it changes and what it draws for omitted settings; it
+   becomes part of the documentation.
 2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`,
    `base.one_of_the_arms`, `base.amount`, `base.factor` or `base.setting`.
 3. Define `change(world, robot)`, which returns a new world; every setting is given there. For one entry of an
    array `base.with_entry` is enough.
 4. Define `inverse()`, which returns the perturbation that undoes it. A perturbation that sets a value
    has none; define `drift(world, back, robot)` instead, which goes one step from the present value.
-5. List the class in `types.TYPES` and here. The tests and the documentation then include it.
+5. List the class here. The tests and the documentation then include it.
 
 For example, in `arm`:
 

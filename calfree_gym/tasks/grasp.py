@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from calfree_gym.engine.arms import Events
+from calfree_gym.engine.arms import Events, RowState
 from calfree_gym.engine.config import Config
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
@@ -25,7 +25,6 @@ from calfree_gym.engine.spaces import (
     state_box,
     unit_box,
 )
-from calfree_gym.engine.state import RowState
 from calfree_gym.engine.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice
 from calfree_gym.geometry import Array, Flags, Rows

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from calfree_gym.engine.arms import Events
+from calfree_gym.engine.arms import Events, RowState
 from calfree_gym.engine.config import Config
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
@@ -19,11 +19,9 @@ from calfree_gym.engine.spaces import (
     action_space,
     image_distances,
     joined,
-    placed_objects,
     state_box,
     unit_box,
 )
-from calfree_gym.engine.state import RowState
 from calfree_gym.engine.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice
 from calfree_gym.geometry import Array, Rows
@@ -152,10 +150,6 @@ class InsertArms(ContactArms):
         boxes: dict[str, spaces.Space[Any]] = {key: unit_box(5) for key in ("achieved_goal", "desired_goal")}
         boxes["observation"] = state_box(points, words, 2 * len(_OTHERS), self.register_bound)
         return spaces.Dict(boxes), action_space(words)
-
-    def objects_of(self, options: dict[str, Any] | None) -> Array | None:
-        """See `Arms`: holes' centres (N, 3) in m."""
-        return placed_objects(options, self.rows, self.robot)
 
     def serves(self, row: int, world: World) -> bool:
         """See `ContactArms`: there is a place for holes."""

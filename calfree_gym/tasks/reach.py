@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from calfree_gym.engine.arms import Arms
+from calfree_gym.engine.arms import Arms, RowState
 from calfree_gym.engine.config import Config
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
@@ -22,20 +22,17 @@ from calfree_gym.engine.spaces import (
     image_distances,
     pixel_box,
     pixels_of,
-    placed_objects,
     state_box,
     unit_box,
 )
-from calfree_gym.engine.state import RowState
 from calfree_gym.engine.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice, check_flag
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT, lengths
 from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of
-from calfree_gym.robot.arms.marks import RADIUS as MARK_RADIUS
 from calfree_gym.robot.arms.robot import Mounts, Robot
-from calfree_gym.robot.line_of_sight import LinesOfSight
-from calfree_gym.robot.objects import ObjectDraws
+from calfree_gym.robot.arms.scene import RADIUS as MARK_RADIUS
+from calfree_gym.robot.objects import LinesOfSight, ObjectDraws
 from calfree_gym.robot.simulation import DYNAMICS, ReachSimulation
 from calfree_gym.vision.tracking.tracker import StereoTracker
 from calfree_gym.world import World, WorldChoice
@@ -164,10 +161,6 @@ class ReachArms(Arms):
         observed = observation_space(*images, config.tell, robot, self.register_bound)
         return observed, action_space(len(robot.motors))
 
-    def objects_of(self, options: dict[str, Any] | None) -> Array | None:
-        """See `Arms`: points (N, 3) in m."""
-        return placed_objects(options, self.rows, self.robot)
-
     def seed_streams(self, row: int, seed: int) -> None:
         """See `Arms`."""
         super().seed_streams(row, seed)
@@ -190,9 +183,6 @@ class ReachArms(Arms):
             return given
         objects, self._drawn_at[rows] = self._objects.draw(rows, self.trials)
         return objects
-
-    def begun(self, rows: Rows) -> None:
-        """See `Arms`."""
 
     def execute(self, rows: Rows, joints: Array, words: Array) -> Array:
         """See `Arms`."""

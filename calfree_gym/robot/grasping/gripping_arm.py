@@ -9,10 +9,9 @@ import mujoco
 import numpy as np
 
 from calfree_gym.geometry import Array
-from calfree_gym.robot.arms.marks import EMISSION
 from calfree_gym.robot.arms.movemaster import COVERS, GRIPPER_POINT, JOINT_LIMITS, LIMIT_MARGIN, Movemaster
 from calfree_gym.robot.arms.robot import Furnish, Mounts, Scene
-from calfree_gym.robot.arms.scene import add_rig, add_surroundings
+from calfree_gym.robot.arms.scene import EMISSION, add_rig, add_surroundings
 from calfree_gym.robot.rays import MARKS_GROUP
 
 STROKE = 0.042

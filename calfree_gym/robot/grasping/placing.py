@@ -12,8 +12,8 @@ from calfree_gym.image import CAMERAS
 from calfree_gym.robot.arms.movemaster import BEFORE_IT, DISTANCE, LIMIT_MARGIN, WAIST
 from calfree_gym.robot.grasping.gripping_arm import AXIS, GrippingArm
 from calfree_gym.robot.grasping.shapes import ShapeChoice, Thing, draw_thing
-from calfree_gym.robot.line_of_sight import NOWHERE
 from calfree_gym.robot.motors import MotorMap
+from calfree_gym.robot.objects import NOWHERE
 from calfree_gym.robot.rays import shares_by_camera
 from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, MAX_REGISTER, Workspaces
 from calfree_gym.streams import stream

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calfree_gym import nominal
-from calfree_gym.perturbations.application import PerturbationScheduler
+from calfree_gym.perturbations.schedule import PerturbationScheduler
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 
 WAIST = ("waist", "waist")

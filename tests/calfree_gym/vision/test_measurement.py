@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calfree_gym import MOUNTS, WorldDistribution, nominal
-from calfree_gym.engine.measurement import MeasurementModel
+from calfree_gym.engine.sight import MeasurementModel
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
