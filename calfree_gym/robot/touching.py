@@ -351,7 +351,7 @@ class TouchingSimulation(ReachSimulation):
         seconds = PEAK * np.maximum(apart / SPEED, (np.abs(way) / self._speeds).max(-1))
         return np.maximum(np.ceil(seconds / self._model.opt.timestep), LEAST).astype(np.int64)
 
-    def is_free(self, row: int, joints: Array) -> bool:
+    def is_collision_free(self, row: int, joints: Array) -> bool:
         """Whether the arm of a row touches nothing, nearly, with joints at (j,)."""
         model, data = self.show(row, self._picture, joints)
         mujoco.mj_collision(model, data)
@@ -360,7 +360,7 @@ class TouchingSimulation(ReachSimulation):
     def way_is_free(self, row: int, joints: Array, there: Array) -> bool:
         """Whether the arm of a row touches nothing on the straight way between joints (j,) and others."""
         shares = np.linspace(1, 0, ON_THE_WAY)
-        return all(self.is_free(row, joints + share * (there - joints)) for share in shares)
+        return all(self.is_collision_free(row, joints + share * (there - joints)) for share in shares)
 
 
 def ramp(substeps: int) -> Array:

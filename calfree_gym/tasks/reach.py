@@ -78,8 +78,31 @@ def kept_apart(points: Floats, visible: Floats, tolerance: float) -> Floats:
     return points
 
 
+class ReachingConfig(Config):
+    """The arguments that tasks of reaching have besides those of every task."""
+
+    arm: ArmChoice
+    dynamics: str
+    occlusion: bool
+
+    def __post_init__(self) -> None:
+        """See `Config`."""
+        check_choice("observation", self.observation, (*GOALS, *IMAGES))
+        check_choice("dynamics", self.dynamics, DYNAMICS)
+        check_flag("occlusion", self.occlusion)
+        if isinstance(self.arm, Mapping):
+            self.arm = Arm.from_dict(self.arm)
+        tell = self.tell
+        if isinstance(tell, str) or not isinstance(tell, Sequence):
+            such = tell if isinstance(tell, str) else next(iter(PRIVILEGED))
+            raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({such!r},)")
+        for name in tell:
+            check_choice("tell", name, tuple(PRIVILEGED))
+        super().__post_init__()
+
+
 @dataclass(kw_only=True)
-class ReachConfig(Config):
+class ReachConfig(ReachingConfig):
     """The arguments of `StereoArmEnv`."""
 
     world: WorldChoice | Sequence[WorldChoice] = "wild"
@@ -101,26 +124,6 @@ class ReachConfig(Config):
     width: int = 1080
     height: int = 720
 
-    def __post_init__(self) -> None:
-        """See `Config`."""
-        check_reach(self)
-        super().__post_init__()
-
-
-def check_reach(config: Any) -> None:
-    """Checks what only tasks of reaching have of their arguments; see `Config`."""
-    check_choice("observation", config.observation, (*GOALS, *IMAGES))
-    check_choice("dynamics", config.dynamics, DYNAMICS)
-    check_flag("occlusion", config.occlusion)
-    if isinstance(config.arm, Mapping):
-        config.arm = Arm.from_dict(config.arm)
-    tell = config.tell
-    if isinstance(tell, str) or not isinstance(tell, Sequence):
-        such = tell if isinstance(tell, str) else next(iter(PRIVILEGED))
-        raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({such!r},)")
-    for name in tell:
-        check_choice("tell", name, tuple(PRIVILEGED))
-
 
 class ReachArms(Arms):
     """N arms, two points each: `points` are gripper left, right, object left, right. See `Arms`."""
@@ -130,10 +133,10 @@ class ReachArms(Arms):
     tracker_of = StereoTracker
     state_names: ClassVar[tuple[str, ...]] = (*Arms.state_names, "_drawn_at")
     also_asks = "is the gripper's mark at home hidden by nothing, as images and occlusion=True need"
-    config: Any  # a `ReachConfig`, or what has its arguments
+    config: ReachingConfig
     simulation: ReachSimulation
 
-    def __init__(self, rows: int, threads: int, config: Any) -> None:
+    def __init__(self, rows: int, threads: int, config: ReachingConfig) -> None:
         robot = robot_of(config.arm)
         self.config = config
         simulation = self._new_simulation(rows, robot, robot.mounts(config.camera_mount), threads)

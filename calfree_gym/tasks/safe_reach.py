@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import Events
-from calfree_gym.engine.config import Config
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.vector import ArmVectorEnv
 from calfree_gym.geometry import Array, Rows
@@ -21,7 +20,7 @@ from calfree_gym.robot.objects import ObjectDraws
 from calfree_gym.robot.touching import CLEARANCE, TouchingSimulation
 from calfree_gym.robot.workspace import ATTEMPTS
 from calfree_gym.streams import stream
-from calfree_gym.tasks.reach import ReachArms, check_reach
+from calfree_gym.tasks.reach import ReachArms, ReachingConfig
 from calfree_gym.world import World, WorldChoice, WorldDistribution, log_uniform
 
 FORCE_BOUND = 65.0
@@ -35,7 +34,7 @@ by which they reach all of it."""
 
 
 @dataclass(kw_only=True)
-class SafeReachConfig(Config):
+class SafeReachConfig(ReachingConfig):
     """The arguments of `SafeReachEnv`."""
 
     gains: Sequence[float] = GAINS
@@ -57,7 +56,7 @@ class SafeReachConfig(Config):
     render_mode: str | None = None
     width: int = 1080
     height: int = 720
-    dynamics: ClassVar[str] = "physics"
+    dynamics = "physics"  # no argument
 
     def __post_init__(self) -> None:
         """See `Config`."""
@@ -68,7 +67,6 @@ class SafeReachConfig(Config):
         if len(pair) != 2 or not all(map(_is_number, pair)) or not 0 < pair[0] <= pair[1] < np.inf:
             raise ValueError(f"gains is {gains!r}; it must be two positive numbers, the lesser first")
         self.force_bound, self.gains = float(force_bound), (float(pair[0]), float(pair[1]))
-        check_reach(self)
         super().__post_init__()
 
 
@@ -76,6 +74,7 @@ class SafeReachArms(ReachArms):
     """N arms that reach, and can touch table, walls and themselves.
 
     Attributes:
+        force_bound: Contact force (N) above which a trial ends.
         total_travel: Sum over a trial's motions (N,) of the travel of the joint that went farthest, in rad
             or m.
         harmed: Whether a contact of the trial was above the bound (N,).
@@ -88,10 +87,12 @@ class SafeReachArms(ReachArms):
     may_stop_short: ClassVar[bool] = True
     state_names: ClassVar[tuple[str, ...]] = (*ReachArms.state_names, "total_travel", "harmed")
     also_asks = "does the arm at home touch nothing, nor hide its mark"
+    config: SafeReachConfig
     simulation: TouchingSimulation
 
-    def __init__(self, rows: int, threads: int, config: Any) -> None:
+    def __init__(self, rows: int, threads: int, config: SafeReachConfig) -> None:
         super().__init__(rows, threads, config)
+        self.force_bound = config.force_bound
         self.total_travel, self.harmed = np.zeros(rows), np.zeros(rows, bool)
 
     def _new_simulation(self, rows: int, robot: Robot, mounts: Mounts, threads: int) -> TouchingSimulation:
@@ -133,7 +134,7 @@ class SafeReachArms(ReachArms):
             self.motors.set_world(row, world)
             self.simulation.set_world(row, world)
             home = self.motors.joints(np.zeros((1, len(self.robot.motors))), np.array([row]))[0]
-            return self.simulation.is_free(row, home)
+            return self.simulation.is_collision_free(row, home)
 
         return is_free
 
@@ -145,7 +146,7 @@ class SafeReachArms(ReachArms):
         """
         homes = self.motors.joints(np.zeros((len(rows), len(self.robot.motors))), rows)
         for row, home in zip(rows.tolist(), homes, strict=True):
-            if not self.simulation.is_free(row, home):
+            if not self.simulation.is_collision_free(row, home):
                 raise ValueError(
                     f"the arm of row {row} touches itself at home, or is nearer to table or walls than "
                     f"{CLEARANCE * self.robot.rig.scale:.3f} m: see its world"
@@ -166,7 +167,7 @@ class SafeReachArms(ReachArms):
             if (share := touched.shares[row]) < 1:
                 self.stopped_short(row, share)
         self.total_travel[rows] += touched.travel[rows]
-        self.harmed[rows] |= touched.force[rows] > self.config.force_bound
+        self.harmed[rows] |= touched.force[rows] > self.force_bound
         return seconds
 
     def events(self) -> Events:
