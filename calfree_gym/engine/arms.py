@@ -102,6 +102,7 @@ def check_fits(part: HasState, row: int, state: RowState, prefix: str = "") -> N
 Events = dict[str, NDArray[Any]]
 """What infos tell of the last motion: arrays (N,)."""
 
+MM = 1000.0
 LOOK_SECONDS = 4.0
 """Assumed seconds in which the arm settles and the vision system delivers still image points. With this
 value a reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
@@ -231,8 +232,20 @@ class Arms(ABC):
         """Image distances (..., 2) of goals (..., g), and whether the task is done (...); pure."""
 
     @abstractmethod
+    def error_px(self) -> Array:
+        """Noise-free image distances (N,) in pixels of what is moved from where it is to be, the larger."""
+
     def truth(self) -> dict[str, Any]:
         """What is true of all rows: arrays (N, ...)."""
+        gripper, object_ = self.simulation.positions()
+        return {
+            "error_px": self.error_px(),
+            "distance_mm": MM * np.sqrt(np.square(gripper - object_).sum(-1)),
+            "points": self.true_points.reshape(self.rows, -1),
+            "gripper": gripper,
+            "object": object_,
+            "joints": self.simulation.joints(),
+        }
 
     @abstractmethod
     def is_solved(self, truth: Mapping[str, Any]) -> bool:

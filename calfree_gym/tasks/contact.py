@@ -13,8 +13,6 @@ from calfree_gym.robot.grasping.simulation import GraspSimulation, Motion
 from calfree_gym.vision.tracking.grasp_tracker import GraspTracker
 from calfree_gym.world import World
 
-MM = 1000.0
-
 
 class ContactArms(Arms):
     """N arms whose gripper touches things, and whose cameras see what their simulation says. See `Arms`."""

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from calfree_gym.engine.arms import Events, RowState
+from calfree_gym.engine.arms import MM, Events, RowState
 from calfree_gym.engine.config import Config
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
@@ -34,7 +34,7 @@ from calfree_gym.robot.grasping.held import HeldPlacing, HeldSimulation
 from calfree_gym.robot.grasping.placing import InSight, Placed, Placing
 from calfree_gym.robot.grasping.shapes import ShapeChoice, check_shape
 from calfree_gym.robot.grasping.simulation import OBJECT, POINTS, GraspSimulation
-from calfree_gym.tasks.contact import MM, ContactArms
+from calfree_gym.tasks.contact import ContactArms
 from calfree_gym.world import World, WorldChoice
 
 OBSERVATIONS = (*GOALS, "pixels")
@@ -291,16 +291,7 @@ class GraspArms(ContactArms):
 
     def truth(self) -> dict[str, Any]:
         """See `Arms`."""
-        gripper, object_ = self.simulation.positions()
-        return {
-            "error_px": self.error_px(),
-            "distance_mm": MM * np.sqrt(np.square(gripper - object_).sum(-1)),
-            "lifted_mm": MM * self.lifted,
-            "points": self.true_points.reshape(self.rows, -1),
-            "gripper": gripper,
-            "object": object_,
-            "joints": self.simulation.joints(),
-        }
+        return super().truth() | {"lifted_mm": MM * self.lifted}
 
     def events(self) -> Events:
         """See `Arms`."""

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from calfree_gym.engine.arms import Events, RowState
+from calfree_gym.engine.arms import MM, Events, RowState
 from calfree_gym.engine.config import Config
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
@@ -27,7 +27,7 @@ from calfree_gym.errors import check_choice
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.image import PIXELS_PER_UNIT, lengths
 from calfree_gym.robot.inserting import OBJECT, POINTS, RADIUS, Holes, InsertingArm, InsertSimulation
-from calfree_gym.tasks.contact import MM, ContactArms
+from calfree_gym.tasks.contact import ContactArms
 from calfree_gym.world import World, WorldChoice
 
 OBSERVATIONS = ("points",)
@@ -213,19 +213,9 @@ class InsertArms(ContactArms):
 
     def truth(self) -> dict[str, Any]:
         """See `Arms`."""
-        tip, hole = self.simulation.positions()
         depth, lateral = self.simulation.tips()
-        return {
-            "error_px": self.error_px(),
-            "distance_mm": MM * np.sqrt(np.square(tip - hole).sum(-1)),
-            "depth_mm": MM * depth,
-            "lateral_mm": MM * lateral,
-            "force": self.largest.copy(),
-            "points": self.true_points.reshape(self.rows, -1),
-            "gripper": tip,
-            "object": hole,
-            "joints": self.simulation.joints(),
-        }
+        told = {"depth_mm": MM * depth, "lateral_mm": MM * lateral, "force": self.largest.copy()}
+        return super().truth() | told
 
     def events(self) -> Events:
         """See `Arms`."""

@@ -221,19 +221,6 @@ class ReachArms(Arms):
         """See `Arms`."""
         return bool(truth["error_px"] <= float(self.config.tolerance_px))
 
-    def truth(self) -> dict[str, Any]:
-        """See `Arms`."""
-        gripper, object_ = self.simulation.positions()
-        apart = gripper - object_
-        return {
-            "error_px": self.error_px(),
-            "distance_mm": 1000.0 * np.sqrt((apart * apart).sum(-1)),
-            "points": self.true_points.reshape(-1, 8),
-            "gripper": gripper,
-            "object": object_,
-            "joints": self.simulation.joints(),
-        }
-
     def set_state(self, row: int, state: RowState) -> None:
         """See `Arms`."""
         super().set_state(row, state)
