@@ -131,7 +131,6 @@ class GraspConfig(Config):
     height: int = 720
 
     def __post_init__(self) -> None:
-        """See `Config`."""
         check_choice("observation", self.observation, OBSERVATIONS)
         check_shape(self.shape)
         check_choice("orientation", self.orientation, tuple(ORIENTATIONS))
@@ -179,7 +178,6 @@ class GraspArms(ContactArms):
         self.delivered = (self.points, self.visible, self.held, *self._sight.images)
 
     def make_spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
-        """See `Arms`."""
         registers, bound = len(self.robot.motors), self.register_bound
         flags, others = 2 * len(POINTS), 2 * (2 * len(POINTS) - 2)
         boxes: dict[str, spaces.Space[Any]]
@@ -248,7 +246,6 @@ class GraspArms(ContactArms):
         return seconds + self._waited[rows]
 
     def observe(self) -> None:
-        """See `Arms`."""
         motions, before, saw = self.motions_of_trial, self.points, self.visible
         images = self.look()
         way, both = self.points - before, self.visible & saw
@@ -263,7 +260,6 @@ class GraspArms(ContactArms):
         self.delivered = self._latency.deliver(motions, *seen_now)
 
     def outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
-        """See `Arms`."""
         rows = self.rows
         points, visible, held, *images = self.delivered
         achieved = joined(points[:, HELD].reshape(rows, 4), held[:, None])
@@ -281,20 +277,16 @@ class GraspArms(ContactArms):
         return observed, *self.judged(achieved, desired)
 
     def judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:
-        """See `Arms`."""
         distances = place_distances(achieved, desired)
         return distances, lifted(distances, achieved, desired, self.tolerance)
 
     def is_solved(self, truth: Mapping[str, Any]) -> bool:
-        """See `Arms`."""
         return bool(truth["lifted_mm"] >= LIFTED_MM)
 
     def truth(self) -> dict[str, Any]:
-        """See `Arms`."""
         return super().truth() | {"lifted_mm": MM * self.lifted}
 
     def events(self) -> Events:
-        """See `Arms`."""
         return {
             "force_table": self.forces[:, 0].copy(),
             "force_object": self.forces[:, 1].copy(),
@@ -303,11 +295,9 @@ class GraspArms(ContactArms):
         }
 
     def cut_short(self, events: Events) -> NDArray[np.bool_]:
-        """See `Arms`."""
         return events["off_table"] | events["diverged"]
 
     def set_state(self, row: int, state: RowState) -> None:
-        """See `Arms`."""
         super().set_state(row, state)
         if (placed := self.placed[row]) is not None:
             self._weigh(row, placed)

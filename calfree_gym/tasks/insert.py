@@ -107,7 +107,6 @@ class InsertConfig(Config):
     height: int = 720
 
     def __post_init__(self) -> None:
-        """See `Config`."""
         check_choice("observation", self.observation, OBSERVATIONS)
         clearance = self.clearance
         number = isinstance(clearance, int | float | np.number) and not isinstance(clearance, bool)
@@ -145,7 +144,6 @@ class InsertArms(ContactArms):
         self.delivered = (self.points, self.visible)
 
     def make_spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
-        """See `Arms`."""
         words, points = len(self.robot.motors), 2 * len(POINTS)
         boxes: dict[str, spaces.Space[Any]] = {key: unit_box(5) for key in ("achieved_goal", "desired_goal")}
         boxes["observation"] = state_box(points, words, 2 * len(_OTHERS), self.register_bound)
@@ -169,7 +167,6 @@ class InsertArms(ContactArms):
         return self.poses[rows]
 
     def begun(self, rows: Rows) -> None:
-        """See `Arms`."""
         self.forces[rows], self.largest[rows] = 0.0, 0.0
 
     def execute(self, rows: Rows, joints: Array, words: Array) -> Array:
@@ -180,12 +177,10 @@ class InsertArms(ContactArms):
         return seconds
 
     def observe(self) -> None:
-        """See `Arms`."""
         self.look()
         self.delivered = self._latency.deliver(self.motions_of_trial, self.points, self.visible)
 
     def outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
-        """See `Arms`."""
         rows = self.rows
         points, visible = self.delivered
         tip, base, hole = (points[:, pair] for pair in (TIP, BASE, HOLE))
@@ -202,23 +197,19 @@ class InsertArms(ContactArms):
         return observed, *self.judged(achieved, desired)
 
     def judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:
-        """See `Arms`."""
         distances = hole_distances(achieved, desired)
         return distances, inserted(achieved, desired, self.tolerance)
 
     def is_solved(self, truth: Mapping[str, Any]) -> bool:
-        """See `Arms`."""
         beside = truth["lateral_mm"] > MM * RADIUS + self.config.clearance / 2
         return bool(truth["depth_mm"] >= INSERTED_MM and not beside)
 
     def truth(self) -> dict[str, Any]:
-        """See `Arms`."""
         depth, lateral = self.simulation.tips()
         told = {"depth_mm": MM * depth, "lateral_mm": MM * lateral, "force": self.largest.copy()}
         return super().truth() | told
 
     def events(self) -> Events:
-        """See `Arms`."""
         return {
             "force_table": self.forces[:, 0].copy(),
             "force_plate": self.forces[:, 1].copy(),
@@ -226,11 +217,9 @@ class InsertArms(ContactArms):
         }
 
     def cut_short(self, events: Events) -> NDArray[np.bool_]:
-        """See `Arms`."""
         return events["diverged"]
 
     def set_state(self, row: int, state: RowState) -> None:
-        """See `Arms`."""
         super().set_state(row, state)
         self.simulation.set_plate(row, self.poses[row])
 

@@ -86,7 +86,6 @@ class ReachingConfig(Config):
     occlusion: bool
 
     def __post_init__(self) -> None:
-        """See `Config`."""
         check_choice("observation", self.observation, (*GOALS, *IMAGES))
         check_choice("dynamics", self.dynamics, DYNAMICS)
         check_flag("occlusion", self.occlusion)
@@ -158,19 +157,16 @@ class ReachArms(Arms):
         return ObjectDraws(self._workspaces, self.motors, tolerance, self._keep_in_view, self._lines)
 
     def make_spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
-        """See `Arms`."""
         config, robot = self.config, self.robot
         images = config.observation, config.image_size
         observed = observation_space(*images, config.tell, robot, self.register_bound)
         return observed, action_space(len(robot.motors))
 
     def seed_streams(self, row: int, seed: int) -> None:
-        """See `Arms`."""
         super().seed_streams(row, seed)
         self._objects.seed(row, seed)
 
     def enter(self, row: int, world: World) -> None:
-        """See `Arms`."""
         super().enter(row, world)
         self._objects.set_world(row, world)
 
@@ -188,23 +184,19 @@ class ReachArms(Arms):
         return objects
 
     def execute(self, rows: Rows, joints: Array, words: Array) -> Array:
-        """See `Arms`."""
         return self.simulation.move(rows, joints)
 
     def in_sight(self) -> Flags | None:
-        """See `Arms`."""
         if self._lines is None or self._sight.finds:
             return None
         return np.stack([self._lines.in_sight(row) for row in range(self.rows)])
 
     def observe(self) -> None:
-        """See `Arms`."""
         images = self.look()
         points = kept_apart(self.points, self.visible, float(self.tolerance))
         self.delivered = self._latency.deliver(self.motions_of_trial, points, self.visible, *images)
 
     def outcome(self) -> tuple[Observation, NDArray[Any], NDArray[np.bool_]]:
-        """See `Arms`."""
         observed = observations(self)
         if self.config.observation in GOALS:
             return observed, *self.judged(observed["achieved_goal"], observed["desired_goal"])
@@ -213,16 +205,13 @@ class ReachArms(Arms):
         return observed, distances, rendezvous(distances, self.tolerance) & visible.all(1)
 
     def judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:
-        """See `Arms`."""
         distances = image_distances(achieved, desired)
         return distances, rendezvous(distances, self.tolerance)
 
     def is_solved(self, truth: Mapping[str, Any]) -> bool:
-        """See `Arms`."""
         return bool(truth["error_px"] <= float(self.config.tolerance_px))
 
     def set_state(self, row: int, state: RowState) -> None:
-        """See `Arms`."""
         super().set_state(row, state)
         self._solved[row] = None
 

@@ -59,7 +59,6 @@ class SafeReachConfig(ReachingConfig):
     dynamics = "physics"  # no argument
 
     def __post_init__(self) -> None:
-        """See `Config`."""
         force_bound, gains = self.force_bound, self.gains
         if not (_is_number(force_bound) and force_bound > 0):
             raise ValueError(f"force_bound is {force_bound!r}; it must be a positive number, in N")
@@ -154,7 +153,6 @@ class SafeReachArms(ReachArms):
         return super().next_objects(rows, given)
 
     def begun(self, rows: Rows) -> None:
-        """See `Arms`."""
         for part in self.simulation.touched:
             part[rows] = 0.0
         self.total_travel[rows], self.harmed[rows] = 0.0, False
@@ -171,7 +169,6 @@ class SafeReachArms(ReachArms):
         return seconds
 
     def events(self) -> Events:
-        """See `Arms`."""
         touched = self.simulation.touched
         return {
             "contacts": touched.contacts.astype(np.int64),
