@@ -5,7 +5,6 @@ rewards, too, and `CalFree/Insert-v0`.
 """
 
 import os
-from typing import Any
 
 import gymnasium
 
@@ -24,21 +23,16 @@ from calfree_gym.robot.arms.arm import Arm
 from calfree_gym.vision.cameras import MOUNTS
 from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
 
-_ENVS = "calfree_gym.envs."
-_ENTRY_POINTS = {
-    "Reach": (_ENVS + "single:make", _ENVS + "vector:make"),
-    "SafeReach": (_ENVS + "safe_reaching:make", _ENVS + "safe_reaching:make_vec"),
-    "Grasp": (_ENVS + "grasping:make", _ENVS + "grasping:make_vec"),
-    "Insert": (_ENVS + "inserting:InsertEnv", _ENVS + "inserting:InsertVectorEnv"),
+_BOTH = ("", "Dense")
+_TASKS = {
+    "Reach": ("reach:StereoArmEnv", "reach:StereoArmVectorEnv", _BOTH),
+    "SafeReach": ("safe_reach:SafeReachEnv", "safe_reach:SafeReachVectorEnv", _BOTH),
+    "Grasp": ("grasp:GraspEnv", "grasp:GraspVectorEnv", _BOTH),
+    "Insert": ("insert:InsertEnv", "insert:InsertVectorEnv", ("",)),
 }
-_BOTH = {"": {"reward": "sparse"}, "Dense": {"reward": "dense"}}
-_REWARDS: dict[str, dict[str, dict[str, Any]]] = {
-    "Reach": _BOTH,
-    "SafeReach": _BOTH,
-    "Grasp": _BOTH,
-    "Insert": {"": {}},
-}
-ENV_IDS = tuple(f"CalFree/{task}{kind}-v0" for task, kinds in _REWARDS.items() for kind in kinds)
+"""Of each task: its environments, single and batched, and the rewards that it has besides the sparse one."""
+_REWARDS = {"": "sparse", "Dense": "dense"}
+ENV_IDS = tuple(f"CalFree/{task}{kind}-v0" for task, (*_, kinds) in _TASKS.items() for kind in kinds)
 
 __version__ = "0.1.0"
 
@@ -53,12 +47,12 @@ __all__ = [
     "nominal",
 ]
 
-for _task, (_single, _batched) in _ENTRY_POINTS.items():
-    for _kind, _arguments in _REWARDS[_task].items():
+for _task, (_single, _batched, _kinds) in _TASKS.items():
+    for _kind in _kinds:
         gymnasium.register(
             f"CalFree/{_task}{_kind}-v0",
-            entry_point=_single,
-            vector_entry_point=_batched,
+            entry_point=f"calfree_gym.tasks.{_single}",
+            vector_entry_point=f"calfree_gym.tasks.{_batched}",
             max_episode_steps=60,
-            kwargs=_arguments,
+            kwargs={"reward": _REWARDS[_kind]} if len(_kinds) > 1 else {},
         )

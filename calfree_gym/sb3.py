@@ -72,6 +72,6 @@ def as_sb3_env(envs: VectorEnv[Any, Any, Any]) -> VecEnv:
         from stable_baselines3.common.vec_env import VecMonitor
     except ImportError as error:
         raise ImportError(f"make_sb3_env needs stable-baselines3: {to_install('agents')}") from error
-    from calfree_gym.envs.sb3_vec_env import StereoArmVecEnv
+    from calfree_gym.engine.sb3_vec_env import StereoArmVecEnv
 
     return VecMonitor(StereoArmVecEnv(envs))

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import inspect
 import math
+from importlib import import_module
 from typing import Any
+
+import griffe
 
 from calfree_gym.perturbations import TYPES, Perturbation
 from calfree_gym.perturbations.base import Setting
@@ -86,3 +89,23 @@ def _range(low: float, high: float) -> str:
 
 def _number(value: float) -> str:
     return str(value) if isinstance(value, int) else f"{value:.5g}"
+
+
+class Constructors(griffe.Extension):
+    """Shows the constructors that environments write from the dataclasses of their arguments."""
+
+    def on_class(self, *, cls: griffe.Class, **_: Any) -> None:
+        """Adds the constructor of an environment."""
+        if not cls.path.startswith("calfree_gym.tasks.") or not cls.name.endswith("Env"):
+            return
+        signature = inspect.signature(getattr(import_module(cls.module.path), cls.name))
+        shown = [
+            griffe.Parameter(
+                name,
+                annotation=str(each.annotation),
+                kind=griffe.ParameterKind.keyword_only,
+                default=repr(each.default) if isinstance(each.default, str) else str(each.default),
+            )
+            for name, each in signature.parameters.items()
+        ]
+        cls.set_member("__init__", griffe.Function("__init__", parameters=griffe.Parameters(*shown)))

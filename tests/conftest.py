@@ -24,7 +24,7 @@ from gymnasium.utils import seeding  # noqa: E402
 from hypothesis import settings  # noqa: E402
 
 import calfree_gym  # noqa: E402, F401
-from calfree_gym.envs.rendering.gl import gl_context  # noqa: E402
+from calfree_gym.rendering.renderer import gl_context  # noqa: E402
 
 settings.register_profile("of any speed", deadline=None)  # a test asserts nothing of how fast it is
 settings.load_profile("of any speed")

@@ -16,9 +16,9 @@ from markdown.extensions.toc import slugify
 import agents
 from calfree_gym import ENV_IDS, WorldDistribution, nominal
 from calfree_gym.envs.single import StereoArmEnv
-from calfree_gym.envs.spaces import observation_space
 from calfree_gym.perturbations import TYPES
 from calfree_gym.robot.arms.movemaster import MOTORS, MOVEMASTER
+from calfree_gym.tasks.reach import observation_space
 from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config
@@ -121,7 +121,7 @@ def test_the_search_needs_no_server(site):
 
 def test_the_page_of_a_task_is_its_docstring(site):
     page = Page(site / "tasks/reach.html")
-    single, batched = "calfree_gym.envs.single.StereoArmEnv", "calfree_gym.envs.vector.StereoArmVectorEnv"
+    single, batched = "calfree_gym.tasks.reach.StereoArmEnv", "calfree_gym.tasks.reach.StereoArmVectorEnv"
     actions = page.table(f"{single}--action-space")
     assert [word for word, _ in actions.values()] == list(MOTORS)
     observations = page.table(f"{single}--observation-space")

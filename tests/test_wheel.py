@@ -57,7 +57,7 @@ for env_id in calfree_gym.ENV_IDS:
 
 CLASSICAL = """
 import gymnasium as gym, calfree_agents
-from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.tasks.reach import PRIVILEGED
 env = gym.make("calfree_gym:CalFree/Reach-v0", tell=tuple(PRIVILEGED), dynamics="kinematic")
 env.reset(seed=0)
 for name in calfree_agents.names():
@@ -76,7 +76,7 @@ for name in calfree_agents.names():
 BOTH_NAMES = """
 import gymnasium as gym, numpy as np, torch
 import agents, calfree_agents
-from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.tasks.reach import PRIVILEGED
 from tests.agents.neural.quick import QUICK
 torch.set_num_threads(1)
 tell = tuple(PRIVILEGED)

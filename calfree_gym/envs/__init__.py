@@ -1,6 +1,5 @@
-"""The single and the batched Gymnasium environment, over one simulation."""
+"""The environments of reaching; `gymnasium.make` makes those of every task."""
 
-from calfree_gym.envs.single import StereoArmEnv
-from calfree_gym.envs.vector import StereoArmVectorEnv
+from calfree_gym.tasks.reach import StereoArmEnv, StereoArmVectorEnv
 
 __all__ = ["StereoArmEnv", "StereoArmVectorEnv"]

@@ -3,15 +3,15 @@
 To add a perturbation:
 
 1. Write a frozen dataclass, derived from `base.Perturbation`, in the module of what it changes: `camera`,
-   `arm`, `registers`, `image`, `image_points` or `occluder`. Its docstring says what it changes and what it
-   draws for omitted settings; it becomes part of the documentation.
+   `arm`, `image` or `occluder`. Its docstring says what it changes and what it draws for omitted settings; it
+   becomes part of the documentation.
 2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`,
    `base.one_of_the_arms`, `base.amount`, `base.factor` or `base.setting`.
 3. Define `change(world, robot)`, which returns a new world; every setting is given there. For one entry of an
    array `base.with_entry` is enough.
 4. Define `inverse()`, which returns the perturbation that undoes it. A perturbation that sets a value
    has none; define `drift(world, back, robot)` instead, which goes one step from the present value.
-5. List the class in `types.TYPES` and here. The tests and the documentation then include it.
+5. List the class here. The tests and the documentation then include it.
 
 For example, in `arm`:
 
@@ -31,7 +31,20 @@ For example, in `arm`:
             return replace(self, by=-self.by)
 """
 
-from calfree_gym.perturbations.arm import Backlash, JointZero, LinkLength, MotorGain, MotorSign, Repeatability
+from calfree_gym.perturbations.arm import (
+    Backlash,
+    DeadZone,
+    GearRipple,
+    JointZero,
+    LinkLength,
+    LongestMotion,
+    MotorGain,
+    MotorSign,
+    RegisterNoise,
+    RegisterStep,
+    Repeatability,
+    Shortfall,
+)
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.camera import (
     CameraAim,
@@ -41,17 +54,17 @@ from calfree_gym.perturbations.camera import (
     CameraZoom,
     Lens,
 )
-from calfree_gym.perturbations.image import Blur, Exposure, ImageNoise, Light
-from calfree_gym.perturbations.image_points import Latency, PointDropout, PointNoise, PointOutliers
-from calfree_gym.perturbations.occluder import Occluder
-from calfree_gym.perturbations.registers import (
-    DeadZone,
-    GearRipple,
-    LongestMotion,
-    RegisterNoise,
-    RegisterStep,
-    Shortfall,
+from calfree_gym.perturbations.image import (
+    Blur,
+    Exposure,
+    ImageNoise,
+    Latency,
+    Light,
+    PointDropout,
+    PointNoise,
+    PointOutliers,
 )
+from calfree_gym.perturbations.occluder import Occluder
 from calfree_gym.perturbations.schedule import parse_schedule
 from calfree_gym.perturbations.types import TYPES, parse_perturbation
 

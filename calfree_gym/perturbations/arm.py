@@ -1,4 +1,4 @@
-"""Perturbations of the arm and its motors."""
+"""Perturbations of the arm, its motors and its registers."""
 
 from __future__ import annotations
 
@@ -6,10 +6,20 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from calfree_gym.perturbations.base import Perturbation, amount, factor, one_of_the_arms, uniform, with_entry
+from calfree_gym.perturbations.base import (
+    Draw,
+    Level,
+    Perturbation,
+    amount,
+    factor,
+    one_of_the_arms,
+    setting,
+    uniform,
+    with_entry,
+)
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
-from calfree_gym.world import World
+from calfree_gym.world import MAX_SHORTFALL, World, log_uniform
 
 
 @dataclass(frozen=True)
@@ -121,3 +131,90 @@ def amount_of(robot: Robot, motor: int, degrees: float) -> float:
     """Degrees of a joint in rad; of one that slides, centimetres in m. Joints behind the motors turn."""
     slides = motor < len(robot.motors) and robot.slides[motor]
     return degrees / 100 if slides else math.radians(degrees)
+
+
+NO_RIPPLE = 1.0, 0.0, 0.0
+
+
+def _any_size(low: float, high: float) -> Draw:
+    return lambda rng: float(log_uniform(rng, low, high))
+
+
+@dataclass(frozen=True)
+class RegisterNoise(Level):
+    """Sets the standard deviation of registers to `registers` (drawn: 0.0003-0.01); as a drift, adds it."""
+
+    type: ClassVar[str] = "register_noise"
+    quantity: ClassVar[str] = "registers"
+    registers: float = amount(_any_size(0.0003, 0.01), least=0, most=1)
+
+
+@dataclass(frozen=True)
+class RegisterStep(Level):
+    """Rounds registers to multiples of `registers` (drawn: 0.0003-0.01); as a drift, adds it."""
+
+    type: ClassVar[str] = "register_step"
+    quantity: ClassVar[str] = "registers"
+    registers: float = amount(_any_size(0.0003, 0.01), least=0, most=1)
+
+
+@dataclass(frozen=True)
+class Shortfall(Level):
+    """Leaves a `share` (drawn: 0.01-0.2) of each word unexecuted, of all motors; as a drift, adds it."""
+
+    type: ClassVar[str] = "shortfall"
+    quantity: ClassVar[str] = "share"
+    share: float = amount(uniform(0.01, 0.2), least=0, most=MAX_SHORTFALL)
+
+
+@dataclass(frozen=True)
+class LongestMotion(Level):
+    """Lets one motion execute at most `words` (drawn: 0.2-0.8) of all motors; as a drift, so much less."""
+
+    type: ClassVar[str] = "longest_motion"
+    quantity: ClassVar[str] = "words"
+    words: float = amount(_any_size(0.2, 0.8), least=1e-3, most=1)
+
+    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
+        return super().drift(world, not back, robot)
+
+
+@dataclass(frozen=True)
+class DeadZone(Level):
+    """Lets words up to `words` (drawn: 0.003-0.03) leave a motor's joint where it is; as a drift, adds it.
+
+    The register counts them.
+    """
+
+    type: ClassVar[str] = "dead_zone"
+    quantity: ClassVar[str] = "words"
+    motor: str = one_of_the_arms("motors")
+    words: float = amount(_any_size(0.003, 0.03), least=0, most=1)
+
+
+@dataclass(frozen=True)
+class GearRipple(Perturbation):
+    """Lets a motor's gain vary along its register by `depth` (drawn: 0.1-0.8), which registers do not tell.
+
+    It repeats after `period` (drawn: 0.05-0.5 registers), and begins at home with `phase` (drawn: any, in
+    degrees). As a drift, it adds `depth`; a gear that ripples already keeps its period and phase.
+    """
+
+    type: ClassVar[str] = "gear_ripple"
+    motor: str = one_of_the_arms("motors")
+    depth: float = amount(uniform(0.1, 0.8), least=0, most=0.99)
+    period: float = setting(_any_size(0.05, 0.5), least=1e-3, most=1e3)
+    phase: float = setting(uniform(-180, 180))
+
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+        ripple = self.period, math.radians(self.phase), self.depth
+        return with_entry(world, self.type, robot.motors.index(self.motor), ripple)
+
+    def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
+        place = robot.motors.index(self.motor)
+        period, phase, depth = world.gear_ripple[place].tolist()
+        if depth == 0:
+            period, phase = self.period, math.radians(self.phase)
+        depth += -self.depth if back else self.depth
+        self.check("depth", depth)
+        return with_entry(world, self.type, place, (period, phase, depth) if depth else NO_RIPPLE)

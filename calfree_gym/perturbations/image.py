@@ -1,7 +1,4 @@
-"""Perturbations of images: the light, and each camera's exposure, blur and noise.
-
-They change what is rendered; observations of points alone do not show them.
-"""
+"""Perturbations of image points, and of the images in which they are found."""
 
 from __future__ import annotations
 
@@ -10,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from calfree_gym.geometry import direction_between
-from calfree_gym.image import CAMERAS
+from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.perturbations.base import (
     DRIFT_STEPS,
     CameraFactor,
@@ -25,7 +22,46 @@ from calfree_gym.perturbations.base import (
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.vision.image_formation import MAX_NOISE
-from calfree_gym.world import WILD_AMBIENT, WILD_ELEVATION, WILD_STRENGTH, World, lamp
+from calfree_gym.world import WILD_AMBIENT, WILD_ELEVATION, WILD_STRENGTH, World, lamp, log_uniform
+from calfree_gym.world.value import MAX_LATENCY
+
+
+@dataclass(frozen=True)
+class PointNoise(Level):
+    """Sets the standard deviation of image coordinates to `px` (drawn: 0.5-5); as a drift, adds it."""
+
+    type: ClassVar[str] = "point_noise"
+    quantity: ClassVar[str] = "px"
+    px: float = amount(lambda rng: float(log_uniform(rng, 0.5, 5)), least=0, most=IMAGE_SIZE)
+
+
+@dataclass(frozen=True)
+class PointOutliers(Level):
+    """Places a `share` (drawn: 0-0.4) of the image points anywhere in the image; as a drift, adds it."""
+
+    type: ClassVar[str] = "point_outliers"
+    quantity: ClassVar[str] = "share"
+    share: float = amount(uniform(0, 0.4), least=0, most=1)
+
+
+@dataclass(frozen=True)
+class PointDropout(Level):
+    """Hides a `share` (drawn: 0-0.4) of the image points; as a drift, adds it."""
+
+    type: ClassVar[str] = "point_dropout"
+    quantity: ClassVar[str] = "share"
+    share: float = amount(uniform(0, 0.4), least=0, most=1)
+
+
+@dataclass(frozen=True)
+class Latency(Level):
+    """Delays image points by `motions` (drawn: 1-3; as a drift: 1); as a drift, adds them."""
+
+    type: ClassVar[str] = "latency"
+    quantity: ClassVar[str] = "motions"
+    motions: int = setting(
+        lambda rng: int(rng.integers(1, 4)), least=0, most=MAX_LATENCY, whole=True, slow=lambda motions: 1
+    )
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ import numpy as np
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS
 from calfree_gym.perturbations.base import Perturbation, amount, one_of, setting, uniform
-from calfree_gym.robot.arms.marks import HALF_APART, RADIUS
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.robot.arms.scene import HALF_APART, RADIUS
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.world import World
 

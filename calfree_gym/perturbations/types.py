@@ -6,59 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from calfree_gym.errors import near_misses
-from calfree_gym.perturbations.arm import Backlash, JointZero, LinkLength, MotorGain, MotorSign, Repeatability
+from calfree_gym.perturbations import arm, camera, image, occluder
 from calfree_gym.perturbations.base import Perturbation
-from calfree_gym.perturbations.camera import (
-    CameraAim,
-    CameraReplace,
-    CameraRoll,
-    CameraShift,
-    CameraZoom,
-    Lens,
-)
-from calfree_gym.perturbations.image import Blur, Exposure, ImageNoise, Light
-from calfree_gym.perturbations.image_points import Latency, PointDropout, PointNoise, PointOutliers
-from calfree_gym.perturbations.occluder import Occluder
-from calfree_gym.perturbations.registers import (
-    DeadZone,
-    GearRipple,
-    LongestMotion,
-    RegisterNoise,
-    RegisterStep,
-    Shortfall,
-)
 
 TYPES: dict[str, type[Perturbation]] = {
     cls.type: cls
-    for cls in (
-        CameraRoll,
-        CameraAim,
-        CameraZoom,
-        CameraShift,
-        CameraReplace,
-        Lens,
-        JointZero,
-        LinkLength,
-        MotorGain,
-        MotorSign,
-        Backlash,
-        Repeatability,
-        RegisterNoise,
-        RegisterStep,
-        Shortfall,
-        LongestMotion,
-        DeadZone,
-        GearRipple,
-        PointNoise,
-        PointOutliers,
-        PointDropout,
-        Latency,
-        Light,
-        Exposure,
-        Blur,
-        ImageNoise,
-        Occluder,
-    )
+    for module in (camera, arm, image, occluder)
+    for cls in vars(module).values()
+    if isinstance(cls, type) and issubclass(cls, Perturbation) and "type" in vars(cls)
 }
 
 

@@ -1,1 +1,1 @@
-"""Tasks: distances, rewards and success."""
+"""What is asked: each task in a file of its own."""

@@ -11,7 +11,7 @@ from calfree_gym.geometry import Array, Flags, rotation_matrix
 from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT
 
 if TYPE_CHECKING:
-    from calfree_gym.world import World
+    from calfree_gym.world.value import World
 
 MOUNTS = ("waist", "stand")
 """Where the cameras are fixed: on the arm's first link, turning with it, or in the room."""

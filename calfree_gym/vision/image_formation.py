@@ -12,7 +12,7 @@ from calfree_gym.geometry import Array
 from calfree_gym.image import IMAGE_SIZE
 
 if TYPE_CHECKING:
-    from calfree_gym.world import World
+    from calfree_gym.world.value import World
 
 Image = NDArray[np.uint8]
 

@@ -14,7 +14,7 @@ from calfree_gym.errors import check_choice
 from calfree_gym.errors.yaml_values import read
 from calfree_gym.image import rounded
 from calfree_gym.vision.marks import LEAST_SATURATION, MARK_NAMES, Mark, Marks, yaml_module
-from calfree_gym.vision.tracking.colours import LEAST_CHROMA, Image, hues_and_saturations
+from calfree_gym.vision.tracking.blobs import LEAST_CHROMA, Image, hues_and_saturations
 from calfree_gym.vision.tracking.tracker import BallFinder
 
 SMALLEST_BOX = 3

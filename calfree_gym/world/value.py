@@ -10,8 +10,9 @@ import numpy as np
 
 from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.robot import Robot
-from calfree_gym.vision.latency import MAX_LATENCY
 
+MAX_LATENCY = 10
+"""In motions."""
 MAX_TEXTURE = 2**31 - 1
 MAX_SHORTFALL = 0.9
 BUILT_LIGHT = np.array([-0.2, 0.45, -1.0]) / np.linalg.norm([-0.2, 0.45, -1.0])
@@ -38,7 +39,7 @@ class World:
         joint_zeros: True minus assumed position of the arm's joints, in rad or m (k,).
         motor_sign: +1 or -1 (m,), one a motor.
         motor_gain: Relative to the built robot's (m,), positive.
-        motor_curvature: Of the map from register to position (m,), see `motors.map`.
+        motor_curvature: Of the map from register to position (m,), see `robot.motors`.
         point_noise: Standard deviation of an image coordinate in pixels ().
         point_outliers: Share of the points of an observation that stand anywhere in the image instead ().
         point_dropout: Share of the points of an observation that are not seen ().
@@ -52,7 +53,7 @@ class World:
         word_gain: How many times as far a word moves the motor (m,): registers end at +-1 / word_gain.
         dead_zone: Words of at most this size (m,) leave the joint where it is; registers count them.
         gear_ripple: Period, phase in rad and depth (m, 3): along the register the motor's gain varies between
-            1 - depth and 1 + depth, see `motors.map`; periods are registers at a `word_gain` of 1.
+            1 - depth and 1 + depth, see `robot.motors`; periods are registers at a `word_gain` of 1.
         light_direction: Where the lamp shines (3,), of unit length, in the room.
         light_strength: How brightly it lights what faces it (), relative to white.
         light_ambient: How brightly all is lit from everywhere (), likewise.

@@ -17,11 +17,11 @@ from pydantic import (
 
 import calfree_gym
 from calfree_gym import Arm
+from calfree_gym.engine.config import MOST_TOLERANCE
 from calfree_gym.errors import near_misses
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, digest_of, robot_of
 from calfree_gym.robot.arms.chain import SLIDE
 from calfree_gym.robot.grasping.shapes import check_shape
-from calfree_gym.tasks.reach import MOST_TOLERANCE
 from calfree_gym.world import DISTRIBUTIONS
 from experiments.config.model import Model, one_of
 

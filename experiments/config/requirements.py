@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import agents
 from agents.base.prior_knowledge import PriorKnowledge, in_order
-from calfree_gym.envs.arms.privileged import PRIVILEGED
 from calfree_gym.perturbations import parse_schedule
+from calfree_gym.tasks.reach import PRIVILEGED
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.life import EvaluationConfig, shares, with_shares_as_motions
 from experiments.config.suite import AgentConfig, ScenarioConfig

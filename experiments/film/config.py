@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from calfree_gym.envs.rendering.scene_frame import LARGEST, SMALLEST
+from calfree_gym.engine.config import LARGEST, SMALLEST
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.life import check_reached
 from experiments.config.loading import load_as

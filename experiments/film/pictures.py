@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
-from calfree_gym.envs.arms.base import Arms
-from calfree_gym.envs.rendering.scene_frame import (
+from calfree_gym.engine.arms import Arms
+from calfree_gym.engine.frames import (
     GRIPPER_COLOUR,
     OBJECT_COLOUR,
     SceneFrame,

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 
-from calfree_gym.envs.arms.base import LOOK_SECONDS
+from calfree_gym.engine.arms import LOOK_SECONDS
 from calfree_gym.geometry import Array
-from calfree_gym.robot.inserting.peg import RADIUS
+from calfree_gym.robot.inserting import RADIUS
 from experiments.config.in_words import in_words
 from experiments.film.files import FilmFiles
 from experiments.film.pictures import NO_ALARM, Alarm, Image, Marks, Screen, Trial, Words, moment

@@ -12,10 +12,9 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorWrapper
 from numpy.typing import NDArray
 
-from calfree_gym.envs.arms.base import Arms
-from calfree_gym.envs.row import Row
-from calfree_gym.perturbations.application import PerturbationScheduler
-from calfree_gym.perturbations.schedule import Event
+from calfree_gym.engine.arms import Arms
+from calfree_gym.engine.vector import Row
+from calfree_gym.perturbations.schedule import Event, PerturbationScheduler
 from experiments.config.environment import EnvironmentConfig
 from experiments.evaluation import TrialMeter, TrialRecord
 

@@ -13,9 +13,8 @@ import pandas as pd
 import agents
 from calfree_gym import MOUNTS
 from calfree_gym.geometry import Array, rotation_matrix
-from calfree_gym.robot.grasping.held import PITCHES, HeldSimulation, drawn_pose
-from calfree_gym.robot.grasping.jaws import STROKE
-from calfree_gym.robot.grasping.orientations import ROLLS
+from calfree_gym.robot.grasping.gripping_arm import STROKE
+from calfree_gym.robot.grasping.held import PITCHES, ROLLS, HeldSimulation, drawn_pose
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 from experiments.reporting.tables import Table, beside
 from experiments.statistics import mean_share

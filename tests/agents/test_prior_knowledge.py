@@ -7,7 +7,7 @@ import pytest
 import agents
 from agents import KNOWLEDGE
 from agents.base.prior_knowledge import PriorKnowledge, in_order
-from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.tasks.reach import PRIVILEGED
 from experiments.studies.priors import (
     ALTERATIONS,
     BREAKS,

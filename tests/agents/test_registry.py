@@ -11,7 +11,7 @@ import agents
 from agents.servo.paper import PaperServo
 from agents.servo.unified import UnifiedServo
 from agents.servo.work_plane import WorkPlaneServo
-from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.tasks.reach import PRIVILEGED
 from tests.arms.own import ARMS
 
 NAMES = agents.names()

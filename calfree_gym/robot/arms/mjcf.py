@@ -1,16 +1,22 @@
-"""Reading an arm's model: MJCF text whose files are found wherever it is read, and the hashes of these."""
+"""MJCF files of arms, read whole and compiled; and what bodies, joints and motors in them are for."""
 
 from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
+
+from calfree_gym.errors import near_misses
+from calfree_gym.geometry import Array
+from calfree_gym.robot.arms.chain import BALL, FREE, HINGE, SLIDE, path_to
 
 TEXT = "the MJCF text"
 """What errors call a model that was given as text."""
@@ -171,3 +177,214 @@ def _unreadable(spec: Any, what: str, path: str) -> ValueError:
     return ValueError(
         f"{what} names {os.path.basename(path)}, which cannot be read at {where} ({', '.join(users)})"
     )
+
+
+FEWEST, MOST = 3, 7
+"""Motors of an arm."""
+TURN = 2 * np.pi
+"""So much (rad) of a hinge is used at most: beyond, the arm is where it was before."""
+
+
+class Parts:
+    """The parts of a model.
+
+    Attributes:
+        gripper: ("site" or "body", name) of the gripper point.
+        holder: Id of the body to which the gripper point belongs.
+        at: Where in its frame (3,) the point is, in m.
+        base: Name of the body where the chain starts.
+        motors: Ids of the motors' joints, m of them.
+        links: Ids of the bodies behind the base whose distance from the body before is not zero.
+
+    Args:
+        model: The model, in which bodies and joints have names.
+        gripper, motors, base: As in `Arm`.
+
+    Raises:
+        ValueError: As in `Arm`.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, gripper: str, motors: Sequence[str] | None, base: str | None
+    ) -> None:
+        self._model = model
+        self.joints = [model.joint(i).name for i in range(model.njnt)]
+        self.bodies = [model.body(i).name for i in range(model.nbody)]
+        self.gripper, self.holder, self.at = self._gripper(gripper)
+        way = path_to(model, self.holder)
+        self.base = self._base(base, [self.bodies[body] for body in way])
+        behind = way[[self.bodies[body] for body in way].index(self.base) :]
+        self.motors = self._motors(motors, behind)
+        self.links = [body for body in behind[1:] if np.linalg.norm(model.body_pos[body]) > 0]
+        self._refuse_loops()
+
+    @property
+    def turning(self) -> list[str]:
+        """Names of all hinges and slides."""
+        kinds = self._model.jnt_type
+        return [name for joint, name in enumerate(self.joints) if kinds[joint] in (HINGE, SLIDE)]
+
+    def range(self, joint: int) -> tuple[float, float]:
+        """Lowest and highest position of a motor's joint, in rad or m; infinite of a hinge without limits."""
+        model, name = self._model, self.joints[joint]
+        if model.jnt_limited[joint]:
+            low, high = (float(stop) for stop in model.jnt_range[joint])
+            if low < high:
+                return low, high
+            raise ValueError(f"the motor {name!r} ranges from {low:g} to {high:g}; it cannot move")
+        if model.jnt_type[joint] == SLIDE:
+            raise ValueError(
+                f"the motor {name!r} slides without limits; give its joint a range, or choose other motors "
+                "by motors= or base="
+            )
+        return -np.inf, np.inf
+
+    def stops(self, joint: int, home: float | None = None) -> tuple[float, float]:
+        """The same, of what is used of it: of a hinge that goes round more than once, one turn in its range.
+
+        That is as far to both sides of `home` as the range allows. By default home is the middle of the
+        range, and zero where there is no range.
+        """
+        low, high = self.range(joint)
+        if self._model.jnt_type[joint] == SLIDE or high - low <= TURN:
+            return low, high
+        if home is None:
+            home = (low + high) / 2 if np.isfinite(low) else 0.0
+        low = float(np.clip(home - TURN / 2, low, high - TURN))
+        return low, low + TURN
+
+    def home(self, home: str | Mapping[str, float] | None) -> Array:
+        """Positions of all joints (nq,) at a keyframe, or by name; within their ranges where not given."""
+        model = self._model
+        if isinstance(home, str):
+            keys = [model.key(i).name or f"key_{i}" for i in range(model.nkey)]
+            if home not in keys:
+                raise ValueError(
+                    f"the arm has no keyframe {home!r}{near_misses(home, keys)}; it has {_list(keys)}"
+                )
+            qpos = model.key_qpos[keys.index(home)].copy()
+        else:
+            qpos = self._within_ranges(model.qpos0)
+            for name, value in (home or {}).items():
+                if name not in self.turning:
+                    raise ValueError(
+                        f"home names {name!r}{near_misses(name, self.turning)}; the arm's hinges and slides "
+                        f"are {_list(self.turning)}"
+                    )
+                qpos[model.joint(name).qposadr[0]] = value
+        told = self.motors if isinstance(home, str) else [self.joints.index(name) for name in home or ()]
+        for joint in (joint for joint in told if model.jnt_limited[joint]):
+            name, value, (low, high) = self.joints[joint], qpos[model.jnt_qposadr[joint]], self.range(joint)
+            if not low <= value <= high:
+                unit = f"rad ({math.degrees(low):g} to {math.degrees(high):g} degrees)"
+                if model.jnt_type[joint] == SLIDE:
+                    unit = "m"
+                raise ValueError(f"home has {name!r} at {value:g}; its range is {low:g} to {high:g} {unit}")
+        return qpos
+
+    def _gripper(self, name: str) -> tuple[tuple[str, str], int, Array]:
+        model, bodies = self._model, self.bodies[1:]
+        sites = [model.site(i).name for i in range(model.nsite)]
+        if name and name in sites:
+            site = model.site(name).id
+            return ("site", name), int(model.site_bodyid[site]), model.site_pos[site].copy()
+        if name in bodies:
+            return ("body", name), model.body(name).id, np.zeros(3)
+        sites = [site for site in sites if site]
+        raise ValueError(
+            f"the arm has no site or body {name!r}{near_misses(name, [*sites, *bodies])} for a gripper; its "
+            f"sites: {_list(sites)}; its bodies: {_list(bodies)}"
+        )
+
+    def _base(self, base: str | None, way: list[str]) -> str:
+        gripper = self.gripper[1]
+        if not way:
+            raise ValueError(f"the gripper {gripper!r} is fixed in the room; nothing moves it")
+        if base is not None and base not in way:
+            raise ValueError(
+                f"base is {base!r}{near_misses(base, way)}; the bodies on the way to the gripper {gripper!r} "
+                f"are {', '.join(way)}"
+            )
+        return base or way[0]
+
+    def _motors(self, motors: Sequence[str] | None, behind: list[int]) -> list[int]:
+        model = self._model
+        chain = [joint for joint in range(model.njnt) if model.jnt_bodyid[joint] in behind]
+        movable = {self.joints[j]: j for j in chain if model.jnt_type[j] in (HINGE, SLIDE)}
+        if motors is None:
+            found = list(movable.values())
+        elif len(set(motors)) != len(motors):
+            raise ValueError(f"motors is {motors!r}; it must be a list of different joints' names")
+        else:
+            found = [self._motor(name, movable, chain) for name in motors]
+        if not FEWEST <= len(found) <= MOST:
+            names = _list([self.joints[joint] for joint in found])
+            raise ValueError(
+                f"the arm has {len(found)} motors, {names}; it must have {FEWEST} to {MOST}. motors= chooses "
+                f"among {_list(list(movable))}; the chain starts at base={self.base!r} and ends where "
+                f"gripper={self.gripper[1]!r} is, at the body {self.bodies[self.holder]!r}"
+            )
+        return found
+
+    def _motor(self, name: str, movable: Mapping[str, int], chain: list[int]) -> int:
+        if name in movable:
+            return movable[name]
+        allowed = f"allowed: {_list(list(movable))}"
+        if name not in self.joints:
+            raise ValueError(f"the arm has no joint {name!r}{near_misses(name, movable)}; {allowed}")
+        joint = self.joints.index(name)
+        if joint in chain:
+            kind = {FREE: "free", BALL: "ball"}[int(self._model.jnt_type[joint])]
+            raise ValueError(
+                f"the motor {name!r} is a {kind} joint; a motor is a hinge or a slide; {allowed}"
+            )
+        raise ValueError(
+            f"the motor {name!r} is not between the base {self.base!r} and the gripper "
+            f"{self.gripper[1]!r}; {allowed}"
+        )
+
+    def _within_ranges(self, qpos: Array) -> Array:
+        model, within = self._model, qpos.copy()
+        for joint in np.flatnonzero(model.jnt_limited & np.isin(model.jnt_type, (HINGE, SLIDE))):
+            at = model.jnt_qposadr[joint]
+            within[at] = np.clip(within[at], *model.jnt_range[joint])
+        return within
+
+    def _refuse_loops(self) -> None:
+        """Raises where the model ties a motor to anything else: then other joints would move with it."""
+        model = self._model
+        for equality in np.flatnonzero(model.eq_active0):
+            if tied := self._tied_by(int(equality)):
+                name = model.equality(equality).name or int(equality)
+                raise ValueError(
+                    f"the model's equality {name!r} ties the motors {_list(tied)} to other parts, which "
+                    "would have to move with them; only open chains of motors can be simulated"
+                )
+
+    def _tied_by(self, equality: int) -> list[str]:
+        """Names of the motors that an equality holds; one to a mocap body is of no account."""
+        model, kind = self._model, mujoco.mjtEq(self._model.eq_type[equality])
+        ends = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+        if kind == mujoco.mjtEq.mjEQ_TENDON:
+            coupled = [joint for tendon in ends if tendon >= 0 for joint in self._coupled_by(tendon)]
+            return [self.joints[joint] for joint in self.motors if joint in coupled]
+        if kind == mujoco.mjtEq.mjEQ_JOINT:
+            return [self.joints[joint] for joint in self.motors if joint in ends]
+        if kind not in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+            return []
+        if model.eq_objtype[equality] == mujoco.mjtObj.mjOBJ_SITE:
+            ends = int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]])
+        if (model.body_mocapid[list(ends)] >= 0).any():
+            return []
+        between = set(path_to(model, ends[0])) ^ set(path_to(model, ends[1]))
+        return [self.joints[joint] for joint in self.motors if int(model.jnt_bodyid[joint]) in between]
+
+    def _coupled_by(self, tendon: int) -> list[int]:
+        """Ids of the joints of a fixed tendon."""
+        model = self._model
+        wraps = range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+        return [int(model.wrap_objid[i]) for i in wraps if model.wrap_type[i] == mujoco.mjtWrap.mjWRAP_JOINT]
+
+
+def _list(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"

@@ -11,13 +11,11 @@ import numpy as np
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import RANK, rounded
 from calfree_gym.robot.arms.chain import SLIDE, Chain
-from calfree_gym.robot.arms.marks import GripperMarks, best_axis
-from calfree_gym.robot.arms.mjcf import compiled
+from calfree_gym.robot.arms.mjcf import Parts, compiled
 from calfree_gym.robot.arms.movemaster import AIM as MOVEMASTER_TARGET
 from calfree_gym.robot.arms.movemaster import CAMERA_POSITION as MOVEMASTER_POSITION
-from calfree_gym.robot.arms.parts import Parts
 from calfree_gym.robot.arms.robot import HINGE_SPEED, SLIDE_SPEED, Furnish, Mounts, Places, Rig, Robot, Scene
-from calfree_gym.robot.arms.scene import build
+from calfree_gym.robot.arms.scene import GripperMarks, best_axis, build
 
 HINGE_MARGIN = 0.01
 """A hinge's motor stops this far (rad) before the joint does."""

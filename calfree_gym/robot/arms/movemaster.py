@@ -9,9 +9,15 @@ import numpy as np
 
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.robot.arms.kinematics import gripper_position
-from calfree_gym.robot.arms.marks import GripperMarks, add_marks
 from calfree_gym.robot.arms.robot import HINGE_SPEED, Furnish, Mounts, Rig, Robot, Scene
-from calfree_gym.robot.arms.scene import add_rig, add_sensors, add_surroundings, first_sensor
+from calfree_gym.robot.arms.scene import (
+    GripperMarks,
+    add_marks,
+    add_rig,
+    add_sensors,
+    add_surroundings,
+    first_sensor,
+)
 
 LINKS = ("base", "shoulder", "upper_arm", "forearm", "hand")
 LENGTHS = np.array([0.40, 0.12, 0.25, 0.20, 0.25])

@@ -1,4 +1,4 @@
-"""Where things lie, and where they are to be lifted to: places that the arm reaches and both cameras see."""
+"""Where things lie that can be grasped, and which of their marks the cameras see there."""
 
 from __future__ import annotations
 
@@ -8,17 +8,63 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from calfree_gym.geometry import Array, Flags
+from calfree_gym.image import CAMERAS
 from calfree_gym.robot.arms.movemaster import BEFORE_IT, DISTANCE, LIMIT_MARGIN, WAIST
-from calfree_gym.robot.grasping.gripping_arm import GrippingArm
-from calfree_gym.robot.grasping.in_sight import InSight
-from calfree_gym.robot.grasping.jaws import AXIS
+from calfree_gym.robot.grasping.gripping_arm import AXIS, GrippingArm
 from calfree_gym.robot.grasping.shapes import ShapeChoice, Thing, draw_thing
 from calfree_gym.robot.motors import MotorMap
+from calfree_gym.robot.objects import NOWHERE
+from calfree_gym.robot.rays import shares_by_camera
 from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, MAX_REGISTER, Workspaces
 from calfree_gym.streams import stream
 
 if TYPE_CHECKING:
-    from calfree_gym.world import World
+    from calfree_gym.robot.grasping.shapes import Thing
+    from calfree_gym.robot.simulation import Simulation
+    from calfree_gym.world.value import World
+
+JAWS, EDGES = ("jaw_1_tip", "jaw_2_tip"), ("edge_1", "edge_2")
+OF_A_JAW, OF_AN_EDGE = 0.016, 0.010
+"""Radii of balls that stand for what marks them (m)."""
+TOWARD_ENDS = 0.8
+"""So far out on its axis a thing is seen at either end, too. Choice."""
+LEAST_SHARE_OF_JAWS = 0.5
+"""Of a jaw or an edge that must be in sight. Choice: its colour is then found."""
+
+
+class InSight:
+    """What the cameras of N worlds see past the arm.
+
+    Args:
+        simulation: The N worlds.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._picture = simulation.picture()
+        model = self._picture[0]
+        self._cameras = [model.camera(simulation.prefix + name).id for name in CAMERAS]
+        self._jaws, self._edges = ([model.site(name).id for name in names] for names in (JAWS, EDGES))
+
+    def gripper(self, row: int, joints: Array) -> bool:
+        """Whether both cameras see both jaws, and an edge, with joints at (j,)."""
+        _, data = self._simulation.show(row, self._picture, joints, NOWHERE)
+        jaws = self._shares(data.site_xpos[self._jaws], OF_A_JAW)
+        edges = self._shares(data.site_xpos[self._edges], OF_AN_EDGE)
+        return bool(min(jaws.min(), edges.max(1).min()) >= LEAST_SHARE_OF_JAWS)
+
+    def thing(self, row: int, thing: Thing, pose: Array, joints: Array) -> float:
+        """The least share of a thing at a pose (4,) that a camera sees, with joints at (j,)."""
+        self._simulation.show(row, self._picture, joints, NOWHERE)
+        c, s = np.cos(pose[3]), np.sin(pose[3])
+        x, y, z = TOWARD_ENDS * thing.axis
+        ahead = np.array([c * x - s * y, s * x + c * y, z])
+        return float(self._shares(pose[:3] + np.outer([0, 1, -1], ahead), thing.width / 4).min())
+
+    def _shares(self, balls: Array, radius: float) -> Array:
+        """Which share (2, k) of balls (k, 3) each camera sees."""
+        return shares_by_camera(self._picture, self._cameras, balls, radius)
+
 
 BLOCK = 32
 """Places that are judged at once."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from calfree_gym.errors import check_choice
 from calfree_gym.geometry import Array
-from calfree_gym.robot.grasping.jaws import OPENING
+from calfree_gym.robot.grasping.gripping_arm import OPENING
 
 LARGEST = 0.9
 """The jaws close on no side that is longer than this share of their opening. Choice: room to miss by."""

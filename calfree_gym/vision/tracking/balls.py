@@ -9,11 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.vision.marks import Mark, hue_gap
-from calfree_gym.vision.tracking.blobs import Blob
-from calfree_gym.vision.tracking.circles import fit_circle
-from calfree_gym.vision.tracking.colours import SATURATION_SHARE, hues_and_saturations
-from calfree_gym.vision.tracking.opacity import Opacity, opacity
-from calfree_gym.vision.tracking.outline import Array, outline
+from calfree_gym.vision.tracking.blobs import SATURATION_SHARE, Blob, hues_and_saturations
+from calfree_gym.vision.tracking.outlines import Array, Opacity, fit_circle, opacity, outline
 
 CLEAR_RADIUS = 4.0
 """In px: balls from here on look clear, smaller ones lose colour and contrast to their surroundings. Measured

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.image import RANK, rounded
-from calfree_gym.vision.tracking.outline import Array
+from calfree_gym.vision.tracking.outlines import Array
 from calfree_gym.vision.tracking.parts import Part
 
 BEFORE = 0.1

@@ -1,8 +1,10 @@
-"""Gripper point and object point in two images, from three coloured balls."""
+"""Finds the gripper and the object in stereo images, by coloured balls."""
 
 from __future__ import annotations
 
 import copy
+import warnings
+import zlib
 from typing import Any
 
 import numpy as np
@@ -11,10 +13,40 @@ from numpy.typing import NDArray
 from calfree_gym.image import CAMERAS
 from calfree_gym.vision.marks import MARK_NAMES, Marks
 from calfree_gym.vision.tracking.balls import Ball, measure_ball
-from calfree_gym.vision.tracking.blobs import find_blobs
-from calfree_gym.vision.tracking.colours import ColourTable, Image
-from calfree_gym.vision.tracking.frozen import FrozenCameras
-from calfree_gym.vision.tracking.outline import Array
+from calfree_gym.vision.tracking.blobs import ColourTable, Image, find_blobs
+from calfree_gym.vision.tracking.outlines import Array
+
+
+class FrozenCameras:
+    """Tells which cameras have frozen, and warns once when one does.
+
+    A live camera has noise. So one has frozen whose image is the last one, to the byte, although motors have
+    moved; and it has until another image comes.
+    """
+
+    def __init__(self) -> None:
+        self._last: list[int | None] = [None for _ in CAMERAS]
+        self._frozen = [False for _ in CAMERAS]
+
+    def __call__(self, images: tuple[Image, ...], moved: bool) -> tuple[bool, ...]:
+        """Whether each camera has frozen.
+
+        Args:
+            images: One a camera.
+            moved: Whether motors have moved since the last ones.
+        """
+        for camera, image in enumerate(images):
+            last, self._last[camera] = self._last[camera], zlib.crc32(image.tobytes())
+            before, again = self._frozen[camera], last == self._last[camera]
+            self._frozen[camera] = again and (before or bool(moved))
+            if self._frozen[camera] and not before:
+                warnings.warn(
+                    f"the {CAMERAS[camera]} camera has frozen: motors have moved, and its image is the last "
+                    "one to the byte. Its points count as not seen until another image comes",
+                    stacklevel=3,
+                )
+        return tuple(self._frozen)
+
 
 LEAST_SIZE = 16
 """Width and height of an image in px. Choice: a ball of the least radius is a tenth of it."""

@@ -20,7 +20,7 @@ from mujoco.batch import Batch
 import agents
 from calfree_gym import Arm
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.reach_simulation import SUBSTEPS
+from calfree_gym.robot.simulation import SUBSTEPS
 from experiments.reporting.tables import Table
 from experiments.studies.common import REACH, arms_of_tests
 from experiments.studies.speed.peer import Peer

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import agents
-from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.tasks.reach import PRIVILEGED
 from tests.agents.neural.quick import QUICK
 from tests.arms.own import ARMS
 

@@ -12,7 +12,7 @@ import agents
 import calfree_gym
 from agents.base.observation import Observation
 from agents.calibrated.robot_model import RobotModel
-from calfree_gym.perturbations.types import CameraRoll
+from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
 
 MOUNTS = calfree_gym.MOUNTS

@@ -18,7 +18,7 @@ from agents.calibrated.measurements import Measurements
 from agents.calibrated.parameters import named
 from agents.calibrated.robot_model import RobotModel
 from calfree_gym.image import lengths_px
-from calfree_gym.perturbations.types import CameraRoll
+from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
 
 

@@ -13,7 +13,7 @@ from agents.grasp.observation import ARM, GraspObservation
 from agents.grasp.orientation import turn_needed
 from agents.grasp.trial import GraspTrial
 from agents.grasp.turning import Turning
-from calfree_gym.robot.grasping.jaws import AXIS
+from calfree_gym.robot.grasping.gripping_arm import AXIS
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 from experiments.evaluation import evaluate
 from experiments.running.lifetime import LifetimeRecorder, learn_trials

@@ -7,7 +7,7 @@ import pytest
 import agents
 from agents.jacobian import ESTIMATORS
 from agents.servo.redundancy import REDUNDANCIES
-from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.tasks.reach import PRIVILEGED
 from experiments.evaluation import evaluate
 from tests.agents.neural.quick import QUICK
 

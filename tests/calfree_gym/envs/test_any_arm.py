@@ -8,8 +8,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from calfree_gym.envs.arms.privileged import PRIVILEGED
 from calfree_gym.sb3 import make_sb3_env
+from calfree_gym.tasks.reach import PRIVILEGED
 from tests.arms.every import EVERY, arm_named
 from tests.arms.own import ARMS, MOTORS
 

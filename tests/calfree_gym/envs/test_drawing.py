@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import calfree_gym
-from calfree_gym.envs.rendering.renderer import Renderer
 from calfree_gym.image import PIXELS_PER_UNIT
+from calfree_gym.rendering.renderer import Renderer
 from tests.arms.own import MODELS
 
 pytestmark = pytest.mark.usefixtures("opengl")

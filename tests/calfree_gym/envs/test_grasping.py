@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import calfree_gym
-from calfree_gym.robot.grasping.ramp import CHUNK, LEAST_CHUNKS, SETTLING
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
+from calfree_gym.robot.grasping.simulation import CHUNK, LEAST_CHUNKS, SETTLING
 
 GRASP = "CalFree/Grasp-v0"
 OPENING, HELD = 23, 4

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calfree_gym.geometry import rotation_matrix
-from calfree_gym.robot.grasping.orientations import pressed, surface, ways_to_hold
+from calfree_gym.robot.grasping.held import pressed, surface, ways_to_hold
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES, draw_thing, thing_of
 
 GRASP = "CalFree/Grasp-v0"

@@ -10,8 +10,8 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
+from calfree_gym.engine.spaces import image_distances
 from calfree_gym.image import IMAGE_SIZE
-from calfree_gym.tasks.goals import image_distances
 from calfree_gym.tasks.reach import rendezvous
 
 KINDS = {

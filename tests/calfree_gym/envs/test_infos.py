@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from calfree_gym.envs.reaching import Reaching
+from calfree_gym.tasks.reach import ReachArms
 
 SCHEDULE = [
     {"every": {"motion": 2}, "do": {"type": "camera_roll"}},
@@ -95,7 +95,7 @@ def test_without_truth_infos_lack_it_and_nothing_else_changes(monkeypatch, batch
         return found
 
     full = steps(True)
-    monkeypatch.setattr(Reaching, "_truth", None)  # not even computed
+    monkeypatch.setattr(ReachArms, "truth", None)  # not even computed
     for one, other in zip(full, steps(False), strict=True):
         assert one[-1].keys() - other[-1].keys() == ({"truth", "_truth"} if batched else {"truth"})
         for key, value in one[0].items():

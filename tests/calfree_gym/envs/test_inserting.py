@@ -8,7 +8,7 @@ import pytest
 
 import calfree_gym  # noqa: F401
 from calfree_gym.geometry import rotation_matrix
-from calfree_gym.robot.inserting.holes import CLEAR, LEANS
+from calfree_gym.robot.inserting import CLEAR, LEANS
 from calfree_gym.tasks.insert import depth_told
 
 INSERT = "CalFree/Insert-v0"

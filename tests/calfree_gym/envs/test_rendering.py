@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import calfree_gym
-from calfree_gym.envs.rendering.lens_map import LensMap
-from calfree_gym.envs.rendering.stereo_images import FOR_PEOPLE, StereoImages
 from calfree_gym.image import IMAGE_SIZE
-from calfree_gym.robot.arms.marks import RADIUS
-from calfree_gym.robot.line_of_sight import MARKS_GROUP, LinesOfSight
+from calfree_gym.rendering.stereo_images import FOR_PEOPLE, LensMap, StereoImages
+from calfree_gym.robot.arms.scene import RADIUS
+from calfree_gym.robot.objects import LinesOfSight
+from calfree_gym.robot.rays import MARKS_GROUP
 from calfree_gym.vision.cameras import image_points
 from tests.arms.every import arm_named
 

@@ -12,13 +12,16 @@ import pytest
 
 import calfree_gym
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.touching.furniture import CLEARANCE, SENSOR, furniture, of_arm
-from calfree_gym.robot.touching.simulation import (
+from calfree_gym.robot.touching import (
+    CLEARANCE,
     LEAST,
     REACTION,
     RETREAT,
+    SENSOR,
     TRIP,
     TouchingSimulation,
+    furniture,
+    of_arm,
     ramp,
 )
 from tests.arms.own import ARMS
@@ -196,7 +199,7 @@ def test_walls_stand_beside_any_arm_at_home(name):
     env.reset(seed=0)
     arms = env.unwrapped.arms
     home = arms.motors.joints(np.zeros((1, len(arms.robot.motors))), np.array([0]))[0]
-    assert arms.simulation.is_free(0, home)
+    assert arms.simulation.is_collision_free(0, home)
 
 
 def test_another_arm_that_stands_beside_a_wall_does_not_count(tmp_path):
@@ -240,7 +243,7 @@ def test_a_place_that_is_free_is_so_by_mujocos_distances():
         way = [mujoco.mj_geomDistance(model, data, a, r, 1.0, None) for a in arm for r in room]
         near = min(way)
         nearest.append(near)
-        if simulation.is_free(0, joints):
+        if simulation.is_collision_free(0, joints):
             assert near >= CLEARANCE - 1e-6
     assert sum(0 < near < CLEARANCE for near in nearest) > 3
 

@@ -9,7 +9,7 @@ import pytest
 from calfree_gym import nominal
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.perturbations import Blur, Exposure, ImageNoise, Light
-from calfree_gym.perturbations.undo import undone
+from calfree_gym.perturbations.schedule import undone
 from calfree_gym.vision.image_formation import MAX_NOISE
 
 STILL = replace(nominal(), image_noise=np.zeros(2))

@@ -11,9 +11,9 @@ from calfree_gym import Arm, WorldDistribution, nominal
 from calfree_gym.image import CAMERAS
 from calfree_gym.perturbations import CameraShift, Occluder
 from calfree_gym.perturbations.occluder import nearest, work_space
-from calfree_gym.perturbations.undo import undone
+from calfree_gym.perturbations.schedule import undone
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.reach_simulation import ReachSimulation
+from calfree_gym.robot.simulation import ReachSimulation
 from tests.arms.every import arm_named
 from tests.arms.own import ARMS
 

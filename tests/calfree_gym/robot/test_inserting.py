@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from calfree_gym.geometry import quaternion_of
-from calfree_gym.robot.inserting.inserting_arm import InsertingArm
-from calfree_gym.robot.inserting.peg import NARROWER, RADIUS
-from calfree_gym.robot.inserting.simulation import InsertSimulation
+from calfree_gym.robot.inserting import NARROWER, RADIUS, InsertingArm, InsertSimulation
 from calfree_gym.world import WorldDistribution
 
 HOLE = np.array([0.4, 0.0, 0.1])

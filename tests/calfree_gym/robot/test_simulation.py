@@ -8,7 +8,7 @@ from calfree_gym.geometry import rotation_matrix
 from calfree_gym.robot.arms.kinematics import gripper_position
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.motors import MotorMap
-from calfree_gym.robot.reach_simulation import DYNAMICS, ReachSimulation
+from calfree_gym.robot.simulation import DYNAMICS, ReachSimulation
 from calfree_gym.vision.cameras import image_points, pinhole
 
 ROWS = 32

@@ -6,7 +6,7 @@ import PIL.Image
 import pytest
 
 from calfree_gym.vision.marks import MARK_NAMES, Marks
-from calfree_gym.vision.tracking.colours import ColourTable
+from calfree_gym.vision.tracking.blobs import ColourTable
 from calfree_gym.vision.tracking.tracker import BallFinder
 from tests.calfree_gym.vision.accuracy import compared
 from tests.calfree_gym.vision.drawings import COLOURS, Canvas, cut_out, drawn

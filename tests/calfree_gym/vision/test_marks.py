@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from calfree_gym.vision.marks import MARK_NAMES, Mark, Marks, hue_gap
-from calfree_gym.vision.tracking.colours import ColourTable, hues_and_saturations
+from calfree_gym.vision.tracking.blobs import ColourTable, hues_and_saturations
 
 RED, YELLOW, CYAN = Mark((230, 20, 30)), Mark((220, 210, 10)), Mark((10, 200, 210))
 channel = st.integers(0, 255)

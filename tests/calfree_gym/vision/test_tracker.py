@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 import calfree_gym.vision.tracking.tracker as tracker_module
 from calfree_gym.vision.marks import MARK_NAMES, Mark, Marks
 from calfree_gym.vision.tracking.balls import Ball
-from calfree_gym.vision.tracking.circles import fit_circle
-from calfree_gym.vision.tracking.outline import RAYS
+from calfree_gym.vision.tracking.outlines import RAYS, fit_circle
 from calfree_gym.vision.tracking.tracker import BallFinder, StereoTracker, gripper_point
 from tests.calfree_gym.vision.accuracy import compared
 from tests.calfree_gym.vision.drawings import (

@@ -141,7 +141,7 @@ def test_inserting_has_a_clearance_and_agents_of_its_own(suite_data, write_confi
     suite_data["scenarios"][0]["env"] = {"id": "CalFree/Insert-v0", "world": "wild", "clearance": 3.0}
     suite_data["agents"] = ["random", "insert"]
     made = load(write_config(suite_data)).scenarios[0].env.make()
-    assert made.unwrapped.clearance == 3.0
+    assert made.unwrapped.config.clearance == 3.0
     made.close()
     suite_data["agents"] = ["grasp"]
     with pytest.raises(ConfigError, match="'grasp' cannot insert"):

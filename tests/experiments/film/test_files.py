@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from calfree_gym.envs.rendering.scene_frame import GRIPPER_COLOUR
+from calfree_gym.engine.frames import GRIPPER_COLOUR
 from experiments.errors import ConfigError
 from experiments.film.files import FilmFiles
 from experiments.film.pictures import WIDTH, Moment, chosen, frame_strip, moment

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 import agents
-from calfree_gym.envs.rendering.scene_frame import GRIPPER_COLOUR, SceneFrame
+from calfree_gym.engine.frames import GRIPPER_COLOUR, SceneFrame
 from calfree_gym.image import lengths_px
 from experiments.__main__ import main
 from experiments.film.command import Predictions

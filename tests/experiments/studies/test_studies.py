@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import agents
-from calfree_gym.envs.arms.privileged import PRIVILEGED
+from calfree_gym.tasks.reach import PRIVILEGED
 from experiments import studies
 from experiments.__main__ import main
 from experiments.config.loading import load

@@ -9,7 +9,7 @@ import pytest
 
 from calfree_gym import Arm, nominal
 from calfree_gym.geometry import looking_at
-from calfree_gym.robot import reach_simulation
+from calfree_gym.robot import simulation
 from tests.arms.every import arm_named
 from tests.arms.own import ARMS, MODELS
 from tests.calfree_gym.robot.arms.test_chain import ALL_KINDS
@@ -22,7 +22,7 @@ ID = "calfree_gym:CalFree/Reach-v0"
 def no_simulation(monkeypatch):
     """Nothing is stepped or placed."""
     for name in ("place", "move", "refresh"):
-        monkeypatch.setattr(reach_simulation.ReachSimulation, name, None)
+        monkeypatch.setattr(simulation.ReachSimulation, name, None)
 
 
 def refused(message, **arguments):

@@ -7,7 +7,7 @@ import pytest
 
 from calfree_gym import WorldDistribution, nominal
 from calfree_gym.robot.arms.arm import robot_of
-from calfree_gym.robot.reach_simulation import ReachSimulation
+from calfree_gym.robot.simulation import ReachSimulation
 from calfree_gym.robot.workspace import MIN_IN_VIEW, MIN_IN_VIEW_ON_A_LINK, in_view, least_in_view
 from calfree_gym.vision.cameras import StereoCameras
 from tests.arms.every import EVERY, arm_named, moved_by, three_mounts

@@ -1,0 +1,279 @@
+"""What the cameras of N worlds see, through their lenses: one model and one GL context for all."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.geometry import Array
+from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.rendering.renderer import Image, Renderer
+from calfree_gym.robot.arms.robot import Rig
+from calfree_gym.robot.rays import SEEN
+from calfree_gym.robot.simulation import Simulation
+from calfree_gym.vision.cameras import undistort
+from calfree_gym.world.value import BUILT_LIGHT, World
+
+LAMP_FAR = 2.0
+"""From the middle of the work space to the lamp (m, for the RV-M2)."""
+LIT = 0.7
+"""So far around it there are shadows (m, likewise)."""
+RADII = 2048
+"""Entries of the table of radii: between them a pinhole point is interpolated, to 0.001 px."""
+_NO_SHARES = np.empty(0, np.uint16)
+MARGIN, MARGIN_PX = 0.01, 1.1
+"""A pinhole image is wider than what the lens shows: by this share, or, where pixels are few, by so many (the
+outermost are seen at their middles). Choice."""
+LARGEST = 2.0
+"""A pinhole image is at most so much wider than the lens's; beyond that it is coarser instead."""
+MOST_SATURATED = 0.3
+"""Marks are told from their background by saturation; theirs is 0.8 and more."""
+DARKEST, BRIGHTEST = 0.25, 0.9
+KEPT = 256
+"""Pictures that are kept: two a world, so that many rows can be rendered in turns."""
+STUDIO = -1
+"""Number of the light covers before which people see an arm best; no world's."""
+_ROOM, _SQUARES = (211, 221, 233), ((248, 250, 251), (232, 236, 241))
+OCTAVES = 5
+"""Blotches of five sizes, each half as large as the one before."""
+
+
+class Light(NamedTuple):
+    """How a scene is lit, and what covers table and room.
+
+    Attributes:
+        direction: Where the lamp shines (3,), of unit length, in the room.
+        strength: How brightly it lights what faces it, relative to white.
+        ambient: How brightly all is lit from everywhere, likewise.
+        texture: Number of the pictures that cover table and room, see `textures`; 0: as built.
+    """
+
+    direction: Array
+    strength: float
+    ambient: float
+    texture: int
+
+    @classmethod
+    def of(cls, world: World) -> Light:
+        """The light that cameras see a world in."""
+        strengths = float(world.light_strength), float(world.light_ambient)
+        return cls(world.light_direction, *strengths, int(world.texture))
+
+
+FOR_PEOPLE = Light(BUILT_LIGHT, 0.4, 0.58, STUDIO)
+"""The light in which people see every world alike, on a light table. Choice."""
+
+
+class StereoImages:
+    """Renders the images of any row.
+
+    Attributes:
+        size: Width and height of an image in pixels.
+        picture: Model and state of the row that was rendered last.
+        renderer: Draws it.
+
+    Args:
+        simulation: The N worlds.
+        rig: Where the lamp is to light up the room.
+        size: Width and height of an image in pixels.
+        shadows: Whether the lamp casts shadows.
+        for_people: See `Renderer`.
+
+    Raises:
+        gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
+    """
+
+    def __init__(
+        self, simulation: Simulation, rig: Rig, size: int, shadows: bool = True, for_people: bool = False
+    ) -> None:
+        self.size, self._rig = size, rig
+        self._simulation, self._shadows = simulation, shadows
+        self.picture = simulation.picture()
+        self.renderer = Renderer(*self.picture, size, for_people)
+        model, prefix = self.renderer.model, simulation.prefix
+        self._cameras = [model.camera(prefix + name).id for name in CAMERAS]
+        self._lamp = model.light(prefix + "lamp").id
+        model.vis.map.shadowclip = LIT * rig.scale / model.stat.extent
+        self._textures = [model.texture(name).id for name in simulation.covers]
+        self._built = model.tex_data.copy()
+        self._covered_by = 0
+        self._worlds: list[World | None] = [None] * simulation.rows
+        self._lenses: list[tuple[LensMap, ...]] = [()] * simulation.rows
+
+    def colours(
+        self,
+        row: int,
+        world: World,
+        groups: Sequence[int] = SEEN,
+        configuration: Array | None = None,
+        light: Light | None = None,
+    ) -> tuple[Image, Image]:
+        """Images (size, size, 3), left and right, as the simulation is now.
+
+        Args:
+            row: The row.
+            world: In which it is.
+            groups: Of the geoms that are shown.
+            configuration: All that moves (q,), where it is to be other than now.
+            light: Where it is to be another than the world's.
+        """
+        left, right = (
+            lens.colours(self._pinhole(camera, lens, groups)[0])
+            for camera, lens in enumerate(self.prepare(row, world, configuration, light))
+        )
+        return left, right
+
+    def depths(self, row: int, world: World) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Depths (size, size) along each camera's axis in m; 0 where its lens shows nothing."""
+        left, right = (
+            lens.depths(self._pinhole(camera, lens, SEEN, depth=True)[1])  # type: ignore[arg-type]
+            for camera, lens in enumerate(self.prepare(row, world))
+        )
+        return left, right
+
+    def prepare(
+        self, row: int, world: World, configuration: Array | None = None, light: Light | None = None
+    ) -> tuple[LensMap, ...]:
+        """Lights and covers the row's scene, as it is now or in a configuration (q,); its lenses."""
+        if self._worlds[row] is not world:
+            self._worlds[row] = world
+            cameras = zip(world.focal_length, world.principal_point, world.lens_k1, strict=True)
+            self._lenses[row] = tuple(LensMap.of(*camera, self.size) for camera in cameras)
+        self.shine(light or Light.of(world))
+        self._simulation.show(row, self.picture, configuration=configuration)
+        return self._lenses[row]
+
+    def shine(self, light: Light) -> None:
+        """Lights and covers the picture."""
+        model, lamp, rig = self.renderer.model, self._lamp, self._rig
+        model.light_dir[lamp] = light.direction
+        model.light_pos[lamp] = rig.target - LAMP_FAR * rig.scale * light.direction
+        model.light_diffuse[lamp] = light.strength
+        model.vis.headlight.ambient[:] = light.ambient
+        self._cover(light.texture)
+
+    def _pinhole(
+        self, camera: int, lens: LensMap, groups: Sequence[int], depth: bool = False
+    ) -> tuple[Image, NDArray[np.float32] | None]:
+        model, place = self.renderer.model, self._cameras[camera]
+        model.cam_intrinsic[place] = [model.cam_sensorsize[place, 0] / (2 * lens.half)] * 2 + [0, 0]
+        view = mujoco.MjvCamera()
+        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, place
+        return self.renderer.draw(view, lens.source, lens.source, groups, self._shadows, depth)
+
+    def _cover(self, number: int) -> None:
+        """Covers table and room with another picture."""
+        if number == self._covered_by:
+            return
+        self._covered_by, model = number, self.renderer.model
+        for i, place in enumerate(self._textures):
+            height, width = model.tex_height[place], model.tex_width[place]
+            pixels = slice(model.tex_adr[place], model.tex_adr[place] + 3 * height * width)
+            if number == STUDIO:
+                model.tex_data[pixels] = studio(height, width).ravel()
+            elif number:
+                model.tex_data[pixels] = texture(number + i, height, width).ravel()
+            else:
+                model.tex_data[pixels] = self._built[pixels]
+            self.renderer.upload_texture(place)
+
+    def close(self) -> None:
+        """Frees the GL context."""
+        self.renderer.close()
+
+
+class LensMap(NamedTuple):
+    """One camera's map from pixels of its image to pixels of a pinhole image, which has the same middle.
+
+    Attributes:
+        half: Tangent of half the pinhole image's field of view.
+        source: Width and height of the pinhole image in pixels.
+        places: Whole pixels, for `cv2.remap`.
+        shares: Of pixels, likewise.
+        nearest: Whole pixels where no shares are taken.
+    """
+
+    half: float
+    source: int
+    places: NDArray[np.int16]
+    shares: NDArray[np.uint16]
+    nearest: NDArray[np.int16]
+
+    @classmethod
+    def of(cls, focal_length: float, principal_point: Array, k1: float, size: int) -> LensMap:
+        """The map of a camera for images of `size` pixels.
+
+        Args:
+            focal_length: In pixels of an image of 512.
+            principal_point: Offset (2,) in such pixels.
+            k1: Radial distortion.
+            size: Width and height of the image in pixels.
+        """
+        scale = size / IMAGE_SIZE
+        pixels = np.arange(size) + 0.5 - size / 2
+        x, y = (pixels - scale * offset for offset in principal_point)
+        x, y = x / (scale * focal_length), y[:, None] / (scale * focal_length)
+        radii = np.sqrt(x * x + y * y)
+        table = np.linspace(0.0, radii.max(), RADII)
+        flat, shown = undistort(np.stack([table, np.zeros(RADII)], -1), k1)
+        with np.errstate(invalid="ignore"):
+            stretch = np.where(table > 0, flat[:, 0] / table, 1.0)
+        end = table[shown].max()
+        stretch = np.where(radii <= end, np.interp(radii, table, stretch), np.nan)
+        x, y = x * stretch, y * stretch
+        shown_half = float(max(np.nanmax(np.abs(x)), np.nanmax(np.abs(y))))
+        half = (1 + MARGIN) * shown_half
+        source = int(min(np.ceil(2 * half * scale * focal_length), np.ceil(LARGEST * size)))
+        half = max(half, shown_half * source / (source - MARGIN_PX))
+        columns, rows = ((way / half + 1) * source / 2 - 0.5 for way in (x, -y))
+        columns, rows = (np.where(np.isnan(way), -10, way).astype(np.float32) for way in (columns, rows))
+        places, shares = cv2.convertMaps(columns, rows, cv2.CV_16SC2)
+        nearest, _ = cv2.convertMaps(columns, rows, cv2.CV_16SC2, nninterpolation=True)
+        maps = np.asarray(places, np.int16), np.asarray(shares, np.uint16), np.asarray(nearest, np.int16)
+        return cls(half, source, *maps)
+
+    def colours(self, pinhole: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The lens's image (size, size, 3) of a pinhole image, upside down; black where it shows nothing."""
+        return np.asarray(cv2.remap(pinhole, self.places, self.shares, cv2.INTER_LINEAR), np.uint8)
+
+    def depths(self, pinhole: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The same of depths (size, size): those of the nearest pixels."""
+        return np.asarray(cv2.remap(pinhole, self.nearest, _NO_SHARES, cv2.INTER_NEAREST), np.float32)
+
+
+@lru_cache(maxsize=KEPT)
+def texture(number: int, height: int, width: int) -> NDArray[np.uint8]:
+    """Blotches of two colours (height, width, 3); the same number gives the same picture."""
+    rng = np.random.default_rng(number)
+    field = np.zeros((height, width), np.float32)
+    for octave in range(OCTAVES):
+        cells = 2 ** (octave + 1)
+        blotches = rng.random((cells, cells), np.float32)
+        strength = rng.uniform(0.2, 1) / (octave + 1)
+        field += strength * cv2.resize(blotches, (width, height), interpolation=cv2.INTER_CUBIC)
+    field -= field.min()
+    field /= field.max()
+    first, second = (
+        255
+        * np.array(
+            colorsys.hsv_to_rgb(rng.random(), rng.uniform(0, MOST_SATURATED), rng.uniform(DARKEST, BRIGHTEST))
+        )
+        for _ in range(2)
+    )
+    return np.asarray(first + field[..., None] * (second - first), np.uint8)
+
+
+def studio(height: int, width: int) -> NDArray[np.uint8]:
+    """A light cover (height, width, 3): of a table, which is square, four squares; of a room one colour."""
+    if height != width:
+        return np.full((height, width, 3), _ROOM, np.uint8)
+    cover, half = np.full((height, width, 3), _SQUARES[0], np.uint8), height // 2
+    cover[:half, :half] = cover[half:, half:] = _SQUARES[1]
+    return cover

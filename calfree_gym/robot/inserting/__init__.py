@@ -1,1 +1,0 @@
-"""A gripper that holds a peg, a plate with a hole, and their physics."""

@@ -1,0 +1,342 @@
+"""Motors: what they execute of words, where their joints stand, and what registers tell.
+
+A motor's register is the sum of the words sent to it since home, within its end stops. The position of its
+joint follows the register through a smooth, strictly monotone curve that no controller knows:
+
+    position = home + zero error + sign * gain * span * (t + curvature * t * (t**2 - 1))
+    t = r + depth * period / (2 pi) * (sin(2 pi r / period + phase) - sin(phase))
+
+The register is r. Where the gear ripples, t may pass +-1, beyond which that curve is straight. Where home and
+zero error lie beyond a stop, home is at that stop. Then backlash and motions that do not repeat exactly keep
+a motor from going where it is sent.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.geometry import Array, Flags, Rows
+from calfree_gym.robot.arms.robot import Robot
+from calfree_gym.streams import MotionNumbers
+
+if TYPE_CHECKING:
+    from calfree_gym.world.value import World
+
+_BISECTIONS, _NEWTON_STEPS = 6, 4
+"""Of the curve's inverse: after these, Newton's steps are exact to rounding (guards)."""
+_RIPPLE_BISECTIONS = 60
+"""Of its inverse where the gear ripples, which Newton's steps may leave: exact to rounding (a guard)."""
+
+
+def curve_inverse(values: Array, curvature: Array) -> Array:
+    """Registers in [-1, 1] at which r + curvature * r * (r**2 - 1) is `values`; beyond the ends, the end."""
+    values = np.clip(values, -1.0, 1.0)
+    low, high = np.full_like(values, -1.0), np.full_like(values, 1.0)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        above = middle + curvature * middle * (middle**2 - 1) > values
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    register = (low + high) / 2
+    for _ in range(_NEWTON_STEPS):
+        error = register + curvature * register * (register**2 - 1) - values
+        register = np.clip(register - error / (1 + curvature * (3 * register**2 - 1)), -1.0, 1.0)
+    return register
+
+
+class MotorMap:
+    """The motor maps of N worlds, one row each.
+
+    Attributes:
+        lowest, highest: Registers (N, m) at which each motor stops.
+
+    Args:
+        rows: N.
+        robot: The arm.
+    """
+
+    def __init__(self, rows: int, robot: Robot) -> None:
+        self._robot = robot
+        motors = len(robot.motors)
+        self._rest = np.zeros((rows, motors))
+        self._linear = np.ones((rows, motors))
+        self._cubic = np.zeros((rows, motors))
+        self._curvature = np.zeros((rows, motors))
+        self._rate, self._phase, self._swing = (np.zeros((rows, motors)) for _ in range(3))
+        self._of_angles = np.stack([robot.rest(np.zeros(len(robot.joints)))] * rows)
+        self._ripples = False
+        self.lowest = np.full((rows, motors), -1.0)
+        self.highest = np.full((rows, motors), 1.0)
+
+    def set_world(self, row: int, world: World) -> None:
+        """Gives `row` the motors of `world`."""
+        robot, motors = self._robot, len(self._robot.motors)
+        scale = world.motor_sign * world.motor_gain * robot.span
+        stops = robot.stops + np.stack([robot.stop_margin, -robot.stop_margin], -1)
+        self._rest[row] = np.clip(robot.home + world.joint_zeros[:motors], *stops.T)
+        self._curvature[row] = world.motor_curvature
+        self._linear[row] = scale * (1 - world.motor_curvature)
+        self._cubic[row] = scale * world.motor_curvature
+        self._of_angles[row] = robot.rest(world.joint_zeros)
+        period, self._phase[row], depth = world.gear_ripple.T
+        self._rate[row], self._swing[row] = 2 * np.pi / period, depth * period / (2 * np.pi)
+        self._ripples = bool(self._swing.any())
+        ends = self._inverse((stops.T - self._rest[row]) / scale, row)
+        self.lowest[row], self.highest[row] = ends.min(0), ends.max(0)
+
+    def positions(self, registers: Array, rows: Rows) -> Array:
+        """Positions of the motors' joints (n, m), in rad or m, at `registers` (n, m) of the given rows."""
+        return np.asarray(self._rest[rows] + self._travel(registers, rows))
+
+    def _travel(self, registers: Array, rows: Rows | int) -> Array:
+        """How far the joints (n, m) have come from home."""
+        linear, cubic = self._linear[rows], self._cubic[rows]
+        if not self._ripples:
+            return np.asarray(registers * (linear + cubic * (registers * registers)))
+        swing, phase = self._swing[rows], self._phase[rows]
+        turned = registers + swing * (np.sin(self._rate[rows] * registers + phase) - np.sin(phase))
+        bent = np.where(swing > 0, np.clip(turned, -1.0, 1.0), turned)
+        return np.asarray(bent * (linear + cubic * (bent * bent)) + (turned - bent) * (linear + 3 * cubic))
+
+    def angles(self, positions: Array, rows: Rows) -> Array:
+        """Positions of all joints (n, ..., j) where the motors' are at `positions` (n, ..., m)."""
+        rest = self._of_angles[rows]
+        return self._robot.angles(positions, rest if positions.ndim == 2 else rest[:, None])
+
+    def joints(self, registers: Array, rows: Rows) -> Array:
+        """Positions of all joints (n, j) at `registers` (n, m) of the given rows."""
+        return self.angles(self.positions(registers, rows), rows)
+
+    def registers(self, positions: Array, row: int) -> Array:
+        """Registers (m,) at which the motors' joints of a row are at `positions` (m,)."""
+        return self._inverse((positions - self._rest[row]) / (self._linear[row] + self._cubic[row]), row)
+
+    def _inverse(self, values: Array, row: int) -> Array:
+        """Registers (..., m) at which joints of a row have come so many spans (..., m) from home."""
+        found = curve_inverse(values, self._curvature[row])
+        if not self._swing[row].any():
+            return found
+        low, high, scale = (
+            np.full_like(found, -1.0),
+            np.full_like(found, 1.0),
+            self._linear[row] + self._cubic[row],
+        )
+        for _ in range(_RIPPLE_BISECTIONS):
+            middle = (low + high) / 2
+            above = self._travel(middle, row) / scale > values
+            low, high = np.where(above, low, middle), np.where(above, middle, high)
+        return np.where(self._swing[row] > 0, (low + high) / 2, found)
+
+    def reaches(self, positions: Array, register: float, rows: Rows) -> Flags:
+        """Which positions (n, k, m) registers of at most this magnitude reach (n, k)."""
+        travel = positions - self._rest[rows][:, None]
+        ends = np.full_like(self._rest[rows], register)
+        there, back = self._travel(ends, rows)[:, None], self._travel(-ends, rows)[:, None]
+        furthest = np.where(travel * there > 0, there, back)  # a gear that ripples goes farther one way
+        return np.all(np.abs(travel) <= np.abs(furthest), axis=-1)
+
+
+class Registers:
+    """The registers of N arms, one row each, and those at which their joints stand.
+
+    A motor executes a word up to its longest motion, less its shortfall. Its register counts that, up to the
+    stops, and is told with noise and in steps. Words within the dead zone leave the joint where it is: from
+    there it goes on with the next larger word, and home is home.
+
+    Attributes:
+        executed: Sums (N, m) of what was executed since home, in [-1, 1].
+        joints: Registers (N, m) at which the joints stand, likewise.
+
+    Args:
+        motors: The motor maps of the N worlds.
+        bound: Registers are told within +- this.
+    """
+
+    state_names: ClassVar[tuple[str, ...]] = ("joints",)  # what was executed is state of the arms
+
+    def __init__(self, motors: MotorMap, bound: float) -> None:
+        self._motors, self._bound = motors, bound
+        shape = motors.lowest.shape
+        self.executed, self.joints = np.zeros(shape), np.zeros(shape)
+        self._stood = np.zeros((2, *shape))
+        self._longest, self._factor, self._gain = (np.ones(shape) for _ in range(3))
+        self._dead_zone, self._noise, self._step = (np.zeros(shape) for _ in range(3))
+        self._exact = True
+        self._numbers = MotionNumbers(shape[0], "register_noise", shape[1:], normal=True)
+
+    def seed(self, row: int, seed: int) -> None:
+        """Starts `row` anew from `seed`."""
+        self._numbers.seed(row, seed)
+
+    def set_world(self, row: int, world: World) -> None:
+        """Gives `row` the registers of `world`."""
+        self._longest[row], self._gain[row] = world.longest_motion, world.word_gain
+        self._factor[row] = (1 - world.shortfall) * world.word_gain
+        self._dead_zone[row], self._noise[row] = world.dead_zone, world.register_noise
+        self._step[row] = world.register_step
+        ones, zeros = (self._longest, self._factor, self._gain), (self._dead_zone, self._noise, self._step)
+        self._exact = all((each == 1).all() for each in ones) and not any(each.any() for each in zeros)
+
+    def check_fits(self, world: World) -> None:
+        """Raises where registers of a world go beyond the bound.
+
+        Raises:
+            ValueError: They do; says how far.
+        """
+        if world.register_bound > self._bound:
+            raise ValueError(
+                f"World.word_gain is {world.word_gain.tolist()}: registers would go to "
+                f"+-{world.register_bound:g}; this environment observes them within +-{self._bound:g}, as in "
+                "the worlds that it was made with"
+            )
+
+    def home(self, rows: Rows) -> Array:
+        """Zero for `rows`; positions (n, m) of the motors' joints there."""
+        self.executed[rows] = self.joints[rows] = 0.0
+        return self._motors.positions(self.joints[rows], rows)
+
+    def depart(self, rows: Rows) -> None:
+        """Keeps from where the next motion of `rows` begins, for `stop`."""
+        for stood, registers in zip(self._stood, (self.executed, self.joints), strict=True):
+            stood[rows] = self._motors.positions(registers[rows], rows)
+
+    def move(self, rows: Rows, words: Array) -> Array:
+        """Executes control words (n, m): positions (n, m) to which the motors' joints are sent."""
+        lowest, highest = self._motors.lowest[rows], self._motors.highest[rows]
+        exact = self._exact and not (self.joints != self.executed).any()
+        before, sent = self.executed[rows], words
+        if not exact:
+            longest = self._longest[rows]
+            sent = np.minimum(np.maximum(words, -longest), longest) * self._factor[rows]
+        after = joints = np.minimum(np.maximum(before + sent, lowest), highest)
+        if not exact:
+            stood = self.joints[rows]
+            along = np.where(stood == before, after, stood + (after - before))
+            joints = np.where(np.abs(words) <= self._dead_zone[rows], stood, along)
+            joints = np.minimum(np.maximum(joints, lowest), highest)
+        self.executed[rows], self.joints[rows] = after, joints
+        return self._motors.positions(joints, rows)
+
+    def stop(self, row: int, share: float) -> Array:
+        """The motion of `row` ended at this share of its way: positions (m,) that send its joints there."""
+        rows = np.array([row])
+        for stood, registers in zip(self._stood, (self.executed, self.joints), strict=True):
+            end = self._motors.positions(registers[rows], rows)[0]
+            registers[row] = self._motors.registers(stood[row] + share * (end - stood[row]), row)
+        return self._motors.positions(self.joints[rows], rows)[0]
+
+    def in_words(self, registers: Array) -> Array:
+        """Registers (N, m) in [-1, 1] as sums of words."""
+        return registers / self._gain
+
+    def told(self, trials: NDArray[np.int64], motions: NDArray[np.int64]) -> Array:
+        """Registers (N, m) as delivered.
+
+        Args:
+            trials: The trial of all rows (N,).
+            motions: Their motion of the trial (N,).
+        """
+        if self._exact:
+            return self.executed.copy()
+        told = self.in_words(self.executed)
+        if self._noise.any():
+            told = told + self._noise * self._numbers.at(trials, motions)
+        told = np.minimum(np.maximum(told, -self._bound), self._bound)
+        if (stepped := self._step > 0).any():
+            step = np.where(stepped, self._step, 1.0)
+            most = np.floor(self._bound / step)
+            told = np.where(stepped, step * np.clip(np.rint(told / step), -most, most) + 0.0, told)
+        return told
+
+
+class MotorErrors:
+    """The errors of the motors of N worlds, one row each.
+
+    Backlash is a play: the joint stays where it is until the motor has gone through the gap, and then lags
+    behind by half of it. Repeatability is noise that every motion of a motor, the way home included, draws
+    anew; a motor that does not move stays where it is.
+
+    Args:
+        rows: N.
+        motors: m.
+    """
+
+    state_names: ClassVar[tuple[str, ...]] = ("_sent", "_joint", "_noise")
+
+    def __init__(self, rows: int, motors: int) -> None:
+        self._half_gap = np.zeros((rows, motors))
+        self._deviation = np.zeros((rows, motors))
+        self._sent, self._joint, self._noise = (np.zeros((rows, motors)) for _ in range(3))
+        self._numbers = MotionNumbers(rows, "repeatability", (motors,), normal=True)
+        self._before = self._joint, self._noise
+        self._errs = False
+
+    def seed(self, row: int, seed: int) -> None:
+        """Starts `row` anew from `seed`."""
+        self._numbers.seed(row, seed)
+
+    def set_world(self, row: int, world: World) -> None:
+        """Gives `row` the errors of `world`."""
+        self._half_gap[row], self._deviation[row] = world.backlash / 2, world.repeatability
+        self._errs = bool(self._half_gap.any() or self._deviation.any())
+
+    @property
+    def _exact(self) -> bool:
+        """Whether all joints go where they are sent, and stand there."""
+        return not (self._errs or self._noise.any() or (self._joint != self._sent).any())
+
+    def stopped(self, row: int, positions: Array, share: float) -> None:
+        """The motors of `row` came no farther in the last motion than this share of their way.
+
+        Args:
+            row: The row.
+            positions: Where they would have been sent (m,) to stand there.
+            share: Of the way.
+        """
+        self._sent[row] = positions
+        if self._exact:
+            self._joint[row] = positions
+            return
+        for part, before in zip((self._joint, self._noise), self._before, strict=True):
+            part[row] = before[row] + share * (part[row] - before[row])
+
+    def at_home(
+        self, rows: Rows, positions: Array, trials: NDArray[np.int64], motions: NDArray[np.int64]
+    ) -> Array:
+        """Where joints (n, m) stand that were sent home to `positions` (n, m): in the middle of the gap.
+
+        Args:
+            rows: Which rows.
+            positions: Of their motors' joints at home.
+            trials: The trial of all rows (N,).
+            motions: Their motion of the trial (N,).
+        """
+        self._sent[rows] = self._joint[rows] = positions
+        if self._exact:
+            return positions
+        self._noise[rows] = (self._deviation * self._numbers.at(trials, motions))[rows]
+        return np.asarray(positions + self._noise[rows])
+
+    def after_a_motion(
+        self, rows: Rows, positions: Array, trials: NDArray[np.int64], motions: NDArray[np.int64]
+    ) -> Array:
+        """Where joints (n, m) come to rest whose motors were sent to `positions` (n, m).
+
+        Args:
+            rows: Which rows.
+            positions: Where their motors were sent.
+            trials: The trial of all rows (N,).
+            motions: Their motion of the trial (N,).
+        """
+        if self._exact:
+            self._sent[rows] = self._joint[rows] = positions
+            return positions
+        self._before = self._joint.copy(), self._noise.copy()
+        half_gap, moved = self._half_gap[rows], positions != self._sent[rows]
+        self._sent[rows] = positions
+        self._joint[rows] = np.clip(self._joint[rows], positions - half_gap, positions + half_gap)
+        drawn = (self._deviation * self._numbers.at(trials, motions))[rows]
+        self._noise[rows] = np.where(moved, drawn, self._noise[rows])
+        return np.asarray(self._joint[rows] + self._noise[rows])

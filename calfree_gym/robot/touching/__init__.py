@@ -1,1 +1,0 @@
-"""Arms that can touch what stands around them, and themselves."""

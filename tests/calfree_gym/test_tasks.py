@@ -1,0 +1,140 @@
+"""What is asked in each task, by hand-made points; and what environments say of their task."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import load_env_creator
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import calfree_gym
+from calfree_gym.engine.spaces import image_distances
+from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.tasks import insert
+from calfree_gym.tasks.grasp import held
+from calfree_gym.tasks.insert import InsertEnv
+from calfree_gym.tasks.reach import kept_apart, rendezvous
+from calfree_gym.tasks.safe_reach import SafeReachVectorEnv
+
+coordinates = st.floats(-1, 1, width=32)
+nearby = st.sampled_from([0.0, 1e-6, -1e-4, 0.5, 0.7, 1.0, -1.0])
+
+
+@settings(max_examples=200)
+@given(
+    arrays(np.float64, (3, 2, 2), elements=coordinates),
+    arrays(np.float64, (3, 2, 2), elements=nearby),
+    arrays(bool, (3, 4)),
+    st.floats(1 / 256, 1.0),
+)
+def test_what_is_hidden_never_shows_a_rendezvous(objects, apart, visible, tolerance):
+    """As the environment judges it, in single precision; gripper points lie near those of the objects."""
+    tolerance = float(np.float32(tolerance))
+    points = np.concatenate([np.clip(objects + tolerance * apart, -1, 1), objects], axis=1)
+    given_ = points.copy()
+    kept = kept_apart(points, visible, tolerance)
+    np.testing.assert_array_equal(points, given_)
+    assert np.abs(kept).max() <= 1
+    np.testing.assert_array_equal(kept[visible], points[visible])
+
+    def judged(of):
+        sensors = of.astype(np.float32).reshape(-1, 2, 4)
+        return rendezvous(image_distances(sensors[:, 0], sensors[:, 1]), np.float32(tolerance))
+
+    all_seen = visible.all(1)
+    assert not judged(kept)[~all_seen].any()
+    np.testing.assert_array_equal(kept[all_seen], points[all_seen])
+    moved = (kept != points).any((1, 2))
+    far = np.linalg.norm(points[:, :2] - points[:, 2:], axis=-1).max(-1)
+    assert not moved[far > 1.02 * tolerance].any()
+
+
+def test_a_rendezvous_takes_points_that_are_seen_without_occlusion_too():
+    """Points that were never seen stand in the middle of the image: not a rendezvous, though they meet."""
+    dropout = {"at": {"trial": 0}, "do": {"type": "point_dropout", "share": 0.8}}
+    env = gym.make("CalFree/Reach-v0", camera_mount="stand", dynamics="kinematic", perturbations=[dropout])
+    met = 0
+    env.action_space.seed(0)
+    for seed in range(60):
+        observation, info = env.reset(seed=seed)
+        met += info["is_success"]
+        for _ in range(2):
+            observation, reward, terminated, _, info = env.step(env.action_space.sample())
+            seen = observation["observation"][:4] > 0.5
+            assert seen.all() or not (terminated or info["is_success"] or reward == 0)
+            if terminated:
+                break
+    assert not met
+
+
+FAR, NEAR = 40 * IMAGE_UNIT, 4 * IMAGE_UNIT
+
+
+def ways(length, noise=0.0):
+    """Of a point in both images (1, 2, 2)."""
+    way = np.full((1, 2, 2), length / np.sqrt(2))
+    return way + np.random.default_rng(0).normal(0, noise, way.shape)
+
+
+@pytest.mark.parametrize("before", [False, True])
+@pytest.mark.parametrize(
+    ("gripper", "object_", "blocked", "seen", "wanted"),
+    [
+        (FAR, FAR, True, True, True),  # it goes with the gripper
+        (FAR, 0.0, True, True, False),  # it stays
+        (FAR, FAR, False, True, False),  # the jaws are closed on nothing
+        (NEAR, 0.0, True, True, None),  # hardly moved: as before
+        (FAR, 0.0, True, False, None),  # not seen: as before
+    ],
+)
+def test_what_goes_with_a_gripper_that_moves_is_held(gripper, object_, blocked, seen, wanted, before):
+    noise = 2 * IMAGE_UNIT
+    found = held(
+        np.array([blocked]), np.array([before]), ways(gripper), ways(object_, noise), np.array([seen])
+    )
+    assert found == (before if wanted is None else wanted)
+
+
+BASE, TIP = np.array([[[0.0, -0.2], [0.1, -0.2]]]), np.array([[[0.0, 0.0], [0.1, 0.0]]])
+SEEN = np.array([True])
+
+
+@pytest.mark.parametrize("share", [-0.5, 0.0, 0.17, 0.3])
+def test_depth_is_what_is_beyond_the_hole_on_the_axis(share):
+    beside = np.array([0.01, 0.0])
+    hole = TIP - share * (TIP - BASE) + beside
+    assert insert.depth_told(TIP, BASE, hole, SEEN) == pytest.approx([share])
+
+
+def test_what_is_not_seen_is_not_in():
+    assert insert.depth_told(TIP, BASE, TIP - 0.1, ~SEEN) == [-1]
+    assert insert.depth_told(TIP, TIP, BASE, SEEN) == [0], "no axis is seen"
+
+
+def test_deep_is_in_only_at_the_hole():
+    desired = np.array([0.1, 0.2, 0.3, 0.4, insert.DEPTH])
+    assert insert.inserted(desired, desired, 0.05)
+    assert not insert.inserted(desired - np.array([0, 0, 0, 0, 0.01]), desired, 0.05)
+    assert not insert.inserted(desired + np.array([0, 0, 0.06, 0, 0.5]), desired, 0.05)
+    assert insert.inserted(np.stack([desired, desired + 0.2]), desired, 0.05).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("env_id", calfree_gym.ENV_IDS)
+def test_environments_say_what_their_task_is_and_names_of_earlier_versions_make_them(env_id):
+    env, rows = gym.make(env_id).unwrapped, gym.make_vec(env_id, num_envs=1).unwrapped
+    name = env_id.removeprefix("CalFree/").removesuffix("-v0").removesuffix("Dense")
+    assert env.task == rows.task == {"SafeReach": "reach"}.get(name, name.lower())
+    assert rows.get_attr("task") == (env.task,)
+    earlier = {
+        "Reach": ("single:make", "vector:make"),
+        "SafeReach": ("safe_reaching:make", "safe_reaching:make_vec"),
+        "Grasp": ("grasping:make", "grasping:make_vec"),
+        "Insert": ("inserting:InsertEnv", "inserting:InsertVectorEnv"),
+    }[name]
+    assert [load_env_creator(f"calfree_gym.envs.{entry}") for entry in earlier] == [type(env), type(rows)]
+
+
+@pytest.mark.parametrize("made", [InsertEnv, SafeReachVectorEnv, SafeReachVectorEnv.arms_of])
+def test_no_class_has_more_than_five_ancestors_of_ours(made):
+    assert sum(each.__module__.startswith("calfree_gym") for each in made.mro()[1:]) <= 5
