@@ -4,8 +4,8 @@ In the wheel this package is called `calfree_agents`.
 """
 
 from .base.agent import Agent
+from .knowledge.interface import KNOWLEDGE
 from .registry import NEURAL, default_settings, make, names
-from .registry.makers import KNOWLEDGE
-from .servo import SERVOS
+from .servo.servo_agent import SERVOS
 
 __all__ = ["KNOWLEDGE", "NEURAL", "SERVOS", "Agent", "default_settings", "make", "names"]

@@ -17,16 +17,17 @@ from ..base.procedure import Procedure
 from ..base.registers import at_home
 from ..base.stops import Stops
 from ..jacobian import Slopes
+from ..knowledge.interface import KnowledgeAgent, knowledge_base
 from ..servo.image_model.least_distance import Seeker
 from ..servo.image_model.smooth_points import SmoothPoints
-from ..servo.servo_agent import Servo, ServoAgent
+from ..servo.servo_agent import Servo
 from ..servo.trial import Findings, jump
 from ..servo.unified import UnifiedServo
 from .adaptive_memory import AdaptiveMemory
 from .remembered import Remembered
 
 
-class Memory(ServoAgent):
+class Memory(KnowledgeAgent):
     """A servo that begins each trial with all that was ever seen.
 
     The unified servo needs no more: where it remembers enough, its first step ends at the rendezvous. Other
@@ -40,7 +41,7 @@ class Memory(ServoAgent):
 
     Args:
         env: See `Agent`.
-        remembered: Remembers; empty.
+        knowledge: Remembers; empty.
         servo: Goes where it is told by what is remembered.
         seed: See `Agent`.
         jump_px: With another servo than the unified one, it moves at once only where it expects to end up no
@@ -52,7 +53,7 @@ class Memory(ServoAgent):
     def __init__(
         self,
         env: gym.Env[Any, Any],
-        remembered: Remembered,
+        knowledge: Remembered,
         servo: Servo,
         seed: int = 0,
         jump_px: float = 60.0,
@@ -60,9 +61,9 @@ class Memory(ServoAgent):
     ) -> None:
         super().__init__(env, servo, seed)
         self.jump_px = check_number("jump_px", jump_px, least=0, finite=False)
-        self.adaptation = AdaptiveMemory(remembered, on_change)
+        self.adaptation = AdaptiveMemory(knowledge, on_change)
         self._given_up = self._rests = 0
-        self.prior_knowledge |= remembered.prior_knowledge | self.adaptation.prior_knowledge
+        self.prior_knowledge |= knowledge.prior_knowledge | self.adaptation.prior_knowledge
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
         """See `ProcedureAgent`."""
@@ -128,3 +129,10 @@ class Memory(ServoAgent):
         """See `ProcedureAgent`."""
         super().restore(arrays)
         self.adaptation.restore(arrays)
+
+
+knowledge_base(
+    "memory",
+    "[Remembers looks of all trials](experience.md), and notices when the world changes.",
+    Memory,
+)(Remembered)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .checks import check_number
 from .observation import RawObservation
 from .prior_knowledge import PriorKnowledge
+from .registration import Settings, named_settings
 from .storage import AgentFile
 from .trials import TrialBeginnings
 
@@ -58,6 +59,20 @@ class Agent(ABC):
         self.seed = check_number("seed", seed, least=0, whole=True)
         self.num_timesteps = 0
         self._beginnings = TrialBeginnings()
+
+    @classmethod
+    def settings(cls, given: Settings) -> Settings:
+        """All settings that it takes beside those that are given, with their defaults.
+
+        Raises:
+            ValueError: One that is given, and by which others are known, is not allowed.
+        """
+        return named_settings(cls)
+
+    @classmethod
+    def make(cls, env: gym.Env[Any, Any], **settings: Any) -> Agent:
+        """One with plain settings, as `agents.make` gets them."""
+        return cls(env, **settings)
 
     @abstractmethod
     def predict(

@@ -16,6 +16,7 @@ from ..base.observation import Array, Observation, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
 from ..base.registers import at_home
+from ..base.registration import agent
 from ..base.stops import Stops
 from ..jacobian import Slopes
 from ..servo.servo_agent import Servo, ServoAgent
@@ -27,6 +28,10 @@ from .meeting import Meeting, Seeker
 Going = Generator[Array, Observation, tuple[Observation, bool]]
 
 
+@agent(
+    "body_schema",
+    "[Learns the arm as a chain of joints](experience.md#body_schema), and what has changed.",
+)
 class BodySchema(ServoAgent):
     """Takes its arm for a chain of joints before two cameras, and learns which one it is.
 

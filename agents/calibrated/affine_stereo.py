@@ -14,6 +14,7 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
+from ..base.registration import agent
 from ..jacobian import distance_jacobian
 from ..jacobian.linear import linear_deviations_px
 from ..perception import ObservationFilter, Observing
@@ -21,6 +22,11 @@ from ..servo.trial import half_way_back
 from .robot_model import RobotModel
 
 
+@agent(
+    "affine_stereo",
+    "Calibrates itself at four known positions (Hollinghurst, Cipolla 1994).",
+    arms="movemaster",
+)
 class AffineStereo(ProcedureAgent):
     """Self-calibrates at four known positions, then goes to the object in proportional steps.
 

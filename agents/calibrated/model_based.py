@@ -13,12 +13,18 @@ from calfree_gym.world import nominal
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
+from ..base.registration import agent
 from ..jacobian.linear import linear_deviations_px
 from ..perception import ObservationFilter
 from ..servo.trial import half_way_back
 from .robot_model import RobotModel
 
 
+@agent(
+    "model_based",
+    "The calibrated robot that the paper argues against: triangulates, solves, moves.",
+    arms="movemaster",
+)
 class ModelBased(ProcedureAgent):
     """Stereo evaluation and inverse kinematics by the model of the robot as built.
 

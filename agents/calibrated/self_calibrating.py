@@ -18,6 +18,7 @@ from calfree_gym.world import nominal
 from ..base.observation import Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
+from ..base.registration import agent
 from ..perception.noise import MARKER_NOISE_PX
 from .identification import Identification, identify
 from .measurements import Measurements
@@ -46,6 +47,11 @@ class Calibration:
     noise_px: float
 
 
+@agent(
+    "self_calibrating",
+    "A calibrated robot that identifies its own model as it moves.",
+    arms="movemaster",
+)
 class SelfCalibrating(ProcedureAgent):
     """Identifies cameras, arm and motors from its own motions, and acts by the model.
 

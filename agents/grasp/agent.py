@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -10,23 +11,25 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from calfree_gym.errors import check_choice
+from calfree_gym.errors import check_choice, check_flag
 
 from ..adaptation.adaptive_memory import AdaptiveMemory
 from ..adaptation.memory import Memory
+from ..base.agent import Agent
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import ProcedureAgent
+from ..base.registration import Settings, agent, named_settings
 from ..base.storage import prefixed, under
-from ..knowledge.interface import Knowledge
+from ..knowledge.interface import KNOWLEDGE, Knowledge, KnowledgeAgent, make_knowledge
 from ..servo.image_model.smooth_points import SmoothPoints
-from ..servo.servo_agent import ServoAgent
+from ..servo.servo_agent import DEFAULT_SERVO, ServoAgent
 from .findings import GraspFindings
 from .intermediate import INTERMEDIATE
 from .observation import OBJECT, GraspObservation
 from .orientation import ORIENTATION, direction_key
-from .trial import OPEN, GraspTrial, Motions
+from .trial import OPEN, SURE_PX, GraspTrial, Motions
 from .turning import Turning
 
 GRASP_KNOWLEDGE = frozenset({PriorKnowledge.MOTOR_ORDER, PriorKnowledge.WORD_LIMIT})
@@ -53,6 +56,17 @@ LIFTS = 10
 """So often the object is brought nearer to its place (a guard)."""
 
 
+def surely(given: Settings) -> Settings:
+    """The unified servo must not touch what it comes near to: it goes only where it surely expects to be."""
+    return {"sure_px": SURE_PX} if given.get("servo", DEFAULT_SERVO) == DEFAULT_SERVO else {}
+
+
+@agent(
+    "grasp",
+    "The paper's whole procedure: to a position above the object, down, the jaws closed, and up.",
+    tasks=("grasp",),
+    defaults=surely,
+)
 class Grasp(ProcedureAgent):
     """Approaches an intermediate position, turns the jaws, descends, closes them, lifts; after a miss again.
 
@@ -97,6 +111,43 @@ class Grasp(ProcedureAgent):
         if isinstance(self.reacher, Memory):
             of_reacher = self.reacher.adaptation
             self.descent = AdaptiveMemory(of_reacher.known.nothing(), of_reacher.on_change)
+
+    @classmethod
+    def settings(cls, given: Settings) -> Settings:
+        """See `Agent`. Those of the agent that reaches, or of the table and the servo, are among them."""
+        reaching: type[ServoAgent] = KnowledgeAgent
+        if given.get("knowledge", "memory") is None:
+            reaching = ServoAgent
+        own = {**named_settings(cls), "direction": False}
+        without = ["reacher", "table"]
+        without += ["jump_px", "every_look", "on_change"] if given.get("direction") else []
+        settings = {"seed": 0, "knowledge": "memory", "servo": DEFAULT_SERVO} | own | reaching.settings(given)
+        return {name: default for name, default in settings.items() if name not in without}
+
+    @classmethod
+    def make(
+        cls,
+        env: gym.Env[Any, Any],
+        seed: int = 0,
+        knowledge: str | None = "memory",
+        intermediate: str = "along_axis",
+        orientation: str = "least_squares",
+        tries: int = 2,
+        direction: bool = False,
+        **settings: Any,
+    ) -> Agent:
+        """See `Agent`. Where the direction joins keys, knowledge of these is its own, and a servo reaches."""
+        check_flag("direction", direction)
+        table = None
+        if direction:
+            of_six = [name for name, base in KNOWLEDGE.items() if "dimensions" in named_settings(base)]
+            check_choice("knowledge", knowledge, of_six)
+            turned = env.action_space.shape[0] - 1  # type: ignore[index]
+            table = make_knowledge(str(knowledge), turned, settings, dimensions=6)
+        reacher = partial(ServoAgent.make, seed=seed, **settings)
+        if knowledge is not None and not direction:
+            reacher = partial(KnowledgeAgent.make, seed=seed, knowledge=knowledge, **settings)
+        return cls(env, reacher, intermediate, orientation, tries, seed, table)
 
     def observed(self, raw: RawObservation) -> GraspObservation:
         """See `ProcedureAgent`."""

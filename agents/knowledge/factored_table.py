@@ -14,12 +14,16 @@ from ..base.checks import check_number, checked_array
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from .gain import Gain
-from .interface import Recall
+from .interface import Recall, knowledge_base
+from .learning_servo import LearningServo
 
 PAIRS = ((0, 1), (2, 3), (0, 2), (1, 3), (4, 5))
 """Coordinates that share a 2-D table: those of an image, and those alike in both; of directions both."""
 
 
+@knowledge_base(
+    "factored_table", "The paper's first alternative: several small tables, added up.", LearningServo
+)
 class FactoredTable:
     """Registers as the sum of 1-D tables of each sensor coordinate and 2-D tables of pairs of them.
 

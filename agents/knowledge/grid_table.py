@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import product
 from typing import Any
@@ -14,9 +15,20 @@ from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from .distance import squared_px
 from .gain import Gain
-from .interface import Recall
+from .interface import Recall, knowledge_base
+from .learning_servo import LearningServo
+
+PAPER = {"every_look": False, "servo": "paper_servo", "jump_px": math.inf}
+"""Settings of the agent `grid_table`: with the paper's table only success teaches, what is recalled is always
+tried, and the paper's servo corrects."""
 
 
+@knowledge_base(
+    "grid_table",
+    "The paper's table: words that succeeded, interpolated over image points.",
+    LearningServo,
+    lambda given: PAPER,
+)
 class GridTable:
     """4-D sensor space in `cells`**4 hypercubes, with a record of registers at each of their corners.
 

@@ -15,15 +15,17 @@ from ..base.checks import check_number, checked_array
 from ..base.observation import Array, Observation, RawObservation
 from ..base.procedure import Procedure
 from ..base.registers import at_home
+from ..base.registration import agent
 from ..base.storage import with_present_names
 from ..jacobian import Slopes, distance_jacobian
 from ..servo.redundancy import solve
-from ..servo.servo_agent import Servo, ServoAgent
+from ..servo.servo_agent import Servo
 from ..servo.trial import Findings, jump
-from .interface import Knowledge, Recall
+from .interface import Knowledge, KnowledgeAgent, Recall
 
 
-class LearningServo(ServoAgent):
+@agent("learning_servo", "Any knowledge base over any servo (`knowledge=`, `servo=`).")
+class LearningServo(KnowledgeAgent):
     """Moves at once to where it remembers; corrects by `servo`; remembers where it succeeded.
 
     It takes a trial for a success where the environment ends it, so it learns no rendezvous from one with

@@ -15,10 +15,14 @@ from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from .distance import squared_px
 from .gain import Gain
-from .interface import Recall
+from .interface import Recall, knowledge_base
+from .learning_servo import LearningServo
 from .local_fit import LocalFit
 
 
+@knowledge_base(
+    "support_points", "The paper's second alternative: points stored where they are needed.", LearningServo
+)
 class SupportPoints:
     """Pairs of sensors and registers, no two of them close; recall reads a local affine fit backwards.
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from ..base.observation import Observation
 from ..base.procedure import Procedure, ProcedureAgent
+from ..base.registration import agent
 
 
+@agent("oracle", "Is told where to go: the ceiling.")
 class Oracle(ProcedureAgent):
     """Sends the words that bring the gripper to the object, which it is told.
 

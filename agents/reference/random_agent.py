@@ -10,6 +10,7 @@ import numpy as np
 from ..base.checks import check_number
 from ..base.observation import Observation, RawObservation
 from ..base.procedure import Procedure, ProcedureAgent
+from ..base.registration import agent
 from ..grasp.inserting.observation import InsertObservation
 from ..grasp.observation import GraspObservation
 from ..grasp.task import task_of
@@ -18,6 +19,7 @@ OBSERVED: dict[str, Any] = {"reach": Observation, "grasp": GraspObservation, "in
 """What is observed, by the task."""
 
 
+@agent("random", "Moves at random: the floor of every comparison.", tasks=tuple(OBSERVED))
 class RandomAgent(ProcedureAgent):
     """Sends words drawn uniformly within `limit`.
 

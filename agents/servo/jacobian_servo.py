@@ -17,11 +17,13 @@ from ..base.observation import Observation
 from ..base.procedure import Procedure
 from ..jacobian import ESTIMATORS, Estimator, Slopes
 from .redundancy import REDUNDANCIES
+from .servo_agent import servo
 from .settings import SERVO_KNOWLEDGE, check_motions
 from .steps import Steps, solve_distance
 from .trial import Findings, Trial
 
 
+@servo("jacobian_servo", "Tests each motor once, then corrects its Jacobian by every motion.")
 @dataclass(frozen=True)
 class JacobianServo:
     """Solves -d = J c°, executes, repeats; an estimator keeps J up to date by every motion.

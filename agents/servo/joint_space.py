@@ -10,12 +10,14 @@ import numpy as np
 from ..base.checks import check_number
 from ..base.observation import Array, Observation
 from ..base.procedure import Procedure, ProcedureAgent
+from ..base.registration import agent
 from ..jacobian import TestMotions
 from .redundancy import solve
 from .settings import SERVO_KNOWLEDGE
 from .trial import Findings, Trial
 
 
+@agent("joint_space_servo", "A servo that sees the joint angles (Conkie, Chongstitvatana 1990).")
 class JointSpaceServo(ProcedureAgent):
     """Measures ∂d/∂q by test motions, turns the joints by -gain J⁺ d, repeats.
 

@@ -10,11 +10,13 @@ from ..base.observation import Observation
 from ..base.procedure import Procedure
 from ..jacobian import Estimator, Slopes, TestMotions
 from .redundancy import REDUNDANCIES
+from .servo_agent import servo
 from .settings import SERVO_KNOWLEDGE, check_motions
 from .steps import Steps, solve_distance
 from .trial import Findings, Trial
 
 
+@servo("paper_servo", "The paper's servo: tests each motor, solves for the step, executes it, and forgets.")
 @dataclass(frozen=True)
 class PaperServo:
     """Tests each motor, solves -d = J c° (equation 1), executes c°, and counts every column as unknown again.

@@ -3,22 +3,44 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any, Protocol, TypeVar
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.errors import check_choice
+
+from ..base.agent import Agent
 from ..base.checks import checked_array
 from ..base.observation import POINTS, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
+from ..base.registration import Settings, agent, named_settings
 from ..jacobian import JacobianEstimate, Slopes
 from ..perception import ObservationFilter
 from .trial import Findings
 
+S = TypeVar("S")
 _TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), patience=[^()]*\)")
+
+
+SERVOS: dict[str, type[Any]] = {}
+"""The servos that knowledge can be laid over, by name."""
+DEFAULT_SERVO = "unified_servo"
+
+
+def servo(name: str, does: str) -> Callable[[type[S]], type[S]]:
+    """Puts a servo (a dataclass, whose fields are its settings) under a name, and `ServoAgent` over it."""
+
+    def named(kind: type[S]) -> type[S]:
+        SERVOS[name] = kind
+        agent(name, does, fixed={"servo": name})(ServoAgent)
+        return kind
+
+    return named
 
 
 class Servo(Protocol):
@@ -51,6 +73,21 @@ class ServoAgent(ProcedureAgent):
         self.prior_knowledge = servo.prior_knowledge
         self.slopes: Slopes | None = None
         self.filter = ObservationFilter()
+
+    @classmethod
+    def settings(cls, given: Settings) -> Settings:
+        """See `Agent`. Those of its servo are among them."""
+        name = given.get("servo", DEFAULT_SERVO)
+        check_choice("servo", name, SERVOS)
+        own = {"seed": 0, **named_settings(cls), "servo": DEFAULT_SERVO}
+        return own | {field.name: field.default for field in fields(SERVOS[name])}
+
+    @classmethod
+    def make(
+        cls, env: gym.Env[Any, Any], seed: int = 0, servo: str = DEFAULT_SERVO, **settings: Any
+    ) -> Agent:
+        """See `Agent`. All other settings are of the servo."""
+        return cls(env, SERVOS[servo](**settings), seed)
 
     def new_findings(self) -> Findings:
         """See `ProcedureAgent`."""

@@ -23,11 +23,13 @@ from ..perception.gating import Gating
 from .image_model.least_distance import LEFT, Seeker
 from .image_model.smooth_points import SmoothPoints
 from .paper import PaperServo
+from .servo_agent import servo
 from .settings import SERVO_KNOWLEDGE, SMALLEST
 from .steps import HARDLY_NEARER
 from .trial import Findings, Motions
 
 
+@servo("unified_servo", "Makes no test motions: learns a smooth model of the images as it goes.")
 @dataclass(frozen=True)
 class UnifiedServo:
     """Goes where the image distance is expected to be least; where that is far off, it tries something new.

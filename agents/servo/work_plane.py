@@ -27,6 +27,7 @@ from ..base.observation import Array, Observation
 from ..base.procedure import Procedure
 from ..jacobian import Estimator, Slopes, TestMotions
 from .redundancy import solve, solve_within
+from .servo_agent import servo
 from .settings import SERVO_KNOWLEDGE, check_motions
 from .steps import Steps
 from .trial import Findings, Trial
@@ -88,6 +89,7 @@ def turn(jacobian: Array, distance: Array, damping: float) -> float:
     return -float(now @ weighed) / square if square > 0 else 0.0
 
 
+@servo("work_plane_servo", "The paper's first servo: turns the waist, then moves in the work plane.")
 @dataclass(frozen=True)
 class WorkPlaneServo:
     """Turns the work plane to the object, moves the gripper within it, and repeats.

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import agents
+from agents.base.registration import AGENTS
 from agents.servo.paper import PaperServo
 from agents.servo.unified import UnifiedServo
 from agents.servo.work_plane import WorkPlaneServo
@@ -90,7 +91,7 @@ def test_agents_that_know_one_arm_refuse_others_and_name_those_that_act_on_any(a
         with pytest.raises(ValueError, match=f"{name} is built on the arm 'movemaster'") as refused:
             agents.make(name, env)
     of_any = re.search("allowed with any arm: (.*);", str(refused.value))[1].split(", ")
-    assert {*of_any} == {*agents.names()} - {*agents.registry.OF_ONE_ARM, "recurrent_servo"}
+    assert {*of_any} == {name for name in NAMES if not AGENTS[name].arms}
     env.reset(seed=0)
     for name in set(of_any) - {*agents.NEURAL}:
         assert agents.make(name, env).learn(3).num_timesteps == 3

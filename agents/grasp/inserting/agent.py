@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
 from numpy.typing import NDArray
 
+from ...base.agent import Agent
 from ...base.observation import Array, RawObservation
 from ...base.procedure import ProcedureAgent
+from ...base.registration import Settings, agent
 from ...servo.servo_agent import ServoAgent
-from ..agent import GRASP_KNOWLEDGE, Reaching
+from ..agent import GRASP_KNOWLEDGE, Reaching, surely
 from ..findings import GraspFindings
 from ..observation import ARM
 from ..trial import GraspTrial, Motions
@@ -38,6 +41,12 @@ class InsertTrial(GraspTrial):
         """See `GraspTrial`: a round peg fits at any angle."""
 
 
+@agent(
+    "insert",
+    "To a position on the gripper's own axis before the hole, and down along it.",
+    tasks=("insert",),
+    defaults=surely,
+)
 class Insert(ProcedureAgent):
     """Approaches one gripper length before the hole on the gripper's own axis, and descends along it.
 
@@ -54,6 +63,16 @@ class Insert(ProcedureAgent):
         super().__init__(env, seed)
         self.reacher: ServoAgent = reacher(Reaching(ARM))
         self.prior_knowledge = self.reacher.prior_knowledge | GRASP_KNOWLEDGE
+
+    @classmethod
+    def settings(cls, given: Settings) -> Settings:
+        """See `Agent`. They are those of the servo that reaches."""
+        return ServoAgent.settings(given)
+
+    @classmethod
+    def make(cls, env: gym.Env[Any, Any], seed: int = 0, **settings: Any) -> Agent:
+        """See `Agent`. All other settings are of the servo that reaches."""
+        return cls(env, partial(ServoAgent.make, seed=seed, **settings), seed)
 
     def observed(self, raw: RawObservation) -> InsertObservation:
         """See `ProcedureAgent`."""

@@ -12,6 +12,7 @@ from calfree_gym.image import IMAGE_UNIT
 from ...base.observation import Array, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.procedure import ProcedureAgent
+from ...base.registration import agent
 from ...base.stops import met_something
 from ...servo.settings import SERVO_KNOWLEDGE
 from ..observation import ARM, BASE, OBJECT, TIP
@@ -49,6 +50,11 @@ DEEPEST = 0.27
 """So deep it goes, in gripper lengths. Choice: as `Insert`."""
 
 
+@agent(
+    "yoshimi_allen",
+    "Finds the tool's axis by turning it, brings that over the hole, and inserts along it (1994).",
+    tasks=("insert",),
+)
 class YoshimiAllen(ProcedureAgent):
     """Turns the tool, finds its axis, brings that over the hole by a 2 x 2 Jacobian, and inserts along it.
 

@@ -31,7 +31,7 @@ from ...base.checks import check_number, check_numbers
 from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.random_state import OwnRandomState
-from ...base.settings import named_settings
+from ...base.registration import Settings, named_settings
 from ...base.storage import AgentFile
 from ...base.trials import foreign, is_of_one
 from .algorithms import algorithm_of, built_settings, policy_name, settings_of
@@ -138,6 +138,12 @@ class Sb3Agent(Agent):
         self._model.action_space.seed(seed)
         self._model.set_logger(Logger(folder=None, output_formats=[]))  # else it logs to a folder of its own
         self._warm_up = getattr(self._model, "learning_starts", 0)
+
+    @classmethod
+    def settings(cls, given: Settings) -> Settings:
+        """See `Agent`. The adapter's own, and those of the algorithm that is given."""
+        own = named_settings(cls)
+        return settings_of(algorithm_of((own | given)["algorithm"])) | own
 
     def _as_vec_env(self, env: Any) -> VecEnv:
         if isinstance(env, VectorEnv):
@@ -310,13 +316,3 @@ def _warn_of_moving_goals(env: Any) -> None:
 def _plain(value: Any) -> Any:
     """A setting that JSON does not know: a number of NumPy as one, a class by its name."""
     return value.item() if isinstance(value, np.generic) else getattr(value, "__name__", repr(value))
-
-
-def settings_with(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The adapter's own settings, and those of the algorithm that is given, with their defaults.
-
-    Raises:
-        ValueError: There is no such algorithm.
-    """
-    own = named_settings(Sb3Agent)
-    return settings_of(algorithm_of(given.get("algorithm", own["algorithm"]))) | own

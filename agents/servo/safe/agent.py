@@ -13,6 +13,7 @@ from ...base.checks import checked_array
 from ...base.observation import POINTS, Array, Observation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.procedure import Procedure, RunningTrial
+from ...base.registration import agent
 from ...jacobian import Slopes
 from ..servo_agent import Servo, ServoAgent
 from ..settings import SERVO_KNOWLEDGE
@@ -40,6 +41,7 @@ class SafeFindings(Findings[Any]):
     gave_up: str = ""
 
 
+@agent("safe_start", "[Begins with tiny motions](safe-reach.md), then lets a servo go on.")
 class SafeStart(ServoAgent):
     """Begins to move as one that knows nothing of itself should, then lets a servo go on, on a leash.
 

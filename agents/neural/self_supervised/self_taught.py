@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
@@ -14,6 +14,7 @@ from ...base.agent import Callback
 from ...base.checks import check_number, checked_array
 from ...base.observation import Array, Observation
 from ...base.procedure import Procedure, ProcedureAgent
+from ...base.registration import agent
 from ...base.storage import AgentFile, prefixed, under
 from .change_detector import ChangeDetector, Judged
 from .inverse_model import InverseModel
@@ -53,25 +54,55 @@ class Schedule:
         check_number("capacity", self.capacity, least=self.random_motions, whole=True)
 
 
-class SelfTaughtAgent(ProcedureAgent):
-    """What the learners of this package share: random motions first, then reaches, and every motion teaches.
+@agent("self_supervised", "A small network that learns from its own motions alone, without a reward.")
+class SelfSupervised(ProcedureAgent):
+    """Learns from its own motions alone, without a reward, which words bring about which change.
+
+    A reconstruction in the manner of J. Cooperstock and E. Milios, "Self-supervised learning for docking
+    and target reaching" (Robotics and Autonomous Systems 11, 1993). Theirs is the principle: a network learns
+    from random motions, then on line, by which control words a change came about that was seen, and is asked
+    for the change that is wanted. This much is ours:
+
+    - The network puts out a matrix M, and the words are M Δd, d the image distance: it is asked for Δd = -d.
+      A change of zero so takes no words, whatever it has learned. Registers are among its inputs.
+    - Every ordered pair of observations of a trial teaches, not only those that are one motion apart.
+    - In a trial, M is corrected by what the trial's own motions have shown: a ridge regression of their
+      residuals. So it reaches while it knows little, and right after a change.
+    - Weights that act are averaged.
+    - It tells by itself when the world has changed (`ChangeDetector`). Where one reversed motor explains the
+      errors, the replay is mended: the motor's registers get the other sign. Otherwise the replay from before
+      the change is doubtful: each of its pairs counts as far as the network, which learns from new ones,
+      confirms it.
+
+    Nothing is told of the camera mount, of the unit of image points, or of noise; only `random_extent` is
+    chosen for motors of some strength. Under latency registers and image points are of different times: it
+    does not know that.
+
+    Args:
+        env: See `Agent`.
+        seed: Of first weights, random words and batches.
+        hidden: Widths of the network's hidden layers.
+        learning_rate: Of Adam.
+        random_motions: The first motions are random until the robot has observed this often.
+        random_extent: Random motions go to registers drawn uniformly within ± this.
+        exploration: Share of random motions later, in `learn`.
+        patience: After so many motions that came no nearer, it makes a random one.
+        updates: Steps of Adam after each motion.
+        batch: Pairs of observations in each step.
+        capacity: Observations that are kept.
+
+    Raises:
+        ValueError: A setting is not allowed.
 
     Attributes:
         model: Says words for a wanted change of the image distance.
         replay: Teaches it.
         changes: Of the world, that it has told since it was made or loaded: after which motion, and the signs
             (m,) of the motors, -1 for a reversed one, or None where the change was another.
-
-    Args:
-        env: See `Agent`.
-        model: Not trained yet.
-        schedule: How it spends its motions.
-        consecutive: Whether only consecutive observations teach, or all pairs of a trial.
-        detector: Tells changes of the world; then a trial's own motions also correct the network. Without one
-            the world is taken to stay as it is.
-        seed: Of random words and batches.
     """
 
+    plain: ClassVar[bool] = False
+    """Whether it is as Cooperstock & Milios had it."""
     TOLERATED = 3.0
     """A doubtful pair has half of its weight where its error is this many times the median of errors before
     the change: so a change that was none costs little. Not tuned."""
@@ -79,17 +110,26 @@ class SelfTaughtAgent(ProcedureAgent):
     def __init__(
         self,
         env: gym.Env[Any, Any],
-        model: InverseModel,
-        schedule: Schedule,
-        consecutive: bool,
-        detector: ChangeDetector | None,
-        seed: int,
+        seed: int = 0,
+        hidden: tuple[int, ...] = (64, 64),
+        learning_rate: float = 3e-3,
+        random_motions: int = 40,
+        random_extent: float = 0.5,
+        exploration: float = 0.05,
+        patience: int = 6,
+        updates: int = 3,
+        batch: int = 256,
+        capacity: int = 20_000,
     ) -> None:
         super().__init__(env, seed)
-        self.model, self.schedule = model, schedule
-        self.replay = Replay(model.motors, schedule.capacity)
-        self._consecutive = consecutive
-        self.detector = detector
+        motors = env.action_space.shape[0]  # type: ignore[index]
+        ours = not self.plain
+        self.model = InverseModel(motors, seed, hidden, learning_rate, matrix=ours, knows_registers=ours)
+        self.schedule = Schedule(
+            random_motions, random_extent, exploration, patience, updates, batch, capacity
+        )
+        self.replay = Replay(motors, capacity)
+        self.detector = None if self.plain else ChangeDetector(motors)
         self._usual_error = 1.0
         self.changes: list[tuple[int, Array | None]] = []
         self._trials = 0
@@ -134,7 +174,7 @@ class SelfTaughtAgent(ProcedureAgent):
         if self.detector and seen and (after.registers != before.registers).any():
             self._judge(self.detector, Pairs.of(before, after), findings)
         steps = self.schedule.updates
-        pairs = self.replay.sample(steps * self.schedule.batch, self._rng, self._consecutive)
+        pairs = self.replay.sample(steps * self.schedule.batch, self._rng, self.plain)
         self.model.train(pairs, steps, self._usual_error)
 
     def _judge(self, detector: ChangeDetector, motion: Pairs, findings: Reach) -> None:
@@ -189,3 +229,37 @@ class SelfTaughtAgent(ProcedureAgent):
             self.detector.restore(under("detector", arrays))
         self.model.restore(under("model", arrays))
         self._trials, self._usual_error = trials, usual_error
+
+
+PLAIN = {
+    "hidden": (128, 128),
+    "learning_rate": 1e-3,
+    "random_motions": 500,
+    "updates": 2,
+    "capacity": 1_500,
+}
+"""Settings of `CooperstockMilios`. It keeps few looks: after a change of the world, older ones mislead."""
+
+
+@agent(
+    "cooperstock_milios",
+    "Its plain form: one network, no reaction to changes (Cooperstock, Milios 1993).",
+    defaults=lambda given: PLAIN,
+)
+class CooperstockMilios(SelfSupervised):
+    """Learns (s, Δs seen) → Δc from random motions, then on line.
+
+    After J. Cooperstock and E. Milios, "Self-supervised learning for docking and target reaching"
+    (Robotics and Autonomous Systems 11, 1993). A multi-layer perceptron learns from single motions by which
+    words Δc, in the state s, the change Δs came about that was seen. Then it is asked for the change that is
+    wanted, and each motion that it makes so teaches it, too.
+
+    Reconstructed are: s, here the sensor vectors of gripper and object, and Δs, here the change of the image
+    distance; size, activation and optimiser of the network; the replay of motions; errors of words relative
+    to the size of the change; averaged weights; random motions where it comes no nearer, and half of the way
+    back where a point is out of view.
+
+    Settings are those of `SelfSupervised`; `agents.make` has those of `PLAIN` by default.
+    """
+
+    plain = True
