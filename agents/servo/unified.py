@@ -16,6 +16,7 @@ from calfree_gym.image import IMAGE_UNIT, inner, lengths_px
 
 from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
+from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
 from ..base.stops import Stops
 from ..jacobian import Estimator, Slopes, TestMotions
@@ -60,7 +61,7 @@ class UnifiedServo:
     border: float = 0.95
     sure_px: float = math.inf
 
-    prior_knowledge = SERVO_KNOWLEDGE
+    prior_knowledge = SERVO_KNOWLEDGE - {PriorKnowledge.WORD_LIMIT}
 
     PATIENCE: ClassVar[int] = 8
     """After so many motions that came hardly nearer than one before, those that were to come near counting
