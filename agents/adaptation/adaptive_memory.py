@@ -31,8 +31,6 @@ ON_CHANGE = ("recognise", "map", "discard", "keep")
 """What is done after a jump: what is best by what was seen, or always the same. A drift is followed, unless
 all is to be kept."""
 
-Arrays = Mapping[str, NDArray[Any]]
-
 
 @dataclass(frozen=True)
 class Event:

@@ -24,7 +24,7 @@ from ..base.registration import Settings, agent, named_settings
 from ..base.storage import prefixed, under
 from ..knowledge.interface import KNOWLEDGE, Knowledge, KnowledgeAgent, make_knowledge
 from ..servo.image_model.smooth_points import SmoothPoints
-from ..servo.servo_agent import DEFAULT_SERVO, ServoAgent
+from ..servo.servo_agent import UNIFIED, ServoAgent
 from .findings import GraspFindings
 from .intermediate import INTERMEDIATE
 from .observation import OBJECT, GraspObservation
@@ -58,7 +58,7 @@ LIFTS = 10
 
 def surely(given: Settings) -> Settings:
     """The unified servo must not touch what it comes near to: it goes only where it surely expects to be."""
-    return {"sure_px": SURE_PX} if given.get("servo", DEFAULT_SERVO) == DEFAULT_SERVO else {}
+    return {"sure_px": SURE_PX} if given.get("servo", UNIFIED) == UNIFIED else {}
 
 
 @agent(
@@ -121,7 +121,7 @@ class Grasp(ProcedureAgent):
         own = {**named_settings(cls), "direction": False}
         without = ["reacher", "table"]
         without += ["jump_px", "every_look", "on_change"] if given.get("direction") else []
-        settings = {"seed": 0, "knowledge": "memory", "servo": DEFAULT_SERVO} | own | reaching.settings(given)
+        settings = {"seed": 0, "knowledge": "memory", "servo": UNIFIED} | own | reaching.settings(given)
         return {name: default for name, default in settings.items() if name not in without}
 
     @classmethod

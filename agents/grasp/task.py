@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium as gym
 
 from ..base.observation import STANDARD_KEYS
-from .inserting.observation import WORDS as OF_INSERTING
+from .inserting.observation import INSERT_WORDS
 from .observation import GOAL
 
 TASKS = ("reach", "grasp", "insert")
@@ -49,4 +49,4 @@ def task_of(env: gym.Env[Any, Any]) -> str:
         )
     if goals[-1] == REACHED:
         return TASKS[0]
-    return TASKS[1 + (env.action_space.shape[-1] == OF_INSERTING)]  # type: ignore[index]
+    return TASKS[1 + (env.action_space.shape[-1] == INSERT_WORDS)]  # type: ignore[index]

@@ -15,7 +15,7 @@ from ..base.agent import Agent
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.registration import Settings, agent, named_settings
-from ..servo.servo_agent import DEFAULT_SERVO, SERVOS, ServoAgent
+from ..servo.servo_agent import UNIFIED, SERVOS, ServoAgent
 
 K = TypeVar("K")
 KNOWLEDGE: dict[str, type[Any]] = {}
@@ -104,13 +104,11 @@ class KnowledgeAgent(ServoAgent):
         of_servo = ServoAgent.settings(given)
         name = given.get("knowledge", "memory")
         check_choice("knowledge", name, KNOWLEDGE)
-        own = {"seed": 0, "knowledge": "memory", "servo": DEFAULT_SERVO, **named_settings(_LAID_OVER[name])}
+        own = {"seed": 0, "knowledge": "memory", "servo": UNIFIED, **named_settings(_LAID_OVER[name])}
         return own | own_settings(name) | of_servo | {"knowledge": "memory"}
 
     @classmethod
-    def make(
-        cls, env: gym.Env[Any, Any], seed: int = 0, servo: str = DEFAULT_SERVO, **settings: Any
-    ) -> Agent:
+    def make(cls, env: gym.Env[Any, Any], seed: int = 0, servo: str = UNIFIED, **settings: Any) -> Agent:
         """See `Agent`. All other settings are of the agent, of knowledge and of the servo."""
         knowledge = settings.pop("knowledge", "memory")
         kind = _LAID_OVER[knowledge]

@@ -29,7 +29,7 @@ _TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), p
 
 SERVOS: dict[str, type[Any]] = {}
 """The servos that knowledge can be laid over, by name."""
-DEFAULT_SERVO = "unified_servo"
+UNIFIED = "unified_servo"
 
 
 def servo(name: str, does: str) -> Callable[[type[S]], type[S]]:
@@ -77,15 +77,13 @@ class ServoAgent(ProcedureAgent):
     @classmethod
     def settings(cls, given: Settings) -> Settings:
         """See `Agent`. Those of its servo are among them."""
-        name = given.get("servo", DEFAULT_SERVO)
+        name = given.get("servo", UNIFIED)
         check_choice("servo", name, SERVOS)
-        own = {"seed": 0, **named_settings(cls), "servo": DEFAULT_SERVO}
+        own = {"seed": 0, **named_settings(cls), "servo": UNIFIED}
         return own | {field.name: field.default for field in fields(SERVOS[name])}
 
     @classmethod
-    def make(
-        cls, env: gym.Env[Any, Any], seed: int = 0, servo: str = DEFAULT_SERVO, **settings: Any
-    ) -> Agent:
+    def make(cls, env: gym.Env[Any, Any], seed: int = 0, servo: str = UNIFIED, **settings: Any) -> Agent:
         """See `Agent`. All other settings are of the servo."""
         return cls(env, SERVOS[servo](**settings), seed)
 

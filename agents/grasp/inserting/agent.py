@@ -19,7 +19,7 @@ from ..findings import GraspFindings
 from ..observation import ARM
 from ..trial import GraspTrial, Motions
 from ..turning import Turning
-from .observation import WORDS, InsertObservation
+from .observation import INSERT_WORDS, InsertObservation
 
 ABOVE = (0.5, 0.2, 0.1, 0.1, 0.04)
 """Of the way from the intermediate position that are left after each motion towards the plate. Tuned on
@@ -125,7 +125,7 @@ def without_jaws(motions: Motions) -> Generator[Array, Any, None]:
     """The same motions for an arm whose jaws have no word."""
     words = next(motions, None)
     while words is not None:
-        now = yield words[:WORDS]
+        now = yield words[:INSERT_WORDS]
         try:
             words = motions.send(now)
         except StopIteration:

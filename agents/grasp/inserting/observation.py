@@ -10,8 +10,8 @@ from ..observation import ARM, OBJECT, GraspObservation
 RIMS = 4
 """Points of the plate around the hole."""
 POINTS = OBJECT + 1 + RIMS
-FLAGS = 2 * POINTS
-WORDS = ARM + 1
+INSERT_FLAGS = 2 * POINTS
+INSERT_WORDS = ARM + 1
 """Of the arm, and of the wrist's turn; the jaws have none."""
 
 
@@ -35,16 +35,16 @@ class InsertObservation(GraspObservation):
         """Reads one environment's observation."""
         state = np.asarray(raw["observation"], float)
         achieved, desired = (np.asarray(raw[key], float) for key in ("achieved_goal", "desired_goal"))
-        others = state[FLAGS + WORDS :].reshape(POINTS - 2, 2, 2)
+        others = state[INSERT_FLAGS + INSERT_WORDS :].reshape(POINTS - 2, 2, 2)
         tip, hole = achieved[:4].reshape(1, 2, 2), desired[:4].reshape(1, 2, 2)
         points = np.concatenate([tip, others[: OBJECT - 1], hole, others[OBJECT - 1 :]])
-        visible = state[:FLAGS].reshape(POINTS, 2) > 0.5
+        visible = state[:INSERT_FLAGS].reshape(POINTS, 2) > 0.5
         whole = visible[OBJECT:].all(0)
         points[OBJECT, whole] = points[OBJECT:, whole].mean(0)
         return cls(
             points=points,
             visible=visible,
-            registers=state[FLAGS : FLAGS + WORDS],
+            registers=state[INSERT_FLAGS : INSERT_FLAGS + INSERT_WORDS],
             opening=1.0,
             held=False,
             goal=np.zeros((2, 2)),
