@@ -16,27 +16,26 @@ from calfree_gym.errors import check_choice, near_misses, to_install
 
 from .base.agent import Agent
 from .base.registration import AGENTS
-from .grasp.task import TASKS, task_of
+from .grasp.observation import TASKS, task_of
 
 READ_FIRST = (
-    "reference.random_agent",
-    "reference.oracle",
+    "reference.bounds",
     "servo.paper",
     "servo.jacobian_servo",
     "servo.unified",
     "servo.work_plane",
     "knowledge.learning_servo",
-    "servo.safe.agent",
+    "servo.safe.safe_start",
     "knowledge.grid_table",
     "knowledge.factored_table",
     "knowledge.support_points",
-    "adaptation.memory",
-    "body_schema.agent",
+    "memory.memory",
+    "body_schema.body_schema",
     "servo.joint_space",
     "calibrated.affine_stereo",
     "calibrated.model_based",
     "calibrated.self_calibrating",
-    "grasp.agent",
+    "grasp.grasp",
     "neural",
     "neural.self_supervised",
 )

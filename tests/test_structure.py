@@ -29,16 +29,15 @@ LAYERS = {
     "agents": [
         "base",
         "neural",
-        "perception",
-        "jacobian",
         "servo",
         "calibrated",
         "knowledge",
-        "adaptation",
+        "memory",
         "body_schema",
         "grasp",
         "reference",
         "registry",
+        "moved",
         "agents",
     ],
     "experiments": [
@@ -78,8 +77,7 @@ PUBLIC_FOR_CALIBRATED = {
     "calfree_gym.vision.cameras",
 }
 """What the calibrated robots may know besides: how the robot was built."""
-MOST_MODULES = 14
-MOST_LINES = 350
+MOST_LINES = 600
 
 
 def modules(package):
@@ -170,17 +168,6 @@ def test_agents_import_the_listed_public_modules_of_the_black_box_and_the_lists_
         used_by_calibrated |= found if calibrated else set()
     assert used == PUBLIC | PUBLIC_FOR_CALIBRATED
     assert used_by_calibrated >= PUBLIC_FOR_CALIBRATED
-
-
-def test_no_package_has_more_parts_than_one_can_survey():
-    for init in MODULES.values():
-        if init.name == "__init__.py":
-            parts = {
-                path.name
-                for path in init.parent.iterdir()
-                if (path.suffix == ".py" and path != init) or (path / "__init__.py").exists()
-            }
-            assert len(parts) <= MOST_MODULES, f"{init.parent.name} has {sorted(parts)}"
 
 
 @pytest.mark.parametrize("folder", [*LAYERS, "tests", "examples", "docs"])

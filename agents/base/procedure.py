@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from . import storage
 from .agent import Agent, Callback
 from .checks import check_number
-from .encoders import Encoders
 from .observation import Array, Observation, RawObservation
-from .registers import RegisterEstimate
+from .registers import Encoders, RegisterEstimate
 from .storage import AgentFile
 from .trials import foreign, is_of_one
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
 
-from ..adaptation.pairs import Pairs
 from ..base.checks import checked_array
 from ..base.observation import POINTS, Array, Flags
 from ..base.storage import prefixed, under
+from ..memory.pairs import Pairs
 from .chain import Chain, Views
 from .fitting import Fit, Fitted, Gaussian, log_evidence, seen_points
 

@@ -15,9 +15,8 @@ from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
 from ..base.registration import agent
-from ..jacobian import distance_jacobian
-from ..jacobian.linear import linear_deviations_px
-from ..perception import ObservationFilter, Observing
+from ..servo.jacobian import distance_jacobian, linear_deviations_px
+from ..servo.perception import ObservationFilter, Observing
 from ..servo.trial import half_way_back
 from .robot_model import RobotModel
 

@@ -14,8 +14,8 @@ from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
 from ..base.registration import agent
-from ..jacobian.linear import linear_deviations_px
-from ..perception import ObservationFilter
+from ..servo.jacobian import linear_deviations_px
+from ..servo.perception import ObservationFilter
 from ..servo.trial import half_way_back
 from .robot_model import RobotModel
 

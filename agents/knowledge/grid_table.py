@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
-from .distance import squared_px
-from .gain import Gain
+from .gain import Gain, squared_px
 from .interface import Recall, knowledge_base
 from .learning_servo import LearningServo
 

@@ -15,7 +15,7 @@ from ..base.agent import Agent
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.registration import Settings, agent, named_settings
-from ..servo.servo_agent import UNIFIED, SERVOS, ServoAgent
+from ..servo.servo_agent import SERVOS, UNIFIED, ServoAgent
 
 K = TypeVar("K")
 KNOWLEDGE: dict[str, type[Any]] = {}

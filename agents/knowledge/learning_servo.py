@@ -17,9 +17,10 @@ from ..base.procedure import Procedure
 from ..base.registers import at_home
 from ..base.registration import agent
 from ..base.storage import with_present_names
-from ..jacobian import Slopes, distance_jacobian
+from ..servo.jacobian import distance_jacobian
 from ..servo.redundancy import solve
 from ..servo.servo_agent import Servo
+from ..servo.slopes import Slopes
 from ..servo.trial import Findings, jump
 from .interface import Knowledge, KnowledgeAgent, Recall
 

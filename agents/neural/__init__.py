@@ -9,7 +9,7 @@ agent(
     "A recurrent network, trained in thousands of other worlds; learns nothing here.",
     extra="agents",
     arms="any of its network's motors",
-)("neural.recurrent_servo.agent.RecurrentServo")
+)("neural.recurrent_servo.recurrent_servo.RecurrentServo")
 
 TUNED = {
     "sac": "Soft actor-critic.",
@@ -22,6 +22,8 @@ TUNED = {
 }
 """Learners of stable-baselines3 and sb3_contrib; each is its file in configs/agents."""
 sb3 = partial(agent, tasks=("reach", "grasp"), extra="agents", batched=True)
-sb3("sb3", "Any algorithm of stable-baselines3 or sb3_contrib (`algorithm=`).")("neural.sb3.agent.Sb3Agent")
+sb3("sb3", "Any algorithm of stable-baselines3 or sb3_contrib (`algorithm=`).")(
+    "neural.sb3.sb3_agent.Sb3Agent"
+)
 for name, does in TUNED.items():
-    sb3(name, does, defaults=partial(tuned_settings, name))("neural.sb3.agent.Sb3Agent")
+    sb3(name, does, defaults=partial(tuned_settings, name))("neural.sb3.sb3_agent.Sb3Agent")

@@ -15,12 +15,11 @@ from calfree_gym.errors import check_choice
 from ..base.checks import check_number
 from ..base.observation import Observation
 from ..base.procedure import Procedure
-from ..jacobian import ESTIMATORS, Estimator, Slopes
+from .jacobian import ESTIMATORS, Estimator
 from .redundancy import REDUNDANCIES
-from .servo_agent import servo
-from .settings import SERVO_KNOWLEDGE, check_motions
-from .steps import Steps, solve_distance
-from .trial import Findings, Trial
+from .servo_agent import SERVO_KNOWLEDGE, check_motions, servo
+from .slopes import Slopes
+from .trial import Findings, Steps, Trial, solve_distance
 
 
 @servo("jacobian_servo", "Tests each motor once, then corrects its Jacobian by every motion.")
@@ -32,7 +31,7 @@ class JacobianServo:
     gripper nearer. The settings below were tuned on wild worlds 3000 and up.
 
     Attributes:
-        estimator: How J is estimated: a name of `agents.jacobian.ESTIMATORS`.
+        estimator: How J is estimated: a name of `agents.servo.jacobian.ESTIMATORS`.
         redundancy: What is done with four equations for three words: one of
             `agents.servo.redundancy.REDUNDANCIES`.
         first_word: Size of the very first test word.

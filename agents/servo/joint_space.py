@@ -11,9 +11,9 @@ from ..base.checks import check_number
 from ..base.observation import Array, Observation
 from ..base.procedure import Procedure, ProcedureAgent
 from ..base.registration import agent
-from ..jacobian import TestMotions
+from .jacobian import TestMotions
 from .redundancy import solve
-from .settings import SERVO_KNOWLEDGE
+from .servo_agent import SERVO_KNOWLEDGE
 from .trial import Findings, Trial
 
 

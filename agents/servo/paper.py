@@ -8,12 +8,11 @@ from calfree_gym.errors import check_choice
 
 from ..base.observation import Observation
 from ..base.procedure import Procedure
-from ..jacobian import Estimator, Slopes, TestMotions
+from .jacobian import Estimator, TestMotions
 from .redundancy import REDUNDANCIES
-from .servo_agent import servo
-from .settings import SERVO_KNOWLEDGE, check_motions
-from .steps import Steps, solve_distance
-from .trial import Findings, Trial
+from .servo_agent import SERVO_KNOWLEDGE, check_motions, servo
+from .slopes import Slopes
+from .trial import Findings, Steps, Trial, solve_distance
 
 
 @servo("paper_servo", "The paper's servo: tests each motor, solves for the step, executes it, and forgets.")

@@ -16,7 +16,7 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ..base.observation import Array
-from ..base.robust import cauchy_weights
+from ..base.weights import cauchy_weights
 
 Equations = tuple[Array, Array]
 ROBUST_PX, ROBUST_NOISES = 8.0, 3.0

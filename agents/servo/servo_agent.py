@@ -14,14 +14,30 @@ from numpy.typing import NDArray
 from calfree_gym.errors import check_choice
 
 from ..base.agent import Agent
-from ..base.checks import checked_array
+from ..base.checks import check_number, checked_array
 from ..base.observation import POINTS, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
 from ..base.registration import Settings, agent, named_settings
-from ..jacobian import JacobianEstimate, Slopes
-from ..perception import ObservationFilter
+from .jacobian import JacobianEstimate
+from .perception import ObservationFilter
+from .slopes import Slopes
 from .trial import Findings
+
+SERVO_KNOWLEDGE = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE, PriorKnowledge.WORD_LIMIT})
+"""What most servos are built on: lengths in pixels, the noise of a good marker, sizes of words."""
+SMALLEST = 1e-6
+"""Of settings that must be positive (a guard: some are divided by)."""
+
+
+def check_motions(servo: Any) -> None:
+    """Raises ValueError where a setting of test motions and steps is not allowed."""
+    for name in ("test_px", "step_px", "border"):
+        check_number(name, getattr(servo, name), least=SMALLEST)
+    for name in ("first_word", "step_word"):
+        check_number(name, getattr(servo, name), least=SMALLEST, most=1)
+    check_number("damping", servo.damping, least=0)
+
 
 S = TypeVar("S")
 _TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), patience=[^()]*\)")

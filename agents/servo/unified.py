@@ -19,15 +19,14 @@ from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
 from ..base.stops import Stops
-from ..jacobian import Estimator, Slopes, TestMotions
-from ..perception.gating import Gating
 from .image_model.least_distance import LEFT, Seeker
 from .image_model.smooth_points import SmoothPoints
+from .jacobian import Estimator, TestMotions
 from .paper import PaperServo
-from .servo_agent import servo
-from .settings import SERVO_KNOWLEDGE, SMALLEST
-from .steps import HARDLY_NEARER
-from .trial import Findings, Motions
+from .perception import Gating
+from .servo_agent import SERVO_KNOWLEDGE, SMALLEST, servo
+from .slopes import Slopes
+from .trial import HARDLY_NEARER, Findings, Motions
 
 
 @servo("unified_servo", "Makes no test motions: learns a smooth model of the images as it goes.")

@@ -25,12 +25,11 @@ from calfree_gym.image import IMAGE_UNIT
 from ..base.checks import check_number
 from ..base.observation import Array, Observation
 from ..base.procedure import Procedure
-from ..jacobian import Estimator, Slopes, TestMotions
+from .jacobian import Estimator, TestMotions
 from .redundancy import solve, solve_within
-from .servo_agent import servo
-from .settings import SERVO_KNOWLEDGE, check_motions
-from .steps import Steps
-from .trial import Findings, Trial
+from .servo_agent import SERVO_KNOWLEDGE, check_motions, servo
+from .slopes import Slopes
+from .trial import Findings, Steps, Trial
 
 WAIST = 0
 RANK = 1e-9

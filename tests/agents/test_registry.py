@@ -1,5 +1,6 @@
 """Agents by name, and the settings that they take."""
 
+import importlib
 import re
 import sys
 
@@ -9,6 +10,7 @@ import pytest
 
 import agents
 from agents.base.registration import AGENTS
+from agents.moved import MOVED
 from agents.servo.paper import PaperServo
 from agents.servo.unified import UnifiedServo
 from agents.servo.work_plane import WorkPlaneServo
@@ -170,3 +172,13 @@ def test_random_acts_in_every_task(task):
     observation, _ = env.reset(seed=0)
     words, _ = agent.predict(observation)
     assert env.action_space.contains(words)
+
+
+@pytest.mark.parametrize("old", [name for name in MOVED if not name.startswith("neural")])
+def test_a_module_is_found_under_its_earlier_name(old):
+    """As itself, not as a second one that would be registered again."""
+    sys.modules.pop(f"agents.{old}", None)
+    with pytest.warns(DeprecationWarning, match=rf"agents\.{old} is now agents\.{MOVED[old]}"):
+        found = importlib.import_module(f"agents.{old}")
+    assert found is importlib.import_module(f"agents.{MOVED[old]}")
+    assert found.__spec__.name == f"agents.{MOVED[old]}"

@@ -11,8 +11,8 @@ import numpy as np
 from calfree_gym.image import rounded
 
 from ...base.observation import POINTS, Array
-from ...perception.gating import Gating
-from .smooth_function import Expected
+from ..perception import Gating
+from .gaussian_process import Expected
 from .smooth_points import SmoothPoints
 
 NEAREST = 1e-4

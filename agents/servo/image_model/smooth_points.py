@@ -11,12 +11,9 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ...base.observation import POINTS, Array, Observation
-from ...jacobian import Slopes
-from ...perception.noise import MARKER_NOISE_PX
-from .looks import NOISIER
-from .mistaken import without_mistaken
-from .relative_lengths import relative_lengths
-from .smooth_function import Expected, SmoothFunction
+from ..perception import MARKER_NOISE_PX
+from ..slopes import Slopes
+from .gaussian_process import NOISIER, Expected, SmoothFunction, relative_lengths, without_mistaken
 
 GRIPPER, OBJECT = slice(0, 2), slice(2, 4)
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 import agents
 import calfree_gym
-from agents.adaptation.pairs import Pairs
-from agents.adaptation.remembered import Remembered
-from agents.perception.noise import MARKER_NOISE_PX
+from agents.memory.pairs import Pairs
+from agents.memory.remembered import Remembered
 from agents.servo.image_model.least_distance import LeastDistance, Seeker
+from agents.servo.perception import MARKER_NOISE_PX
 from agents.servo.unified import UnifiedServo
 from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.movemaster import MOTORS

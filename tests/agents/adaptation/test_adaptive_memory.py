@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import agents
-from agents.adaptation.adaptive_memory import AdaptiveMemory, Event, Jump
-from agents.adaptation.detector import Finding, Verdict
 from agents.base.observation import Observation
+from agents.memory.adaptive_memory import AdaptiveMemory, Event, Jump
+from agents.memory.detector import Finding, Verdict
 from calfree_gym.perturbations import CameraAim, CameraReplace
 from tests.agents.adaptation.gripper_views import known, trial, wild
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from agents.adaptation.detector import ChangeDetector, Verdict
-from agents.adaptation.home_view import HomeView
-from agents.perception.noise import NoiseEstimate
+from agents.memory.detector import ChangeDetector, Verdict
+from agents.memory.pairs import HomeView
+from agents.servo.perception import NoiseEstimate
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, MotorSign
 from tests.agents.adaptation.gripper_views import known, trial, wild

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from agents.adaptation.pairs import Pairs
 from agents.body_schema.chain import Chain, Views
 from agents.body_schema.fitting import Fit, Fitted, Gaussian, any_std
 from agents.body_schema.known import Known
 from agents.body_schema.pinholes import PLACE, TURN
+from agents.memory.pairs import Pairs
 from calfree_gym.image import IMAGE_UNIT
 
 MODELS = Path(__file__).parents[2] / "arms" / "models"

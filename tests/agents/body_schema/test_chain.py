@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from agents.body_schema.chain import Chain, Views
-from agents.body_schema.pinholes import Triangulation, projected
-from agents.body_schema.rotations import rotation
-from agents.body_schema.starts import composed
+from agents.body_schema.fitting import composed
+from agents.body_schema.pinholes import Triangulation, projected, rotation
 from tests.agents.body_schema.chains import Arm
 
 ARMS = [("redundant.xml", "tool"), ("scara.xml", "tip")]

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from agents.body_schema.body import Body
+from agents.body_schema.body import NOTHING, Body, Change
 from agents.body_schema.chain import Views
-from agents.body_schema.explanations import NOTHING, Change
+from agents.body_schema.fitting import reversing, rolled
 from agents.body_schema.pinholes import PLACE, TURN
-from agents.body_schema.starts import reversing, rolled
 from tests.agents.body_schema.chains import Arm
 
 BOTH = np.array([True, True])

@@ -5,7 +5,7 @@ import pytest
 
 from agents.base.observation import Observation
 from agents.base.stops import Stops
-from agents.body_schema.meeting import Seeker
+from agents.body_schema.body_schema import Seeker
 from tests.agents.body_schema.chains import Arm
 
 

@@ -8,13 +8,11 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.grasp.findings import GraspFindings
 from agents.grasp.observation import ARM, NAMES, OBJECT, TIP, GraspObservation
-from agents.grasp.orientation import turn_needed
-from agents.grasp.tip import Tip
-from agents.grasp.trial import GraspTrial
-from agents.grasp.turning import Turning
-from agents.servo.image_model.smooth_function import SmoothFunction
+from agents.grasp.seen import Tip
+from agents.grasp.trial import GraspFindings, GraspTrial
+from agents.grasp.turning import Turning, turn_needed
+from agents.servo.image_model.gaussian_process import SmoothFunction
 from calfree_gym.image import IMAGE_UNIT
 
 NUMBER = st.floats(-1.0, 1.0)

@@ -12,7 +12,7 @@ import yaml
 
 import agents
 from agents.neural import TUNED
-from agents.neural.sb3.inputs import ImageDistance, flattened
+from agents.neural.sb3.sb3_agent import ImageDistance, flattened
 from tests.agents.neural.sb3_learners import make, rows_of_one_world
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "agents"

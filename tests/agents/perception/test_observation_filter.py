@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.jacobian import Kalman
-from agents.perception import ObservationFilter
+from agents.servo.jacobian import Kalman
+from agents.servo.perception import ObservationFilter
 from agents.servo.trial import Findings, Trial
 from calfree_gym.image import IMAGE_UNIT
 

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from agents.servo.image_model.mistaken import odds_by_the_rest, price, right_looks, solved, without_mistaken
-from agents.servo.image_model.smooth_function import SmoothFunction
+from agents.servo.image_model.gaussian_process import (
+    SmoothFunction,
+    odds_by_the_rest,
+    price,
+    right_looks,
+    solved,
+    without_mistaken,
+)
 from calfree_gym.image import IMAGE_UNIT
 
 NOISE = 0.7 * IMAGE_UNIT
@@ -97,7 +103,7 @@ def test_of_two_looks_that_contradict_each_other_the_first_is_mistaken_whatever_
         inverses, sums = solved(function)
         return inverses, sums * noise[:, :, None]
 
-    monkeypatch.setattr("agents.servo.image_model.mistaken.solved", solved_by_another_kernel)
+    monkeypatch.setattr("agents.servo.image_model.gaussian_process.solved", solved_by_another_kernel)
     places = np.zeros((2, 3))
     points = np.array([[[0.5, 0.0], [0.0, 0.0]], [[-0.5, 0.0], [0.0, 0.0]]])
     assert right_looks(looked(places, points)).tolist() == [[False, True], [True, True]]

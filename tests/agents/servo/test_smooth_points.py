@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.jacobian import Slopes
-from agents.servo.image_model.smooth_function import SmoothFunction, inverse
+from agents.servo.image_model.gaussian_process import SmoothFunction, inverse
 from agents.servo.image_model.smooth_points import SmoothPoints
+from agents.servo.slopes import Slopes
 from calfree_gym.image import IMAGE_UNIT
 
 MOTORS = 4

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from agents.base.observation import Observation
-from agents.jacobian import Slopes, TestMotions
-from agents.servo.steps import Steps
-from agents.servo.trial import Findings, Trial
+from agents.servo.jacobian import TestMotions
+from agents.servo.slopes import Slopes
+from agents.servo.trial import Findings, Steps, Trial
 from calfree_gym.image import lengths_px
 
 STEP_PX, STEP_WORD, BORDER = 100.0, 0.5, 0.9

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from agents.base.stops import Stops
-from agents.jacobian import Kalman, Slopes, TestMotions
+from agents.servo.jacobian import Kalman, TestMotions
+from agents.servo.slopes import Slopes
 from agents.servo.trial import Findings, Trial, half_way_back
 from calfree_gym.image import lengths_px
 from tests.agents.linear_arm import LinearArm

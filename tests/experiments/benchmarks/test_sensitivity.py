@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import agents
-from agents.jacobian.kalman import Kalman
-from agents.perception.noise import NoiseEstimate
-from agents.servo.image_model.smooth_function import SmoothFunction
+from agents.servo.image_model.gaussian_process import SmoothFunction
+from agents.servo.jacobian import Kalman
+from agents.servo.perception import NoiseEstimate
 from experiments.__main__ import main
 from experiments.benchmarks.sensitivity import constants as named
 from experiments.benchmarks.sensitivity import study as sensitivity

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents.neural.self_supervised.reach import Reach
+from agents.neural.self_supervised.self_taught import Reach
 from tests.agents.neural.self_supervised.conftest import QUICK, LinearWorld
 
 
