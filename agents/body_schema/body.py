@@ -17,7 +17,7 @@ from ..base.observation import Array, Flags
 from ..base.storage import prefixed, under
 from ..memory.detector import NO_CAMERA
 from ..memory.pairs import Pairs
-from .chain import Chain
+from .chain import JointChain
 from .fitting import Fit, Gaussian, any_std, random_starts, reversing, rolled
 from .known import Known
 
@@ -82,7 +82,7 @@ STEPS = 40
 """Of least squares (a guard)."""
 
 
-class Explanation(NamedTuple):
+class BodyExplanation(NamedTuple):
     """One of what is seen now.
 
     Attributes:
@@ -98,7 +98,7 @@ class Explanation(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Change:
+class BodyChange:
     """A change of the world that was seen, or seems to have been.
 
     Attributes:
@@ -116,16 +116,16 @@ class Change:
         """The first that showed it."""
         return int(self.since.trials[0])
 
-    def going_on(self, pairs: Pairs, cameras: Flags = NO_CAMERA) -> Change:
+    def going_on(self, pairs: Pairs, cameras: Flags = NO_CAMERA) -> BodyChange:
         """The same, where more was seen."""
-        return Change(self.known, self.cameras | cameras, self.since + pairs)
+        return BodyChange(self.known, self.cameras | cameras, self.since + pairs)
 
     @cached_property
-    def explanation(self) -> Explanation:
+    def explanation(self) -> BodyExplanation:
         """The most probable one."""
         return max(self._explanations(), key=lambda each: rounded(each.evidence))
 
-    def _explanations(self) -> Iterator[Explanation]:
+    def _explanations(self) -> Iterator[BodyExplanation]:
         chain, numbers = self.known.chain, self.known.numbers
         yield self._by(NOTHING, numbers, numbers.mean[None])
         both = numbers.mean.copy()
@@ -154,20 +154,20 @@ class Change:
         which[changed] = True
         return self.known.numbers.but_for(which, any_std(chain))
 
-    def _by(self, kind: str, before: Gaussian, starts: Array) -> Explanation:
+    def _by(self, kind: str, before: Gaussian, starts: Array) -> BodyExplanation:
         """The explanation by what was known `before`, fitted from `starts` (s, p)."""
         fits = Fit(self.known.chain, self.since, before)(starts, STEPS)
         known = Known(self.known.chain, before, self.since, min(fits, key=lambda each: rounded(each.cost)))
         odds = np.log(SELDOM) if kind == NOTHING else 0.0
-        return Explanation(kind, known, odds + known.evidence)
+        return BodyExplanation(kind, known, odds + known.evidence)
 
 
-class Event(NamedTuple):
+class BodyEvent(NamedTuple):
     """A change of the world, as it was recognised.
 
     Attributes:
         trial: The first trial, counted from 0, that showed it.
-        kind: What has changed, see `Explanation`.
+        kind: What has changed, see `BodyExplanation`.
     """
 
     trial: int
@@ -213,12 +213,12 @@ class Body:
     def __init__(self, motors: int, seed: int = 0) -> None:
         self.motors = motors
         self.known: Known | None = None
-        self.events: list[Event] = []
+        self.events: list[BodyEvent] = []
         self.trials = 0
         self._offs_px = np.empty(0)
         self._seed = seed
         self._searched = 0
-        self._change: Change | None = None
+        self._change: BodyChange | None = None
 
     def learn(self, pairs: Pairs) -> None:
         """Takes in what was seen in a trial."""
@@ -259,10 +259,10 @@ class Body:
         """How far from where it expected them gripper points were in the latest trials, root mean square."""
         return float(np.sqrt(np.square(self._offs_px).mean())) if len(self._offs_px) else 0.0
 
-    def _likely_change(self, pairs: Pairs, cameras: Flags) -> Change:
+    def _likely_change(self, pairs: Pairs, cameras: Flags) -> BodyChange:
         """That which explains what contradicts: one now, or one lately of which too little was seen."""
         assert self.known is not None
-        now = Change(self.known, cameras, pairs)
+        now = BodyChange(self.known, cameras, pairs)
         if self._change is None:
             return now
         if not self._told and now.explanation.kind != NOTHING:
@@ -305,7 +305,7 @@ class Body:
         random = np.random.default_rng((self._seed, self.trials))
         found = [] if self.known is None else [self._refitted(self.known, seen)]
         for mounts in likely_mounts(seen, self.GUESSES):
-            chain = Chain(self.motors, mounts)
+            chain = JointChain(self.motors, mounts)
             before = Gaussian.of_any(chain)
             fit = Fit(chain, seen, before)
             starts = random_starts(chain, before.mean, self.STARTS, random)
@@ -315,7 +315,7 @@ class Body:
             found.append(Known(chain, before, seen, min(fine, key=lambda each: rounded(each.cost))))
         self.known = max(found, key=lambda each: rounded(each.evidence))
 
-    def _explain(self, change: Change) -> None:
+    def _explain(self, change: BodyChange) -> None:
         """Learns from what contradicts what is known."""
         best, before, since = change.explanation, change.known, change.since
         again = self._change is not None and self._change.trial == change.trial
@@ -331,7 +331,7 @@ class Body:
         if not again and self._was_wrong(before, best.evidence, since):
             self._change = None
             return
-        self.events.append(Event(change.trial, best.kind))
+        self.events.append(BodyEvent(change.trial, best.kind))
         self.known = best.known
         if not self.known.explains:
             self._searched = self._searched if again else 0
@@ -365,7 +365,9 @@ class Body:
         self._change = None
         if before:
             cameras = checked_array(arrays, "changed_cameras", (2,)) > 0
-            self._change = Change(Known.of(before, self.motors), cameras, Pairs.of(under("since", arrays)))
+            self._change = BodyChange(
+                Known.of(before, self.motors), cameras, Pairs.of(under("since", arrays))
+            )
         self.trials, self._searched = int(trials), int(searched)
         self._offs_px = checked_array(arrays, "offs_px", (None,))
-        self.events = [Event(int(trial), kind) for trial, kind in arrays["events"]]
+        self.events = [BodyEvent(int(trial), kind) for trial, kind in arrays["events"]]

@@ -58,7 +58,7 @@ class Meeting(NamedTuple):
     deviation_px: float
 
 
-class Seeker:
+class MeetingSeeker:
     """Seeks it by Levenberg-Marquardt between the stops, from several places.
 
     Args:
@@ -203,7 +203,7 @@ class BodySchema(ServoAgent):
         home, known, misses = now, self.body.known, 0
         while known is not None and now.visible.all() and not now.last:
             noise_px = findings.filter.noise.px
-            place = Seeker(known, home.object, now, noise_px, _stops(findings)).seek()
+            place = MeetingSeeker(known, home.object, now, noise_px, _stops(findings)).seek()
             enough_px = max(self.LEFT * now.distance_px, self.NOISES * noise_px)
             near = self._off_px(place, known) <= enough_px
             if near or known.fits:
@@ -260,7 +260,7 @@ class BodySchema(ServoAgent):
         home, known, noise_px = at_home(Observation.of(first)), self.body.known, self.filter.noise.px
         if known is None or not home.visible.all():
             return None
-        return self._off_px(Seeker(known, home.object, home, noise_px, self.stops).seek(), known)
+        return self._off_px(MeetingSeeker(known, home.object, home, noise_px, self.stops).seek(), known)
 
     def _off_px(self, place: Meeting, known: Known) -> float:
         """How far off it will be there: where the chain does not fit, as far as in earlier trials or more."""

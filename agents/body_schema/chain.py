@@ -76,7 +76,7 @@ GRIPPER = 3
 
 
 @dataclass(frozen=True)
-class Chain:
+class JointChain:
     """Which numbers make an arm and its cameras: `size` of them.
 
     Attributes:
@@ -129,7 +129,7 @@ class Views:
         homes: The object's sensor vectors as seen from home (n, 4), or one (1, 4): they tell where it is.
     """
 
-    def __init__(self, chain: Chain, numbers: Array, registers: Array, homes: Array) -> None:
+    def __init__(self, chain: JointChain, numbers: Array, registers: Array, homes: Array) -> None:
         self._chain = chain
         several, (count, motors) = numbers.shape[:-1], registers.shape
         joints = numbers[..., : chain.gripper.start].reshape(*several, motors, 1, JOINT)

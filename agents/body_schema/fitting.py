@@ -16,7 +16,7 @@ from ..base.observation import POINTS, Array
 from ..base.weights import cauchy_weights
 from ..calibrated.identification import least_squares
 from ..memory.pairs import Pairs
-from .chain import Chain, Views
+from .chain import JointChain, Views
 from .pinholes import PLACE, TURN, rotation
 
 MIDDLE = 1.5
@@ -58,7 +58,7 @@ class Gaussian:
     anything: bool = False
 
     @classmethod
-    def of_any(cls, chain: Chain) -> Self:
+    def of_any(cls, chain: JointChain) -> Self:
         """Of any arm before any two cameras."""
         mean, std = np.zeros(chain.size), any_std(chain)
         mean[chain.gripper] = 0.0, 0.0, MIDDLE
@@ -99,7 +99,7 @@ def cholesky(information: Array) -> Array:
     return np.asarray(np.linalg.cholesky(information + ROUNDING * np.diag(np.diag(information))))
 
 
-def any_std(chain: Chain) -> Array:
+def any_std(chain: JointChain) -> Array:
     """How widely numbers (p,) may differ, those of the left camera as those of the right."""
     return np.concatenate([np.tile(JOINT_STD, chain.motors), GRIPPER_STD, np.tile(CAMERA_STD, len(CAMERAS))])
 
@@ -128,7 +128,7 @@ class Fit:
         before: What was known of the numbers before.
     """
 
-    def __init__(self, chain: Chain, pairs: Pairs, before: Gaussian) -> None:
+    def __init__(self, chain: JointChain, pairs: Pairs, before: Gaussian) -> None:
         self._chain, self._pairs, self._before = chain, pairs, before
         self._points, self._per_noise = seen_points(pairs)
 
@@ -193,7 +193,7 @@ ROLLS = 8
 """So many rolls of a camera are tried. Choice: fits find those between."""
 
 
-def random_starts(chain: Chain, mean: Array, count: int, random: np.random.Generator) -> Array:
+def random_starts(chain: JointChain, mean: Array, count: int, random: np.random.Generator) -> Array:
     """Numbers (count, p) of random arms, before a right camera that looks at the gripper from anywhere."""
     starts = np.tile(mean, (count, 1))
     for start in starts:
@@ -206,7 +206,7 @@ def random_starts(chain: Chain, mean: Array, count: int, random: np.random.Gener
     return starts
 
 
-def rolled(chain: Chain, numbers: Array, camera: int) -> Array:
+def rolled(chain: JointChain, numbers: Array, camera: int) -> Array:
     """Numbers (ROLLS, p) with a camera rolled about its axis."""
     starts = np.tile(numbers, (ROLLS, 1))
     for start, angle in zip(starts, np.linspace(0, 2 * np.pi, ROLLS, endpoint=False), strict=True):
@@ -231,7 +231,7 @@ def _quaternion(turn: Array) -> tuple[float, Array]:
     return np.cos(angle / 2), turn / 2 * np.sinc(angle / (2 * np.pi))
 
 
-def reversing(chain: Chain, motor: int) -> Array:
+def reversing(chain: JointChain, motor: int) -> Array:
     """Signs (p,) that make numbers those of the same robot with a motor reversed: its curve is that of -r."""
     signs = np.ones(chain.size)
     signs[chain.joint(motor)] = [-1.0] * 8 + [1.0]

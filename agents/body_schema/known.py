@@ -16,7 +16,7 @@ from ..base.checks import checked_array
 from ..base.observation import POINTS, Array, Flags
 from ..base.storage import prefixed, under
 from ..memory.pairs import Pairs
-from .chain import Chain, Views
+from .chain import JointChain, Views
 from .fitting import Fit, Fitted, Gaussian, log_evidence, seen_points
 
 
@@ -31,7 +31,7 @@ class Known:
         fitted: What explains it best.
     """
 
-    chain: Chain
+    chain: JointChain
     before: Gaussian
     seen: Pairs
     fitted: Fitted
@@ -134,7 +134,7 @@ class Known:
             ValueError: An array is missing, or of another shape.
         """
         left, right = (int(mount) for mount in checked_array(arrays, "mounts", (2,)))
-        chain, seen = Chain(motors, (left, right)), Pairs.of(under("seen", arrays))
+        chain, seen = JointChain(motors, (left, right)), Pairs.of(under("seen", arrays))
         numbers, mean = (checked_array(arrays, name, (chain.size,)) for name in ("numbers", "mean"))
         information = checked_array(arrays, "information", (chain.size, chain.size))
         before = Gaussian(mean, information, bool(checked_array(arrays, "anything", (1,))[0]))

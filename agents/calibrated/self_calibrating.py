@@ -23,14 +23,14 @@ from ..base.procedure import Procedure, ProcedureAgent
 from ..base.registration import agent
 from ..servo.jacobian import Estimator, TestMotions
 from ..servo.perception import MARKER_NOISE_PX
-from ..servo.trial import Findings, Motions, Trial
+from ..servo.trial import Findings, Motions, ServoTrial
 from .identification import Identification, identify
 from .model_based import move_by_model
 from .prediction import Measurements
 from .robot_model import RobotModel
 
 
-class RecordedTrial(Trial):
+class RecordedTrial(ServoTrial):
     """A trial whose estimated observations are recorded.
 
     Attributes:
@@ -60,12 +60,12 @@ class RecordedTrial(Trial):
         return self.filter.noise.px
 
     def begin(self) -> Motions:
-        """See `Trial`."""
+        """See `ServoTrial`."""
         yield from super().begin()
         self.recorded.append(self.now)
 
     def move(self, words: Array) -> Motions:
-        """See `Trial`."""
+        """See `ServoTrial`."""
         made = yield from super().move(words)
         self.recorded.append(self.now)
         return made

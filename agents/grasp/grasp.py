@@ -98,7 +98,7 @@ class Grasp(ProcedureAgent):
         check_choice("orientation", orientation, ORIENTATION)
         check_number("tries", tries, least=1, whole=True)
         arm = env.action_space.shape[-1] - 2  # type: ignore[index]
-        self.reacher: ServoAgent = reacher(Reaching(arm))
+        self.reacher: ServoAgent = reacher(ReachSpaces(arm))
         self.intermediate, self.orientation, self.tries = intermediate, orientation, tries
         self.prior_knowledge = self.reacher.prior_knowledge | GRASP_KNOWLEDGE
         if intermediate == "pixel_offset":
@@ -253,7 +253,7 @@ def lift(trial: GraspTrial) -> Motions:
         yield from trial.lift()
 
 
-class Reaching(gym.Env[Any, Any]):
+class ReachSpaces(gym.Env[Any, Any]):
     """The spaces in which an agent reaches for the intermediate position; it makes no motions of its own.
 
     Args:

@@ -14,7 +14,7 @@ from ..base.observation import Array, RawObservation
 from ..base.procedure import ProcedureAgent
 from ..base.registration import Settings, agent
 from ..servo.servo_agent import ServoAgent
-from .grasp import GRASP_KNOWLEDGE, Reaching, surely
+from .grasp import GRASP_KNOWLEDGE, ReachSpaces, surely
 from .observation import ARM, INSERT_WORDS, InsertObservation
 from .trial import GraspFindings, GraspTrial, Motions
 from .turning import Turning
@@ -59,7 +59,7 @@ class Insert(ProcedureAgent):
 
     def __init__(self, env: gym.Env[Any, Any], reacher: Any, seed: int = 0) -> None:
         super().__init__(env, seed)
-        self.reacher: ServoAgent = reacher(Reaching(ARM))
+        self.reacher: ServoAgent = reacher(ReachSpaces(ARM))
         self.prior_knowledge = self.reacher.prior_knowledge | GRASP_KNOWLEDGE
 
     @classmethod

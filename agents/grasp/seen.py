@@ -12,7 +12,7 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.observation import Array, Flags
-from ..servo.image_model.gaussian_process import SmoothFunction, price, without_mistaken
+from ..servo.image_model.gaussian_process import GaussianProcess, price, without_mistaken
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.slopes import Slopes
 from .observation import BASE, OBJECT, TIP, GraspObservation
@@ -59,12 +59,12 @@ class Tip:
         functions: With what was seen.
     """
 
-    start: SmoothFunction
+    start: GaussianProcess
     noise_px: float
-    functions: tuple[SmoothFunction, ...]
+    functions: tuple[GaussianProcess, ...]
 
     @classmethod
-    def of(cls, start: SmoothFunction, looks: Iterable[GraspObservation], noise_px: float) -> Self:
+    def of(cls, start: GaussianProcess, looks: Iterable[GraspObservation], noise_px: float) -> Self:
         """What is known of it before, with looks."""
         tip = cls(start, noise_px, (start,) * len(NOISIER))
         for each in looks:
@@ -85,7 +85,7 @@ class Tip:
         return [(noisier * self.noise_px * IMAGE_UNIT) ** 2 for noisier in NOISIER]
 
     @cached_property
-    def explained(self) -> tuple[SmoothFunction, float]:
+    def explained(self) -> tuple[GaussianProcess, float]:
         """What explains best what was seen: without looks that are mistaken, and as noisy as it is.
 
         The function, and the variance of an image coordinate, in square image units.
@@ -101,7 +101,7 @@ class Tip:
         return functions[best], self._variances[best]
 
 
-def known_before(estimator: Any, registers: Array) -> SmoothFunction:
+def known_before(estimator: Any, registers: Array) -> GaussianProcess:
     """What a servo knew of the tip before a trial; or its Jacobian at registers (m,), if that is all."""
     if isinstance(estimator, SmoothPoints):
         return estimator.before[0]

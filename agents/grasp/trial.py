@@ -12,7 +12,7 @@ from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.observation import Array, Observation
 from ..base.stops import Stops, met_something
-from ..servo.image_model.gaussian_process import SmoothFunction
+from ..servo.image_model.gaussian_process import GaussianProcess
 from ..servo.image_model.least_distance import Seeker
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.servo_agent import ServoAgent
@@ -148,7 +148,7 @@ class GraspTrial:
         self.touched = False
         self._seen, self._lying = [first], Lying(first)
         self._from = first.arm
-        self._tip = Tip.of(SmoothFunction.unknown(self._arm, self._arm), self._seen, findings.noise_px)
+        self._tip = Tip.of(GaussianProcess.unknown(self._arm, self._arm), self._seen, findings.noise_px)
         self._untouched, self._turn_stops = True, Stops(np.zeros(1))
         self._hangs: Array | None = None
         self._shows = self.TEST_TURN

@@ -20,7 +20,7 @@ from ..base.prior_knowledge import PriorKnowledge
 from ..base.storage import prefixed, under
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.slopes import Slopes
-from .detector import NO_CAMERA, ChangeDetector, Finding, Verdict
+from .detector import NO_CAMERA, ChangeDetector, ChangeVerdict, Finding
 from .explanation import as_seen_now, explain_drift, explain_jump, since_mid_trial
 from .pairs import Cameras, HomeView, Pairs
 from .remembered import Remembered
@@ -80,7 +80,7 @@ all is to be kept."""
 
 
 @dataclass(frozen=True)
-class Event:
+class WorldEvent:
     """A change of the world, as it was recognised.
 
     Attributes:
@@ -158,7 +158,7 @@ class AdaptiveMemory:
         self.on_change = on_change
         self.detector = ChangeDetector(known.motors)
         self.archive = Archive()
-        self.events: list[Event] = []
+        self.events: list[WorldEvent] = []
         self.change: Jump | Drift | None = None
         self.known = known
         self._none = Pairs.none(known.motors)
@@ -222,9 +222,11 @@ class AdaptiveMemory:
         announced = self._announced if len(self.known.gripper) else NO_CAMERA
         self._announced = NO_CAMERA
         finding = self.detector.examine(pairs, self.known, announced)
-        if finding.verdict is Verdict.CHANGED and (announced.any() or not self._was_only_wrong(finding)):
+        if finding.verdict is ChangeVerdict.CHANGED and (
+            announced.any() or not self._was_only_wrong(finding)
+        ):
             self._meet_jump(finding)
-        elif finding.verdict is not Verdict.CHANGED and len(finding.pairs):
+        elif finding.verdict is not ChangeVerdict.CHANGED and len(finding.pairs):
             self._go_on(finding.pairs)
 
     def _was_only_wrong(self, found: Finding) -> bool:
@@ -251,15 +253,15 @@ class AdaptiveMemory:
         self.archive.add(before.arrays(), found.home_before)
         self.change, self._recent = None, self._none
         if self.on_change == "discard":
-            self.events.append(Event(first, "unknown", "discard"))
+            self.events.append(WorldEvent(first, "unknown", "discard"))
             self.known = before.nothing()
             self.known.learn(found.pairs)
         elif archived and archived.agrees_with(found.pairs, self.known):
-            self.events.append(Event(first, "back", "recall"))
+            self.events.append(WorldEvent(first, "back", "recall"))
             self.known = archived
             self.known.learn(found.pairs)
         else:
-            self.events.append(Event(first, "unknown", "map"))
+            self.events.append(WorldEvent(first, "unknown", "map"))
             self._refit_explanation(Jump(before, found.cameras, found.pairs))
 
     def _go_on(self, pairs: Pairs) -> None:
@@ -277,7 +279,7 @@ class AdaptiveMemory:
             self.known.learn(pairs)
             drifting = self.detector.home.drifting()
             if drifting.any():
-                self.events.append(Event(self._trial - 1, "drift", "map"))
+                self.events.append(WorldEvent(self._trial - 1, "drift", "map"))
                 self._refit_explanation(Drift(self.known.copy(), drifting))
 
     def _note(self, pairs: Pairs) -> None:
@@ -353,4 +355,4 @@ class AdaptiveMemory:
         if saved:
             before = self.known.copy_of(saved)
             self.change = Drift(before, cameras) if drifting else Jump(before, cameras, after_change)
-        self.events = [Event(int(trial), kind, action) for trial, kind, action in arrays["events"]]
+        self.events = [WorldEvent(int(trial), kind, action) for trial, kind, action in arrays["events"]]

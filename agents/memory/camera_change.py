@@ -15,7 +15,7 @@ from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array
 from ..base.weights import huber_weights
-from ..servo.image_model.gaussian_process import SmoothFunction
+from ..servo.image_model.gaussian_process import GaussianProcess
 from .pairs import Pairs
 
 HUBER = 3.0
@@ -190,7 +190,7 @@ class CameraChange:
         return "moved" if self.deviation_px.max() > MOVED_PX else "re-aimed"
 
 
-def fit_camera(before: SmoothFunction, camera: int, since: Pairs) -> CameraChange:
+def fit_camera(before: GaussianProcess, camera: int, since: Pairs) -> CameraChange:
     """Fits what has become of one camera: robust Gauss-Newton steps, with a prior towards a turned camera.
 
     Args:

@@ -21,7 +21,7 @@ NO_CAMERA.flags.writeable = False
 NOWHERE = np.full(4, np.nan)
 
 
-class Verdict(Enum):
+class ChangeVerdict(Enum):
     """What one trial says about the world."""
 
     UNCHANGED = "unchanged"
@@ -41,7 +41,7 @@ class Finding:
         first: CHANGED: the first of `pairs` that shows it; those before it may be older than the change.
     """
 
-    verdict: Verdict
+    verdict: ChangeVerdict
     pairs: Pairs
     cameras: Cameras = field(default_factory=NO_CAMERA.copy)
     home_before: Array = field(default_factory=NOWHERE.copy)
@@ -118,14 +118,14 @@ class ChangeDetector:
             if self._enough(gripper):
                 return self._changed(pairs, cameras, 1 + int(gripper.any(1).argmax()))
             self.suspects = pairs
-            return Finding(Verdict.SUSPECT, unconfirmed)
+            return Finding(ChangeVerdict.SUSPECT, unconfirmed)
         if since == self.CONFIRM_TRIALS - 1:
             unconfirmed = self._cleared(known)
-        return Finding(Verdict.UNCHANGED, unconfirmed + pairs)
+        return Finding(ChangeVerdict.UNCHANGED, unconfirmed + pairs)
 
     def _changed(self, pairs: Pairs, cameras: Cameras, first: int = 0) -> Finding:
         self.suspects = self._none
-        return Finding(Verdict.CHANGED, pairs, cameras, self.home.before(int(pairs.trials[0])), first)
+        return Finding(ChangeVerdict.CHANGED, pairs, cameras, self.home.before(int(pairs.trials[0])), first)
 
     def begin_anew(self, trial: int) -> None:
         """The world has changed: from now on only home views since that trial count."""

@@ -23,8 +23,8 @@ from ..base.prior_knowledge import PriorKnowledge
 from ..base.storage import prefixed, under
 from ..servo.image_model.gaussian_process import (
     NOISIER,
+    GaussianProcess,
     Looks,
-    SmoothFunction,
     price,
     right_looks,
     solved,
@@ -63,7 +63,7 @@ class KeptLooks:
     """A look is not kept where the others tell to this share of its noise what it should be. Choice."""
 
     def __init__(self, dimensions: int, motors: int, most: int) -> None:
-        self.function = SmoothFunction.unknown(dimensions, motors)
+        self.function = GaussianProcess.unknown(dimensions, motors)
         self._unknown = self.function
         self._most = most
         self._settled = 0
@@ -117,7 +117,7 @@ class KeptLooks:
         self._settled, self._next_refit = len(self), self.MORE * self._seen
         return mistaken
 
-    def _no_less_noisy(self, least: float) -> SmoothFunction:
+    def _no_less_noisy(self, least: float) -> GaussianProcess:
         """What was seen, where no look has less than this variance."""
         function, looks = self.function, self.function.looks
         if not len(self) or looks.variances.min() >= least:
@@ -130,7 +130,7 @@ class KeptLooks:
         after = self._with(places, points, variances)
         return float(after.evidence.max() - self.function.evidence.max())
 
-    def _with(self, places: Array, points: Array, variances: Array) -> SmoothFunction:
+    def _with(self, places: Array, points: Array, variances: Array) -> GaussianProcess:
         function = self.function
         for look in zip(places, points, variances, strict=True):
             function = function.with_look(*look, np.ones(2, bool))

@@ -19,7 +19,7 @@ from .jacobian import ESTIMATORS, Estimator
 from .redundancy import REDUNDANCIES
 from .servo_agent import SERVO_KNOWLEDGE, check_motions, servo
 from .slopes import Slopes
-from .trial import Findings, Steps, Trial, solve_distance
+from .trial import Findings, ServoTrial, Steps, solve_distance
 
 
 @servo("jacobian_servo", "Tests each motor once, then corrects its Jacobian by every motion.")
@@ -77,7 +77,7 @@ class JacobianServo:
 
     def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:
         """Seeks the rendezvous from the first observation on, until the trial ends."""
-        trial = Trial(first, findings, self.first_word, self.test_px)
+        trial = ServoTrial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         nearest, steps_since = np.inf, 0
         yield from trial.begin()
@@ -96,6 +96,6 @@ class JacobianServo:
                 continue
             nearest, steps_since = distance, 0
 
-    def _doubtful_px(self, trial: Trial) -> float:
+    def _doubtful_px(self, trial: ServoTrial) -> float:
         """The distance beyond which a servo that comes no nearer doubts its Jacobian."""
         return max(self.ARRIVED_PX, self.DOUBTFUL * trial.estimator.blur_px)

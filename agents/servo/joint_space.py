@@ -14,7 +14,7 @@ from ..base.registration import agent
 from .jacobian import TestMotions
 from .redundancy import solve
 from .servo_agent import SERVO_KNOWLEDGE
-from .trial import Findings, Trial
+from .trial import Findings, ServoTrial
 
 
 @agent("joint_space_servo", "A servo that sees the joint angles (Conkie, Chongstitvatana 1990).")
@@ -62,7 +62,7 @@ class JointSpaceServo(ProcedureAgent):
     def procedure(self, first: Observation, findings: None) -> Procedure:
         """See `ProcedureAgent`."""
         motors = len(first.registers)
-        trial = Trial(first, Findings(TestMotions(motors)), self.FIRST_WORD, self.TEST_PX)
+        trial = ServoTrial(first, Findings(TestMotions(motors)), self.FIRST_WORD, self.TEST_PX)
         turned_by_word = np.ones(motors)
         yield from trial.begin()
         while True:

@@ -12,7 +12,7 @@ from .jacobian import Estimator, TestMotions
 from .redundancy import REDUNDANCIES
 from .servo_agent import SERVO_KNOWLEDGE, check_motions, servo
 from .slopes import Slopes
-from .trial import Findings, Steps, Trial, solve_distance
+from .trial import Findings, ServoTrial, Steps, solve_distance
 
 
 @servo("paper_servo", "The paper's servo: tests each motor, solves for the step, executes it, and forgets.")
@@ -56,10 +56,20 @@ class PaperServo:
     def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:
         """Seeks the rendezvous from the first observation on, until the trial ends.
 
-        Every control word goes to the robot by a `yield` (in `Trial._move`), which returns the observation
-        after the motion.
+        What it calls stands in this folder, in `trial`, `perception`, `jacobian` and `redundancy`:
+
+            trial.begin       looks until all points were seen: ObservationFilter.first
+            trial.unmeasured  the motors whose columns of J are unknown
+            trial.test        a test motion of one motor, of a size that stands out from noise, by
+                trial.move    sends control words to the robot by a `yield`, which returns the observation
+                              after the motion; ObservationFilter.settle tells which points to believe;
+                              TestMotions.learn takes the column: displacement by word
+            solve_distance    c° from -d = J c° and what is done with the redundancy, between motors' stops
+            steps.make        executes c°, as long as the images allow, by trial.move; goes back where a
+                              point got lost
+            trial.forget      takes all columns for unknown
         """
-        trial = Trial(first, findings, self.first_word, self.test_px)
+        trial = ServoTrial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border, doubting=True)
         yield from trial.begin()
         while True:

@@ -194,7 +194,7 @@ class Visibility:
         return self._unseen > (self.PATIENCE if self.gaps else int(self.may_return))
 
 
-class Estimate(NamedTuple):
+class PointEstimate(NamedTuple):
     """Points as they are estimated.
 
     Attributes:
@@ -249,19 +249,19 @@ class Gating:
 
     def estimate(
         self, observations: Sequence[Observation], expected: Array, radii: Array, noise_px: float
-    ) -> Estimate:
+    ) -> PointEstimate:
         """The points (4, 2) that observations at one place, one or several, give reason to believe."""
         if len(observations) == 1:
             seen = observations[0].points
             found = observations[0].visible & (lengths_px(seen - expected) <= radii)
-            return Estimate(np.where(found[:, None], seen, expected), found, np.zeros(POINTS, bool))
-        estimate = Estimate(expected.copy(), np.zeros(POINTS, bool), np.zeros(POINTS, bool))
+            return PointEstimate(np.where(found[:, None], seen, expected), found, np.zeros(POINTS, bool))
+        estimate = PointEstimate(expected.copy(), np.zeros(POINTS, bool), np.zeros(POINTS, bool))
         for i in range(POINTS):
             seen = np.array([each.points[i] for each in observations if each.visible[i]]).reshape(-1, 2)
             self._estimate_point(i, seen, expected[i], radii[i], noise_px, estimate)
         return estimate
 
-    def count(self, observations: Sequence[Observation], estimate: Estimate, noise_px: float) -> None:
+    def count(self, observations: Sequence[Observation], estimate: PointEstimate, noise_px: float) -> None:
         """Learns from observations at one place how many points are mistaken."""
         for each in observations:
             told = each.visible & estimate.found
@@ -272,7 +272,7 @@ class Gating:
         return self.AGREE * np.sqrt(2) * noise_px
 
     def _estimate_point(
-        self, i: int, seen: Array, expected: Array, radius: float, noise_px: float, estimate: Estimate
+        self, i: int, seen: Array, expected: Array, radius: float, noise_px: float, estimate: PointEstimate
     ) -> None:
         """Writes point i into the estimate: what was seen (k, 2) inside the gate, or agrees."""
         inside = seen[lengths_px(seen - expected) <= radius]

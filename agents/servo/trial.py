@@ -61,7 +61,7 @@ class Findings(Generic[E]):
         self.tried_again = True
 
 
-class Trial:
+class ServoTrial:
     """What a servo knows in a trial, and the motions that all servos are made of.
 
     Attributes:
@@ -286,7 +286,7 @@ HARDLY_NEARER = 0.7
 """A motion came hardly nearer that left more than this share of the distance. Choice."""
 
 
-def solve_distance(trial: Trial, redundancy: str, damping: float) -> Array:
+def solve_distance(trial: ServoTrial, redundancy: str, damping: float) -> Array:
     """Control words c (m,) that solve -d = J c between the motors' stops (equation 1 of the paper).
 
     Args:
@@ -321,7 +321,7 @@ class Steps:
     """A step that leads out of the images keeps this share at least: else nothing would move (a guard)."""
 
     def __init__(
-        self, trial: Trial, step_px: float, step_word: float, border: float, doubting: bool = False
+        self, trial: ServoTrial, step_px: float, step_word: float, border: float, doubting: bool = False
     ) -> None:
         self.trial = trial
         self.confidence = 1.0

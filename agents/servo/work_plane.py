@@ -29,7 +29,7 @@ from .jacobian import Estimator, TestMotions
 from .redundancy import solve, solve_within
 from .servo_agent import SERVO_KNOWLEDGE, check_motions, servo
 from .slopes import Slopes
-from .trial import Findings, Steps, Trial
+from .trial import Findings, ServoTrial, Steps
 
 WAIST = 0
 RANK = 1e-9
@@ -135,7 +135,7 @@ class WorkPlaneServo:
 
     def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:
         """Seeks the rendezvous from the first observation on, until the trial ends."""
-        trial = Trial(first, findings, self.first_word, self.test_px)
+        trial = ServoTrial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         yield from trial.begin()
         while True:
@@ -148,13 +148,13 @@ class WorkPlaneServo:
                 yield from steps.make(self._turn(trial))
             yield from steps.make(self._motion_in_plane(trial))
 
-    def _in_plane(self, trial: Trial) -> bool:
+    def _in_plane(self, trial: ServoTrial) -> bool:
         jacobian = within_plane(trial.jacobian)
         apart = disparity(jacobian, trial.now.distance, self.damping)
         squared = float(apart @ disparity_weight(jacobian) @ apart)
         return squared < (self.in_plane_px * IMAGE_UNIT) ** 2
 
-    def _turn(self, trial: Trial) -> Array:
+    def _turn(self, trial: ServoTrial) -> Array:
         """Control words (m,) that bring the object into the work plane."""
         lowest, highest = trial.word_bounds
         word = turn(within_plane(trial.jacobian), trial.now.distance, self.damping)
@@ -162,7 +162,7 @@ class WorkPlaneServo:
         words[WAIST] = np.clip(word, lowest[WAIST], highest[WAIST])
         return words
 
-    def _motion_in_plane(self, trial: Trial) -> Array:
+    def _motion_in_plane(self, trial: ServoTrial) -> Array:
         """Control words (m,) that bring the gripper to an object in the work plane."""
         equations = EQUATIONS[self.camera]
         lowest, highest = trial.word_bounds

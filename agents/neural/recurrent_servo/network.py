@@ -42,7 +42,7 @@ GATES = 6
 """Numbers that rule estimate and step: keep, take, ridge, damping, limit, retreat."""
 
 
-class Memory(NamedTuple):
+class RecurrentState(NamedTuple):
     """All that the network keeps of a trial, for n robots with m motors.
 
     Attributes:
@@ -87,10 +87,10 @@ class RecurrentServoNetwork(nn.Module):
         self.test_words = nn.Parameter(0.15 * torch.eye(motors))
         """The first m words of a trial (m, m), to which the decoder adds; at first one motor at a time."""
 
-    def begin(self, robots: int) -> Memory:
+    def begin(self, robots: int) -> RecurrentState:
         """The memory of `robots` robots at the beginning of a trial."""
         like = self.test_words.new_zeros
-        return Memory(
+        return RecurrentState(
             hidden=like(robots, self.hidden),
             points=like(robots, 4, 2),
             registers=like(robots, self.motors),
@@ -101,8 +101,8 @@ class RecurrentServoNetwork(nn.Module):
         )
 
     def forward(
-        self, points: Tensor, visible: Tensor, registers: Tensor, memory: Memory
-    ) -> tuple[Tensor, Memory]:
+        self, points: Tensor, visible: Tensor, registers: Tensor, memory: RecurrentState
+    ) -> tuple[Tensor, RecurrentState]:
         """Control words (n, m) in [-1, 1], and the memory for the next observation.
 
         Args:
@@ -127,7 +127,7 @@ class RecurrentServoNetwork(nn.Module):
         step = _gauss_newton(jacobian, motion.distance, LEAST_DAMPING + damping)
         step = torch.where(motion.seen[:, None], step, (1 - retreat) * step + retreat * motion.back)
         words = limit * torch.tanh((step + FREELY * extra) / limit) + self._tests(memory.looks)
-        return words.clamp(-1, 1), Memory(
+        return words.clamp(-1, 1), RecurrentState(
             hidden=hidden,
             points=torch.where(motion.seen[:, None, None], points, memory.points),
             registers=torch.where(motion.seen[:, None], registers, memory.registers),
@@ -166,7 +166,7 @@ class _Motion(NamedTuple):
     moment: Tensor
 
 
-def _last_motion(points: Tensor, visible: Tensor, registers: Tensor, memory: Memory) -> _Motion:
+def _last_motion(points: Tensor, visible: Tensor, registers: Tensor, memory: RecurrentState) -> _Motion:
     seen = visible.all(1)
     moved = (seen & memory.seen).to(points.dtype)[:, None]
     points_change = (points - memory.points).flatten(1) * moved
@@ -186,7 +186,9 @@ def _last_motion(points: Tensor, visible: Tensor, registers: Tensor, memory: Mem
     )
 
 
-def _inputs(points: Tensor, visible: Tensor, registers: Tensor, memory: Memory, motion: _Motion) -> Tensor:
+def _inputs(
+    points: Tensor, visible: Tensor, registers: Tensor, memory: RecurrentState, motion: _Motion
+) -> Tensor:
     """What the network is shown (n, inputs); factors bring all to the order of one."""
     distance, change = motion.distance, motion.change
     information, moment = memory.information + motion.information, memory.moment + motion.moment

@@ -16,7 +16,7 @@ from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.storage import AgentFile
 from ...base.trials import foreign, is_of_one
-from .network import KEPT, Memory, load_network, observation_format, save_network
+from .network import KEPT, RecurrentState, load_network, observation_format, save_network
 
 
 class RecurrentServo(Agent):
@@ -60,10 +60,10 @@ class RecurrentServo(Agent):
     def predict(
         self,
         observation: RawObservation,
-        state: Memory | None = None,
+        state: RecurrentState | None = None,
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
-    ) -> tuple[NDArray[np.float32], Memory]:
+    ) -> tuple[NDArray[np.float32], RecurrentState]:
         """See `Agent`. The state is opaque.
 
         Raises:
@@ -71,7 +71,7 @@ class RecurrentServo(Agent):
                 that this agent has returned; or the observation is none, see `is_of_one`.
         """
         is_of_one(observation, self.env.observation_space)
-        if state is not None and not isinstance(state, Memory):
+        if state is not None and not isinstance(state, RecurrentState):
             raise foreign(f"is {state!r}")
         registers = np.atleast_2d(observation["observation"])[:, POINTS:]
         begins = self._beginnings.where(registers, None if state is None else len(state.looks), episode_start)
@@ -80,7 +80,7 @@ class RecurrentServo(Agent):
             if [old.shape for old in state] != [new.shape for new in memory]:
                 raise foreign("is of another network")
             begun = torch.from_numpy(begins)
-            memory = Memory(
+            memory = RecurrentState(
                 *(
                     torch.where(begun.reshape(-1, *[1] * (old.ndim - 1)), new, old)
                     for new, old in zip(memory, state, strict=True)

@@ -21,7 +21,7 @@ from torch import Tensor, nn
 
 from calfree_gym.image import IMAGE_UNIT
 
-from .network import Memory, RecurrentServoNetwork, save_network
+from .network import RecurrentServoNetwork, RecurrentState, save_network
 from .robots import Disturbances, Look, TrainingRobots
 
 TOLERANCE = 4 * IMAGE_UNIT
@@ -69,7 +69,7 @@ def make_episode(
     made = 0.0
     for motion in range(1, motions + 1):
         words, memory = network(points, visible, befall.to_network(registers), memory)
-        memory = Memory(*(_bounded_gradient(part) for part in memory))
+        memory = RecurrentState(*(_bounded_gradient(part) for part in memory))
         words = befall.to_robot(_bounded_gradient(words))
         asked = look.registers + words.detach()
         look = robots.move(words.detach().numpy())

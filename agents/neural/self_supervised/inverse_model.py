@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...base.checks import check_number, check_numbers, checked_array
 from ...base.observation import Array
-from .replay import SENSORS, Pairs
+from .replay import SENSORS, ReplayPairs
 
 Float32 = NDArray[np.float32]
 
@@ -220,7 +220,7 @@ class InverseModel:
         inputs = self._inputs(sensors, registers, change)
         return self._said(self._network(inputs), inputs) * self.register_scale
 
-    def judge(self, pairs: Pairs) -> tuple[Array, Array, Array]:
+    def judge(self, pairs: ReplayPairs) -> tuple[Array, Array, Array]:
         """What the network says of pairs of observations.
 
         Returns:
@@ -230,7 +230,7 @@ class InverseModel:
         said = self.words(pairs.sensors, pairs.registers, pairs.change) / self.register_scale
         return pairs.words / self.register_scale, said, np.sqrt(self._size(pairs.change))
 
-    def train(self, pairs: Pairs, steps: int, usual_error: float) -> None:
+    def train(self, pairs: ReplayPairs, steps: int, usual_error: float) -> None:
         """Steps of Adam on pairs of observations, and of the averaged weights behind them.
 
         Args:

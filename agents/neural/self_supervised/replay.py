@@ -15,7 +15,7 @@ SENSORS = 8
 """Length of both sensor vectors, the gripper's and the object's."""
 
 
-class Pairs(NamedTuple):
+class ReplayPairs(NamedTuple):
     """Ordered pairs of observations of the same trial.
 
     Attributes:
@@ -33,7 +33,7 @@ class Pairs(NamedTuple):
     doubtful: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, before: Observation, after: Observation) -> Pairs:
+    def of(cls, before: Observation, after: Observation) -> ReplayPairs:
         """The pair (n = 1) of two observations."""
         return cls(
             sensors=before.points.reshape(1, SENSORS),
@@ -111,7 +111,7 @@ class Replay:
         self._registers[before] *= signs
         self._trials[before.stop : self._size] += 1
 
-    def sample(self, count: int, rng: np.random.Generator, consecutive: bool = False) -> Pairs:
+    def sample(self, count: int, rng: np.random.Generator, consecutive: bool = False) -> ReplayPairs:
         """Draws pairs: a first observation, and another one of the same trial, uniformly.
 
         Where most are doubtful, half of the first ones are not, or less while these are few.
@@ -134,7 +134,7 @@ class Replay:
         first, begin, others = (each[others > 0] for each in (first, begin, others))
         second = begin + (first - begin + 1 + rng.integers(others)) % (others + 1)
         change = sensors[second] - sensors[first]
-        return Pairs(
+        return ReplayPairs(
             sensors[first],
             registers[first],
             change[:, :4] - change[:, 4:],

@@ -16,13 +16,13 @@ from ...base.observation import Array, Observation
 from ...base.procedure import Procedure, ProcedureAgent
 from ...base.registration import agent
 from ...base.storage import AgentFile, prefixed, under
-from .change_detector import ChangeDetector, Judged
+from .change_detector import ErrorDetector, JudgedMotion
 from .inverse_model import InverseModel
-from .replay import Pairs, Replay
+from .replay import Replay, ReplayPairs
 
 
 @dataclass
-class Reach:
+class LearnedReach:
     """What is known of a trial while it goes on.
 
     Attributes:
@@ -85,7 +85,7 @@ def _words(model: InverseModel, at: Observation, change: Array) -> Array:
 
 def reach(
     first: Observation,
-    trial: Reach,
+    trial: LearnedReach,
     model: InverseModel,
     rng: np.random.Generator,
     patience: int,
@@ -138,7 +138,7 @@ class Schedule:
         exploration: Share of random motions later, in `learn`.
         patience: After so many motions that came no nearer, a random one.
         updates: Steps of gradient descent after each motion.
-        batch: Pairs of observations in each step.
+        batch: ReplayPairs of observations in each step.
         capacity: Observations that are kept.
     """
 
@@ -175,7 +175,7 @@ class SelfSupervised(ProcedureAgent):
     - In a trial, M is corrected by what the trial's own motions have shown: a ridge regression of their
       residuals. So it reaches while it knows little, and right after a change.
     - Weights that act are averaged.
-    - It tells by itself when the world has changed (`ChangeDetector`). Where one reversed motor explains the
+    - It tells by itself when the world has changed (`ErrorDetector`). Where one reversed motor explains the
       errors, the replay is mended: the motor's registers get the other sign. Otherwise the replay from before
       the change is doubtful: each of its pairs counts as far as the network, which learns from new ones,
       confirms it.
@@ -194,7 +194,7 @@ class SelfSupervised(ProcedureAgent):
         exploration: Share of random motions later, in `learn`.
         patience: After so many motions that came no nearer, it makes a random one.
         updates: Steps of Adam after each motion.
-        batch: Pairs of observations in each step.
+        batch: ReplayPairs of observations in each step.
         capacity: Observations that are kept.
 
     Raises:
@@ -235,17 +235,17 @@ class SelfSupervised(ProcedureAgent):
             random_motions, random_extent, exploration, patience, updates, batch, capacity
         )
         self.replay = Replay(motors, capacity)
-        self.detector = None if self.plain else ChangeDetector(motors)
+        self.detector = None if self.plain else ErrorDetector(motors)
         self._usual_error = 1.0
         self.changes: list[tuple[int, Array | None]] = []
         self._trials = 0
         self._rng = np.random.default_rng(seed)
 
-    def new_findings(self) -> Reach:
+    def new_findings(self) -> LearnedReach:
         """See `ProcedureAgent`."""
-        return Reach()
+        return LearnedReach()
 
-    def procedure(self, first: Observation, findings: Reach) -> Procedure:
+    def procedure(self, first: Observation, findings: LearnedReach) -> Procedure:
         """See `ProcedureAgent`. Random words follow from the object, so that `predict` is deterministic."""
         rng = np.random.default_rng([self.seed, *np.frombuffer(first.object.tobytes(), np.uint32)])
         schedule, corrects = self.schedule, self.detector is not None
@@ -263,7 +263,7 @@ class SelfSupervised(ProcedureAgent):
             return words
         return np.clip(random_words(self._rng, now.registers, self.schedule.random_extent), -1, 1)
 
-    def learn_motion(self, findings: Reach, before: Observation, after: Observation) -> None:
+    def learn_motion(self, findings: LearnedReach, before: Observation, after: Observation) -> None:
         """See `ProcedureAgent`."""
         if not findings.kept:
             findings.kept = True
@@ -278,19 +278,19 @@ class SelfSupervised(ProcedureAgent):
                 return
         seen = before.visible.all() and after.visible.all()
         if self.detector and seen and (after.registers != before.registers).any():
-            self._judge(self.detector, Pairs.of(before, after), findings)
+            self._judge(self.detector, ReplayPairs.of(before, after), findings)
         steps = self.schedule.updates
         pairs = self.replay.sample(steps * self.schedule.batch, self._rng, self.plain)
         self.model.train(pairs, steps, self._usual_error)
 
-    def _judge(self, detector: ChangeDetector, motion: Pairs, findings: Reach) -> None:
+    def _judge(self, detector: ErrorDetector, motion: ReplayPairs, findings: LearnedReach) -> None:
         """Judges by a motion whether the replay is still true, and doubts or mends what is not.
 
         What the trial's motions showed is of the network as it was before it was mended.
         """
         made, said, size = self.model.judge(motion)
         usual_error = detector.usual_error()
-        judged = Judged(made[0], said[0], float(size[0]), self.replay.added, self._trials)
+        judged = JudgedMotion(made[0], said[0], float(size[0]), self.replay.added, self._trials)
         change = detector.observe(judged)
         if change is None:
             return

@@ -75,7 +75,7 @@ class Expected(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SmoothFunction:
+class GaussianProcess:
     """One point in both images as Gaussian processes over places: registers, and what else it depends on.
 
     Nothing is said of how many motors there are, and only what earlier trials showed tells one from another
@@ -395,7 +395,7 @@ def price() -> float:
     return float(np.log(Gating.MISTAKEN / Gating.OF / IMAGE_AREA))
 
 
-def right_looks(function: SmoothFunction) -> Flags:
+def right_looks(function: GaussianProcess) -> Flags:
     """Which looks (n, 2), in each image, are not more likely mistaken than right."""
     seen = np.isfinite(function.looks.variances)
     right = np.ones_like(seen)
@@ -445,7 +445,7 @@ def _odds(certain: Array, sums: Array) -> Array:
     return np.asarray(odds)
 
 
-def without_mistaken(function: SmoothFunction, before: SmoothFunction) -> SmoothFunction:
+def without_mistaken(function: GaussianProcess, before: GaussianProcess) -> GaussianProcess:
     """The same, where mistaken looks are not seen; or itself, if those explain better what was seen.
 
     Args:
@@ -464,7 +464,7 @@ def without_mistaken(function: SmoothFunction, before: SmoothFunction) -> Smooth
     return other if better else function
 
 
-def solved(function: SmoothFunction) -> tuple[Array, Array]:
+def solved(function: GaussianProcess) -> tuple[Array, Array]:
     """Inverse covariances (p, n, n) of what was seen, and their product with it (2, n, 2)."""
     whitening, white = function.whitening[function.best], function.white[function.best]
     return whitening.swapaxes(1, 2) @ whitening, whitening.swapaxes(1, 2) @ white
@@ -484,7 +484,7 @@ LATEST = 100
 """So many looks tell (a guard: it takes time)."""
 
 
-def relative_lengths(function: SmoothFunction, since: int) -> tuple[Array, int]:
+def relative_lengths(function: GaussianProcess, since: int) -> tuple[Array, int]:
     """Over how many registers a point is smooth along each motor, by the looks from the index `since` on.
 
     Returns:

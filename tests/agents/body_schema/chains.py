@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from agents.body_schema.chain import Chain, Views
+from agents.body_schema.chain import JointChain, Views
 from agents.body_schema.fitting import Fit, Fitted, Gaussian, any_std
 from agents.body_schema.known import Known
 from agents.body_schema.pinholes import PLACE, TURN
@@ -38,7 +38,7 @@ class Arm:
         self.spans = np.random.default_rng(3).uniform(0.6, 1.4, motors) * np.where(
             np.arange(motors) % 2, 1, -1
         )
-        self.chain = Chain(motors, (mount, mount))
+        self.chain = JointChain(motors, (mount, mount))
         self.numbers = np.zeros(self.chain.size)
         self._at(np.zeros(motors))
         for joint in range(motors):

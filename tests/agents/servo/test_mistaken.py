@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agents.servo.image_model.gaussian_process import (
-    SmoothFunction,
+    GaussianProcess,
     odds_by_the_rest,
     price,
     right_looks,
@@ -33,7 +33,7 @@ def scene(seed, looks=30, mistaken=0.08):
 
 
 def looked(places, points):
-    function = SmoothFunction.unknown(3, 3)
+    function = GaussianProcess.unknown(3, 3)
     for place, seen in zip(places, points, strict=True):
         function = function.with_look(place, seen, NOISE**2, SEEN)
     return function
@@ -56,7 +56,7 @@ def test_where_none_is_mistaken_hardly_any_is_left_out():
 def test_without_them_the_rest_tells_where_the_point_is():
     places, points, _, true = scene(7)
     function = looked(places[:-1], points[:-1])
-    other = without_mistaken(function, SmoothFunction.unknown(3, 3))
+    other = without_mistaken(function, GaussianProcess.unknown(3, 3))
     expected = other.at(places[-1])
     off = np.linalg.norm(expected.points - true[-1], axis=1)
     assert (off < 4 * np.sqrt(expected.variances.max() + NOISE**2)).all()

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from agents.base.stops import Stops
 from agents.servo.jacobian import Kalman, TestMotions
 from agents.servo.slopes import Slopes
-from agents.servo.trial import Findings, Trial, half_way_back
+from agents.servo.trial import Findings, ServoTrial, half_way_back
 from calfree_gym.image import lengths_px
 from tests.agents.linear_arm import LinearArm
 
@@ -17,7 +17,7 @@ TEST_PX = 16.0
 
 
 def trial_of(arm, estimator):
-    return Trial(arm.observed(), Findings(estimator), 0.04, TEST_PX)
+    return ServoTrial(arm.observed(), Findings(estimator), 0.04, TEST_PX)
 
 
 def carry_out(motions, arm):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents.servo.image_model.gaussian_process import SmoothFunction
+from agents.servo.image_model.gaussian_process import GaussianProcess
 from agents.servo.jacobian import Kalman
 from agents.servo.perception import NoiseEstimate
 from experiments.__main__ import main
@@ -25,7 +25,7 @@ ONLY = ("probe_px", "HomeView.SIGMAS")
 
 def test_constants_of_settings_classes_and_modules_are_found():
     assert LABELS["probe_px"].value == 16.0
-    assert LABELS["SmoothFunction.SPREAD"].value == SmoothFunction.SPREAD
+    assert LABELS["GaussianProcess.SPREAD"].value == GaussianProcess.SPREAD
     assert LABELS["looks.NOISIER"].value == 2.0
     assert {"Gating.TAILS", "Gating.MISTAKEN", "Gating.OF"} <= LABELS.keys()
     assert {"looks", "HomeView.SIGMAS"} <= {each.label for each in FOUND["memory"]}
@@ -120,8 +120,8 @@ def test_an_error_leaves_no_constant_varied():
             raise KeyError
 
     with pytest.raises(KeyError):
-        fails(LABELS["SmoothFunction.SPREAD"])
-    assert LABELS["SmoothFunction.SPREAD"].value == SmoothFunction.SPREAD
+        fails(LABELS["GaussianProcess.SPREAD"])
+    assert LABELS["GaussianProcess.SPREAD"].value == GaussianProcess.SPREAD
 
 
 def test_what_follows_from_a_constant_goes_along():
