@@ -1,7 +1,5 @@
 """Names of modules in earlier versions: what is public there can be imported for one version more."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Sequence

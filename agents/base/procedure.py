@@ -208,7 +208,6 @@ class ProcedureAgent(Agent):
                 raise foreign(f"holds {trial!r}")
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
-        """See `Agent`."""
         check_number("total_timesteps", total_timesteps, least=0, whole=True)
         target = self.num_timesteps + total_timesteps
         go_on = True
@@ -255,7 +254,6 @@ class ProcedureAgent(Agent):
         return int(self.env.action_space.shape[-1])  # type: ignore[index]
 
     def save(self, path: AgentFile) -> None:
-        """See `Agent`."""
         storage.save(
             path, self.kind, self.arrays() | self._encoders.arrays(), self.num_timesteps, self._motors
         )

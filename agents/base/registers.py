@@ -8,8 +8,6 @@ An encoder is noisy and has steps, a controller ends short of its goal. All of i
 are made anyway, and stays from trial to trial: a robot keeps its encoders.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a call of `predict` is given: of one environment or of several, and which of them begin a trial."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

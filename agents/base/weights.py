@@ -1,7 +1,5 @@
 """Weights by which mistaken measurements count little: M-estimators (Hartley & Zisserman 2004, app. 6.8)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

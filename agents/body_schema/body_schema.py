@@ -1,7 +1,5 @@
 """Learns what its body is, over any servo: robotics calls that a body schema (Hoffmann et al. 2010)."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Generator, Mapping
 from typing import Any, NamedTuple
@@ -163,9 +161,7 @@ class BodySchema(ServoAgent):
         stops: Where motors are known to stop.
 
     Args:
-        env: See `Agent`.
         servo: Reaches what its own knowledge does not.
-        seed: See `Agent`.
     """
 
     LEFT = 0.5
@@ -191,7 +187,6 @@ class BodySchema(ServoAgent):
         self.stops = Stops(np.zeros(self.motors))
 
     def new_findings(self) -> Findings[Any]:
-        """See `ProcedureAgent`."""
         findings = super().new_findings()
         findings.stops = copy.copy(self.stops)
         return findings
@@ -277,17 +272,14 @@ class BodySchema(ServoAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return f"BodySchema over {self.servo!r}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `ProcedureAgent`."""
         lowest, highest = np.where(np.isfinite(self.stops.found), self.stops.found, np.nan)
         stops = {"lowest": lowest, "highest": highest, "been": self.stops.been}
         return super().arrays() | self.body.arrays() | stops
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`."""
         super().restore(arrays)
         self.body.restore(arrays)
         stops = Stops(np.zeros(self.motors))

@@ -4,8 +4,6 @@ Every joint turns about an axis, slides along one, or both: a twist, as far as i
 is said of the arm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Fitting a chain of joints and two cameras to what was seen, by least squares."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """A chain of joints as far as it is known: what it explains, and what it leads one to expect."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property

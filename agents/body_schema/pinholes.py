@@ -1,7 +1,5 @@
 """Pinhole cameras with a lens: where they see points, where two see a point to be, and how that changes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..base.observation import Array

@@ -76,11 +76,9 @@ class AffineStereo(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return f"AffineStereo(gain={self.gain}, spacing={self.spacing})"
 
     def procedure(self, first: Observation, findings: None) -> Procedure:
-        """See `ProcedureAgent`."""
         filter_ = ObservationFilter()
         now = yield from filter_.first(first)
         known = [now]

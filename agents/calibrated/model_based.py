@@ -1,7 +1,5 @@
 """The calibrated robot that the paper argues against: it goes by its models (section 2.2)."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from typing import Any
 
@@ -60,7 +58,6 @@ class ModelBased(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return f"ModelBased(camera_mount={self.camera_mount!r})"
 
     def procedure(self, first: Observation, findings: None) -> Procedure:

@@ -1,7 +1,5 @@
 """The calibrated robot that calibrates itself, and never ceases to (paper, sections 1 and 2.2)."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Mapping
@@ -60,12 +58,10 @@ class RecordedTrial(ServoTrial):
         return self.filter.noise.px
 
     def begin(self) -> Motions:
-        """See `ServoTrial`."""
         yield from super().begin()
         self.recorded.append(self.now)
 
     def move(self, words: Array) -> Motions:
-        """See `ServoTrial`."""
         made = yield from super().move(words)
         self.recorded.append(self.now)
         return made
@@ -237,7 +233,6 @@ class SelfCalibrating(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         model = f"motor_curve={self.motor_curve!r}, lens={self.lens!r}"
         return f"SelfCalibrating(camera_mount={self.camera_mount!r}, {model})"
 
@@ -246,7 +241,6 @@ class SelfCalibrating(ProcedureAgent):
         return _OF_ONE_KIND.sub(r"\1, motor_curve='cubic', lens='radial')", saved)
 
     def new_findings(self) -> Calibration:
-        """See `ProcedureAgent`."""
         return replace(self.calibration)
 
     def procedure(self, first: Observation, findings: Calibration) -> Procedure:
@@ -292,7 +286,6 @@ class SelfCalibrating(ProcedureAgent):
         self.calibration = findings
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `ProcedureAgent`."""
         known = self.calibration.known
         return {} if known is None else {**vars(self.calibration.measurements), **vars(known)}
 

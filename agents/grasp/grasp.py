@@ -1,7 +1,5 @@
 """Grasps: the paper's whole procedure, over any servo and any knowledge (sections 3.1, 3.4 and 3.5)."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Mapping
 from functools import partial
 from typing import Any
@@ -74,12 +72,10 @@ class Grasp(ProcedureAgent):
         turning: What turns the jaws, and how far.
 
     Args:
-        env: See `Agent`.
         reacher: Makes the agent that goes to the intermediate position, for an environment that it moves in.
         intermediate: Where the gripper goes first, of `INTERMEDIATE`.
         orientation: How the jaws' angle is seen, of `ORIENTATION`.
         tries: How often it tries to grasp.
-        seed: See `Agent`.
         table: Knowledge of the registers of arm and turn, by keys of six dimensions (section 4.3).
     """
 
@@ -148,15 +144,12 @@ class Grasp(ProcedureAgent):
         return cls(env, reacher, intermediate, orientation, tries, seed, table)
 
     def observed(self, raw: RawObservation) -> GraspObservation:
-        """See `ProcedureAgent`."""
         return GraspObservation.of(raw)
 
     def new_findings(self) -> GraspFindings:
-        """See `ProcedureAgent`."""
         return GraspFindings(self.reacher.new_findings(), self.turning.in_new_trial())
 
     def procedure(self, first: Any, findings: GraspFindings) -> Generator[Array, Any, None]:
-        """See `ProcedureAgent`."""
         findings.descent = self._remembered(first, findings.noise_px)
         trial = GraspTrial(self.reacher, self.intermediate, self.orientation, first, findings)
         if self.table is not None and first.visible.all():
@@ -191,20 +184,17 @@ class Grasp(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         settings = f"intermediate={self.intermediate}, orientation={self.orientation}, tries={self.tries}"
         table = "" if self.table is None else f"{self.table!r} of six dimensions, "
         return f"grasp over {self.reacher.kind}, {table}{settings}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `ProcedureAgent`."""
         own = {"turning": self.turning.state, "turning_covariance": self.turning.covariance}
         for name, knowledge in self._own_knowledge.items():
             own |= prefixed(name, knowledge.arrays())
         return own | prefixed("reacher", self.reacher.arrays())
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`."""
         size = len(self.turning.state)
         self.turning = Turning(
             checked_array(arrays, "turning", (size,)),

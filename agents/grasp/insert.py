@@ -1,7 +1,5 @@
 """Inserts: to an intermediate position by any servo, then down along the gripper's axis (paper, 3.4)."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Mapping
 from functools import partial
 from typing import Any
@@ -52,9 +50,7 @@ class Insert(ProcedureAgent):
     plate it goes back up, looks again, and comes down once more.
 
     Args:
-        env: See `Agent`.
         reacher: Makes the agent that goes to the intermediate position, for an environment that it moves in.
-        seed: See `Agent`.
     """
 
     def __init__(self, env: gym.Env[Any, Any], reacher: Any, seed: int = 0) -> None:
@@ -73,15 +69,12 @@ class Insert(ProcedureAgent):
         return cls(env, partial(ServoAgent.make, seed=seed, **settings), seed)
 
     def observed(self, raw: RawObservation) -> InsertObservation:
-        """See `ProcedureAgent`."""
         return InsertObservation.of(raw)
 
     def new_findings(self) -> GraspFindings:
-        """See `ProcedureAgent`."""
         return GraspFindings(self.reacher.new_findings(), Turning.unknown(ARM))
 
     def procedure(self, first: Any, findings: GraspFindings) -> Generator[Array, Any, None]:
-        """See `ProcedureAgent`."""
         trial = InsertTrial(self.reacher, "along_axis", "least_squares", first, findings)
         yield from without_jaws(trial.approach())
         yield from without_jaws(insert(trial))
@@ -93,7 +86,6 @@ class Insert(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return f"insert over {self.reacher.kind}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -101,7 +93,6 @@ class Insert(ProcedureAgent):
         return self.reacher.arrays()
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`."""
         self.reacher.restore(arrays)
 
 

@@ -1,7 +1,5 @@
 """What is seen of an object that lies, and how far it was pushed meanwhile."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """One trial of grasping: what is known in it, and the motions that the procedure is made of."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import Any

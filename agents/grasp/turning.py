@@ -1,7 +1,5 @@
 """What turns the jaws, and how far they still must, learned from motions that are made anyway (3.5)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Self

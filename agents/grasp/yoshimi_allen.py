@@ -1,7 +1,5 @@
 """The procedure of Yoshimi & Allen (1994), as far as it goes with cameras that stand beside the arm."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from typing import Any
 
@@ -103,11 +101,9 @@ class YoshimiAllen(ProcedureAgent):
     prior_knowledge = SERVO_KNOWLEDGE | {PriorKnowledge.MOTOR_ORDER}
 
     def observed(self, raw: RawObservation) -> InsertObservation:
-        """See `ProcedureAgent`."""
         return InsertObservation.of(raw)
 
     def procedure(self, first: Any, findings: None) -> Generator[Array, Any, None]:
-        """See `ProcedureAgent`."""
         tool = Tool(first)
         yield from tool.turn(TURN)
         for _ in range(ROUNDS):

@@ -1,7 +1,5 @@
 """Small tables over one or two sensor coordinates each, whose sum are registers (section 4.3)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -85,7 +83,6 @@ class FactoredTable:
         """See `Knowledge`. A table implies none."""
 
     def learn(self, sensors: Array, registers: Array) -> None:
-        """See `Knowledge`."""
         if self.gain.kalman:
             self.covariance += self.gain.drift_variance / self.SCALE_PX**2 * self._prior
         which, near = self._between(sensors)
@@ -100,11 +97,9 @@ class FactoredTable:
         )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `Knowledge`."""
         return {name: getattr(self, name).copy() for name in ("records", "covariance")}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `Knowledge`."""
         records = checked_array(arrays, "records", self.records.shape)
         covariance = checked_array(arrays, "covariance", self.covariance.shape)
         self.records, self.covariance = records, covariance

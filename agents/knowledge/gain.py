@@ -1,7 +1,5 @@
 """How far each of several records is corrected where their weighted sum missed: two rules, one code."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

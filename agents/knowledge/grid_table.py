@@ -1,7 +1,5 @@
 """The paper's table: registers at the corners of a grid in sensor space (section 4.2; Xie et al. 1997)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import product
@@ -102,11 +100,9 @@ class GridTable:
         self.successes[corners] += 1
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `Knowledge`."""
         return {name: getattr(self, name).copy() for name in ("records", "variances", "successes")}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `Knowledge`."""
         corners, motors = self.records.shape
         records = checked_array(arrays, "records", (corners, motors), allow_nan=True)
         variances = checked_array(arrays, "variances", (corners,))

@@ -1,7 +1,5 @@
 """Recall, move, correct, learn: any knowledge base over any servo (paper, section 4)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -41,10 +39,8 @@ class LearningServo(KnowledgeAgent):
             where the cameras are on the forearm, it does not show where an object would be seen from home.
 
     Args:
-        env: See `Agent`.
         knowledge: The knowledge base.
         servo: Corrects where it misses.
-        seed: See `Agent`.
         jump_px: It moves at once only where it expects to end up no further off than this; tuned on
             wild worlds 3000 and up.
         every_look: Whether every observation of the gripper teaches, not only the rendezvous.
@@ -81,7 +77,6 @@ class LearningServo(KnowledgeAgent):
         self.camera_motors = np.zeros(self.motors, bool)
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
-        """See `ProcedureAgent`."""
         now = yield from findings.filter.first(first)
         findings.trusted.append(now)
         recall = self._recall(now)
@@ -117,7 +112,6 @@ class LearningServo(KnowledgeAgent):
         return None if recall is None or recall.deviation_px > self.jump_px else recall
 
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
-        """See `ProcedureAgent`."""
         super().learn_trial(findings, last, ended)
         self._learn_camera_motors(findings.estimator.jacobian)
         trusted = findings.trusted
@@ -163,17 +157,14 @@ class LearningServo(KnowledgeAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         settings = f"jump_px={self.jump_px:g}, every_look={self.every_look}"
         return f"{self.knowledge!r} over {self.servo!r}, {settings}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `ProcedureAgent`."""
         motors = {"camera_motors": self.camera_motors, "looks_teach": np.array([self.looks_teach])}
         return super().arrays() | self.knowledge.arrays() | motors
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`."""
         super().restore(arrays)
         arrays = with_present_names(arrays, {"carriers": "camera_motors"})
         self.knowledge.restore(arrays)

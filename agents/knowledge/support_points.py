@@ -1,7 +1,5 @@
 """Scattered support points with local affine fits: placed "where they are actually needed" (section 4.3)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -157,14 +155,12 @@ class SupportPoints:
         )
 
     def recall(self, sensors: Array) -> Recall | None:
-        """See `Knowledge`."""
         if not len(self.sensors):
             return None
         registers, variance = self._fit(self._nearest(self.sensors, sensors)).inverse(sensors)
         return Recall(registers, float(np.sqrt(variance)))
 
     def jacobian(self, registers: Array) -> Array | None:
-        """See `Knowledge`."""
         if len(self.registers) < self.neighbours:
             return None
         fit = self._fit(self._nearest(self.registers, registers))
@@ -193,11 +189,9 @@ class SupportPoints:
             self._keep(np.delete(np.arange(len(self.registers)), rounded(self.variances[:-1]).argmax()))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `Knowledge`."""
         return {name: getattr(self, name).copy() for name in ("registers", "sensors", "variances")}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `Knowledge`."""
         registers = checked_array(arrays, "registers", (None, self.registers.shape[1]))
         count = len(registers)
         sensors = checked_array(arrays, "sensors", (count, 4))

@@ -5,8 +5,6 @@ way". The answer comes from motions that are made anyway. What was known before 
 was; while more is seen, the explanation of the change is fitted again, and what was known is mapped by it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from typing import Any

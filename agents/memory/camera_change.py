@@ -5,8 +5,6 @@ their depth. A camera that was moved shows parallax besides: a part that follows
 camera tells. One that was replaced may follow neither.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

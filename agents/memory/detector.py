@@ -1,7 +1,5 @@
 """Has anything changed? The gripper's view at home tells, and what is seen elsewhere and was not expected."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum

@@ -1,7 +1,5 @@
 """Remembers every look, over any servo, and sees that the world has changed (paper, sections 4 and 5)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -40,10 +38,8 @@ class Memory(KnowledgeAgent):
         adaptation: What it remembers, and what it does with that where the world has changed.
 
     Args:
-        env: See `Agent`.
         knowledge: Remembers; empty.
         servo: Goes where it is told by what is remembered.
-        seed: See `Agent`.
         jump_px: With another servo than the unified one, it moves at once only where it expects to end up no
             further off than this.
         on_change: What it does with what it remembers where the world has changed: one of
@@ -66,7 +62,6 @@ class Memory(KnowledgeAgent):
         self.prior_knowledge |= knowledge.prior_knowledge | self.adaptation.prior_knowledge
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
-        """See `ProcedureAgent`."""
         now = yield from findings.filter.first(first)
         findings.trusted.append(now)
         points = self.adaptation.points_for(now, findings.filter.noise.px, self.slopes)
@@ -117,16 +112,13 @@ class Memory(KnowledgeAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         settings = f"jump_px={self.jump_px:g}, on_change={self.adaptation.on_change}"
         return f"{self.adaptation.known!r} over {self.servo!r}, {settings}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `ProcedureAgent`."""
         return super().arrays() | self.adaptation.arrays()
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`."""
         super().restore(arrays)
         self.adaptation.restore(arrays)
 

@@ -5,8 +5,6 @@ where it is seen from home. So it does not matter which motors move the cameras,
 many registers lead to one place.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from functools import reduce

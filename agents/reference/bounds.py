@@ -1,7 +1,5 @@
 """The floor and the ceiling of every comparison."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym
@@ -32,11 +30,9 @@ class RandomAgent(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return f"RandomAgent(limit={self.limit}, seed={self.seed})"
 
     def observed(self, raw: RawObservation) -> Any:
-        """See `ProcedureAgent`."""
         return self._observed.of(raw)
 
     def procedure(self, first: Observation, findings: None) -> Procedure:
@@ -60,11 +56,9 @@ class Oracle(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return "Oracle()"
 
     def procedure(self, first: Observation, findings: None) -> Procedure:
-        """See `ProcedureAgent`."""
         now = first
         while True:
             now = yield now.privileged["object_registers"] - now.registers

@@ -5,8 +5,6 @@ rows are the coordinates of points (4, 2), one after the other. They learn from 
 executed words and the points' displacement.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import ClassVar, Protocol
 
@@ -66,7 +64,6 @@ class Estimator(ABC):
         self.reach_px = np.inf
 
     def slopes_for_next(self) -> Slopes | None:
-        """See `JacobianEstimate`."""
         return Slopes.of(self.jacobian) if self.lasting else None
 
     def predict(self, words: Array) -> Array:
@@ -188,7 +185,6 @@ class RecursiveLeastSquares(Estimator):
         return self._as_seen(words, moved, seen)
 
     def forget(self, deviation: float = SIGN_CHANGE) -> None:
-        """See `Estimator`."""
         self._covariance = np.eye(len(self._covariance)) * UNKNOWN_VARIANCE
 
 
@@ -221,7 +217,6 @@ class LocalLeastSquares(Estimator):
         self.forget()
 
     def forget(self, deviation: float = SIGN_CHANGE) -> None:
-        """See `Estimator`."""
         motors = self.jacobian.shape[1]
         self._prior = self.jacobian.copy()
         self._middles, self._sent = np.empty((2, 0, motors))
@@ -308,16 +303,13 @@ class Kalman(Estimator):
         return np.einsum("ij,ij->j", self.jacobian, self.jacobian) / 4
 
     def forget(self, deviation: float = SIGN_CHANGE) -> None:
-        """See `Estimator`."""
         self._covariance[:, self._columns, self._columns] += deviation**2 * self._squared_lengths()
 
     @property
     def blur_px(self) -> float:
-        """See `Estimator`."""
         return float(np.sqrt(self._covariance[:, 0, 0].max())) / IMAGE_UNIT
 
     def deviations(self, words: Array) -> Array:
-        """See `Estimator`."""
         return np.asarray(np.sqrt(self._covariance[:, self._columns, self._columns].max(0)))
 
 

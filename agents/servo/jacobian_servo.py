@@ -3,8 +3,6 @@
 Hosoda & Asada (1994), Jägersand (1997), Piepmeier et al. (1999), Qian & Su (2002), Farahmand et al. (2007).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -72,7 +70,6 @@ class JacobianServo:
         check_number("patience", self.patience, least=1)
 
     def new_estimator(self, motors: int, start: Slopes | None) -> Estimator:
-        """See `Servo`."""
         return ESTIMATORS[self.estimator](motors, start)
 
     def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:

@@ -1,7 +1,5 @@
 """The same servo in joint space, with a fixed gain (Conkie & Chongstitvatana 1990)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym
@@ -56,11 +54,9 @@ class JointSpaceServo(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return f"JointSpaceServo(gain={self.gain}, step_rad={self.step_rad}, damping={self.damping})"
 
     def procedure(self, first: Observation, findings: None) -> Procedure:
-        """See `ProcedureAgent`."""
         motors = len(first.registers)
         trial = ServoTrial(first, Findings(TestMotions(motors)), self.FIRST_WORD, self.TEST_PX)
         turned_by_word = np.ones(motors)

@@ -1,7 +1,5 @@
 """The paper's second implementation: all motors alike, test motions before every step (section 3.2)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from calfree_gym.errors import check_choice
@@ -50,7 +48,6 @@ class PaperServo:
         check_motions(self)
 
     def new_estimator(self, motors: int, start: Slopes | None) -> Estimator:
-        """See `Servo`."""
         return TestMotions(motors, start)
 
     def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:

@@ -6,8 +6,6 @@ are not public, and these are reconstructions. Each takes J (4, m), d (4,) and t
 coordinate, as far as known, and gives the equations that damped least squares then solves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import combinations
 

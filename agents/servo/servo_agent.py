@@ -1,7 +1,5 @@
 """A servo alone: what it keeps from one trial to the next are slopes, and no place."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -104,12 +102,10 @@ class ServoAgent(ProcedureAgent):
         return cls(env, SERVOS[servo](**settings), seed)
 
     def new_findings(self) -> Findings:
-        """See `ProcedureAgent`."""
         estimator = self.servo.new_estimator(self.motors, self.slopes)
         return Findings(estimator, self.filter.for_next_trial())
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
-        """See `ProcedureAgent`."""
         return self.servo(first, findings)
 
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
@@ -119,12 +115,10 @@ class ServoAgent(ProcedureAgent):
         self.filter = findings.filter
 
     def why_still(self, findings: Findings[Any]) -> str:
-        """See `ProcedureAgent`."""
         return findings.gave_up
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return repr(self.servo)
 
     def present_kind(self, saved: str) -> str:
@@ -132,7 +126,6 @@ class ServoAgent(ProcedureAgent):
         return _TEST_MOTIONS.sub(r"PaperServo(\1)", saved)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """See `ProcedureAgent`."""
         arrays = self.filter.arrays()
         if self.slopes is not None:
             registers, jacobian, variances, changes, trials, lengths, looks = self.slopes

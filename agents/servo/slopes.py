@@ -1,7 +1,5 @@
 """The Jacobian as it usually is, and how smooth points are: what trials teach the next one."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, Self
 
 import numpy as np

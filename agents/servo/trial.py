@@ -1,7 +1,5 @@
 """One trial as a servo lives through it: its motions, and what they tell of motors and Jacobian."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, TypeVar

@@ -4,8 +4,6 @@
 during its ordinary operation" (section 2.3): the paper has not tested it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar
@@ -74,7 +72,6 @@ class UnifiedServo:
         check_number("sure_px", self.sure_px, least=SMALLEST, finite=False)
 
     def new_estimator(self, motors: int, start: Slopes | None) -> SmoothPoints:
-        """See `Servo`."""
         return SmoothPoints(motors, start)
 
     def __call__(self, first: Observation, findings: Findings[SmoothPoints]) -> Procedure:

@@ -13,8 +13,6 @@ these may be nearly singular (the arm stretched out) or look along the work plan
 and motion together are the least-squares solution of all four equations.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,7 +128,6 @@ class WorkPlaneServo:
         check_number("in_plane_px", self.in_plane_px, least=0)
 
     def new_estimator(self, motors: int, start: Slopes | None) -> Estimator:
-        """See `Servo`."""
         return TestMotions(motors, start)
 
     def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:

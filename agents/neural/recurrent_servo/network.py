@@ -5,8 +5,6 @@ decides how far the estimate is to be trusted, forgotten and corrected; a damped
 Where a point is lost, the step leads some of the way back to where all points were seen last.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

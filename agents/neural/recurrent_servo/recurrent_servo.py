@@ -1,7 +1,5 @@
 """The agent `recurrent_servo`: a trained network that no longer learns."""
 
-from __future__ import annotations
-
 from os import PathLike
 from typing import Any, Self
 

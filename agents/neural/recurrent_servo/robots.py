@@ -4,8 +4,6 @@ The environment is used as everybody can: a robot's twins, in the same world but
 give by finite differences what back-propagation through the black box needs.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

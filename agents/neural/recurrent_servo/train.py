@@ -5,8 +5,6 @@ object after every motion. So test motions, what is concluded from them and the 
 as one. The trainer knows the true image points and their derivatives by the registers; the network does not.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import platform

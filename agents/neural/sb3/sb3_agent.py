@@ -1,7 +1,5 @@
 """Any algorithm of stable-baselines3 or sb3_contrib behind the surface of every agent."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math

@@ -1,7 +1,5 @@
 """When the world has changed: the network errs, motion after motion, as it seldom erred before."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """A network that says by which control words the image distance changes as is wanted."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """A robot that learns from its own motions alone which words bring about which change of what it sees."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
@@ -185,7 +183,6 @@ class SelfSupervised(ProcedureAgent):
     does not know that.
 
     Args:
-        env: See `Agent`.
         seed: Of first weights, random words and batches.
         hidden: Widths of the network's hidden layers.
         learning_rate: Of Adam.
@@ -242,7 +239,6 @@ class SelfSupervised(ProcedureAgent):
         self._rng = np.random.default_rng(seed)
 
     def new_findings(self) -> LearnedReach:
-        """See `ProcedureAgent`."""
         return LearnedReach()
 
     def procedure(self, first: Observation, findings: LearnedReach) -> Procedure:
@@ -257,14 +253,12 @@ class SelfSupervised(ProcedureAgent):
         return super().learn(total_timesteps, callback)
 
     def explore(self, words: Array, now: Observation) -> Array:
-        """See `ProcedureAgent`."""
         share = self.schedule.exploration if self.model.ready else 1.0
         if not now.visible.all() or self._rng.random() >= share:
             return words
         return np.clip(random_words(self._rng, now.registers, self.schedule.random_extent), -1, 1)
 
     def learn_motion(self, findings: LearnedReach, before: Observation, after: Observation) -> None:
-        """See `ProcedureAgent`."""
         if not findings.kept:
             findings.kept = True
             self._trials += 1
@@ -306,7 +300,6 @@ class SelfSupervised(ProcedureAgent):
             findings.residuals.clear()
 
     def load(self, path: AgentFile) -> Self:
-        """See `ProcedureAgent`."""
         super().load(path)
         self.changes = []
         return self
@@ -317,7 +310,6 @@ class SelfSupervised(ProcedureAgent):
         return f"{type(self).__name__}({self.model!r}, {self.schedule!r})"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `ProcedureAgent`."""
         return {
             **prefixed("model", self.model.arrays()),
             **prefixed("replay", self.replay.arrays()),
@@ -327,7 +319,6 @@ class SelfSupervised(ProcedureAgent):
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`."""
         trials = int(checked_array(arrays, "trials", ()))
         usual_error = float(checked_array(arrays, "usual_error", ()))
         self.replay.restore(under("replay", arrays))

@@ -1,7 +1,5 @@
 """Image points as smooth random functions of a place: what was seen tells what will be."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Self

@@ -1,7 +1,5 @@
 """Where gripper and object are expected to meet."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import islice
 from typing import NamedTuple

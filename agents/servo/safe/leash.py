@@ -1,7 +1,5 @@
 """A leash around where a robot has been: as long as the images have shown that it knows itself."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """`safe_start`: first motions, then any servo on a leash."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -239,12 +237,10 @@ class SafeStart(ServoAgent):
         self.prior_knowledge = (servo.prior_knowledge | SERVO_KNOWLEDGE) - {PriorKnowledge.WORD_LIMIT}
 
     def new_findings(self) -> SafeFindings:
-        """See `ProcedureAgent`."""
         findings = super().new_findings()
         return SafeFindings(findings.estimator, findings.filter, units=self.units, tested=self.tested)
 
     def procedure(self, first: Observation, findings: Any) -> Procedure:
-        """See `ProcedureAgent`."""
         now = yield from findings.filter.first(first)
         view = LinearView(self.motors)
         if self.slopes is None:
@@ -281,11 +277,9 @@ class SafeStart(ServoAgent):
         self.units, self.tested = findings.units, findings.tested
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """See `ProcedureAgent`."""
         return super().arrays() | {"units": self.units, "tested": self.tested}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`."""
         super().restore(arrays)
         self.units, self.tested = (
             checked_array(arrays, name, (self.motors,)) for name in ("units", "tested")
@@ -298,7 +292,6 @@ class SafeStart(ServoAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return f"safe_start over {super().kind}"
 
 
