@@ -5,7 +5,7 @@ In the wheel this package is called `calfree_agents`.
 
 from . import moved as _moved  # noqa: F401 (finds modules under their earlier names)
 from .base.agent import Agent
-from .knowledge.interface import KNOWLEDGE
+from .knowledge.learning_servo import KNOWLEDGE
 from .registry import NEURAL, default_settings, make, names
 from .servo.servo_agent import SERVOS
 

@@ -18,12 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import storage
-from .agent import Agent, Callback
+from .agent import Agent, Callback, foreign, is_of_one
 from .checks import check_number
 from .observation import Array, Observation, RawObservation
 from .registers import Encoders, RegisterEstimate
 from .storage import AgentFile
-from .trials import foreign, is_of_one
 
 Procedure = Generator[Array, Observation, None]
 """Seeks the rendezvous in one trial. After its end the agent sends zero words."""
@@ -179,12 +178,7 @@ class ProcedureAgent(Agent):
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], list[RunningTrial]]:
-        """See `Agent`. The state is opaque and consumed by the call.
-
-        Raises:
-            ValueError: `state` is None in the middle of a trial, of another number of environments, or none
-                that this agent has returned; or the observation is none, see `is_of_one`.
-        """
+        """See `Agent`. The state is opaque and consumed by the call."""
         single = is_of_one(observation, self.env.observation_space)
         if state is not None:
             self._check_state(state)
@@ -259,13 +253,6 @@ class ProcedureAgent(Agent):
         )
 
     def load(self, path: AgentFile) -> Self:
-        """See `Agent`.
-
-        Raises:
-            ValueError: The file is damaged, no saved agent, of another kind or other settings, or of an arm
-                of other motors.
-            FileNotFoundError: There is no such file.
-        """
         arrays, motions = storage.load(path, self.kind, self._motors, self.present_kind)
         before = self._known()
         try:

@@ -18,8 +18,7 @@ from ..base.storage import prefixed, under
 from ..memory.detector import NO_CAMERA
 from ..memory.pairs import Pairs
 from .chain import JointChain
-from .fitting import Fit, Gaussian, any_std, random_starts, reversing, rolled
-from .known import Known
+from .fitting import Fit, Gaussian, Known, any_std, random_starts, reversing, rolled
 
 Mounts = tuple[int, int]
 STILL = 6.0

@@ -14,16 +14,15 @@ from ..base.checks import checked_array
 from ..base.observation import POINTS, Array, Observation, RawObservation, camera_lengths_px
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
-from ..base.registers import at_home
+from ..base.registers import Stops, at_home
 from ..base.registration import agent
-from ..base.stops import Stops
 from ..memory.pairs import Pairs
 from ..servo.servo_agent import Servo, ServoAgent
 from ..servo.slopes import Slopes
 from ..servo.trial import Findings, back
 from .body import Body
 from .chain import Views
-from .known import Known
+from .fitting import Known
 
 NEAREST = 1e-5
 """Weight of a register's square, in square image units (a guard: it decides among equals)."""

@@ -18,7 +18,7 @@ from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import ProcedureAgent
 from ..base.registration import Settings, agent, named_settings
 from ..base.storage import prefixed, under
-from ..knowledge.interface import KNOWLEDGE, Knowledge, KnowledgeAgent, make_knowledge
+from ..knowledge.learning_servo import KNOWLEDGE, Knowledge, KnowledgeAgent, make_knowledge
 from ..memory.adaptive_memory import AdaptiveMemory
 from ..memory.memory import Memory
 from ..servo.image_model.smooth_points import SmoothPoints

@@ -9,7 +9,7 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.observation import Array, Observation
-from ..base.stops import Stops, met_something
+from ..base.registers import Stops, met_something
 from ..servo.image_model.gaussian_process import GaussianProcess
 from ..servo.image_model.least_distance import Seeker
 from ..servo.image_model.smooth_points import SmoothPoints

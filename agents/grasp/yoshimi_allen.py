@@ -10,8 +10,8 @@ from calfree_gym.image import IMAGE_UNIT
 from ..base.observation import Array, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import ProcedureAgent
+from ..base.registers import met_something
 from ..base.registration import agent
-from ..base.stops import met_something
 from ..servo.servo_agent import SERVO_KNOWLEDGE
 from .observation import ARM, BASE, OBJECT, TIP, InsertObservation
 

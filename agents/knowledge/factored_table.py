@@ -11,9 +11,8 @@ from calfree_gym.image import IMAGE_UNIT
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
-from .gain import Gain
-from .interface import Recall, knowledge_base
-from .learning_servo import LearningServo
+from .grid_table import Gain
+from .learning_servo import LearningServo, Recall, knowledge_base
 
 PAIRS = ((0, 1), (2, 3), (0, 2), (1, 3), (4, 5))
 """Coordinates that share a 2-D table: those of an image, and those alike in both; of directions both."""

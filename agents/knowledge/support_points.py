@@ -11,9 +11,8 @@ from calfree_gym.image import IMAGE_UNIT, rounded
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
-from .gain import Gain, squared_px
-from .interface import Recall, knowledge_base
-from .learning_servo import LearningServo
+from .grid_table import Gain, squared_px
+from .learning_servo import LearningServo, Recall, knowledge_base
 
 
 class LocalFit:

@@ -8,8 +8,8 @@ It answers the questions of the paper's section 5. A trial goes through this fol
    the knowledge of earlier worlds (`Archive`).
 3. `detector`: whether what was seen contradicts what is known, and whether in one camera, in both, or in the
    arm.
-4. `explanation`: what has changed, by the most probable of all changes that it knows: `camera_change` (a
-   camera turned, zoomed or moved) and `arm_change` (motors reversed, stronger or displaced).
+4. `explanation`: what has changed, by the most probable of all changes that it knows: `CameraChange` (a
+   camera turned, zoomed or moved) and `ArmChange` (motors reversed, stronger, or with another zero).
 5. `remembered`: the knowledge itself: looks at gripper and object, over registers, as Gaussian processes that
    are kept small. `pairs`: looks of a trial as they are handed on, and the gripper as seen at home.
 """

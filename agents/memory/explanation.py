@@ -10,15 +10,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calfree_gym.image import rounded
+from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ..base.observation import Array
-from .arm_change import ArmChange, fit_arm
-from .camera_change import CameraChange, fit_camera
+from ..base.weights import huber_weights
+from .camera_change import HUBER, CameraChange, coordinate_variance, fit_camera
 from .pairs import Cameras, Pairs
-from .remembered import Remembered
+from .remembered import PRIOR_STD, ArmChange, Remembered
 
 Changes = Sequence[CameraChange] | Sequence[ArmChange]
+
+ITERATIONS = 8
+"""Gauss-Newton steps (a guard: more change nothing)."""
+LEAST_SCALE = 0.1
+"""Guard: a motor's scale is no smaller, so that it can be undone."""
 
 
 @dataclass(frozen=True)
@@ -115,3 +120,70 @@ def as_seen_now(pairs: Pairs, cameras: Cameras, rate: Array, now: int) -> Pairs:
 def _camera_changes(before: Remembered, pairs: Pairs, cameras: Cameras) -> list[CameraChange]:
     function = before.gripper.function
     return [fit_camera(function, int(camera), pairs) for camera in np.flatnonzero(cameras)]
+
+
+def fit_arm(before: Remembered, since: Pairs) -> ArmChange:
+    """Fits what has become of the arm; no motor has changed its sign, or one has.
+
+    Args:
+        before: What was known before the change.
+        since: What was seen since.
+    """
+    motors = before.motors
+    signs = [np.ones(motors), *(np.ones(motors) - 2 * np.eye(motors))]
+    fits = [_fit(before, since, each) for each in signs]
+    scale, offset, _ = min(fits, key=lambda fit: rounded(fit[2]))
+    errors, *_ = _errors(before, since, scale, offset)
+    correction = len(errors) / max(len(errors) - motors, 1)
+    deviation_px = np.sqrt([coordinate_variance(camera) * correction for camera in errors.swapaxes(0, 1)])
+    return ArmChange(scale, offset, deviation_px / IMAGE_UNIT)
+
+
+def _fit(before: Remembered, since: Pairs, signs: Array) -> tuple[Array, Array, float]:
+    """Scales (m,) of these signs, offsets (m,), and how badly they fit: robust Gauss-Newton steps."""
+    motors, prior = len(signs), np.concatenate([signs, np.zeros(len(signs))])
+    parameters, best = prior, (signs, np.zeros(len(signs)), np.inf)
+    for _ in range(ITERATIONS):
+        scale, offset = parameters[:motors], parameters[motors:]
+        scale = signs * np.maximum(signs * scale, LEAST_SCALE)
+        errors, variances, slopes = _errors(before, since, scale, offset)
+        sizes = np.hypot(errors[..., 0], errors[..., 1]) / np.sqrt(variances)
+        weights = huber_weights(sizes, HUBER) / variances
+        apart = parameters - prior
+        misfit = (np.minimum(sizes, HUBER) * sizes + np.log(variances)).sum()
+        badness = float(misfit + apart @ apart / PRIOR_STD**2)
+        if badness < best[2]:
+            best = scale, offset, badness
+        weighed = slopes * weights[..., None, None]
+        normal = np.einsum("kpci,kpcj->ij", weighed, slopes) + np.eye(2 * motors) / PRIOR_STD**2
+        step = np.linalg.solve(normal, np.einsum("kpci,kpc->i", weighed, errors) - apart / PRIOR_STD**2)
+        parameters = np.concatenate([scale, offset]) + step
+    return best
+
+
+def _errors(before: Remembered, since: Pairs, scale: Array, offset: Array) -> tuple[Array, Array, Array]:
+    """How far gripper and object are seen from where they should be (k, 2, 2).
+
+    The object's home view was another one from where home was before.
+
+    Returns:
+        Those errors, their variances (k, 2), and how points change with scales and offsets (k, 2, 2, 2 m).
+    """
+    old, home = (since.registers - offset) / scale, -offset / scale
+    errors, variances, slopes = before.gripper_errors(since, old)
+    moved = _by_parameters(slopes, old, scale)
+    shown = since.with_object
+    seen, at_home = since.only(shown), replace(since.only(shown), objects=since.homes[shown])
+    off, off_variances, slopes = before.object_errors(seen, old[shown])
+    homes, _, home_slopes = before.object_errors(at_home, np.tile(home, (len(seen), 1)))
+    off_moved = _by_parameters(slopes, old[shown], scale) - _by_parameters(home_slopes, home, scale)
+    return (
+        np.concatenate([errors, off - homes]),
+        np.concatenate([variances, off_variances]),
+        np.concatenate([moved, off_moved]),
+    )
+
+
+def _by_parameters(slopes: Array, old: Array, scale: Array) -> Array:
+    """Derivatives by scales and offsets (k, 2, 2, 2 m), from those by the old registers (k, 2, 2, m)."""
+    return np.concatenate([slopes * -(np.atleast_2d(old) / scale)[:, None, None], slopes * -(1 / scale)], 3)

@@ -12,9 +12,8 @@ from calfree_gym.image import IMAGE_UNIT
 from ..base.checks import check_number
 from ..base.observation import Array, Observation, RawObservation
 from ..base.procedure import Procedure
-from ..base.registers import at_home
-from ..base.stops import Stops
-from ..knowledge.interface import KnowledgeAgent, knowledge_base
+from ..base.registers import Stops, at_home
+from ..knowledge.learning_servo import KnowledgeAgent, knowledge_base
 from ..servo.image_model.least_distance import Seeker
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.servo_agent import Servo

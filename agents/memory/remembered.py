@@ -7,6 +7,7 @@ many registers lead to one place.
 
 import copy
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import reduce
 from typing import Any, ClassVar, Self
 
@@ -30,7 +31,6 @@ from ..servo.image_model.gaussian_process import (
 )
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.slopes import Slopes
-from .arm_change import ArmChange
 from .camera_change import CameraChange
 from .pairs import HomeView, Pairs
 
@@ -197,6 +197,56 @@ class KeptLooks:
 
 
 Arrays = Mapping[str, NDArray[Any]]
+
+
+PRIOR_STD = 0.5
+"""Prior deviation of a scale, about 1 or -1, and of an offset, about 0. Choice: gains of wild worlds differ
+by up to a factor of 4, joint zeros by some tenths of a register."""
+
+
+@dataclass(frozen=True)
+class ArmChange:
+    """Where registers r led, r * scale + offset now leads.
+
+    A motor of another gain, or reversed, changes its scale; a joint's other zero shifts its offset. A link of
+    another length does neither, and fits badly.
+
+    Attributes:
+        scale: Of each motor (m,).
+        offset: Of each motor (m,).
+        deviation_px: How far off that is in each camera (2,), in pixels; larger where there were hardly more
+            pairs than motors.
+    """
+
+    scale: Array
+    offset: Array
+    deviation_px: Array
+
+    kind = "arm changed"
+
+    @property
+    def parameters(self) -> int:
+        """How many numbers it is made of."""
+        return 2 * len(self.scale)
+
+    @property
+    def log_prior(self) -> float:
+        """The logarithm of how probable it is beforehand, but for a constant."""
+        apart = np.concatenate([np.abs(self.scale) - 1, self.offset])
+        return -float(apart @ apart) / (2 * PRIOR_STD**2)
+
+    def sensors(self, sensors: Array) -> Array:
+        """What has become of sensor vectors (n, 4): they stay."""
+        return sensors
+
+    def registers(self, registers: Array) -> Array:
+        """Registers (n, m) that now lead where these led."""
+        return registers * self.scale + self.offset
+
+    def old_home(self, motors: int) -> Array:
+        """Registers (m,) that led where home is now."""
+        assert motors == len(self.scale)
+        return -self.offset / self.scale
 
 
 class Remembered:

@@ -1,4 +1,4 @@
-"""What every estimator of the sensor-control Jacobian has in common.
+"""The sensor-control Jacobian J = ∂d/∂c, estimated from motions and from what they did in the images.
 
 Estimators keep the Jacobian of gripper and object points (8, m): on the waist mount a word moves both. Its
 rows are the coordinates of points (4, 2), one after the other. They learn from one motion at a time: from its

@@ -9,7 +9,7 @@ import numpy as np
 from calfree_gym.image import inner, lengths_px
 
 from ..base.observation import POINTS, Array, Flags, Observation
-from ..base.stops import Stops
+from ..base.registers import Stops
 from .jacobian import SIGN_CHANGE, Estimator, JacobianEstimate, distance_jacobian, linear_deviations_px
 from .perception import Gating, ObservationFilter, Observing
 from .redundancy import REDUNDANCIES, solve_within

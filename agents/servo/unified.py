@@ -16,7 +16,7 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
-from ..base.stops import Stops
+from ..base.registers import Stops
 from .image_model.least_distance import LEFT, Seeker
 from .image_model.smooth_points import SmoothPoints
 from .jacobian import Estimator, TestMotions

@@ -8,12 +8,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...base.agent import Agent, Callback
+from ...base.agent import Agent, Callback, foreign, is_of_one
 from ...base.checks import check_number
 from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.storage import AgentFile
-from ...base.trials import foreign, is_of_one
 from .network import KEPT, RecurrentState, load_network, observation_format, save_network
 
 
@@ -62,12 +61,7 @@ class RecurrentServo(Agent):
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], RecurrentState]:
-        """See `Agent`. The state is opaque.
-
-        Raises:
-            ValueError: `state` is None in the middle of a trial, of another number of environments, or none
-                that this agent has returned; or the observation is none, see `is_of_one`.
-        """
+        """See `Agent`. The state is opaque."""
         is_of_one(observation, self.env.observation_space)
         if state is not None and not isinstance(state, RecurrentState):
             raise foreign(f"is {state!r}")
@@ -118,11 +112,6 @@ class RecurrentServo(Agent):
         save_network(path, self._network, self._shapes, self.training, self.num_timesteps)
 
     def load(self, path: AgentFile) -> Self:
-        """See `Agent`.
-
-        Raises:
-            ValueError: The file is damaged, no such network, or of another observation format.
-        """
         network, self.training, self.num_timesteps = load_network(path, self._shapes)
         self._network = network.double().requires_grad_(False)
         return self

@@ -26,14 +26,13 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper
 from calfree_gym.sb3 import as_sb3_env
 from calfree_gym.wrappers import ScaledWords, VectorScaledWords, scaled_words
 
-from ...base.agent import Agent, Callback
+from ...base.agent import Agent, Callback, foreign, is_of_one
 from ...base.checks import check_number, check_numbers
 from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.random_state import OwnRandomState
 from ...base.registration import Settings, named_settings
 from ...base.storage import AgentFile
-from ...base.trials import foreign, is_of_one
 from .algorithms import algorithm_of, built_settings, policy_name, settings_of
 from .files import Saved, check_finite, check_tensor, read, write
 

@@ -15,8 +15,7 @@ from ...base.procedure import Procedure, ProcedureAgent
 from ...base.registration import agent
 from ...base.storage import AgentFile, prefixed, under
 from .change_detector import ErrorDetector, JudgedMotion
-from .inverse_model import InverseModel
-from .replay import Replay, ReplayPairs
+from .inverse_model import InverseModel, Replay, ReplayPairs
 
 
 @dataclass
@@ -128,17 +127,7 @@ def random_words(rng: np.random.Generator, registers: Array, extent: float) -> A
 
 @dataclass(frozen=True)
 class Schedule:
-    """How a robot that teaches itself spends its motions and its processor.
-
-    Attributes:
-        random_motions: The first motions are random until the robot has observed this often.
-        random_extent: Random motions go to registers drawn uniformly within ± this.
-        exploration: Share of random motions later, in `learn`.
-        patience: After so many motions that came no nearer, a random one.
-        updates: Steps of gradient descent after each motion.
-        batch: ReplayPairs of observations in each step.
-        capacity: Observations that are kept.
-    """
+    """How a robot that teaches itself spends its motions and its processor: see `SelfSupervised`."""
 
     random_motions: int
     random_extent: float

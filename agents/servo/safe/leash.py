@@ -9,7 +9,7 @@ from calfree_gym.image import IMAGE_UNIT, RANK, RANK_OF_SQUARES, lengths_px
 
 from ...base.observation import POINTS, Array, Observation
 from ...base.procedure import Procedure
-from ...base.stops import Stops, met_something
+from ...base.registers import Stops, met_something
 from ..jacobian import distance_jacobian
 from ..perception import ObservationFilter
 

@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.base.observation import camera_lengths_px
-from agents.memory.arm_change import fit_arm
 from agents.memory.camera_change import CameraMap, fit_camera
-from agents.memory.explanation import as_seen_now, explain_drift, explain_jump
+from agents.memory.explanation import as_seen_now, explain_drift, explain_jump, fit_arm
 from agents.memory.pairs import Pairs
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, CameraZoom, MotorGain, MotorSign

@@ -6,10 +6,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from agents.body_schema.chain import JointChain, Views
-from agents.body_schema.fitting import Fit, Fitted, Gaussian, any_std
-from agents.body_schema.known import Known
-from agents.body_schema.pinholes import PLACE, TURN
+from agents.body_schema.chain import PLACE, TURN, JointChain, Views
+from agents.body_schema.fitting import Fit, Fitted, Gaussian, Known, any_std
 from agents.memory.pairs import Pairs
 from calfree_gym.image import IMAGE_UNIT
 

@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from agents.body_schema.chain import JointChain, Views
+from agents.body_schema.chain import JointChain, Triangulation, Views, projected, rotation
 from agents.body_schema.fitting import composed
-from agents.body_schema.pinholes import Triangulation, projected, rotation
 from tests.agents.body_schema.chains import Arm
 
 ARMS = [("redundant.xml", "tool"), ("scara.xml", "tip")]

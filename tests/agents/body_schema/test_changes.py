@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from agents.body_schema.body import NOTHING, Body, BodyChange
-from agents.body_schema.chain import Views
+from agents.body_schema.chain import PLACE, TURN, Views
 from agents.body_schema.fitting import reversing, rolled
-from agents.body_schema.pinholes import PLACE, TURN
 from tests.agents.body_schema.chains import Arm
 
 BOTH = np.array([True, True])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.base.stops import Stops
+from agents.base.registers import Stops
 from agents.body_schema.body_schema import MeetingSeeker
 from tests.agents.body_schema.chains import Arm
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import agents
-from agents.base.stops import Stops
+from agents.base.registers import Stops
 from agents.grasp.observation import ARM, GraspObservation
 from agents.grasp.seen import target
 from agents.grasp.trial import GraspTrial

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from agents.base.stops import Stops
+from agents.base.registers import Stops
 from agents.servo.jacobian import Kalman, TestMotions
 from agents.servo.slopes import Slopes
 from agents.servo.trial import Findings, ServoTrial, half_way_back
