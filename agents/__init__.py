@@ -5,8 +5,7 @@ In the wheel this package is called `calfree_agents`.
 
 from . import moved as _moved  # noqa: F401 (finds modules under their earlier names)
 from .base.agent import Agent
-from .knowledge.learning_servo import KNOWLEDGE
+from .base.registration import KNOWLEDGE, SERVOS
 from .registry import NEURAL, default_settings, make, names
-from .servo.servo_agent import SERVOS
 
 __all__ = ["KNOWLEDGE", "NEURAL", "SERVOS", "Agent", "default_settings", "make", "names"]

@@ -13,6 +13,10 @@ Settings = dict[str, Any]
 C = TypeVar("C")
 AGENTS: dict[str, NamedAgent] = {}
 """All of them, by their names."""
+SERVOS: dict[str, type[Any]] = {}
+"""The servos that knowledge can be laid over, by name."""
+KNOWLEDGE: dict[str, type[Any]] = {}
+"""Knowledge bases by name; `memory` is the best of them."""
 
 
 @dataclass(frozen=True)

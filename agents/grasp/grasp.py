@@ -16,9 +16,9 @@ from ..base.checks import check_number, checked_array
 from ..base.observation import Array, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import ProcedureAgent
-from ..base.registration import Settings, agent, named_settings
+from ..base.registration import KNOWLEDGE, Settings, agent, named_settings
 from ..base.storage import prefixed, under
-from ..knowledge.learning_servo import KNOWLEDGE, Knowledge, KnowledgeAgent, make_knowledge
+from ..knowledge.learning_servo import Knowledge, KnowledgeAgent, make_knowledge
 from ..memory.adaptive_memory import AdaptiveMemory
 from ..memory.memory import Memory
 from ..servo.image_model.smooth_points import SmoothPoints

@@ -18,17 +18,15 @@ from ..base.observation import Array, Observation, RawObservation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
 from ..base.registers import at_home
-from ..base.registration import Settings, agent, named_settings
+from ..base.registration import KNOWLEDGE, SERVOS, Settings, agent, named_settings
 from ..base.storage import with_present_names
 from ..servo.jacobian import distance_jacobian
 from ..servo.redundancy import solve
-from ..servo.servo_agent import SERVOS, UNIFIED, Servo, ServoAgent
+from ..servo.servo_agent import UNIFIED, Servo, ServoAgent
 from ..servo.slopes import Slopes
 from ..servo.trial import Findings, jump
 
 K = TypeVar("K")
-KNOWLEDGE: dict[str, type[Any]] = {}
-"""Knowledge bases by name; `memory` is the best of them."""
 _LAID_OVER: dict[str, type[Any]] = {}
 """The agents that lay them over a servo."""
 

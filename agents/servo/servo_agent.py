@@ -16,7 +16,7 @@ from ..base.checks import check_number, checked_array
 from ..base.observation import POINTS, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
-from ..base.registration import Settings, agent, named_settings
+from ..base.registration import SERVOS, Settings, agent, named_settings
 from .jacobian import JacobianEstimate
 from .perception import ObservationFilter
 from .slopes import Slopes
@@ -41,8 +41,6 @@ S = TypeVar("S")
 _TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), patience=[^()]*\)")
 
 
-SERVOS: dict[str, type[Any]] = {}
-"""The servos that knowledge can be laid over, by name."""
 UNIFIED = "unified_servo"
 
 

@@ -136,6 +136,10 @@ def test_goals_of_another_size_are_refused(make_env):
         agents.make("memory", Elsewhere(make_env()))
 
 
+def test_tables_begin_with_the_floor_and_the_ceiling():
+    assert NAMES[:3] == ("random", "oracle", "paper_servo")
+
+
 def test_agents_of_an_unknown_task():
     with pytest.raises(ValueError, match=r"task is 'grip'.*allowed: reach, grasp, insert"):
         agents.names("grip")
