@@ -2,11 +2,11 @@
 
 import sys
 import warnings
-from collections.abc import Sequence
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
+from typing import Any
 
 PACKAGE = __name__.rpartition(".")[0]
 MOVED = {
@@ -32,9 +32,7 @@ MOVED = {
 class Moved(MetaPathFinder, Loader):
     """Finds a module under its old name."""
 
-    def find_spec(
-        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
+    def find_spec(self, name: str, path: Any, target: Any = None) -> ModuleSpec | None:
         """Where it is, if it has moved."""
         package, _, old = name.partition(".")
         return ModuleSpec(name, self) if package == PACKAGE and old in MOVED else None

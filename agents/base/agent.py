@@ -131,7 +131,7 @@ class Agent(ABC):
         seed: Of all that it draws.
 
     Raises:
-        ValueError: The environment does not tell what it requires, or the seed is none.
+        ValueError: The environment does not tell what it requires, or a setting is not allowed.
     """
 
     privileged: ClassVar[tuple[str, ...]] = ()

@@ -37,14 +37,7 @@ def knowledge_base(
     over_servo: type[KnowledgeAgent],
     defaults: Callable[[Settings], Settings] = lambda given: {},
 ) -> Callable[[type[K]], type[K]]:
-    """Puts a knowledge base under a name, and the agent that lays it over a servo.
-
-    Args:
-        name: Of both.
-        does: See `NamedAgent`.
-        over_servo: The agent's class.
-        defaults: See `NamedAgent`.
-    """
+    """Puts a knowledge base under a name, and the agent that lays it over a servo, see `NamedAgent`."""
 
     def named(base: type[K]) -> type[K]:
         KNOWLEDGE[name], _LAID_OVER[name] = base, over_servo

@@ -108,12 +108,6 @@ class Sb3Agent(Agent):
             rollouts, these are so many times longer.
         **settings: Of the algorithm. From plain values: `replay_buffer_class` by name, `action_noise` as a
             standard deviation, `policy_kwargs: {activation_fn: SiLU}`.
-
-    Attributes:
-        rows: As given.
-
-    Raises:
-        ValueError: A setting is not allowed.
     """
 
     prior_knowledge = frozenset({PriorKnowledge.REWARD, PriorKnowledge.WORD_LIMIT})
@@ -208,12 +202,7 @@ class Sb3Agent(Agent):
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
-        """See `Agent`. The state is that of recurrent networks, else None.
-
-        Raises:
-            ValueError: The observation is none, see `is_of_one`. Of recurrent networks in reaching: `state`
-                is None in the middle of a trial, of another number of environments, or none of theirs.
-        """
+        """See `Agent`. The state is that of recurrent networks, else None."""
         is_of_one(observation, self._space)
         if hasattr(self._model.policy, "lstm_actor"):
             self._check_memory(observation, state, episode_start)
@@ -284,11 +273,6 @@ class Sb3Agent(Agent):
             path: As for `Agent.load`; or of a file that stable-baselines3 has saved, of which networks,
                 optimisers and counts are taken. It does not tell how words were scaled.
             trusted: Whether tensors may be unpickled, which executes what the file says.
-
-        Raises:
-            FileNotFoundError: There is no such file.
-            ValueError: The file is damaged, or of another algorithm, observation format, scale of words or
-                size of networks; says which.
         """
         saved = read(path, trusted)
         for what, ours in self._about.items():

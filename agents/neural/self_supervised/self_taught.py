@@ -183,9 +183,6 @@ class SelfSupervised(ProcedureAgent):
         batch: ReplayPairs of observations in each step.
         capacity: Observations that are kept.
 
-    Raises:
-        ValueError: A setting is not allowed.
-
     Attributes:
         model: Says words for a wanted change of the image distance.
         replay: Teaches it.
