@@ -31,16 +31,15 @@ LAYERS = {
     "agents": [
         "base",
         "neural",
-        "perception",
-        "jacobian",
         "servo",
         "calibrated",
         "knowledge",
-        "adaptation",
+        "memory",
         "body_schema",
         "grasp",
         "reference",
         "registry",
+        "moved",
         "agents",
     ],
     "experiments": [

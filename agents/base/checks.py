@@ -1,7 +1,5 @@
 """Checks of settings and of saved arrays, with errors that say what was found and what is allowed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from numbers import Integral, Real

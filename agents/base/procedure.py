@@ -18,13 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import storage
-from .agent import Agent, Callback
+from .agent import Agent, Callback, foreign, is_of_one
 from .checks import check_number
-from .encoders import Encoders
 from .observation import Array, Observation, RawObservation
-from .registers import RegisterEstimate
+from .registers import Encoders, RegisterEstimate
 from .storage import AgentFile
-from .trials import foreign, is_of_one
 
 Procedure = Generator[Array, Observation, None]
 """Seeks the rendezvous in one trial. After its end the agent sends zero words."""
@@ -180,12 +178,7 @@ class ProcedureAgent(Agent):
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], list[RunningTrial]]:
-        """See `Agent`. The state is opaque and consumed by the call.
-
-        Raises:
-            ValueError: `state` is None in the middle of a trial, of another number of environments, or none
-                that this agent has returned; or the observation is none, see `is_of_one`.
-        """
+        """See `Agent`. The state is opaque and consumed by the call."""
         single = is_of_one(observation, self.env.observation_space)
         if state is not None:
             self._check_state(state)
@@ -209,7 +202,6 @@ class ProcedureAgent(Agent):
                 raise foreign(f"holds {trial!r}")
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
-        """See `Agent`."""
         check_number("total_timesteps", total_timesteps, least=0, whole=True)
         target = self.num_timesteps + total_timesteps
         go_on = True
@@ -256,19 +248,11 @@ class ProcedureAgent(Agent):
         return int(self.env.action_space.shape[-1])  # type: ignore[index]
 
     def save(self, path: AgentFile) -> None:
-        """See `Agent`."""
         storage.save(
             path, self.kind, self.arrays() | self._encoders.arrays(), self.num_timesteps, self._motors
         )
 
     def load(self, path: AgentFile) -> Self:
-        """See `Agent`.
-
-        Raises:
-            ValueError: The file is damaged, no saved agent, of another kind or other settings, or of an arm
-                of other motors.
-            FileNotFoundError: There is no such file.
-        """
         arrays, motions = storage.load(path, self.kind, self._motors, self.present_kind)
         before = self._known()
         try:

@@ -1,7 +1,5 @@
 """The global generators of Python, NumPy and torch: restored, or swapped for a state of one's own."""
 
-from __future__ import annotations
-
 import random
 import sys
 from collections.abc import Iterator

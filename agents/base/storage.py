@@ -1,7 +1,5 @@
 """Saved classical agents: one .npz of plain arrays with a JSON header, never a pickle."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections.abc import Callable, Iterator, Mapping

@@ -2,33 +2,171 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import rounded
+from calfree_gym.image import CAMERAS, IMAGE_UNIT, rounded
 
-from ..adaptation.detector import NO_CAMERA
-from ..adaptation.pairs import Pairs
 from ..base.checks import checked_array
-from ..base.observation import Flags
+from ..base.observation import Array, Flags
 from ..base.storage import prefixed, under
-from .chain import Chain
-from .explanations import NOTHING, Change
-from .fitting import Fit, Gaussian
-from .known import Known
-from .mounts import likely_mounts
-from .starts import random_starts
+from ..memory.detector import NO_CAMERA
+from ..memory.pairs import Pairs
+from .chain import JointChain
+from .fitting import Fit, Gaussian, Known, any_std, random_starts, reversing, rolled
+
+Mounts = tuple[int, int]
+STILL = 6.0
+"""What is seen within so many times the noise of where it was from home is not moved. Choice."""
+MOVED = 0.1
+"""It is moved where this share of its coordinates is. Choice: some are mistaken."""
+RIDGE = 1e-3
+"""Of the regression, relative to the mean square of its registers (a guard)."""
 
 
-class Event(NamedTuple):
+def likely_mounts(pairs: Pairs, count: int) -> list[Mounts]:
+    """How many motors, from the base, move the left and the right camera: so many guesses, the best first.
+
+    Motors before a camera move the object's image and not the gripper's; motors behind it, the other way
+    round. The guesses are by linear regression of both on the registers.
+    """
+    motors = pairs.registers.shape[1]
+    seen = pairs.only(pairs.with_object)
+    moved = seen.objects - seen.homes
+    if not _moves(moved, seen.noise_px):
+        return [(0, 0)]
+    at_home = ~pairs.registers.any(1)
+    if not (at_home.any() and pairs.registers.any()):
+        return [(0, 0)]
+    home = np.median(pairs.sensors[at_home], axis=0)
+    if not _moves(pairs.sensors - home, pairs.noise_px):
+        return [(motors, motors)]
+    gripper = _squares(pairs.registers, pairs.sensors - home)
+    object_ = _squares(seen.registers, moved)
+    unlike = [gripper[:, :split].sum(1) + object_[:, split:].sum(1) for split in range(motors)]
+    splits = np.array(unlike)  # (m, cameras)
+    splits /= gripper.sum(1) + object_.sum(1)
+    left, right = rounded(splits).argmin(0)
+    alike = [(int(k), int(k)) for k in rounded(splits.sum(1)).argsort(kind="stable")]
+    return list(dict.fromkeys([(int(left), int(right)), *alike]))[:count]
+
+
+def _moves(moved: Array, noise_px: Array) -> bool:
+    """Whether sensor vectors that are so much from home (n, 4) are moved, in noise of (n,) pixels."""
+    far = np.abs(moved) > STILL * noise_px[:, None] * IMAGE_UNIT
+    return bool(len(far) and far.mean() >= MOVED)
+
+
+def _squares(registers: Array, moved: Array) -> Array:
+    """By how much each motor moves each image, squared (2, m), from registers (n, m) and sensors (n, 4)."""
+    away = registers.any(1)
+    registers, moved = registers[away], moved[away]
+    weights = 1 / np.square(registers).sum(1)[:, None]  # what is not linear grows with the square
+    weighted, moved = registers * weights, moved * weights
+    square = weighted.T @ weighted
+    square += RIDGE * np.trace(square) / len(square) * np.eye(len(square))
+    slopes = np.linalg.solve(square, weighted.T @ moved)  # (m, 4)
+    return np.asarray(np.square(slopes).reshape(-1, len(CAMERAS), 2).sum(2).T)
+
+
+NOTHING = "nothing"
+SELDOM = 1000.0
+"""Beforehand the world changes once in so many trials. Choice, as of `AdaptiveMemory`."""
+STEPS = 40
+"""Of least squares (a guard)."""
+
+
+class BodyExplanation(NamedTuple):
+    """One of what is seen now.
+
+    Attributes:
+        kind: "nothing", "left camera", "left camera turned", "both cameras", "motor 1", "motor 1 reversed",
+            "gripper" and so on.
+        known: What is known then.
+        evidence: The logarithm of its odds.
+    """
+
+    kind: str
+    known: Known
+    evidence: float
+
+
+@dataclass(frozen=True)
+class BodyChange:
+    """A change of the world that was seen, or seems to have been.
+
+    Attributes:
+        known: What was known before it.
+        cameras: Which of them (2,) see something else than they should.
+        since: What was seen since.
+    """
+
+    known: Known
+    cameras: Flags
+    since: Pairs
+
+    @property
+    def trial(self) -> int:
+        """The first that showed it."""
+        return int(self.since.trials[0])
+
+    def going_on(self, pairs: Pairs, cameras: Flags = NO_CAMERA) -> BodyChange:
+        """The same, where more was seen."""
+        return BodyChange(self.known, self.cameras | cameras, self.since + pairs)
+
+    @cached_property
+    def explanation(self) -> BodyExplanation:
+        """The most probable one."""
+        return max(self._explanations(), key=lambda each: rounded(each.evidence))
+
+    def _explanations(self) -> Iterator[BodyExplanation]:
+        chain, numbers = self.known.chain, self.known.numbers
+        yield self._by(NOTHING, numbers, numbers.mean[None])
+        both = numbers.mean.copy()
+        for camera, name in enumerate(CAMERAS):
+            if not self.cameras[camera]:
+                continue
+            starts, of_camera = rolled(chain, numbers.mean, camera), chain.camera(camera)
+            yield self._by(f"{name} camera turned", self._but_for(chain.turn(camera)), starts)
+            changed = self._by(f"{name} camera", self._but_for(of_camera), starts)
+            yield changed
+            both[of_camera] = changed.known.fitted.numbers[of_camera]
+        if not self.cameras.all():
+            return
+        yield self._by("both cameras", self._but_for(chain.cameras), both[None])
+        for motor in range(chain.motors):
+            name, mirrored = f"motor {motor + 1}", numbers.mirrored(reversing(chain, motor))
+            starts = np.stack([numbers.mean, mirrored.mean])
+            yield self._by(name, self._but_for(chain.joint(motor)), starts)
+            yield self._by(f"{name} reversed", mirrored, mirrored.mean[None])
+        yield self._by("gripper", self._but_for(chain.gripper), numbers.mean[None])
+
+    def _but_for(self, changed: slice) -> Gaussian:
+        """What was known, where some numbers may have changed to any others."""
+        chain = self.known.chain
+        which = np.zeros(chain.size, bool)
+        which[changed] = True
+        return self.known.numbers.but_for(which, any_std(chain))
+
+    def _by(self, kind: str, before: Gaussian, starts: Array) -> BodyExplanation:
+        """The explanation by what was known `before`, fitted from `starts` (s, p)."""
+        fits = Fit(self.known.chain, self.since, before)(starts, STEPS)
+        known = Known(self.known.chain, before, self.since, min(fits, key=lambda each: rounded(each.cost)))
+        odds = np.log(SELDOM) if kind == NOTHING else 0.0
+        return BodyExplanation(kind, known, odds + known.evidence)
+
+
+class BodyEvent(NamedTuple):
     """A change of the world, as it was recognised.
 
     Attributes:
         trial: The first trial, counted from 0, that showed it.
-        kind: What has changed, see `Explanation`.
+        kind: What has changed, see `BodyExplanation`.
     """
 
     trial: int
@@ -74,12 +212,12 @@ class Body:
     def __init__(self, motors: int, seed: int = 0) -> None:
         self.motors = motors
         self.known: Known | None = None
-        self.events: list[Event] = []
+        self.events: list[BodyEvent] = []
         self.trials = 0
         self._offs_px = np.empty(0)
         self._seed = seed
         self._searched = 0
-        self._change: Change | None = None
+        self._change: BodyChange | None = None
 
     def learn(self, pairs: Pairs) -> None:
         """Takes in what was seen in a trial."""
@@ -120,10 +258,10 @@ class Body:
         """How far from where it expected them gripper points were in the latest trials, root mean square."""
         return float(np.sqrt(np.square(self._offs_px).mean())) if len(self._offs_px) else 0.0
 
-    def _likely_change(self, pairs: Pairs, cameras: Flags) -> Change:
+    def _likely_change(self, pairs: Pairs, cameras: Flags) -> BodyChange:
         """That which explains what contradicts: one now, or one lately of which too little was seen."""
         assert self.known is not None
-        now = Change(self.known, cameras, pairs)
+        now = BodyChange(self.known, cameras, pairs)
         if self._change is None:
             return now
         if not self._told and now.explanation.kind != NOTHING:
@@ -166,7 +304,7 @@ class Body:
         random = np.random.default_rng((self._seed, self.trials))
         found = [] if self.known is None else [self._refitted(self.known, seen)]
         for mounts in likely_mounts(seen, self.GUESSES):
-            chain = Chain(self.motors, mounts)
+            chain = JointChain(self.motors, mounts)
             before = Gaussian.of_any(chain)
             fit = Fit(chain, seen, before)
             starts = random_starts(chain, before.mean, self.STARTS, random)
@@ -176,7 +314,7 @@ class Body:
             found.append(Known(chain, before, seen, min(fine, key=lambda each: rounded(each.cost))))
         self.known = max(found, key=lambda each: rounded(each.evidence))
 
-    def _explain(self, change: Change) -> None:
+    def _explain(self, change: BodyChange) -> None:
         """Learns from what contradicts what is known."""
         best, before, since = change.explanation, change.known, change.since
         again = self._change is not None and self._change.trial == change.trial
@@ -192,7 +330,7 @@ class Body:
         if not again and self._was_wrong(before, best.evidence, since):
             self._change = None
             return
-        self.events.append(Event(change.trial, best.kind))
+        self.events.append(BodyEvent(change.trial, best.kind))
         self.known = best.known
         if not self.known.explains:
             self._searched = self._searched if again else 0
@@ -226,7 +364,9 @@ class Body:
         self._change = None
         if before:
             cameras = checked_array(arrays, "changed_cameras", (2,)) > 0
-            self._change = Change(Known.of(before, self.motors), cameras, Pairs.of(under("since", arrays)))
+            self._change = BodyChange(
+                Known.of(before, self.motors), cameras, Pairs.of(under("since", arrays))
+            )
         self.trials, self._searched = int(trials), int(searched)
         self._offs_px = checked_array(arrays, "offs_px", (None,))
-        self.events = [Event(int(trial), kind) for trial, kind in arrays["events"]]
+        self.events = [BodyEvent(int(trial), kind) for trial, kind in arrays["events"]]

@@ -14,13 +14,18 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
-from ..jacobian import distance_jacobian
-from ..jacobian.linear import linear_deviations_px
-from ..perception import ObservationFilter, Observing
+from ..base.registration import agent
+from ..servo.jacobian import distance_jacobian, linear_deviations_px
+from ..servo.perception import ObservationFilter, Observing
 from ..servo.trial import half_way_back
 from .robot_model import RobotModel
 
 
+@agent(
+    "affine_stereo",
+    "Calibrates itself at four known positions (Hollinghurst, Cipolla 1994).",
+    arms="movemaster",
+)
 class AffineStereo(ProcedureAgent):
     """Self-calibrates at four known positions, then goes to the object in proportional steps.
 
@@ -71,11 +76,9 @@ class AffineStereo(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return f"AffineStereo(gain={self.gain}, spacing={self.spacing})"
 
     def procedure(self, first: Observation, findings: None) -> Procedure:
-        """See `ProcedureAgent`."""
         filter_ = ObservationFilter()
         now = yield from filter_.first(first)
         known = [now]

@@ -1,7 +1,5 @@
 """The calibrated robot that the paper argues against: it goes by its models (section 2.2)."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from typing import Any
 
@@ -13,12 +11,18 @@ from calfree_gym.world import nominal
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
-from ..jacobian.linear import linear_deviations_px
-from ..perception import ObservationFilter
+from ..base.registration import agent
+from ..servo.jacobian import linear_deviations_px
+from ..servo.perception import ObservationFilter
 from ..servo.trial import half_way_back
 from .robot_model import RobotModel
 
 
+@agent(
+    "model_based",
+    "The calibrated robot that the paper argues against: triangulates, solves, moves.",
+    arms="movemaster",
+)
 class ModelBased(ProcedureAgent):
     """Stereo evaluation and inverse kinematics by the model of the robot as built.
 
@@ -54,7 +58,6 @@ class ModelBased(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return f"ModelBased(camera_mount={self.camera_mount!r})"
 
     def procedure(self, first: Observation, findings: None) -> Procedure:

@@ -2,18 +2,191 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calfree_gym.image import CAMERAS
 from calfree_gym.vision.cameras import image_points, pinhole
 
-from ..base.observation import POINTS, Array
-from .measurements import Measurements
-from .parameters import ARM, COUNT, arm_of, model_of, named
-from .robot_model import RobotModel
-from .rotations import rotation_axes
+from ..base.checks import checked_array
+from ..base.observation import POINTS, Array, Flags, Observation
+from .robot_model import RobotModel, rotation, rotation_axes
+
+MOTORS = 3
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Image points measured at known registers, in several trials.
+
+    Attributes:
+        registers: (n, 3).
+        points: Image points (n, 4, 2) in image units: gripper left, right, object left, right.
+        seen: Which of them were seen (n, 4).
+        trial: In which trial (n,), counted from 0 and rising: each has an object of its own.
+    """
+
+    registers: Array
+    points: Array
+    seen: Flags
+    trial: NDArray[np.int_]
+
+    @classmethod
+    def none(cls) -> Measurements:
+        """Nothing measured yet."""
+        points = np.zeros((0, POINTS, 2))
+        return cls(np.zeros((0, MOTORS)), points, np.zeros((0, POINTS), bool), np.zeros(0, int))
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Measurements:
+        """What was saved under the names of the attributes.
+
+        Raises:
+            ValueError: An array is missing or of a wrong shape, or trials are not counted from 0.
+        """
+        points = checked_array(arrays, "points", (None, POINTS, 2))
+        count = len(points)
+        registers = checked_array(arrays, "registers", (count, MOTORS))
+        seen = checked_array(arrays, "seen", (count, POINTS)) > 0
+        trial = checked_array(arrays, "trial", (count,)).astype(int)
+        if count and not (trial[0] == 0 and np.isin(np.diff(trial), (0, 1)).all()):
+            raise ValueError(f"the saved trial must count from 0 in steps of 1, found {trial.tolist()}")
+        return cls(registers, points, seen, trial)
+
+    @property
+    def trials(self) -> int:
+        """Number of trials."""
+        return int(self.trial.max(initial=-1)) + 1
+
+    def with_trial(self, observations: Sequence[Observation]) -> Measurements:
+        """These, and those of one more trial."""
+        return Measurements(
+            np.concatenate([self.registers, [each.registers for each in observations]]),
+            np.concatenate([self.points, [each.points for each in observations]]),
+            np.concatenate([self.seen, [each.visible for each in observations]]),
+            np.concatenate([self.trial, np.full(len(observations), self.trials)]),
+        )
+
+    def latest(self, count: int) -> Measurements:
+        """The last `count` of them, their trials counted from 0 again."""
+        trial = self.trial[-count:]
+        trial = trial - trial.min(initial=self.trials)
+        return Measurements(self.registers[-count:], self.points[-count:], self.seen[-count:], trial)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One quantity in which the robot may differ from the robot as built.
+
+    Attributes:
+        name: Of the quantity.
+        shape: Of its array; of cameras, the first axis is left, right.
+        prior_std: Standard deviation before anything is measured; the prior mean is 0.
+        bound: It differs by no more than this.
+        unit: Of both.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    prior_std: float | tuple[float, ...]
+    bound: float | tuple[float, ...]
+    unit: str
+
+    @property
+    def size(self) -> int:
+        """How many numbers it is."""
+        return int(np.prod(self.shape))
+
+    def filled(self, values: float | tuple[float, ...]) -> Array:
+        """`values`, one for all or one for each entry of the last axis, for each number (size,)."""
+        return np.broadcast_to(values, self.shape).ravel()
+
+
+CAMERA_PARAMETERS = (
+    Parameter("camera_position", (2, 3), 0.05, 0.15, "m"),
+    Parameter("camera_turn", (2, 3), (0.15, 0.15, 10.0), (0.6, 0.6, 20.0), "rad about x, y, z"),
+    Parameter("focal_length", (2, 1), 0.25, 0.8, "logarithm of a factor"),
+    Parameter("lens_k1", (2, 1), 0.05, 0.15, "per squared focal length"),
+)
+ARM_PARAMETERS = (
+    Parameter("link_lengths", (5,), 0.06, 0.2, "share of the length as built"),
+    Parameter("joint_zeros", (4,), 0.10, 0.3, "rad"),
+    Parameter("motor_gain", (3,), 0.4, 0.9, "logarithm of a factor"),
+    Parameter("motor_curvature", (3,), 0.2, 0.43, "1"),
+)
+PARAMETERS = CAMERA_PARAMETERS + ARM_PARAMETERS
+"""In the order of the vector, which is also that of saved files.
+
+The standard deviations are those with which the simulator draws its wild worlds, rounded: a robot that starts
+from them knows how wrong robots are there. Only tilts (about x and y; 0.08 in wild worlds) have twice the
+room, and rolls (about z) are left open. Bounds are 1.1 to 3 times the largest differences of wild worlds
+(guards), and beyond a curvature of 0.45 a world would be refused."""
+COUNT = sum(each.size for each in PARAMETERS)
+ARM = slice(sum(each.size for each in CAMERA_PARAMETERS), COUNT)
+"""Where in the vector the arm's parameters are; those before are the cameras'."""
+PRIOR_STD = np.concatenate([each.filled(each.prior_std) for each in PARAMETERS])
+_NEGLIGIBLE = 1e-6
+"""Share of its standard deviation that a quantity keeps which a model lacks (a guard: it is divided by)."""
+BOUND = np.concatenate([each.filled(each.bound) for each in PARAMETERS])
+_ENDS = np.cumsum([each.size for each in PARAMETERS])
+_PLACES = {
+    each.name: slice(int(end) - each.size, int(end)) for each, end in zip(PARAMETERS, _ENDS, strict=True)
+}
+
+
+def prior_std(lacking: Collection[str] = ()) -> Array:
+    """Prior standard deviations (COUNT,) for a model that lacks some quantities: these stay as built."""
+    std = PRIOR_STD.copy()
+    for name, values in named(std).items():
+        values *= _NEGLIGIBLE if name in lacking else 1.0
+    return std
+
+
+def named(parameters: Array) -> dict[str, Array]:
+    """The parameters (..., COUNT) by name, as views of their shapes (..., *shape): write to them at will."""
+    leading = parameters.shape[:-1]
+    return {
+        each.name: parameters[..., _PLACES[each.name]].reshape(leading + each.shape) for each in PARAMETERS
+    }
+
+
+def model_of(built: RobotModel, signs: Array, parameters: Array) -> RobotModel:
+    """The robot that differs from the robot as built by `parameters`.
+
+    Args:
+        built: The robot as built.
+        signs: Of the motors (..., 3).
+        parameters: (..., COUNT); with leading axes, several robots.
+    """
+    off = named(parameters)
+    return replace(
+        built,
+        camera_position=built.camera_position + off["camera_position"],
+        camera_axes=built.camera_axes @ rotation(off["camera_turn"]),
+        focal_length=built.focal_length * np.exp(off["focal_length"][..., 0]),
+        lens_k1=built.lens_k1 + off["lens_k1"][..., 0],
+        **_arm(built, signs, off),
+    )
+
+
+def arm_of(built: RobotModel, signs: Array, parameters: Array) -> RobotModel:
+    """As `model_of`, with the cameras as built."""
+    return replace(built, **_arm(built, signs, named(parameters)))
+
+
+def _arm(built: RobotModel, signs: Array, off: dict[str, Array]) -> dict[str, Any]:
+    return {
+        "link_lengths": built.link_lengths * (1 + off["link_lengths"]),
+        "joint_zeros": built.joint_zeros + off["joint_zeros"],
+        "motor_gain": built.motor_gain * signs * np.exp(off["motor_gain"]),
+        "motor_curvature": built.motor_curvature + off["motor_curvature"],
+    }
+
 
 _STEP = 1e-6
 """Of forward differences, in rad or shares: their error is then below 1e-6 (derived: half of it, by second

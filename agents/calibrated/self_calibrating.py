@@ -1,29 +1,146 @@
 """The calibrated robot that calibrates itself, and never ceases to (paper, sections 1 and 2.2)."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import partial
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.errors import check_choice
 from calfree_gym.world import nominal
 
-from ..base.observation import Observation
+from ..base.observation import Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
-from ..perception.noise import MARKER_NOISE_PX
+from ..base.registration import agent
+from ..servo.jacobian import Estimator, TestMotions
+from ..servo.perception import MARKER_NOISE_PX
+from ..servo.trial import Findings, Motions, ServoTrial
 from .identification import Identification, identify
-from .measurements import Measurements
-from .recorded_trial import RecordedTrial
+from .model_based import move_by_model
+from .prediction import Measurements
 from .robot_model import RobotModel
-from .validity import Validity, ValidityCheck
+
+
+class RecordedTrial(ServoTrial):
+    """A trial whose estimated observations are recorded.
+
+    Attributes:
+        recorded: The estimates after each motion, the home view first.
+    """
+
+    FIRST_WORD = 0.04
+    """Of the first test motion (METHODS: 0.04 in a toy study of wild worlds)."""
+    TEST_PX = 30.0
+    """Wanted of a test motion: larger than a servo's, so that the motors' curvature shows. Tuned on wild
+    worlds 3000 and up."""
+    TOGETHER = np.array([[1.0, 1.0, -1.0], [-1.0, 1.0, 1.0]])
+    """Test motions of all motors at once, in units of their test words: these show what motors do
+    to each other. Tuned likewise."""
+    OBSERVATIONS = 3
+    """This many more at one place tell how noisy they are: `NoiseEstimate.ENOUGH` differences (derived: 3
+    times 8 coordinates)."""
+
+    def __init__(self, first: Observation) -> None:
+        findings: Findings[Estimator] = Findings(TestMotions(len(first.registers)))
+        super().__init__(first, findings, self.FIRST_WORD, self.TEST_PX)
+        self.recorded: list[Observation] = []
+
+    @property
+    def noise_px(self) -> float:
+        """Standard deviation of an image coordinate."""
+        return self.filter.noise.px
+
+    def begin(self) -> Motions:
+        yield from super().begin()
+        self.recorded.append(self.now)
+
+    def move(self, words: Array) -> Motions:
+        made = yield from super().move(words)
+        self.recorded.append(self.now)
+        return made
+
+    def measure_noise(self) -> Motions:
+        """Observes without a motion until it is known how noisy observations are; records none of these."""
+        for _ in range(self.OBSERVATIONS):
+            yield from super().move(np.zeros_like(self.now.registers))
+
+    def explore(self) -> Motions:
+        """Test motions of each motor alone, and a few of all together."""
+        self.forget()
+        for motor in self.unmeasured():
+            yield from self.test(motor)
+        for signs in self.TOGETHER:
+            yield from self.move_in_view(signs * self.test_words)
+
+    def go(self, model: RobotModel, object_: Array) -> Motions:
+        """Goes by `model` to where it has the object (3,), see `move_by_model`."""
+        words = model.registers(object_) - self.now.registers
+        observations = yield from move_by_model(model, object_, self.filter, self.now, words)
+        self.now = observations[-1]
+        self.recorded += observations
+
+
+class Validity(Enum):
+    """Whether what was identified still holds."""
+
+    VALID = "the latest observations agree with it"
+    DOUBTED = "they do not, once: the robot acts by the latest fit, and keeps the earlier one for comparison"
+    NOISE_UNKNOWN = "they do not, again; but nobody knows yet how noisy they are"
+    INVALID = "they do not, again: all that was known is dropped"
+
+
+class ValidityCheck:
+    """Judges by each motion of a trial whether what was identified still holds.
+
+    The paper's section 1 asks for a robot that keeps determining its parameters; when it is to begin anew, it
+    leaves open. Here: where the model contradicts the latest observations, or where it misses again and
+    again, twice running.
+    """
+
+    INCONSISTENT = 50.0
+    """Observations contradict the model where the least cost rises by more, see `Identification.innovation`;
+    about 4 is usual. Tuned on wild worlds 3000 and up."""
+    TRIES, MISSED = 6, 8.0
+    """So they do where the object is still missed, by this many times the noise, after this many motions:
+    tuned likewise."""
+    CONTRADICTIONS = 2
+    """This many in a row end the validity: a single one may be a mistaken point. Choice."""
+
+    def __init__(self) -> None:
+        self._contradictions = self._tries = 0
+        self._noise_known = False
+
+    def begin(self) -> None:
+        """Something new was identified."""
+        self._tries = 0
+
+    def judge(self, innovation: float, distance_px: float, noise_px: float) -> Validity:
+        """What the latest observation says of the model.
+
+        Args:
+            innovation: See `Identification.innovation`.
+            distance_px: Image distance between gripper and object.
+            noise_px: Standard deviation of an image coordinate.
+        """
+        missed = self._tries >= self.TRIES and distance_px > self.MISSED * noise_px
+        contradicted = missed or innovation > self.INCONSISTENT
+        self._contradictions = self._contradictions + 1 if contradicted else 0
+        if self._contradictions < self.CONTRADICTIONS:
+            self._tries += 1
+            return Validity.DOUBTED if self._contradictions else Validity.VALID
+        if not self._noise_known:
+            self._contradictions, self._noise_known = self._contradictions - 1, True
+            return Validity.NOISE_UNKNOWN
+        self._contradictions = 0
+        return Validity.INVALID
+
 
 MOTOR_CURVES: dict[str, tuple[str, ...]] = {"cubic": (), "linear": ("motor_curvature",)}
 LENSES: dict[str, tuple[str, ...]] = {"radial": (), "none": ("lens_k1",)}
@@ -46,6 +163,11 @@ class Calibration:
     noise_px: float
 
 
+@agent(
+    "self_calibrating",
+    "A calibrated robot that identifies its own model as it moves.",
+    arms="movemaster",
+)
 class SelfCalibrating(ProcedureAgent):
     """Identifies cameras, arm and motors from its own motions, and acts by the model.
 
@@ -111,7 +233,6 @@ class SelfCalibrating(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         model = f"motor_curve={self.motor_curve!r}, lens={self.lens!r}"
         return f"SelfCalibrating(camera_mount={self.camera_mount!r}, {model})"
 
@@ -120,7 +241,6 @@ class SelfCalibrating(ProcedureAgent):
         return _OF_ONE_KIND.sub(r"\1, motor_curve='cubic', lens='radial')", saved)
 
     def new_findings(self) -> Calibration:
-        """See `ProcedureAgent`."""
         return replace(self.calibration)
 
     def procedure(self, first: Observation, findings: Calibration) -> Procedure:
@@ -166,7 +286,6 @@ class SelfCalibrating(ProcedureAgent):
         self.calibration = findings
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `ProcedureAgent`."""
         known = self.calibration.known
         return {} if known is None else {**vars(self.calibration.measurements), **vars(known)}
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import gymnasium as gym
 import numpy as np
 
-from ..base.observation import Array, Flags, Observation, RawObservation
+from ..base.observation import STANDARD_KEYS, Array, Flags, Observation, RawObservation
 
 NAMES = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
 """What is seen, in the order of the flags."""
@@ -128,3 +130,88 @@ class GraspObservation:
         visible = np.concatenate([self.visible[TIP], seen])
         points = np.concatenate([self.at("tip"), target])
         return Observation(points, visible, self.arm, last=self.last)
+
+
+RIMS = 4
+"""Points of the plate around the hole."""
+POINTS = OBJECT + 1 + RIMS
+INSERT_FLAGS = 2 * POINTS
+INSERT_WORDS = ARM + 1
+"""Of the arm, and of the wrist's turn; the jaws have none."""
+
+
+class InsertObservation(GraspObservation):
+    """As when grasping: the peg's end is the tip, the hole is the object.
+
+    The jaws hold nothing that is to be lifted. The plate's points lie evenly around the hole. So the hole is
+    seen less noisily: as the mean of its own point and of these, where an image shows all of them.
+    """
+
+    proportions = np.array([1.0, 0.36, 1.0])
+    """See `GraspObservation`: the jaws are closed on the peg."""
+
+    @property
+    def turning(self) -> int:
+        """See `GraspObservation`: the jaws have no word."""
+        return ARM
+
+    @classmethod
+    def of(cls, raw: RawObservation) -> InsertObservation:
+        """Reads one environment's observation."""
+        state = np.asarray(raw["observation"], float)
+        achieved, desired = (np.asarray(raw[key], float) for key in ("achieved_goal", "desired_goal"))
+        others = state[INSERT_FLAGS + INSERT_WORDS :].reshape(POINTS - 2, 2, 2)
+        tip, hole = achieved[:4].reshape(1, 2, 2), desired[:4].reshape(1, 2, 2)
+        points = np.concatenate([tip, others[: OBJECT - 1], hole, others[OBJECT - 1 :]])
+        visible = state[:INSERT_FLAGS].reshape(POINTS, 2) > 0.5
+        whole = visible[OBJECT:].all(0)
+        points[OBJECT, whole] = points[OBJECT:, whole].mean(0)
+        return cls(
+            points=points,
+            visible=visible,
+            registers=state[INSERT_FLAGS : INSERT_FLAGS + INSERT_WORDS],
+            opening=1.0,
+            held=False,
+            goal=np.zeros((2, 2)),
+        )
+
+
+TASKS = ("reach", "grasp", "insert")
+REACHED = 4
+"""Numbers of a goal of reaching: the gripper's sensor vector."""
+
+
+def task_of(env: gym.Env[Any, Any]) -> str:
+    """The task of an environment, one of `TASKS`.
+
+    Goals of grasping also tell whether the object is held, those of inserting how deep the peg is; who
+    inserts has no word for jaws.
+
+    Raises:
+        ValueError: It is no environment, none of ours, or its observation has no image points.
+    """
+    space = getattr(env, "observation_space", None)
+    if space is None:
+        raise ValueError(
+            f"it needs an environment, such as gymnasium.make('CalFree/Reach-v0'); found {env!r}"
+        )
+    spaces = getattr(space, "spaces", None)
+    if not isinstance(spaces, Mapping) or "observation" not in spaces:
+        raise ValueError(
+            f"it needs an environment of calfree_gym; or one with its spaces: this one's observation is "
+            f"{space}"
+        )
+    if missing := [key for key in STANDARD_KEYS if key not in spaces]:
+        raise ValueError(
+            f"it needs image points ({', '.join(missing)}); this environment's observation has only "
+            f"{', '.join(spaces)}; make it with observation='points' or 'vision'"
+        )
+    goals = spaces["achieved_goal"].shape
+    if goals[-1:] not in ((REACHED,), (GOAL,)):
+        raise ValueError(
+            f"it needs an environment of calfree_gym, or one with its spaces, where achieved_goal has "
+            f"{REACHED} or {GOAL} numbers; this environment's has shape {goals}"
+        )
+    if goals[-1] == REACHED:
+        return TASKS[0]
+    return TASKS[1 + (env.action_space.shape[-1] == INSERT_WORDS)]  # type: ignore[index]

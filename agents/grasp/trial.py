@@ -1,8 +1,7 @@
 """One trial of grasping: what is known in it, and the motions that the procedure is made of."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,18 +9,80 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.observation import Array, Observation
-from ..base.stops import Stops, met_something
+from ..base.registers import Stops, met_something
+from ..servo.image_model.gaussian_process import GaussianProcess
 from ..servo.image_model.least_distance import Seeker
-from ..servo.image_model.smooth_function import SmoothFunction
 from ..servo.image_model.smooth_points import SmoothPoints
 from ..servo.servo_agent import ServoAgent
-from .findings import GraspFindings
-from .in_view import InView
-from .intermediate import target
-from .lying import MOVED_PX, Lying, Target
 from .observation import ARM, OBJECT, TIP, GraspObservation
-from .orientation import turn_needed
-from .tip import Tip, known_before
+from .seen import MOVED_PX, Lying, Target, Tip, known_before, target
+from .turning import Turning, turn_needed
+
+
+@dataclass
+class GraspFindings:
+    """What is found out in a trial.
+
+    Attributes:
+        reach: What the servo of the approach finds out.
+        turning: By what angle the jaws must turn, and what turns them.
+        descent: Tip and object over registers, with all that is remembered of other trials; None where that
+            is nothing.
+        looks: All that was seen on the way to the intermediate position, as its target.
+        untouched: All that was seen before the object may have moved, as who goes to it sees it.
+        approached: Whether the gripper came to the intermediate position.
+        key: The object's sensor vector and the `direction_key`, as seen from home (6,).
+        above: Registers (k + 1,) of arm and turn from which the gripper descended, its jaws as they closed.
+    """
+
+    reach: Any
+    turning: Turning
+    descent: SmoothPoints | None = None
+    looks: list[Observation] = field(default_factory=list)
+    untouched: list[Observation] = field(default_factory=list)
+    approached: bool = False
+    key: Array | None = None
+    above: Array | None = None
+
+    @property
+    def noise_px(self) -> float:
+        """Standard deviation of an image coordinate."""
+        return float(self.reach.filter.noise.px)
+
+
+LOST = 2
+"""A tip that was not seen in so many looks is out of view. Choice: in one it may be hidden."""
+
+
+class InView:
+    """What is known of where the tip is in view.
+
+    Attributes:
+        registers: Where (5,) it was seen last.
+        shorter: Share of which words are sent: less where it got lost.
+
+    Args:
+        first: The first observation.
+    """
+
+    def __init__(self, first: GraspObservation) -> None:
+        self.registers, self.shorter = first.registers, 1.0
+        self._unseen = 0
+
+    def look(self, now: GraspObservation, was_seen: bool) -> None:
+        """Takes in a look; where the tip gets lost, the next words are half as long."""
+        self._unseen += 1
+        if now.visible[TIP].all():
+            self.registers, self._unseen = now.registers, 0
+            self.shorter = min(1.0, 2 * self.shorter) if was_seen else self.shorter
+        elif self._unseen == LOST:
+            self.shorter /= 2
+
+    @property
+    def lost(self) -> bool:
+        """Whether the tip is out of view."""
+        return self._unseen >= LOST
+
 
 Motions = Generator[Array, GraspObservation, Any]
 """Yields control words (5,) or (6,), is sent what is observed after them."""
@@ -85,7 +146,7 @@ class GraspTrial:
         self.touched = False
         self._seen, self._lying = [first], Lying(first)
         self._from = first.arm
-        self._tip = Tip.of(SmoothFunction.unknown(self._arm, self._arm), self._seen, findings.noise_px)
+        self._tip = Tip.of(GaussianProcess.unknown(self._arm, self._arm), self._seen, findings.noise_px)
         self._untouched, self._turn_stops = True, Stops(np.zeros(1))
         self._hangs: Array | None = None
         self._shows = self.TEST_TURN

@@ -1,7 +1,5 @@
 """Small tables over one or two sensor coordinates each, whose sum are registers (section 4.3)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,13 +11,16 @@ from calfree_gym.image import IMAGE_UNIT
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
-from .gain import Gain
-from .interface import Recall
+from .grid_table import Gain
+from .learning_servo import LearningServo, Recall, knowledge_base
 
 PAIRS = ((0, 1), (2, 3), (0, 2), (1, 3), (4, 5))
 """Coordinates that share a 2-D table: those of an image, and those alike in both; of directions both."""
 
 
+@knowledge_base(
+    "factored_table", "The paper's first alternative: several small tables, added up.", LearningServo
+)
 class FactoredTable:
     """Registers as the sum of 1-D tables of each sensor coordinate and 2-D tables of pairs of them.
 
@@ -81,7 +82,6 @@ class FactoredTable:
         """See `Knowledge`. A table implies none."""
 
     def learn(self, sensors: Array, registers: Array) -> None:
-        """See `Knowledge`."""
         if self.gain.kalman:
             self.covariance += self.gain.drift_variance / self.SCALE_PX**2 * self._prior
         which, near = self._between(sensors)
@@ -96,11 +96,9 @@ class FactoredTable:
         )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `Knowledge`."""
         return {name: getattr(self, name).copy() for name in ("records", "covariance")}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `Knowledge`."""
         records = checked_array(arrays, "records", self.records.shape)
         covariance = checked_array(arrays, "covariance", self.covariance.shape)
         self.records, self.covariance = records, covariance

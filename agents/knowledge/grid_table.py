@@ -1,22 +1,96 @@
 """The paper's table: registers at the corners of a grid in sensor space (section 4.2; Xie et al. 1997)."""
 
-from __future__ import annotations
-
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calfree_gym.errors import check_flag
+from calfree_gym.image import IMAGE_UNIT
+
 from ..base.checks import check_number, checked_array
-from ..base.observation import Array
+from ..base.observation import Array, camera_lengths_px
 from ..base.prior_knowledge import PriorKnowledge
-from .distance import squared_px
-from .gain import Gain
-from .interface import Recall
+from .learning_servo import LearningServo, Recall, knowledge_base
 
 
+def squared_px(differences: Array) -> Array:
+    """Square of the longer of the two image distances (...,), in px², of sensor differences (..., 4).
+
+    Where there are six, the last two are of directions in both images: a quarter turn is like half an image.
+    """
+    squares = np.square(camera_lengths_px(differences[..., :4]))
+    if differences.shape[-1] > 4:
+        squares = squares + np.square(differences[..., 4:] / IMAGE_UNIT)
+    return np.asarray(squares.max(-1))
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A constant gain, or a Kalman filter (open in the paper, section 5).
+
+    Variances are those of where a record's registers lead, in px²: the registers' own scale cancels in the
+    gain. What the rules expect of an error is the same; only the gain differs.
+
+    Attributes:
+        rate: Share of an error that one success corrects, where the gain is constant.
+        kalman: Whether each record is corrected by how uncertain it is.
+        success_variance: Of what corrects, in px².
+        drift_variance: What one success adds to all variances, in px².
+    """
+
+    rate: float
+    kalman: bool
+    success_variance: float
+    drift_variance: float
+
+    def __post_init__(self) -> None:
+        check_number("rate", self.rate, above=0, most=1)
+        check_flag("kalman", self.kalman)
+
+    def aged(self, variances: Array) -> Array:
+        """Variances (n,) one success later; a constant gain knows of no drift."""
+        return variances + self.drift_variance if self.kalman else variances
+
+    def correct(self, weights: Array, variances: Array, more: float = 0.0) -> tuple[Array, Array]:
+        """Shares (k,) of the sum's error by which records change, and their variances (k,) after that.
+
+        Args:
+            weights: Of the records in the sum (k,).
+            variances: Of the records (k,), each with a filter of its own, in px².
+            more: Variance of what corrects beyond `success_variance`, in px².
+        """
+        covariances = variances * weights
+        error_variance = float(weights @ covariances) + self.success_variance + more
+        gains = self.shares(weights, covariances, error_variance)
+        return gains, variances - 2 * gains * covariances + gains**2 * error_variance
+
+    def shares(self, weights: Array, covariances: Array, error_variance: float) -> Array:
+        """Shares (n,) of the sum's error by which records change.
+
+        Args:
+            weights: Of the records in the sum (n,).
+            covariances: Of the records with the sum (n,), in px².
+            error_variance: Variance of the error that is expected, in px².
+        """
+        return covariances / error_variance if self.kalman else self.rate * weights / (weights @ weights)
+
+
+PAPER = {"every_look": False, "servo": "paper_servo", "jump_px": math.inf}
+"""Settings of the agent `grid_table`: with the paper's table only success teaches, what is recalled is always
+tried, and the paper's servo corrects."""
+
+
+@knowledge_base(
+    "grid_table",
+    "The paper's table: words that succeeded, interpolated over image points.",
+    LearningServo,
+    lambda given: PAPER,
+)
 class GridTable:
     """4-D sensor space in `cells`**4 hypercubes, with a record of registers at each of their corners.
 
@@ -91,11 +165,9 @@ class GridTable:
         self.successes[corners] += 1
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `Knowledge`."""
         return {name: getattr(self, name).copy() for name in ("records", "variances", "successes")}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `Knowledge`."""
         corners, motors = self.records.shape
         records = checked_array(arrays, "records", (corners, motors), allow_nan=True)
         variances = checked_array(arrays, "variances", (corners,))

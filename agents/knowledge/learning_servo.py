@@ -2,28 +2,124 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.errors import check_flag
+from calfree_gym.errors import check_choice, check_flag
 
+from ..base.agent import Agent
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array, Observation, RawObservation
+from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
 from ..base.registers import at_home
+from ..base.registration import KNOWLEDGE, SERVOS, Settings, agent, named_settings
 from ..base.storage import with_present_names
-from ..jacobian import Slopes, distance_jacobian
+from ..servo.jacobian import distance_jacobian
 from ..servo.redundancy import solve
-from ..servo.servo_agent import Servo, ServoAgent
+from ..servo.servo_agent import UNIFIED, Servo, ServoAgent
+from ..servo.slopes import Slopes
 from ..servo.trial import Findings, jump
-from .interface import Knowledge, Recall
+
+K = TypeVar("K")
+_LAID_OVER: dict[str, type[Any]] = {}
+"""The agents that lay them over a servo."""
 
 
-class LearningServo(ServoAgent):
+def knowledge_base(
+    name: str,
+    does: str,
+    over_servo: type[KnowledgeAgent],
+    defaults: Callable[[Settings], Settings] = lambda given: {},
+) -> Callable[[type[K]], type[K]]:
+    """Puts a knowledge base under a name, and the agent that lays it over a servo, see `NamedAgent`."""
+
+    def named(base: type[K]) -> type[K]:
+        KNOWLEDGE[name], _LAID_OVER[name] = base, over_servo
+        agent(name, does, fixed={"knowledge": name}, defaults=defaults)(over_servo)
+        return base
+
+    return named
+
+
+def own_settings(knowledge: str) -> Settings:
+    """What a knowledge base takes, and its defaults."""
+    settings = named_settings(KNOWLEDGE[knowledge])
+    return {name: default for name, default in settings.items() if name not in ("motors", "dimensions")}
+
+
+def make_knowledge(name: str, motors: int, settings: Settings, **keys: int) -> Any:
+    """A knowledge base over registers of so many motors; takes its own settings out of all."""
+    own = {each: settings.pop(each) for each in own_settings(name) if each in settings}
+    return KNOWLEDGE[name](motors, **own, **keys)
+
+
+@dataclass(frozen=True)
+class Recall:
+    """What a knowledge base remembers of a place.
+
+    Attributes:
+        registers: Registers (m,) that should bring the gripper to the object.
+        deviation_px: The confidence: standard deviation of where it ends up, in the worse image, in pixels.
+    """
+
+    registers: Array
+    deviation_px: float
+
+
+class Knowledge(Protocol):
+    """Associations between sensor vectors (4,), seen from home, and registers (m,) that lead there."""
+
+    @property
+    def prior_knowledge(self) -> frozenset[PriorKnowledge]:
+        """What it is built on, see `Agent`."""
+
+    def recall(self, sensors: Array) -> Recall | None:
+        """What is remembered of an object seen at `sensors` (4,), from home; None where nothing is."""
+
+    def jacobian(self, registers: Array) -> Array | None:
+        """∂sensors/∂registers (4, m) of an object at registers (m,); None where too little is known."""
+
+    def learn(self, sensors: Array, registers: Array) -> None:
+        """Takes in that `registers` (m,) bring the gripper to an object seen at `sensors` (4,) from home."""
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All that it knows, as named arrays."""
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Takes over what `arrays` returned; raises ValueError where it does not fit."""
+
+
+class KnowledgeAgent(ServoAgent):
+    """Lays a knowledge base over a servo; its constructor takes both, and settings of its own."""
+
+    @classmethod
+    def settings(cls, given: Settings) -> Settings:
+        """See `Agent`. Those of knowledge and servo are among them."""
+        of_servo = ServoAgent.settings(given)
+        name = given.get("knowledge", "memory")
+        check_choice("knowledge", name, KNOWLEDGE)
+        own = {"seed": 0, "knowledge": "memory", "servo": UNIFIED, **named_settings(_LAID_OVER[name])}
+        return own | own_settings(name) | of_servo | {"knowledge": "memory"}
+
+    @classmethod
+    def make(cls, env: gym.Env[Any, Any], seed: int = 0, servo: str = UNIFIED, **settings: Any) -> Agent:
+        """See `Agent`. All other settings are of the agent, of knowledge and of the servo."""
+        knowledge = settings.pop("knowledge", "memory")
+        kind = _LAID_OVER[knowledge]
+        base = make_knowledge(knowledge, env.action_space.shape[0], settings)  # type: ignore[index]
+        own = {each: settings.pop(each) for each in named_settings(kind) if each in settings}
+        made: Agent = kind(env, base, SERVOS[servo](**settings), seed, **own)
+        return made
+
+
+@agent("learning_servo", "Any knowledge base over any servo (`knowledge=`, `servo=`).")
+class LearningServo(KnowledgeAgent):
     """Moves at once to where it remembers; corrects by `servo`; remembers where it succeeded.
 
     It takes a trial for a success where the environment ends it, so it learns no rendezvous from one with
@@ -38,10 +134,8 @@ class LearningServo(ServoAgent):
             where the cameras are on the forearm, it does not show where an object would be seen from home.
 
     Args:
-        env: See `Agent`.
         knowledge: The knowledge base.
         servo: Corrects where it misses.
-        seed: See `Agent`.
         jump_px: It moves at once only where it expects to end up no further off than this; tuned on
             wild worlds 3000 and up.
         every_look: Whether every observation of the gripper teaches, not only the rendezvous.
@@ -78,7 +172,6 @@ class LearningServo(ServoAgent):
         self.camera_motors = np.zeros(self.motors, bool)
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
-        """See `ProcedureAgent`."""
         now = yield from findings.filter.first(first)
         findings.trusted.append(now)
         recall = self._recall(now)
@@ -114,7 +207,6 @@ class LearningServo(ServoAgent):
         return None if recall is None or recall.deviation_px > self.jump_px else recall
 
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
-        """See `ProcedureAgent`."""
         super().learn_trial(findings, last, ended)
         self._learn_camera_motors(findings.estimator.jacobian)
         trusted = findings.trusted
@@ -160,17 +252,14 @@ class LearningServo(ServoAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         settings = f"jump_px={self.jump_px:g}, every_look={self.every_look}"
         return f"{self.knowledge!r} over {self.servo!r}, {settings}"
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `ProcedureAgent`."""
         motors = {"camera_motors": self.camera_motors, "looks_teach": np.array([self.looks_teach])}
         return super().arrays() | self.knowledge.arrays() | motors
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `ProcedureAgent`."""
         super().restore(arrays)
         arrays = with_present_names(arrays, {"carriers": "camera_motors"})
         self.knowledge.restore(arrays)

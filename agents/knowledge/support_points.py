@@ -1,24 +1,106 @@
 """Scattered support points with local affine fits: placed "where they are actually needed" (section 4.3)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import rounded
+from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ..base.checks import check_number, checked_array
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
-from .distance import squared_px
-from .gain import Gain
-from .interface import Recall
-from .local_fit import LocalFit
+from .grid_table import Gain, squared_px
+from .learning_servo import LearningServo, Recall, knowledge_base
 
 
+class LocalFit:
+    """Sensors (4,) as an affine function of registers (m,), by Bayesian least squares.
+
+    Few points imply few directions of the slope; the others stay zero, as the prior (the ridge) has them.
+
+    Attributes:
+        centre: Registers (m,) of the nearest point.
+        centre_sensors: What is seen there (4,).
+        jacobian: ∂sensors/∂registers (4, m).
+
+    Args:
+        registers: Of the points (k, m), the nearest one first.
+        sensors: What is seen there (k, 4).
+        variances: Of what is seen there (k,), in px².
+    """
+
+    SLOPE_STD = 2.0
+    """Prior standard deviation of a slope, in image units by register. Derived: a whole register's travel
+    crosses the image, which is 2 image units wide."""
+    LEAST_REACH = 0.03
+    """Points are taken to reach at least so far, in registers: as `SupportPoints.CLOSE`."""
+    BEND = 0.5 * IMAGE_UNIT
+    """A line misses by this many pixels by square pixel of distance. Derived: by d²/2 in image units, as a
+    circle of radius 1 departs from its tangent."""
+    ITERATIONS = 2
+    """Steps of `inverse`; the fit is affine, so that only the noise changes from one to the next. Choice."""
+
+    def __init__(self, registers: Array, sensors: Array, variances: Array) -> None:
+        self.centre, self.centre_sensors = registers[0], sensors[0]
+        self._sensors = sensors
+        noise = variances + (self.BEND * squared_px(sensors - sensors[0])) ** 2
+        self._features = np.column_stack([np.ones(len(registers)), registers - registers[0]])
+        self._jt_w = self._features.T / noise
+        normal = self._jt_w @ self._features
+        normal.flat[len(normal) + 1 :: len(normal) + 1] += (IMAGE_UNIT / self.SLOPE_STD) ** 2
+        self._covariance = np.linalg.inv(normal)
+        self._coefficients = self._covariance @ (self._jt_w @ (sensors - sensors[0]))
+        self.jacobian = self._coefficients[1:].T
+        squares = squared_px(sensors - sensors[0] - self._features @ self._coefficients)
+        self._scale = max(1.0, float((squares / noise).sum()) / len(registers))
+
+    def view(self, registers: Array) -> Array:
+        """What should be seen at registers (m,): sensors (4,)."""
+        return self.centre_sensors + self._row(registers) @ self._coefficients
+
+    def variance(self, registers: Array) -> float:
+        """Of that, in px²."""
+        row = self._row(registers)
+        return float(row @ self._covariance @ row) * self._scale
+
+    def bend(self, registers: Array) -> float:
+        """Variance of what an affine fit leaves out at registers (m,), in px²."""
+        moved = self.jacobian @ (registers - self.centre)
+        return float(self.BEND * squared_px(moved)) ** 2
+
+    def weights(self, registers: Array) -> Array:
+        """What each point (k,) contributes to the view at registers (m,)."""
+        return self._row(registers) @ self._covariance @ self._jt_w
+
+    def inverse(self, sensors: Array) -> tuple[Array, float]:
+        """Registers (m,) at which sensors (4,) should be seen, and the variance of what is seen, in px².
+
+        They are expected no further off than the points are: the more so, the less is known there.
+        """
+        normal = self.jacobian.T @ self.jacobian
+        reach = max(float(np.square(self._features[:, 1:]).sum(1).max()), self.LEAST_REACH**2)
+        gradient = self.jacobian.T @ (sensors - self.view(self.centre))
+        registers = self.centre
+        for _ in range(self.ITERATIONS):
+            noise = self.variance(registers) * IMAGE_UNIT**2
+            step = np.linalg.solve(normal + noise / reach * np.eye(len(normal)), gradient)
+            registers = np.clip(self.centre + step, -1, 1)
+        missed = float(squared_px(sensors - self.view(registers)))
+        return registers, self.variance(registers) + missed
+
+    def slope_deviation(self) -> float:
+        """Standard deviation of the least known slope, in image units by register."""
+        return float(np.sqrt(np.diagonal(self._covariance)[1:].max() * self._scale)) * IMAGE_UNIT
+
+    def _row(self, registers: Array) -> Array:
+        return np.concatenate([[1.0], registers - self.centre])
+
+
+@knowledge_base(
+    "support_points", "The paper's second alternative: points stored where they are needed.", LearningServo
+)
 class SupportPoints:
     """Pairs of sensors and registers, no two of them close; recall reads a local affine fit backwards.
 
@@ -72,14 +154,12 @@ class SupportPoints:
         )
 
     def recall(self, sensors: Array) -> Recall | None:
-        """See `Knowledge`."""
         if not len(self.sensors):
             return None
         registers, variance = self._fit(self._nearest(self.sensors, sensors)).inverse(sensors)
         return Recall(registers, float(np.sqrt(variance)))
 
     def jacobian(self, registers: Array) -> Array | None:
-        """See `Knowledge`."""
         if len(self.registers) < self.neighbours:
             return None
         fit = self._fit(self._nearest(self.registers, registers))
@@ -108,11 +188,9 @@ class SupportPoints:
             self._keep(np.delete(np.arange(len(self.registers)), rounded(self.variances[:-1]).argmax()))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See `Knowledge`."""
         return {name: getattr(self, name).copy() for name in ("registers", "sensors", "variances")}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """See `Knowledge`."""
         registers = checked_array(arrays, "registers", (None, self.registers.shape[1]))
         count = len(registers)
         sensors = checked_array(arrays, "sensors", (count, 4))

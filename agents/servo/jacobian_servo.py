@@ -3,8 +3,6 @@
 Hosoda & Asada (1994), Jägersand (1997), Piepmeier et al. (1999), Qian & Su (2002), Farahmand et al. (2007).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -15,13 +13,14 @@ from calfree_gym.errors import check_choice
 from ..base.checks import check_number
 from ..base.observation import Observation
 from ..base.procedure import Procedure
-from ..jacobian import ESTIMATORS, Estimator, Slopes
+from .jacobian import ESTIMATORS, Estimator
 from .redundancy import REDUNDANCIES
-from .settings import SERVO_KNOWLEDGE, check_motions
-from .steps import Steps, solve_distance
-from .trial import Findings, Trial
+from .servo_agent import SERVO_KNOWLEDGE, check_motions, servo
+from .slopes import Slopes
+from .trial import Findings, ServoTrial, Steps, solve_distance
 
 
+@servo("jacobian_servo", "Tests each motor once, then corrects its Jacobian by every motion.")
 @dataclass(frozen=True)
 class JacobianServo:
     """Solves -d = J c°, executes, repeats; an estimator keeps J up to date by every motion.
@@ -30,7 +29,7 @@ class JacobianServo:
     gripper nearer. The settings below were tuned on wild worlds 3000 and up.
 
     Attributes:
-        estimator: How J is estimated: a name of `agents.jacobian.ESTIMATORS`.
+        estimator: How J is estimated: a name of `agents.servo.jacobian.ESTIMATORS`.
         redundancy: What is done with four equations for three words: one of
             `agents.servo.redundancy.REDUNDANCIES`.
         first_word: Size of the very first test word.
@@ -71,12 +70,11 @@ class JacobianServo:
         check_number("patience", self.patience, least=1)
 
     def new_estimator(self, motors: int, start: Slopes | None) -> Estimator:
-        """See `Servo`."""
         return ESTIMATORS[self.estimator](motors, start)
 
     def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:
         """Seeks the rendezvous from the first observation on, until the trial ends."""
-        trial = Trial(first, findings, self.first_word, self.test_px)
+        trial = ServoTrial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         nearest, steps_since = np.inf, 0
         yield from trial.begin()
@@ -95,6 +93,6 @@ class JacobianServo:
                 continue
             nearest, steps_since = distance, 0
 
-    def _doubtful_px(self, trial: Trial) -> float:
+    def _doubtful_px(self, trial: ServoTrial) -> float:
         """The distance beyond which a servo that comes no nearer doubts its Jacobian."""
         return max(self.ARRIVED_PX, self.DOUBTFUL * trial.estimator.blur_px)

@@ -1,7 +1,5 @@
 """The same servo in joint space, with a fixed gain (Conkie & Chongstitvatana 1990)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym
@@ -10,12 +8,14 @@ import numpy as np
 from ..base.checks import check_number
 from ..base.observation import Array, Observation
 from ..base.procedure import Procedure, ProcedureAgent
-from ..jacobian import TestMotions
+from ..base.registration import agent
+from .jacobian import TestMotions
 from .redundancy import solve
-from .settings import SERVO_KNOWLEDGE
-from .trial import Findings, Trial
+from .servo_agent import SERVO_KNOWLEDGE
+from .trial import Findings, ServoTrial
 
 
+@agent("joint_space_servo", "A servo that sees the joint angles (Conkie, Chongstitvatana 1990).")
 class JointSpaceServo(ProcedureAgent):
     """Measures ∂d/∂q by test motions, turns the joints by -gain J⁺ d, repeats.
 
@@ -54,13 +54,11 @@ class JointSpaceServo(ProcedureAgent):
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return f"JointSpaceServo(gain={self.gain}, step_rad={self.step_rad}, damping={self.damping})"
 
     def procedure(self, first: Observation, findings: None) -> Procedure:
-        """See `ProcedureAgent`."""
         motors = len(first.registers)
-        trial = Trial(first, Findings(TestMotions(motors)), self.FIRST_WORD, self.TEST_PX)
+        trial = ServoTrial(first, Findings(TestMotions(motors)), self.FIRST_WORD, self.TEST_PX)
         turned_by_word = np.ones(motors)
         yield from trial.begin()
         while True:

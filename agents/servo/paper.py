@@ -1,20 +1,19 @@
 """The paper's second implementation: all motors alike, test motions before every step (section 3.2)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from calfree_gym.errors import check_choice
 
 from ..base.observation import Observation
 from ..base.procedure import Procedure
-from ..jacobian import Estimator, Slopes, TestMotions
+from .jacobian import Estimator, TestMotions
 from .redundancy import REDUNDANCIES
-from .settings import SERVO_KNOWLEDGE, check_motions
-from .steps import Steps, solve_distance
-from .trial import Findings, Trial
+from .servo_agent import SERVO_KNOWLEDGE, check_motions, servo
+from .slopes import Slopes
+from .trial import Findings, ServoTrial, Steps, solve_distance
 
 
+@servo("paper_servo", "The paper's servo: tests each motor, solves for the step, executes it, and forgets.")
 @dataclass(frozen=True)
 class PaperServo:
     """Tests each motor, solves -d = J c° (equation 1), executes c°, and counts every column as unknown again.
@@ -49,16 +48,25 @@ class PaperServo:
         check_motions(self)
 
     def new_estimator(self, motors: int, start: Slopes | None) -> Estimator:
-        """See `Servo`."""
         return TestMotions(motors, start)
 
     def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:
         """Seeks the rendezvous from the first observation on, until the trial ends.
 
-        Every control word goes to the robot by a `yield` (in `Trial._move`), which returns the observation
-        after the motion.
+        What it calls stands in this folder, in `trial`, `perception`, `jacobian` and `redundancy`:
+
+            trial.begin       looks until all points were seen: ObservationFilter.first
+            trial.unmeasured  the motors whose columns of J are unknown
+            trial.test        a test motion of one motor, of a size that stands out from noise, by
+                trial.move    sends control words to the robot by a `yield`, which returns the observation
+                              after the motion; ObservationFilter.settle tells which points to believe;
+                              TestMotions.learn takes the column: displacement by word
+            solve_distance    c° from -d = J c° and what is done with the redundancy, between motors' stops
+            steps.make        executes c°, as long as the images allow, by trial.move; goes back where a
+                              point got lost
+            trial.forget      takes all columns for unknown
         """
-        trial = Trial(first, findings, self.first_word, self.test_px)
+        trial = ServoTrial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border, doubting=True)
         yield from trial.begin()
         while True:

@@ -6,8 +6,6 @@ are not public, and these are reconstructions. Each takes J (4, m), d (4,) and t
 coordinate, as far as known, and gives the equations that damped least squares then solves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import combinations
 
@@ -16,7 +14,7 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ..base.observation import Array
-from ..base.robust import cauchy_weights
+from ..base.weights import cauchy_weights
 
 Equations = tuple[Array, Array]
 ROBUST_PX, ROBUST_NOISES = 8.0, 3.0

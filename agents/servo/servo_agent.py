@@ -1,24 +1,58 @@
 """A servo alone: what it keeps from one trial to the next are slopes, and no place."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any, Protocol, TypeVar
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import checked_array
+from calfree_gym.errors import check_choice
+
+from ..base.agent import Agent
+from ..base.checks import check_number, checked_array
 from ..base.observation import POINTS, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
-from ..jacobian import JacobianEstimate, Slopes
-from ..perception import ObservationFilter
+from ..base.registration import SERVOS, Settings, agent, named_settings
+from .jacobian import JacobianEstimate
+from .perception import ObservationFilter
+from .slopes import Slopes
 from .trial import Findings
 
+SERVO_KNOWLEDGE = frozenset({PriorKnowledge.IMAGE_SCALE, PriorKnowledge.NOISE, PriorKnowledge.WORD_LIMIT})
+"""What most servos are built on: lengths in pixels, the noise of a good marker, sizes of words."""
+SMALLEST = 1e-6
+"""Of settings that must be positive (a guard: some are divided by)."""
+
+
+def check_motions(servo: Any) -> None:
+    """Raises ValueError where a setting of test motions and steps is not allowed."""
+    for name in ("test_px", "step_px", "border"):
+        check_number(name, getattr(servo, name), least=SMALLEST)
+    for name in ("first_word", "step_word"):
+        check_number(name, getattr(servo, name), least=SMALLEST, most=1)
+    check_number("damping", servo.damping, least=0)
+
+
+S = TypeVar("S")
 _TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), patience=[^()]*\)")
+
+
+UNIFIED = "unified_servo"
+
+
+def servo(name: str, does: str) -> Callable[[type[S]], type[S]]:
+    """Puts a servo (a dataclass, whose fields are its settings) under a name, and `ServoAgent` over it."""
+
+    def named(kind: type[S]) -> type[S]:
+        SERVOS[name] = kind
+        agent(name, does, fixed={"servo": name})(ServoAgent)
+        return kind
+
+    return named
 
 
 class Servo(Protocol):
@@ -52,13 +86,24 @@ class ServoAgent(ProcedureAgent):
         self.slopes: Slopes | None = None
         self.filter = ObservationFilter()
 
+    @classmethod
+    def settings(cls, given: Settings) -> Settings:
+        """See `Agent`. Those of its servo are among them."""
+        name = given.get("servo", UNIFIED)
+        check_choice("servo", name, SERVOS)
+        own = {"seed": 0, **named_settings(cls), "servo": UNIFIED}
+        return own | {field.name: field.default for field in fields(SERVOS[name])}
+
+    @classmethod
+    def make(cls, env: gym.Env[Any, Any], seed: int = 0, servo: str = UNIFIED, **settings: Any) -> Agent:
+        """See `Agent`. All other settings are of the servo."""
+        return cls(env, SERVOS[servo](**settings), seed)
+
     def new_findings(self) -> Findings:
-        """See `ProcedureAgent`."""
         estimator = self.servo.new_estimator(self.motors, self.slopes)
         return Findings(estimator, self.filter.for_next_trial())
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
-        """See `ProcedureAgent`."""
         return self.servo(first, findings)
 
     def learn_trial(self, findings: Findings[Any], last: Observation, ended: bool) -> None:
@@ -68,12 +113,10 @@ class ServoAgent(ProcedureAgent):
         self.filter = findings.filter
 
     def why_still(self, findings: Findings[Any]) -> str:
-        """See `ProcedureAgent`."""
         return findings.gave_up
 
     @property
     def kind(self) -> str:
-        """See `ProcedureAgent`."""
         return repr(self.servo)
 
     def present_kind(self, saved: str) -> str:
@@ -81,7 +124,6 @@ class ServoAgent(ProcedureAgent):
         return _TEST_MOTIONS.sub(r"PaperServo(\1)", saved)
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
-        """See `ProcedureAgent`."""
         arrays = self.filter.arrays()
         if self.slopes is not None:
             registers, jacobian, variances, changes, trials, lengths, looks = self.slopes

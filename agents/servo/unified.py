@@ -4,8 +4,6 @@
 during its ordinary operation" (section 2.3): the paper has not tested it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar
@@ -18,17 +16,18 @@ from ..base.checks import check_number
 from ..base.observation import POINTS, Array, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
-from ..base.stops import Stops
-from ..jacobian import Estimator, Slopes, TestMotions
-from ..perception.gating import Gating
+from ..base.registers import Stops
 from .image_model.least_distance import LEFT, Seeker
 from .image_model.smooth_points import SmoothPoints
+from .jacobian import Estimator, TestMotions
 from .paper import PaperServo
-from .settings import SERVO_KNOWLEDGE, SMALLEST
-from .steps import HARDLY_NEARER
-from .trial import Findings, Motions
+from .perception import Gating
+from .servo_agent import SERVO_KNOWLEDGE, SMALLEST, servo
+from .slopes import Slopes
+from .trial import HARDLY_NEARER, Findings, Motions
 
 
+@servo("unified_servo", "Makes no test motions: learns a smooth model of the images as it goes.")
 @dataclass(frozen=True)
 class UnifiedServo:
     """Goes where the image distance is expected to be least; where that is far off, it tries something new.
@@ -73,7 +72,6 @@ class UnifiedServo:
         check_number("sure_px", self.sure_px, least=SMALLEST, finite=False)
 
     def new_estimator(self, motors: int, start: Slopes | None) -> SmoothPoints:
-        """See `Servo`."""
         return SmoothPoints(motors, start)
 
     def __call__(self, first: Observation, findings: Findings[SmoothPoints]) -> Procedure:

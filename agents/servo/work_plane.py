@@ -13,8 +13,6 @@ these may be nearly singular (the arm stretched out) or look along the work plan
 and motion together are the least-squares solution of all four equations.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,11 +23,11 @@ from calfree_gym.image import IMAGE_UNIT
 from ..base.checks import check_number
 from ..base.observation import Array, Observation
 from ..base.procedure import Procedure
-from ..jacobian import Estimator, Slopes, TestMotions
+from .jacobian import Estimator, TestMotions
 from .redundancy import solve, solve_within
-from .settings import SERVO_KNOWLEDGE, check_motions
-from .steps import Steps
-from .trial import Findings, Trial
+from .servo_agent import SERVO_KNOWLEDGE, check_motions, servo
+from .slopes import Slopes
+from .trial import Findings, ServoTrial, Steps
 
 WAIST = 0
 RANK = 1e-9
@@ -88,6 +86,7 @@ def turn(jacobian: Array, distance: Array, damping: float) -> float:
     return -float(now @ weighed) / square if square > 0 else 0.0
 
 
+@servo("work_plane_servo", "The paper's first servo: turns the waist, then moves in the work plane.")
 @dataclass(frozen=True)
 class WorkPlaneServo:
     """Turns the work plane to the object, moves the gripper within it, and repeats.
@@ -129,12 +128,11 @@ class WorkPlaneServo:
         check_number("in_plane_px", self.in_plane_px, least=0)
 
     def new_estimator(self, motors: int, start: Slopes | None) -> Estimator:
-        """See `Servo`."""
         return TestMotions(motors, start)
 
     def __call__(self, first: Observation, findings: Findings[Estimator]) -> Procedure:
         """Seeks the rendezvous from the first observation on, until the trial ends."""
-        trial = Trial(first, findings, self.first_word, self.test_px)
+        trial = ServoTrial(first, findings, self.first_word, self.test_px)
         steps = Steps(trial, self.step_px, self.step_word, self.border)
         yield from trial.begin()
         while True:
@@ -147,13 +145,13 @@ class WorkPlaneServo:
                 yield from steps.make(self._turn(trial))
             yield from steps.make(self._motion_in_plane(trial))
 
-    def _in_plane(self, trial: Trial) -> bool:
+    def _in_plane(self, trial: ServoTrial) -> bool:
         jacobian = within_plane(trial.jacobian)
         apart = disparity(jacobian, trial.now.distance, self.damping)
         squared = float(apart @ disparity_weight(jacobian) @ apart)
         return squared < (self.in_plane_px * IMAGE_UNIT) ** 2
 
-    def _turn(self, trial: Trial) -> Array:
+    def _turn(self, trial: ServoTrial) -> Array:
         """Control words (m,) that bring the object into the work plane."""
         lowest, highest = trial.word_bounds
         word = turn(within_plane(trial.jacobian), trial.now.distance, self.damping)
@@ -161,7 +159,7 @@ class WorkPlaneServo:
         words[WAIST] = np.clip(word, lowest[WAIST], highest[WAIST])
         return words
 
-    def _motion_in_plane(self, trial: Trial) -> Array:
+    def _motion_in_plane(self, trial: ServoTrial) -> Array:
         """Control words (m,) that bring the gripper to an object in the work plane."""
         equations = EQUATIONS[self.camera]
         lowest, highest = trial.word_bounds

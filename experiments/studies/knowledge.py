@@ -13,10 +13,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import agents
-from agents.adaptation.pairs import Pairs
-from agents.adaptation.remembered import Remembered
-from agents.perception.noise import MARKER_NOISE_PX
+from agents.memory.pairs import Pairs
+from agents.memory.remembered import Remembered
 from agents.servo.image_model.least_distance import LeastDistance, Seeker
+from agents.servo.perception import MARKER_NOISE_PX
 from agents.servo.unified import UnifiedServo
 from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.movemaster import DISTANCE, HEIGHT, MOTORS, WAIST

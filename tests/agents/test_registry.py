@@ -1,5 +1,6 @@
 """Agents by name, and the settings that they take."""
 
+import importlib
 import re
 import sys
 
@@ -8,6 +9,8 @@ import numpy as np
 import pytest
 
 import agents
+from agents.base.registration import AGENTS
+from agents.moved import MOVED
 from agents.servo.paper import PaperServo
 from agents.servo.unified import UnifiedServo
 from agents.servo.work_plane import WorkPlaneServo
@@ -90,7 +93,7 @@ def test_agents_that_know_one_arm_refuse_others_and_name_those_that_act_on_any(a
         with pytest.raises(ValueError, match=f"{name} is built on the arm 'movemaster'") as refused:
             agents.make(name, env)
     of_any = re.search("allowed with any arm: (.*);", str(refused.value))[1].split(", ")
-    assert {*of_any} == {*agents.names()} - {*agents.registry.OF_ONE_ARM, "recurrent_servo"}
+    assert {*of_any} == {name for name in NAMES if not AGENTS[name].arms}
     env.reset(seed=0)
     for name in set(of_any) - {*agents.NEURAL}:
         assert agents.make(name, env).learn(3).num_timesteps == 3
@@ -133,6 +136,10 @@ def test_goals_of_another_size_are_refused(make_env):
         agents.make("memory", Elsewhere(make_env()))
 
 
+def test_tables_begin_with_the_floor_and_the_ceiling():
+    assert NAMES[:3] == ("random", "oracle", "paper_servo")
+
+
 def test_agents_of_an_unknown_task():
     with pytest.raises(ValueError, match=r"task is 'grip'.*allowed: reach, grasp, insert"):
         agents.names("grip")
@@ -169,3 +176,13 @@ def test_random_acts_in_every_task(task):
     observation, _ = env.reset(seed=0)
     words, _ = agent.predict(observation)
     assert env.action_space.contains(words)
+
+
+@pytest.mark.parametrize("old", [name for name in MOVED if not name.startswith("neural")])
+def test_a_module_is_found_under_its_earlier_name(old):
+    """As itself, not as a second one that would be registered again."""
+    sys.modules.pop(f"agents.{old}", None)
+    with pytest.warns(DeprecationWarning, match=rf"agents\.{old} is now agents\.{MOVED[old]}"):
+        found = importlib.import_module(f"agents.{old}")
+    assert found is importlib.import_module(f"agents.{MOVED[old]}")
+    assert found.__spec__.name == f"agents.{MOVED[old]}"

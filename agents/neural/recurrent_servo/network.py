@@ -5,14 +5,21 @@ decides how far the estimate is to be trusted, forgotten and corrected; a damped
 Where a point is lost, the step leads some of the way back to where all points were seen last.
 """
 
-from __future__ import annotations
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from typing import NamedTuple
-
+import gymnasium as gym
 import torch
+from safetensors.torch import load, save
 from torch import Tensor, nn
 
 from calfree_gym.image import IMAGE_UNIT
+
+from ...base.checks import check_number
+from ...base.observation import STANDARD_KEYS
+from ...base.storage import AgentFile, content, written
 
 NOISE_FLOOR = 4 * IMAGE_UNIT
 """Image distances below this look alike to the network. Choice: a few times the noise of image points."""
@@ -33,7 +40,7 @@ GATES = 6
 """Numbers that rule estimate and step: keep, take, ridge, damping, limit, retreat."""
 
 
-class Memory(NamedTuple):
+class RecurrentState(NamedTuple):
     """All that the network keeps of a trial, for n robots with m motors.
 
     Attributes:
@@ -78,10 +85,10 @@ class RecurrentServoNetwork(nn.Module):
         self.test_words = nn.Parameter(0.15 * torch.eye(motors))
         """The first m words of a trial (m, m), to which the decoder adds; at first one motor at a time."""
 
-    def begin(self, robots: int) -> Memory:
+    def begin(self, robots: int) -> RecurrentState:
         """The memory of `robots` robots at the beginning of a trial."""
         like = self.test_words.new_zeros
-        return Memory(
+        return RecurrentState(
             hidden=like(robots, self.hidden),
             points=like(robots, 4, 2),
             registers=like(robots, self.motors),
@@ -92,8 +99,8 @@ class RecurrentServoNetwork(nn.Module):
         )
 
     def forward(
-        self, points: Tensor, visible: Tensor, registers: Tensor, memory: Memory
-    ) -> tuple[Tensor, Memory]:
+        self, points: Tensor, visible: Tensor, registers: Tensor, memory: RecurrentState
+    ) -> tuple[Tensor, RecurrentState]:
         """Control words (n, m) in [-1, 1], and the memory for the next observation.
 
         Args:
@@ -118,7 +125,7 @@ class RecurrentServoNetwork(nn.Module):
         step = _gauss_newton(jacobian, motion.distance, LEAST_DAMPING + damping)
         step = torch.where(motion.seen[:, None], step, (1 - retreat) * step + retreat * motion.back)
         words = limit * torch.tanh((step + FREELY * extra) / limit) + self._tests(memory.looks)
-        return words.clamp(-1, 1), Memory(
+        return words.clamp(-1, 1), RecurrentState(
             hidden=hidden,
             points=torch.where(motion.seen[:, None, None], points, memory.points),
             registers=torch.where(motion.seen[:, None], registers, memory.registers),
@@ -157,7 +164,7 @@ class _Motion(NamedTuple):
     moment: Tensor
 
 
-def _last_motion(points: Tensor, visible: Tensor, registers: Tensor, memory: Memory) -> _Motion:
+def _last_motion(points: Tensor, visible: Tensor, registers: Tensor, memory: RecurrentState) -> _Motion:
     seen = visible.all(1)
     moved = (seen & memory.seen).to(points.dtype)[:, None]
     points_change = (points - memory.points).flatten(1) * moved
@@ -177,7 +184,9 @@ def _last_motion(points: Tensor, visible: Tensor, registers: Tensor, memory: Mem
     )
 
 
-def _inputs(points: Tensor, visible: Tensor, registers: Tensor, memory: Memory, motion: _Motion) -> Tensor:
+def _inputs(
+    points: Tensor, visible: Tensor, registers: Tensor, memory: RecurrentState, motion: _Motion
+) -> Tensor:
     """What the network is shown (n, inputs); factors bring all to the order of one."""
     distance, change = motion.distance, motion.change
     information, moment = memory.information + motion.information, memory.moment + motion.moment
@@ -218,3 +227,93 @@ def _gauss_newton(jacobian: Tensor, distance: Tensor, damping: Tensor | float) -
     identity = torch.eye(jacobian.shape[-1], dtype=jacobian.dtype)
     normal = transposed @ jacobian + torch.as_tensor(damping).reshape(-1, 1, 1) * identity
     return -(torch.linalg.inv(normal) @ transposed @ distance[:, :, None]).squeeze(-1)
+
+
+KEPT = Path(__file__).parent / "weights.safetensors"
+"""The network that comes with the code."""
+_HEADER = "calfree"
+_KIND = "recurrent_servo"
+_FIELDS = ("observation_format", "hidden", "num_timesteps", "training")
+
+
+def observation_format(observations: Any, actions: Any) -> dict[str, list[int]]:
+    """Shapes of all that a network observes and sends, by key, of one robot's spaces."""
+    spaces: Mapping[str, gym.Space[Any]] = getattr(observations, "spaces", {})
+    shapes = {key: list(spaces[key].shape or ()) for key in STANDARD_KEYS if key in spaces}
+    return shapes | {"words": list(actions.shape)}
+
+
+def save_network(
+    path: AgentFile,
+    network: RecurrentServoNetwork,
+    shapes: Mapping[str, list[int]],
+    training: Mapping[str, Any],
+    num_timesteps: int = 0,
+) -> None:
+    """Writes a network, what it observes (see `observation_format`) and how it was trained."""
+    header = {
+        "kind": _KIND,
+        "observation_format": dict(shapes),
+        "hidden": network.hidden,
+        "num_timesteps": num_timesteps,
+        "training": dict(training),
+    }
+    tensors = {name: tensor.float().contiguous() for name, tensor in network.state_dict().items()}
+    with written(path) as file:
+        file.write(save(tensors, {_HEADER: json.dumps(header)}))  # of several entries the order would change
+
+
+def load_network(
+    path: AgentFile, shapes: Mapping[str, list[int]]
+) -> tuple[RecurrentServoNetwork, dict[str, Any], int]:
+    """Reads a network that observes what `shapes` says, how it was trained, and its motions of `learn`.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is damaged, no such network, or of another observation format.
+    """
+    found = content(path)
+    try:
+        tensors = load(found)
+        header = json.loads(_metadata(found).get(_HEADER, "{}"))
+    except Exception as error:  # what is raised on a damaged file depends on where the damage is
+        raise ValueError(f"{path} is damaged or no safetensors file: {error!r}") from error
+    if not isinstance(header, dict):
+        raise ValueError(f"{path} is damaged: its header is {header!r:.80}; it must be a mapping")
+    if header.get("kind") != _KIND:
+        raise ValueError(f"{path} holds {header.get('kind', 'no known agent')}; this agent is {_KIND}")
+    if missing := [name for name in _FIELDS if name not in header]:
+        raise ValueError(f"{path} is damaged: its header has no {', '.join(missing)}")
+    try:
+        hidden = check_number("hidden", header["hidden"], least=1, whole=True)
+        recurrent = tensors.get("unit.weight_hh")
+        if recurrent is None or recurrent.shape != (3 * hidden, hidden):
+            raise ValueError(
+                f"hidden is {hidden}, but its unit.weight_hh is {getattr(recurrent, 'shape', None)}"
+            )
+        motions = check_number("num_timesteps", header["num_timesteps"], least=0, whole=True)
+        if not isinstance(header["training"], dict):
+            raise ValueError(f"training is {header['training']!r:.80}; it must be a mapping")
+    except ValueError as error:
+        raise ValueError(f"{path} is damaged: {error}") from error
+    saved = header["observation_format"]
+    if saved != dict(shapes):
+        raise ValueError(
+            f"{path} is of a network with the observation format {saved}; here it is {dict(shapes)}: "
+            "it acts where the keys and shapes are the same, with as many motors"
+        )
+    try:
+        network = RecurrentServoNetwork(saved["words"][0], hidden)
+        network.load_state_dict(tensors)
+        if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
+            raise ValueError("a weight is not finite")
+    except (RuntimeError, ValueError) as error:
+        raise ValueError(f"{path} is damaged: {error}") from error
+    return network, header["training"], motions
+
+
+def _metadata(found: bytes) -> dict[str, str]:
+    """What stands in a safetensors file beside tensors: under one key of the JSON with which it begins."""
+    size = int.from_bytes(found[:8], "little")
+    metadata: dict[str, str] = json.loads(found[8 : 8 + size]).get("__metadata__", {})
+    return metadata

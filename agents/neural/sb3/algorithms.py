@@ -1,7 +1,5 @@
 """Algorithms of stable-baselines3 and sb3_contrib by dotted name, and settings from plain values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from inspect import isclass, signature
 from typing import Any

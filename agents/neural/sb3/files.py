@@ -1,7 +1,5 @@
 """Saved learners: a zip of a JSON header and tensors, which reading never unpickles."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Mapping

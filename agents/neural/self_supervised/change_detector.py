@@ -1,7 +1,5 @@
 """When the world has changed: the network errs, motion after motion, as it seldom erred before."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,7 +12,7 @@ from ...base.observation import Array
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedMotion:
     """A motion, and what the network said of it before it learned from it.
 
     Attributes:
@@ -36,7 +34,7 @@ class Judged:
         return float(np.linalg.norm(self.made * signs - self.said) / self.size)
 
 
-class Change(NamedTuple):
+class NetworkChange(NamedTuple):
     """What the detector has found.
 
     Attributes:
@@ -48,7 +46,7 @@ class Change(NamedTuple):
     signs: Array | None
 
 
-class ChangeDetector:
+class ErrorDetector:
     """Cumulative sum tests (Page 1954) on the ranks of errors among the robot's own earlier errors.
 
     The error of a motion is what the network got wrong before it learned from it. The share p of earlier
@@ -89,7 +87,7 @@ class ChangeDetector:
         self._sums = np.zeros(1 + self._motors)
         self._since = np.zeros((1 + self._motors, 2), np.int64)
 
-    def observe(self, motion: Judged) -> Change | None:
+    def observe(self, motion: JudgedMotion) -> NetworkChange | None:
         """Takes in a motion; returns what must have changed, if anything."""
         error = motion.error()
         if len(self._errors) < self.FEWEST:
@@ -113,16 +111,16 @@ class ChangeDetector:
             self._since[:] = motion.moment, motion.trial
         return change
 
-    def _found(self, motion: Judged, signs: Array) -> Change | None:
+    def _found(self, motion: JudgedMotion, signs: Array) -> NetworkChange | None:
         """What has changed by the sums as they are, if anything."""
         unexplained = self._sums[0] > self.LIMIT and self._since[0, 1] != motion.trial
         likeliest = 1 + int(np.argmax(self._sums[1:]))
         if self._sums[likeliest] > self.REVERSED_LIMIT / (2 if unexplained else 1):
-            return Change(int(self._since[likeliest, 0]), signs[likeliest - 1])
+            return NetworkChange(int(self._since[likeliest, 0]), signs[likeliest - 1])
         if not unexplained:
             return None
         self._errors = []
-        return Change(int(self._since[0, 0]), None)
+        return NetworkChange(int(self._since[0, 0]), None)
 
     def usual_error(self) -> float:
         """The median of earlier errors; infinite where there are none."""

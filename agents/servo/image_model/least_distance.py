@@ -1,7 +1,5 @@
 """Where gripper and object are expected to meet."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import islice
 from typing import NamedTuple
@@ -11,8 +9,8 @@ import numpy as np
 from calfree_gym.image import rounded
 
 from ...base.observation import POINTS, Array
-from ...perception.gating import Gating
-from .smooth_function import Expected
+from ..perception import Gating
+from .gaussian_process import Expected
 from .smooth_points import SmoothPoints
 
 NEAREST = 1e-4

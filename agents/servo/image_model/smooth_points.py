@@ -11,12 +11,9 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ...base.observation import POINTS, Array, Observation
-from ...jacobian import Slopes
-from ...perception.noise import MARKER_NOISE_PX
-from .looks import NOISIER
-from .mistaken import without_mistaken
-from .relative_lengths import relative_lengths
-from .smooth_function import Expected, SmoothFunction
+from ..perception import MARKER_NOISE_PX
+from ..slopes import Slopes
+from .gaussian_process import NOISIER, Expected, GaussianProcess, relative_lengths, without_mistaken
 
 GRIPPER, OBJECT = slice(0, 2), slice(2, 4)
 
@@ -104,11 +101,11 @@ class SmoothPoints:
         self._forget()
 
     @cached_property
-    def before(self) -> tuple[SmoothFunction, SmoothFunction]:
+    def before(self) -> tuple[GaussianProcess, GaussianProcess]:
         """What was known of gripper and object before the first look of this trial."""
         lengths = (None, None) if self._slopes is None else self._slopes.lengths
-        gripper = SmoothFunction.unknown(self.motors, self.motors, lengths[0])
-        object_ = SmoothFunction.unknown(self.motors + 4, self.motors, lengths[1])
+        gripper = GaussianProcess.unknown(self.motors, self.motors, lengths[0])
+        object_ = GaussianProcess.unknown(self.motors + 4, self.motors, lengths[1])
         if self._slopes is not None:
             registers, jacobian, variances, changes, *_ = self._slopes
             slopes = jacobian.reshape(POINTS, 2, -1)
@@ -118,20 +115,20 @@ class SmoothPoints:
         return gripper, object_
 
     @cached_property
-    def gripper(self) -> SmoothFunction:
+    def gripper(self) -> GaussianProcess:
         """Over registers."""
         return self.before[0]
 
     @cached_property
-    def object(self) -> SmoothFunction:
+    def object(self) -> GaussianProcess:
         """How far the object is seen from where it is at home, over registers and that home view."""
         return self.before[1]
 
     @classmethod
     def remembered(
         cls,
-        gripper: SmoothFunction,
-        of_object: tuple[SmoothFunction, Array] | None,
+        gripper: GaussianProcess,
+        of_object: tuple[GaussianProcess, Array] | None,
         noise_px: float,
         start: Slopes | None = None,
     ) -> SmoothPoints:
@@ -148,7 +145,7 @@ class SmoothPoints:
         points = cls(gripper.motors)
         points._slopes = start
         points._began = np.zeros(gripper.motors)
-        object_ = SmoothFunction.unknown(gripper.motors + 4, gripper.motors)
+        object_ = GaussianProcess.unknown(gripper.motors + 4, gripper.motors)
         if of_object is not None:
             points.remembers, (object_, points.home) = True, of_object
             object_ = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)

@@ -1,19 +1,80 @@
 """A leash around where a robot has been: as long as the images have shown that it knows itself."""
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from dataclasses import replace
 
 import numpy as np
 
-from calfree_gym.image import lengths_px
+from calfree_gym.image import IMAGE_UNIT, RANK, RANK_OF_SQUARES, lengths_px
 
 from ...base.observation import POINTS, Array, Observation
 from ...base.procedure import Procedure
-from ...base.stops import Stops, met_something
-from ...perception import ObservationFilter
-from .linear_view import LinearView
+from ...base.registers import Stops, met_something
+from ..jacobian import distance_jacobian
+from ..perception import ObservationFilter
+
+
+class LinearView:
+    """The Jacobian by all looks so far, by least squares; of motors that never moved its columns are zero.
+
+    Attributes:
+        jacobian: Gripper and object points by words (8, m), in image units.
+        variances: Covariances of a row of it (m, m).
+
+    Args:
+        motors: m.
+    """
+
+    def __init__(self, motors: int) -> None:
+        self.jacobian = np.zeros((2 * POINTS, motors))
+        self.variances = np.zeros((motors, motors))
+        self._looks: list[Observation] = []
+
+    def look(self, observation: Observation, noise_px: float) -> None:
+        """Takes in a look; points that it does not show are not counted."""
+        self._looks.append(observation)
+        registers = np.array([each.registers for each in self._looks])
+        moved = np.flatnonzero(np.ptp(registers, axis=0))
+        if not len(moved):
+            return
+        equations = np.column_stack([np.ones(len(registers)), registers[:, moved]])
+        for point in range(POINTS):
+            seen = np.array([each.visible[point] for each in self._looks])
+            if seen.sum() > 1:
+                points = np.array([each.points[point] for each in self._looks])[seen]
+                found = np.linalg.lstsq(equations[seen], points, rcond=RANK)[0]
+                self.jacobian[2 * point : 2 * point + 2, moved] = found[1:].T
+        inverse = np.linalg.pinv(equations.T @ equations, hermitian=True, rcond=RANK_OF_SQUARES)
+        self.variances[np.ix_(moved, moved)] = (noise_px * IMAGE_UNIT) ** 2 * inverse[1:, 1:]
+
+    def correct(self, words: Array, before: Observation, after: Observation, noise_px: float) -> None:
+        """Changes the Jacobian by the least that explains a motion of words (m,), motors alike (Broyden).
+
+        The less the motion should show above noise, the less it changes: as a Kalman filter does for which
+        each column is unsure by its own length.
+        """
+        scaled = words * np.square(self.jacobian).sum(0)
+        of_noise = 2 * len(self.jacobian) * (noise_px * IMAGE_UNIT) ** 2
+        seen = np.repeat(before.visible & after.visible, 2)
+        moved = (after.points - before.points).reshape(-1)
+        error = np.where(seen, moved - self.jacobian @ words, 0.0)
+        self.jacobian = self.jacobian + np.outer(error, scaled) / (scaled @ words + of_noise)
+
+    def moved_px(self, words: Array) -> float:
+        """How far words (m,) should move the image point that goes farthest, in pixels."""
+        return float(lengths_px((self.jacobian @ words).reshape(POINTS, 2)).max())
+
+    def each_px(self, words: Array) -> float:
+        """How far one motor by its word alone should move an image point at most, in pixels."""
+        alone = (self.jacobian * words).reshape(POINTS, 2, -1).swapaxes(1, 2)
+        return float(lengths_px(alone).max())
+
+    def error_px(self, words: Array, before: Observation, after: Observation) -> float:
+        """By how much words (m,) moved an image point otherwise than they should have, at most, in pixels."""
+        otherwise = after.points - before.points - (self.jacobian @ words).reshape(POINTS, 2)
+        seen = before.visible & after.visible
+        return float(lengths_px(otherwise)[seen].max(initial=0.0))
+
 
 SPAN_PX = 600.0
 """How far a servo's word of 1 moves the images. Choice: about what a word of the built robot's motors does,
@@ -166,3 +227,91 @@ class Leash:
             except StopIteration:
                 words = None
         return ""
+
+
+NEITHER = 1e-4
+"""A word, or a part of one, that is no motion (a guard above rounding)."""
+
+
+class StraightWay:
+    """Goes to the object straight in registers, look by look, until it is near or comes no nearer.
+
+    Images show some ways of the gripper ten times less than others, such as away from the cameras. A servo
+    that is cautious by how far images may curve on its whole way puts those off: it goes where images change
+    most, and beside the straight way. Motions on a leash are too short for such curves to matter, so here
+    only the noise of the measured Jacobian counts: a motion goes where the square of the image distance is
+    then expected to be least.
+
+    Where the arm meets something, it goes back to where it came from, and from then on nowhere in that
+    direction: it slides along what it has met, as far as the direction tells how that lies.
+
+    Words and registers are in units.
+
+    Args:
+        view: What is known of the Jacobian; others correct it.
+        leash: The leash that it is on.
+        units: Words of 1, of each motor (m,), see `Leash`.
+    """
+
+    NEAR_PX = 8.0
+    """Nearer than this the servo goes on. Choice: twice the usual tolerance of a rendezvous."""
+    NEARER = 0.2
+    """A motion came nearer that brought this share of what was expected of it. Choice."""
+    FAILURES = 2
+    """So many motions may lose a point, or come no nearer, before the servo goes on. Choice."""
+    MOTIONS = 20
+    """At most (a guard)."""
+
+    def __init__(self, view: LinearView, leash: Leash, units: Array) -> None:
+        self._view, self._leash, self._units = view, leash, units
+        self._met: list[Array] = []
+
+    def go(self, now: Observation) -> Procedure:
+        """Goes from `now` on; back, where a point is lost.
+
+        Also where it met something: to the last place on its way; if it meets something from there too, to
+        the place before that.
+        """
+        seen_at, failures, trail = now.registers, 0, [now.registers]
+        for _ in range(self.MOTIONS):
+            words = seen_at - now.registers
+            if now.visible.all():
+                if now.distance_px < self.NEAR_PX or failures >= self.FAILURES:
+                    break
+                words, seen_at = self.words(now), now.registers
+            if now.last or np.abs(words).max() < NEITHER:
+                break
+            before, jacobian = now, distance_jacobian(self._view.jacobian) * self._units
+            contacts = self._leash.contacts
+            now = yield words
+            executed = now.registers - before.registers
+            if self._leash.contacts > contacts and not now.last:
+                self._met.append(words / np.linalg.norm(words))
+                now = yield trail[-1] - now.registers
+                trail = trail[:-1] or trail
+                continue
+            trail.append(now.registers)
+            if before.visible.all():
+                far, left = np.linalg.norm(before.distance), np.linalg.norm(now.distance)
+                expected = far - np.linalg.norm(before.distance + jacobian @ executed)
+                failures += not now.visible.all() or bool(far - left < self.NEARER * expected)
+
+    def words(self, now: Observation) -> Array:
+        """All of the way (m,), by words that press against no stop and in no direction that met something."""
+        units, motors = self._units, len(self._units)
+        jacobian = distance_jacobian(self._view.jacobian) * units
+        unsure = 2 * len(now.distance) * self._view.variances * np.outer(units, units)
+        square, slope = jacobian.T @ jacobian + unsure, jacobian.T @ now.distance
+        stops = self._leash.stops.of(units)
+        unit = np.eye(motors)
+        at_stops = [*unit[now.registers >= stops.highest], *-unit[now.registers <= stops.lowest]]
+        closed = np.array([*self._met, *at_stops]).reshape(-1, motors)
+        pressed = np.zeros(len(closed), bool)
+        while True:
+            free = unit - np.linalg.pinv(closed[pressed], rcond=RANK) @ closed[pressed]
+            inverse = np.linalg.pinv(free @ square @ free, hermitian=True, rcond=RANK_OF_SQUARES)
+            words = -free @ inverse @ free @ slope
+            presses = closed @ words > NEITHER
+            if not (presses & ~pressed).any():
+                return np.clip(now.registers + words, stops.lowest, stops.highest) - now.registers
+            pressed |= presses

@@ -25,18 +25,18 @@ from typing import Any, TypeGuard
 import numpy as np
 
 import agents
-from agents.adaptation.memory import Memory
-from agents.adaptation.remembered import Remembered
+from agents.memory.memory import Memory
+from agents.memory.remembered import Remembered
 from agents.servo.unified import UnifiedServo
 
 MODULES: dict[str, tuple[str, ...]] = {
     "unified_servo": (
         "agents.servo.unified",
         "agents.servo.image_model",
-        "agents.jacobian.slopes",
-        "agents.perception",
+        "agents.servo.slopes",
+        "agents.servo.perception",
     ),
-    "memory": ("agents.adaptation",),
+    "memory": ("agents.memory",),
 }
 """What each agent is made of: modules, and packages with all modules in them. Memory corrects by
 `unified_servo`, whose constants are varied there alone."""
@@ -45,19 +45,11 @@ OTHERS: dict[str, str] = {
     "agents.base": "no choices: how many points there are",
     "agents.body_schema": "another agent over a servo",
     "agents.calibrated": "the calibrated robots",
-    "agents.jacobian.estimator": "other servos",
-    "agents.jacobian.kalman": "other servos",
-    "agents.jacobian.least_squares": "other servos",
-    "agents.jacobian.linear": "other servos",
-    "agents.jacobian.rank_one": "other servos",
-    "agents.jacobian.test_motions": "other servos",
+    "agents.servo.jacobian": "other servos",
     "agents.grasp": "the procedure of a grasp",
     "agents.knowledge.learning_servo": "tables over a servo",
-    "agents.knowledge.distance": "other knowledge bases",
-    "agents.knowledge.factored_table": "other knowledge bases",
-    "agents.knowledge.gain": "other knowledge bases",
     "agents.knowledge.grid_table": "other knowledge bases",
-    "agents.knowledge.local_fit": "other knowledge bases",
+    "agents.knowledge.factored_table": "other knowledge bases",
     "agents.knowledge.support_points": "other knowledge bases",
     "agents.neural": "the neural agents",
     "agents.registry": "names of agents",
@@ -66,8 +58,7 @@ OTHERS: dict[str, str] = {
     "agents.servo.paper": "another servo",
     "agents.servo.redundancy": "other servos",
     "agents.servo.safe": "safe first motions, before a servo",
-    "agents.servo.settings": "checks of settings",
-    "agents.servo.steps": "other servos",
+    "agents.servo.servo_agent": "checks of settings",
     "agents.servo.trial": "other servos",
     "agents.servo.work_plane": "another servo",
 }
@@ -84,8 +75,8 @@ LEFT_OUT: dict[str, str] = {
     "jump_px": "acts with other servos alone",
     "sure_px": "infinite in reaching",
     "NoiseEstimate.QUANTILE_OF_NORMAL": "exact, follows from QUANTILE",
-    "robust.MEAN_SQUARE_MEDIAN": "exact",
-    "mistaken.IMAGE_AREA": "exact: two by two image units",
+    "camera_change.MEAN_SQUARE_MEDIAN": "exact",
+    "gaussian_process.IMAGE_AREA": "exact: two by two image units",
     "camera_change.PARAMETERS": "exact: there are twelve",
     "Archive.KEPT": "bounds what is kept; no lifetime here has this many changes",
     "camera_change.TURNED": "only names a change, and moves nothing",
@@ -106,7 +97,7 @@ ALONG: dict[str, tuple[str, Callable[[float], float]]] = {
 BOUNDS: dict[str, tuple[float, float]] = {
     "Reach.AS_UNKNOWN": (0.0, 0.99),
     "ChangeDetector.USUAL_QUANTILE": (0.0, 0.99),
-    "looks.NOISIER": (1.01, np.inf),
+    "gaussian_process.NOISIER": (1.01, np.inf),
 }
 """Between which values a constant makes sense: a share below 1, a growth above it."""
 

@@ -3,9 +3,9 @@
 import gymnasium as gym
 import numpy as np
 
-from agents.adaptation.pairs import Pairs
-from agents.adaptation.remembered import Remembered
 from agents.base.observation import Observation
+from agents.memory.pairs import Pairs
+from agents.memory.remembered import Remembered
 from calfree_gym.image import IMAGE_UNIT
 
 

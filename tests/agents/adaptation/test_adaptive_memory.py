@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import agents
-from agents.adaptation.adaptive_memory import AdaptiveMemory, Event, Jump
-from agents.adaptation.detector import Finding, Verdict
 from agents.base.observation import Observation
+from agents.memory.adaptive_memory import AdaptiveMemory, Jump, WorldEvent
+from agents.memory.detector import ChangeVerdict, Finding
 from calfree_gym.perturbations import CameraAim, CameraReplace
 from tests.agents.adaptation.gripper_views import known, trial, wild
 
@@ -137,7 +137,7 @@ def test_a_trial_in_which_nothing_changed_tells_more_of_the_change_before(monkey
     world = wild(4112)
     memory = AdaptiveMemory(known(world))
     before = trial(world, 10)
-    memory.events.append(Event(0, "unknown", "map"))
+    memory.events.append(WorldEvent(0, "unknown", "map"))
     memory.change = Jump(memory.known.copy(), np.array([True, False]), before)
     seen = trial(world, 30)
     learn_as_changed(memory, seen, monkeypatch)
@@ -146,7 +146,7 @@ def test_a_trial_in_which_nothing_changed_tells_more_of_the_change_before(monkey
 
 def learn_as_changed(memory, seen, monkeypatch):
     """Learns a trial in which the detector takes the left camera for changed."""
-    changed = Finding(Verdict.CHANGED, seen, np.array([True, False]), seen.sensors[0])
+    changed = Finding(ChangeVerdict.CHANGED, seen, np.array([True, False]), seen.sensors[0])
     memory.detector.home.add(seen.sensors[0], 0.5, int(seen.trials[0]))
     monkeypatch.setattr(memory.detector, "examine", lambda *_: changed)
     memory.learn(looks_of(seen), 0.5)

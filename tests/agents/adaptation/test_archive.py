@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agents.adaptation.archive import Archive
-from agents.adaptation.remembered import Remembered
+from agents.memory.adaptive_memory import Archive
+from agents.memory.remembered import Remembered
 from calfree_gym.perturbations import CameraReplace, MotorSign
 from tests.agents.adaptation.gripper_views import known, trial, wild
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agents.adaptation.camera_change import fit_camera
-from agents.adaptation.remembered import Remembered
+from agents.memory.camera_change import fit_camera
+from agents.memory.remembered import Remembered
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from calfree_gym.perturbations import CameraAim
 from tests.agents import analytic

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from agents.adaptation.detector import ChangeDetector, Verdict
-from agents.adaptation.home_view import HomeView
-from agents.perception.noise import NoiseEstimate
+from agents.memory.detector import ChangeDetector, ChangeVerdict
+from agents.memory.pairs import HomeView
+from agents.servo.perception import NoiseEstimate
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, MotorSign
 from tests.agents.adaptation.gripper_views import known, trial, wild
@@ -48,7 +48,7 @@ def acquainted(request):
     """A wild world, what is known of it, and a detector that has examined every trial."""
     world, detector, verdicts = wild(request.param), ChangeDetector(3), []
     knowledge = known(world, TRIALS, lambda *each: verdicts.append(detector.examine(*each).verdict))
-    assert set(verdicts) == {Verdict.UNCHANGED}
+    assert set(verdicts) == {ChangeVerdict.UNCHANGED}
     return world, knowledge, detector.arrays()
 
 
@@ -74,7 +74,7 @@ def changed(world, perturbation):
 def test_a_turned_camera_shows_at_once_and_by_its_side(acquainted, perturbation, cameras):
     pairs = trial(changed(acquainted[0], perturbation), TRIALS)
     detector, (finding,) = examine(acquainted, pairs)
-    assert finding.verdict is Verdict.CHANGED
+    assert finding.verdict is ChangeVerdict.CHANGED
     assert finding.cameras.tolist() == cameras
     assert finding.pairs.trials.tolist() == [TRIALS] * len(pairs)
     detector.begin_anew(TRIALS)
@@ -87,11 +87,11 @@ def test_a_reversed_motor_shows_away_from_home_only(acquainted):
     """Many inconsistent observations in one trial are enough; of two trials with few, the second confirms."""
     reversed_ = changed(acquainted[0], MotorSign(motor="elbow"))
     _, (finding,) = examine(acquainted, trial(reversed_, TRIALS))
-    assert finding.verdict is Verdict.CHANGED
+    assert finding.verdict is ChangeVerdict.CHANGED
     few = [trial(reversed_, TRIALS + i, places=2) for i in (0, 1)]
     detector, (first, second) = examine(acquainted, *few)
-    assert first.verdict is Verdict.SUSPECT
-    assert second.verdict is Verdict.CHANGED
+    assert first.verdict is ChangeVerdict.SUSPECT
+    assert second.verdict is ChangeVerdict.CHANGED
     assert set(second.pairs.trials) == {TRIALS, TRIALS + 1}
     assert not len(detector.suspects)
 
@@ -103,7 +103,7 @@ def test_what_is_not_confirmed_was_mistaken(acquainted):
     quiet = [trial(acquainted[0], TRIALS + i) for i in range(1, 5)]
     detector, findings = examine(acquainted, odd, *quiet)
     verdicts = [finding.verdict for finding in findings]
-    assert verdicts == [Verdict.SUSPECT] + 4 * [Verdict.UNCHANGED]
+    assert verdicts == [ChangeVerdict.SUSPECT] + 4 * [ChangeVerdict.UNCHANGED]
     learned = np.concatenate([finding.pairs.sensors for finding in findings[1:]])
     assert any((odd.sensors[2] == each).all() for each in learned)
     assert not any((odd.sensors[1] == each).all() for each in learned)
@@ -117,11 +117,11 @@ def test_home_that_is_seen_elsewhere_once_is_a_mistake_and_twice_a_change(acquai
         pairs.sensors[0, :2] += 0.1
     quiet = trial(acquainted[0], TRIALS + 1)
     detector, (first, then) = examine(acquainted, odd[0], quiet)
-    assert first.verdict is then.verdict is Verdict.UNCHANGED
+    assert first.verdict is then.verdict is ChangeVerdict.UNCHANGED
     np.testing.assert_allclose(first.pairs.sensors[0], home, atol=2.5 * IMAGE_UNIT)
     assert not len(detector.unconfirmed_home)
     _, (first, then) = examine(acquainted, *odd)
-    assert (first.verdict, then.verdict) == (Verdict.UNCHANGED, Verdict.CHANGED)
+    assert (first.verdict, then.verdict) == (ChangeVerdict.UNCHANGED, ChangeVerdict.CHANGED)
     assert then.cameras.tolist() == [True, False]
 
 
@@ -130,7 +130,7 @@ def test_an_announced_change_is_believed(acquainted):
     detector = ChangeDetector(3)
     detector.restore(arrays)
     finding = detector.examine(trial(acquainted[0], TRIALS), knowledge, np.array([False, True]))
-    assert finding.verdict is Verdict.CHANGED
+    assert finding.verdict is ChangeVerdict.CHANGED
     assert finding.cameras.tolist() == [False, True]
 
 
@@ -149,7 +149,7 @@ def test_a_suspicion_is_confirmed_by_a_trial_soon_after_not_by_one_that_comes_la
     reversed_ = changed(acquainted[0], MotorSign(motor="elbow"))
     few = [trial(reversed_, TRIALS + i, places=2) for i in (0, 30)]
     detector, (first, second) = examine(acquainted, *few)
-    assert (first.verdict, second.verdict) == (Verdict.SUSPECT, Verdict.SUSPECT)
+    assert (first.verdict, second.verdict) == (ChangeVerdict.SUSPECT, ChangeVerdict.SUSPECT)
     assert not len(first.pairs)
     assert set(second.pairs.trials) == {TRIALS}  # those of the first that were not far off may be learned
     assert set(detector.suspects.trials) == {TRIALS + 30}

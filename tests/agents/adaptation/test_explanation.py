@@ -5,11 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.adaptation.arm_change import fit_arm
-from agents.adaptation.camera_change import CameraMap, fit_camera
-from agents.adaptation.explanation import as_seen_now, explain_drift, explain_jump
-from agents.adaptation.pairs import Pairs
 from agents.base.observation import camera_lengths_px
+from agents.memory.camera_change import CameraMap, fit_camera
+from agents.memory.explanation import as_seen_now, explain_drift, explain_jump, fit_arm
+from agents.memory.pairs import Pairs
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, CameraZoom, MotorGain, MotorSign
 from tests.agents.adaptation.gripper_views import known, seen_at, taught, trial, view, wild

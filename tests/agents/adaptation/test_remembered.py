@@ -5,13 +5,11 @@ import pytest
 from scipy.optimize import approx_fprime
 
 import agents
-from agents.adaptation.camera_change import fit_camera
-from agents.adaptation.kept_looks import KeptLooks
-from agents.adaptation.pairs import Pairs
-from agents.adaptation.remembered import Remembered
 from agents.base.observation import Observation
-from agents.servo.image_model.mistaken import solved
-from agents.servo.image_model.smooth_function import SmoothFunction
+from agents.memory.camera_change import fit_camera
+from agents.memory.pairs import Pairs
+from agents.memory.remembered import KeptLooks, Remembered
+from agents.servo.image_model.gaussian_process import GaussianProcess, solved
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.adaptation.gripper_views import seen_at, taught, view
 from tests.agents.analytic import distance_jacobian
@@ -23,15 +21,15 @@ def textbook(looks, lengths, place, image):
     """Mean (2,) and variance of a Gaussian process (Rasmussen & Williams, equation 2.25), entry by entry."""
 
     def kernel(x, y):
-        return SmoothFunction.SPREAD**2 * np.exp(-(((x - y) / lengths) ** 2).sum() / 2)
+        return GaussianProcess.SPREAD**2 * np.exp(-(((x - y) / lengths) ** 2).sum() / 2)
 
-    shares = looks.doubts[:, image] / SmoothFunction.SPREAD
+    shares = looks.doubts[:, image] / GaussianProcess.SPREAD
     covariance = np.array([[kernel(x, y) for y in looks.places] for x in looks.places])
     covariance *= 1 + np.outer(shares, shares)
-    covariance += SmoothFunction.OFFSET**2 + np.diag(looks.variances[:, image])
-    between = np.array([kernel(place, x) for x in looks.places]) + SmoothFunction.OFFSET**2
+    covariance += GaussianProcess.OFFSET**2 + np.diag(looks.variances[:, image])
+    between = np.array([kernel(place, x) for x in looks.places]) + GaussianProcess.OFFSET**2
     weights = np.linalg.solve(covariance, between)
-    prior = SmoothFunction.SPREAD**2 + SmoothFunction.OFFSET**2
+    prior = GaussianProcess.SPREAD**2 + GaussianProcess.OFFSET**2
     return weights @ looks.points[:, image], prior - weights @ between
 
 
@@ -103,7 +101,7 @@ def test_of_looks_that_add_equally_little_the_oldest_is_dropped_whatever_roundin
         inverses, sums = solved(function)
         return inverses * (1 + 1e-13 * np.random.default_rng(seed).normal(size=inverses.shape)), sums
 
-    monkeypatch.setattr("agents.adaptation.kept_looks.solved", solved_by_another_kernel)
+    monkeypatch.setattr("agents.memory.remembered.solved", solved_by_another_kernel)
     kept = KeptLooks(3, 3, len(PLACES))
     for place in [*PLACES, *PLACES[[3, 3, 3]]]:
         points = np.full((2, 2), float(len(kept)))

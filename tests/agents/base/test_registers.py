@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import agents
-from agents.base.encoders import Encoders
-from agents.base.registers import RegisterEstimate
+from agents.base.registers import Encoders, RegisterEstimate
 
 MOTORS = 3
 

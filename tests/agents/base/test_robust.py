@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from agents.base.robust import cauchy_weights, huber_weights
+from agents.base.weights import cauchy_weights, huber_weights
 
 DEVIATIONS = np.array([-20.0, -3.0, -1.0, 0.0, 0.5, 2.0, 7.0])
 

@@ -6,11 +6,9 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from agents.adaptation.pairs import Pairs
-from agents.body_schema.chain import Chain, Views
-from agents.body_schema.fitting import Fit, Fitted, Gaussian, any_std
-from agents.body_schema.known import Known
-from agents.body_schema.pinholes import PLACE, TURN
+from agents.body_schema.chain import PLACE, TURN, JointChain, Views
+from agents.body_schema.fitting import Fit, Fitted, Gaussian, Known, any_std
+from agents.memory.pairs import Pairs
 from calfree_gym.image import IMAGE_UNIT
 
 MODELS = Path(__file__).parents[2] / "arms" / "models"
@@ -38,7 +36,7 @@ class Arm:
         self.spans = np.random.default_rng(3).uniform(0.6, 1.4, motors) * np.where(
             np.arange(motors) % 2, 1, -1
         )
-        self.chain = Chain(motors, (mount, mount))
+        self.chain = JointChain(motors, (mount, mount))
         self.numbers = np.zeros(self.chain.size)
         self._at(np.zeros(motors))
         for joint in range(motors):

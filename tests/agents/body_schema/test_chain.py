@@ -6,10 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from agents.body_schema.chain import Chain, Views
-from agents.body_schema.pinholes import Triangulation, projected
-from agents.body_schema.rotations import rotation
-from agents.body_schema.starts import composed
+from agents.body_schema.chain import JointChain, Triangulation, Views, projected, rotation
+from agents.body_schema.fitting import composed
 from tests.agents.body_schema.chains import Arm
 
 ARMS = [("redundant.xml", "tool"), ("scara.xml", "tip")]
@@ -47,7 +45,7 @@ def test_a_camera_that_joints_move_sees_the_room_move_the_other_way(mount):
 @pytest.mark.parametrize("mounts", [(0, 0), (1, 1), (2, 4)])
 def test_derivatives_are_those_of_differences(mounts):
     arm = Arm("redundant.xml", "tool")
-    chain, random, step = Chain(7, mounts), np.random.default_rng(2), 1e-6
+    chain, random, step = JointChain(7, mounts), np.random.default_rng(2), 1e-6
     registers, homes = random.uniform(-0.4, 0.4, (3, 7)), random.uniform(-0.2, 0.2, (3, 4))
     numbers = arm.numbers + 0.02 * random.normal(size=chain.size)
     views = Views(chain, numbers, registers, homes)
@@ -66,7 +64,7 @@ def test_derivatives_are_those_of_differences(mounts):
 
 def test_several_chains_at_once_are_each_as_alone():
     arm = Arm("redundant.xml", "tool")
-    chain, random = Chain(7, (1, 3)), np.random.default_rng(4)
+    chain, random = JointChain(7, (1, 3)), np.random.default_rng(4)
     registers, homes = random.uniform(-0.4, 0.4, (3, 7)), random.uniform(-0.2, 0.2, (3, 4))
     numbers = arm.numbers + 0.02 * random.normal(size=(2, chain.size))
     both = Views(chain, numbers, registers, homes)

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from agents.body_schema.body import Body
-from agents.body_schema.chain import Views
-from agents.body_schema.explanations import NOTHING, Change
-from agents.body_schema.pinholes import PLACE, TURN
-from agents.body_schema.starts import reversing, rolled
+from agents.body_schema.body import NOTHING, Body, BodyChange
+from agents.body_schema.chain import PLACE, TURN, Views
+from agents.body_schema.fitting import reversing, rolled
 from tests.agents.body_schema.chains import Arm
 
 BOTH = np.array([True, True])
@@ -40,7 +38,7 @@ def test_what_explains_is_what_has_changed(what):
     since = arm.pairs(trials=1, looks=10, seed=2, numbers=changed(arm, what))
     cameras = known.contradicted(since)
     assert cameras.any() == (what != NOTHING)
-    assert Change(known, BOTH, since).explanation.kind == what
+    assert BodyChange(known, BOTH, since).explanation.kind == what
 
 
 def test_a_reversed_motor_does_for_a_register_what_it_did_for_its_negative():

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from agents.body_schema.body import Body
+from agents.body_schema.body import Body, likely_mounts
 from agents.body_schema.chain import Views
 from agents.body_schema.fitting import Gaussian
-from agents.body_schema.mounts import likely_mounts
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.body_schema.chains import Arm
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.base.stops import Stops
-from agents.body_schema.meeting import Seeker
+from agents.base.registers import Stops
+from agents.body_schema.body_schema import MeetingSeeker
 from tests.agents.body_schema.chains import Arm
 
 
@@ -16,7 +16,7 @@ def seeker(arm, target, stops=None, offset=0.0):
     gripper = np.concatenate([arm.pinhole(arm.gripper(nothing), camera) for camera in (0, 1)])
     points = np.concatenate([gripper, home]).reshape(4, 2)
     now = Observation(points + offset, np.ones(4, bool), nothing)
-    return Seeker(arm.exact, home, now, 0.5, stops or Stops(nothing)), place
+    return MeetingSeeker(arm.exact, home, now, 0.5, stops or Stops(nothing)), place
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -8,13 +8,10 @@ from scipy.optimize import least_squares as scipy_least_squares
 from scipy.spatial.transform import Rotation
 
 import calfree_gym
-from agents.calibrated import parameters
-from agents.calibrated.identification import identify
-from agents.calibrated.least_squares import least_squares
-from agents.calibrated.measurements import Measurements
-from agents.calibrated.prediction import Prediction
-from agents.calibrated.robot_model import RobotModel
-from agents.calibrated.rotations import rotation, rotation_axes
+from agents.calibrated import prediction
+from agents.calibrated.identification import identify, least_squares
+from agents.calibrated.prediction import Measurements, Prediction
+from agents.calibrated.robot_model import RobotModel, rotation, rotation_axes
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import AIM
 
@@ -37,7 +34,7 @@ def measurements_of(world, mount, rng, noise_px=0.0, trials=(8, 6, 4)):
 
 def anywhere(rng, starts, trials):
     """Parameters with the standard deviations of the prior, objects included."""
-    off = rng.normal(size=(starts, parameters.COUNT)) * np.minimum(parameters.PRIOR_STD, 1.0)
+    off = rng.normal(size=(starts, prediction.COUNT)) * np.minimum(prediction.PRIOR_STD, 1.0)
     objects = np.tile(AIM, (starts, trials)) + 0.05 * rng.normal(size=(starts, 3 * trials))
     return np.concatenate([off, objects], 1)
 
@@ -71,8 +68,8 @@ def test_what_is_predicted_is_what_the_model_sees(mount):
     measured, _ = measurements_of(calfree_gym.nominal(), mount, rng)
     signs, x = np.array([[1.0, -1.0, 1.0]]), anywhere(rng, 1, measured.trials)
     predicted = Prediction(measured, built(mount), signs, x).points
-    model = parameters.model_of(built(mount), signs[0], x[0, : parameters.COUNT])
-    objects = x[0, parameters.COUNT :].reshape(-1, 3)[measured.trial]
+    model = prediction.model_of(built(mount), signs[0], x[0, : prediction.COUNT])
+    objects = x[0, prediction.COUNT :].reshape(-1, 3)[measured.trial]
     np.testing.assert_allclose(predicted[0], model.points(measured.registers, objects))
 
 

@@ -14,8 +14,7 @@ import calfree_gym
 from agents.base import storage
 from agents.base.observation import Observation
 from agents.calibrated.identification import identify
-from agents.calibrated.measurements import Measurements
-from agents.calibrated.parameters import named
+from agents.calibrated.prediction import Measurements, named
 from agents.calibrated.robot_model import RobotModel
 from calfree_gym.image import lengths_px
 from calfree_gym.perturbations import CameraRoll

@@ -1,6 +1,6 @@
 """When what was identified of a robot ceases to hold."""
 
-from agents.calibrated.validity import Validity, ValidityCheck
+from agents.calibrated.self_calibrating import Validity, ValidityCheck
 
 USUAL, NEAR_PX, NOISE_PX = 4.0, 1.0, 0.5
 INCONSISTENT, FAR_PX = 60.0, 5.0

@@ -7,12 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import agents
-from agents.base.stops import Stops
-from agents.grasp.intermediate import target
+from agents.base.registers import Stops
 from agents.grasp.observation import ARM, GraspObservation
-from agents.grasp.orientation import turn_needed
+from agents.grasp.seen import target
 from agents.grasp.trial import GraspTrial
-from agents.grasp.turning import Turning
+from agents.grasp.turning import Turning, turn_needed
 from calfree_gym.robot.grasping.gripping_arm import AXIS
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 from experiments.evaluation import evaluate

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 import agents
-from agents.grasp.inserting.ellipse import ellipse_centre
-from agents.grasp.inserting.observation import InsertObservation
-from agents.grasp.inserting.yoshimi_allen import axis_of
+from agents.grasp.observation import InsertObservation
+from agents.grasp.yoshimi_allen import axis_of, ellipse_centre
 from calfree_gym.image import PIXELS_PER_UNIT
 from experiments.evaluation import evaluate
 

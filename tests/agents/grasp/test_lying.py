@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.grasp.in_view import InView
-from agents.grasp.lying import Lying
 from agents.grasp.observation import NAMES, OBJECT, TIP, GraspObservation
+from agents.grasp.seen import Lying
+from agents.grasp.trial import InView
 from calfree_gym.image import IMAGE_UNIT
 
 NOISE_PX = 0.5

@@ -8,13 +8,11 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.grasp.findings import GraspFindings
 from agents.grasp.observation import ARM, NAMES, OBJECT, TIP, GraspObservation
-from agents.grasp.orientation import turn_needed
-from agents.grasp.tip import Tip
-from agents.grasp.trial import GraspTrial
-from agents.grasp.turning import Turning
-from agents.servo.image_model.smooth_function import SmoothFunction
+from agents.grasp.seen import Tip
+from agents.grasp.trial import GraspFindings, GraspTrial
+from agents.grasp.turning import Turning, turn_needed
+from agents.servo.image_model.gaussian_process import GaussianProcess
 from calfree_gym.image import IMAGE_UNIT
 
 NUMBER = st.floats(-1.0, 1.0)
@@ -97,7 +95,7 @@ def test_a_tip_is_as_noisy_as_its_looks_and_some_of_them_are_mistaken(noise_px, 
         now.points[TIP] = slopes @ now.registers[:ARM] + noise_px * IMAGE_UNIT * rng.normal(size=(2, 2))
         now.points[TIP] += 40 * IMAGE_UNIT * (each < mistaken)
         looks.append(now)
-    function, variance = Tip.of(SmoothFunction.unknown(ARM, ARM), looks, 0.5).explained
+    function, variance = Tip.of(GaussianProcess.unknown(ARM, ARM), looks, 0.5).explained
     assert np.sqrt(variance) == pytest.approx(told * IMAGE_UNIT)
     there = np.array([0.1, -0.1, 0.05])
     off_px = np.abs(function.at(there).points - slopes @ there).max() / IMAGE_UNIT

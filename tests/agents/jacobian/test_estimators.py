@@ -10,9 +10,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from agents.base.observation import Observation
-from agents.jacobian import ESTIMATORS, Kalman, Slopes, TestMotions, distance_jacobian
-from agents.jacobian.least_squares import RecursiveLeastSquares
-from agents.jacobian.rank_one import TrustRegion
+from agents.servo.jacobian import (
+    ESTIMATORS,
+    Kalman,
+    RecursiveLeastSquares,
+    TestMotions,
+    TrustRegion,
+    distance_jacobian,
+)
+from agents.servo.slopes import Slopes
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents import analytic
 

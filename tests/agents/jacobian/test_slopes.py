@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.jacobian import Slopes
+from agents.servo.slopes import Slopes
 
 MOTORS = 3
 HOLD = np.ones(4, bool)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import agents
 from agents.grasp.observation import NAMES, GraspObservation
-from agents.grasp.orientation import direction_key, directions, quarter
+from agents.grasp.turning import direction_key, directions, quarter
 from agents.knowledge.factored_table import FactoredTable
 from agents.knowledge.grid_table import GridTable
 from experiments.running.lifetime import LifetimeRecorder, learn_trials

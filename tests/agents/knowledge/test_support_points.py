@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.knowledge.local_fit import LocalFit
-from agents.knowledge.support_points import SupportPoints
+from agents.knowledge.support_points import LocalFit, SupportPoints
 from tests.agents.knowledge.test_knowledge import JACOBIAN, missed_px, seen
 
 

@@ -11,11 +11,9 @@ from safetensors.torch import save_file
 
 import agents
 from agents.base.prior_knowledge import PriorKnowledge
-from agents.neural.recurrent_servo import episode, train
-from agents.neural.recurrent_servo.disturbances import Disturbances
-from agents.neural.recurrent_servo.network import RecurrentServoNetwork
-from agents.neural.recurrent_servo.robots import TrainingRobots
-from agents.neural.recurrent_servo.weights import KEPT, load_network
+from agents.neural.recurrent_servo import train
+from agents.neural.recurrent_servo.network import KEPT, RecurrentServoNetwork, load_network
+from agents.neural.recurrent_servo.robots import Disturbances, TrainingRobots
 from experiments.evaluation import evaluate
 
 UNSEEN = 1000
@@ -213,11 +211,11 @@ class LinearServo(RecurrentServoNetwork):
 @pytest.mark.parametrize("finishing", [0, 1])
 def test_the_gradient_through_the_black_box_is_that_of_the_loss(finishing, monkeypatch):
     """Against the difference of the losses of the same trial, made again with changed weights."""
-    monkeypatch.setattr(episode, "GRADIENT_BOUND", np.inf)
+    monkeypatch.setattr(train, "GRADIENT_BOUND", np.inf)
 
     def loss():
         robots = TrainingRobots(4, "waist", 300_000)
-        return episode.make_episode(network, robots, 3, finishing, np.random.default_rng(0)).loss
+        return train.make_episode(network, robots, 3, finishing, np.random.default_rng(0)).loss
 
     network = LinearServo()
     loss().backward()

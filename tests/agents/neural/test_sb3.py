@@ -11,8 +11,8 @@ import torch
 import yaml
 
 import agents
-from agents.neural.sb3.inputs import ImageDistance, flattened
-from agents.registry import SB3
+from agents.neural import TUNED
+from agents.neural.sb3.sb3_agent import ImageDistance, flattened
 from tests.agents.neural.sb3_learners import make, rows_of_one_world
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "agents"
@@ -70,7 +70,7 @@ def test_wrong_settings_say_what_is_allowed(settings, message):
         agents.make("sb3", env, **settings)
 
 
-@pytest.mark.parametrize("name", SB3)
+@pytest.mark.parametrize("name", TUNED)
 def test_a_name_is_its_file_and_settings_given_override_it(name):
     tuned = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text())
     by_name = make(name)._model
@@ -92,7 +92,7 @@ def test_networks_get_the_image_distance():
         np.testing.assert_allclose(features[0, 15:], np.tanh([*d, *(8 * d)]), atol=1e-6)
 
 
-@pytest.mark.parametrize("name", SB3)
+@pytest.mark.parametrize("name", TUNED)
 def test_batches_get_the_words_of_single_observations(name):
     agent = make(name)
     batch = rows_of_one_world(3)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.jacobian import Kalman
-from agents.perception import ObservationFilter
-from agents.servo.trial import Findings, Trial
+from agents.servo.jacobian import Kalman
+from agents.servo.perception import ObservationFilter
+from agents.servo.trial import Findings, ServoTrial
 from calfree_gym.image import IMAGE_UNIT
 
 THERE = np.array([0.1, 0.0, 0.0])
@@ -206,7 +206,7 @@ def test_latency_is_found_out_in_wild_worlds(make_env, motions):
     for seed in range(15):
         late = [{"at": {"trial": 0}, "do": {"type": "latency", "motions": 1}}] if motions else None
         env = make_env(perturbations=late)
-        trial = Trial(Observation.of(env.reset(seed=seed)[0]), Findings(Kalman(3)), 0.04, 16.0)
+        trial = ServoTrial(Observation.of(env.reset(seed=seed)[0]), Findings(Kalman(3)), 0.04, 16.0)
         for motor in trial.unmeasured():
             running = trial.test(motor)
             words = next(running, None)

@@ -5,9 +5,7 @@ import pytest
 from scipy.stats import multivariate_t
 
 from agents.base.observation import Observation
-from agents.perception.gating import Gating
-from agents.perception.noise import NoiseEstimate
-from agents.perception.visibility import Visibility
+from agents.servo.perception import Gating, NoiseEstimate, Visibility
 from calfree_gym.image import IMAGE_UNIT
 
 PREDICTED = np.zeros((4, 2))

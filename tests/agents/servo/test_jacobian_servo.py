@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from agents.jacobian import Kalman, Slopes
+from agents.servo.jacobian import Kalman
 from agents.servo.jacobian_servo import JacobianServo
+from agents.servo.slopes import Slopes
 from agents.servo.trial import Findings
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.linear_arm import LinearArm

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from agents.servo.image_model.mistaken import odds_by_the_rest, price, right_looks, solved, without_mistaken
-from agents.servo.image_model.smooth_function import SmoothFunction
+from agents.servo.image_model.gaussian_process import (
+    GaussianProcess,
+    odds_by_the_rest,
+    price,
+    right_looks,
+    solved,
+    without_mistaken,
+)
 from calfree_gym.image import IMAGE_UNIT
 
 NOISE = 0.7 * IMAGE_UNIT
@@ -27,7 +33,7 @@ def scene(seed, looks=30, mistaken=0.08):
 
 
 def looked(places, points):
-    function = SmoothFunction.unknown(3, 3)
+    function = GaussianProcess.unknown(3, 3)
     for place, seen in zip(places, points, strict=True):
         function = function.with_look(place, seen, NOISE**2, SEEN)
     return function
@@ -50,7 +56,7 @@ def test_where_none_is_mistaken_hardly_any_is_left_out():
 def test_without_them_the_rest_tells_where_the_point_is():
     places, points, _, true = scene(7)
     function = looked(places[:-1], points[:-1])
-    other = without_mistaken(function, SmoothFunction.unknown(3, 3))
+    other = without_mistaken(function, GaussianProcess.unknown(3, 3))
     expected = other.at(places[-1])
     off = np.linalg.norm(expected.points - true[-1], axis=1)
     assert (off < 4 * np.sqrt(expected.variances.max() + NOISE**2)).all()
@@ -97,7 +103,7 @@ def test_of_two_looks_that_contradict_each_other_the_first_is_mistaken_whatever_
         inverses, sums = solved(function)
         return inverses, sums * noise[:, :, None]
 
-    monkeypatch.setattr("agents.servo.image_model.mistaken.solved", solved_by_another_kernel)
+    monkeypatch.setattr("agents.servo.image_model.gaussian_process.solved", solved_by_another_kernel)
     places = np.zeros((2, 3))
     points = np.array([[[0.5, 0.0], [0.0, 0.0]], [[-0.5, 0.0], [0.0, 0.0]]])
     assert right_looks(looked(places, points)).tolist() == [[False, True], [True, True]]

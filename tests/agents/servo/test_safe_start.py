@@ -9,11 +9,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import agents
-from agents.perception import ObservationFilter
-from agents.servo.safe.first_motions import FirstMotions
-from agents.servo.safe.leash import Leash, equal_units
-from agents.servo.safe.linear_view import LinearView
-from agents.servo.safe.straight_way import StraightWay
+from agents.servo.perception import ObservationFilter
+from agents.servo.safe.leash import Leash, LinearView, StraightWay, equal_units
+from agents.servo.safe.safe_start import FirstMotions
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents.linear_arm import LinearArm
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents.jacobian import ESTIMATORS
+from agents.servo.jacobian import ESTIMATORS
 from agents.servo.redundancy import REDUNDANCIES
 from calfree_gym.tasks.reach import PRIVILEGED
 from experiments.evaluation import evaluate

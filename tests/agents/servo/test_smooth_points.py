@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.jacobian import Slopes
-from agents.servo.image_model.smooth_function import SmoothFunction, inverse
+from agents.servo.image_model.gaussian_process import GaussianProcess, inverse
 from agents.servo.image_model.smooth_points import SmoothPoints
+from agents.servo.slopes import Slopes
 from calfree_gym.image import IMAGE_UNIT
 
 MOTORS = 4
@@ -80,8 +80,8 @@ def test_slopes_and_those_of_the_variances_are_derivatives(scene, rng):
 def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(scene, rng, monkeypatch):
     """Against one joint Gaussian of looks, slopes from before and a new place, conditioned by brute force."""
     length = 1.3
-    monkeypatch.setattr(SmoothFunction, "LENGTHS", np.array([length]))
-    monkeypatch.setattr(SmoothFunction, "CHANGED", 1e-300)
+    monkeypatch.setattr(GaussianProcess, "LENGTHS", np.array([length]))
+    monkeypatch.setattr(GaussianProcess, "CHANGED", 1e-300)
     points, at, seen, start = scene
     known = looked(points, at, start, seen)
     length = np.full(MOTORS, length) if start is None else length * start.lengths[0]
@@ -96,7 +96,7 @@ def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(sc
         if start is not None:
             error = start.variances[point] + np.diag(start.changes[point])
             across = with_slopes(places, start.registers, length)
-            own = np.diag(SmoothFunction.SPREAD**2 / length**2) + error
+            own = np.diag(GaussianProcess.SPREAD**2 / length**2) + error
             joint = np.block([[joint, across], [across.T, own]])
             order = [*range(len(shown)), *range(len(places), len(joint)), len(shown)]
             joint = joint[np.ix_(order, order)]
@@ -110,7 +110,7 @@ def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(sc
 
 def covariances(one, other, length):
     squares = np.square((one[:, None] - other) / length).sum(-1)
-    return SmoothFunction.SPREAD**2 * np.exp(-squares / 2) + SmoothFunction.OFFSET**2
+    return GaussianProcess.SPREAD**2 * np.exp(-squares / 2) + GaussianProcess.OFFSET**2
 
 
 def with_slopes(places, where, length):
@@ -255,9 +255,9 @@ def test_looks_that_contradict_each_other_make_no_length_vanish():
     """Such as those of cameras that were rolled again and again, each mapped a little wrongly."""
     rng = np.random.default_rng(0)
     places = np.repeat(rng.uniform(-1, 1, (30, 3)), 3, axis=0) + rng.normal(scale=1e-5, size=(90, 3))
-    function = SmoothFunction.unknown(3, 3)
+    function = GaussianProcess.unknown(3, 3)
     for place in places:
         function = function.with_look(place, rng.uniform(-1, 1, (2, 2)), 4e-6, np.ones(2, bool))
     refitted = function.refitted()
-    assert refitted.lengths.min() >= SmoothFunction.SHORTEST
+    assert refitted.lengths.min() >= GaussianProcess.SHORTEST
     assert np.isfinite(refitted.at(places[0]).points).all()

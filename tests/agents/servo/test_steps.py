@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from agents.base.observation import Observation
-from agents.jacobian import Slopes, TestMotions
-from agents.servo.steps import Steps
-from agents.servo.trial import Findings, Trial
+from agents.servo.jacobian import TestMotions
+from agents.servo.slopes import Slopes
+from agents.servo.trial import Findings, ServoTrial, Steps
 from calfree_gym.image import lengths_px
 
 STEP_PX, STEP_WORD, BORDER = 100.0, 0.5, 0.9
@@ -22,7 +22,7 @@ def numbers(*shape, most=1.0):
 def steps_in(jacobian, points):
     """Steps of a trial in which J (8, 3) is known and points (4, 2) are seen."""
     findings = Findings(TestMotions(3, Slopes.of(jacobian)))
-    trial = Trial(Observation(points, np.ones(4, bool), np.zeros(3)), findings, 0.04, 16.0)
+    trial = ServoTrial(Observation(points, np.ones(4, bool), np.zeros(3)), findings, 0.04, 16.0)
     return Steps(trial, STEP_PX, STEP_WORD, BORDER)
 
 

@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from agents.base.stops import Stops
-from agents.jacobian import Kalman, Slopes, TestMotions
-from agents.servo.trial import Findings, Trial, half_way_back
+from agents.base.registers import Stops
+from agents.servo.jacobian import Kalman, TestMotions
+from agents.servo.slopes import Slopes
+from agents.servo.trial import Findings, ServoTrial, half_way_back
 from calfree_gym.image import lengths_px
 from tests.agents.linear_arm import LinearArm
 
@@ -16,7 +17,7 @@ TEST_PX = 16.0
 
 
 def trial_of(arm, estimator):
-    return Trial(arm.observed(), Findings(estimator), 0.04, TEST_PX)
+    return ServoTrial(arm.observed(), Findings(estimator), 0.04, TEST_PX)
 
 
 def carry_out(motions, arm):

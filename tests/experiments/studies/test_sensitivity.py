@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import agents
-from agents.jacobian.kalman import Kalman
-from agents.perception.noise import NoiseEstimate
-from agents.servo.image_model.smooth_function import SmoothFunction
+from agents.servo.image_model.gaussian_process import GaussianProcess
+from agents.servo.jacobian import Kalman
+from agents.servo.perception import NoiseEstimate
 from experiments.__main__ import main
 from experiments.statistics import Estimate
 from experiments.studies import sensitivity
@@ -24,8 +24,8 @@ ONLY = ("probe_px", "HomeView.SIGMAS")
 
 def test_constants_of_settings_classes_and_modules_are_found():
     assert LABELS["probe_px"].value == 16.0
-    assert LABELS["SmoothFunction.SPREAD"].value == SmoothFunction.SPREAD
-    assert LABELS["looks.NOISIER"].value == 2.0
+    assert LABELS["GaussianProcess.SPREAD"].value == GaussianProcess.SPREAD
+    assert LABELS["gaussian_process.NOISIER"].value == 2.0
     assert {"Gating.TAILS", "Gating.MISTAKEN", "Gating.OF"} <= LABELS.keys()
     assert {"looks", "HomeView.SIGMAS"} <= {each.label for each in FOUND["memory"]}
     assert all(len({each.label for each in found}) == len(found) for found in FOUND.values())
@@ -48,8 +48,8 @@ def test_no_number_of_the_agents_slips_by():
 
 
 def test_guards_and_exact_numbers_are_left_out():
-    assert not {"Reach.HALVINGS", "NoiseEstimate.MOST_PX", "mistaken.IMAGE_AREA", "seed"} & LABELS.keys()
-    assert "NoiseEstimate.QUANTILE_OF_NORMAL" not in LABELS
+    left_out = {"Reach.HALVINGS", "NoiseEstimate.MOST_PX", "NoiseEstimate.QUANTILE_OF_NORMAL", "seed"}
+    assert not {*left_out, "gaussian_process.IMAGE_AREA"} & LABELS.keys()
 
 
 def test_what_is_said_of_single_constants_is_said_of_ones_that_exist():
@@ -99,7 +99,7 @@ def test_a_constant_has_the_other_value_wherever_it_is_read_and_then_its_own(con
 
 
 def test_a_constant_that_others_import_changes_there_too():
-    marker = LABELS["noise.MARKER_NOISE_PX"]
+    marker = LABELS["perception.MARKER_NOISE_PX"]
     with named.varied(marker, 5.0):
         assert NoiseEstimate().px == Kalman(3).noise_px == 5.0
         imported = [
@@ -119,8 +119,8 @@ def test_an_error_leaves_no_constant_varied():
             raise KeyError
 
     with pytest.raises(KeyError):
-        fails(LABELS["SmoothFunction.SPREAD"])
-    assert LABELS["SmoothFunction.SPREAD"].value == SmoothFunction.SPREAD
+        fails(LABELS["GaussianProcess.SPREAD"])
+    assert LABELS["GaussianProcess.SPREAD"].value == GaussianProcess.SPREAD
 
 
 def test_what_follows_from_a_constant_goes_along():
@@ -160,7 +160,7 @@ def test_values_to_try():
         6,
     ]
     assert tried("Reach.AS_UNKNOWN", 0.7, 2.0) == 0.99
-    assert tried("looks.NOISIER", 2.0, 0.5) > 1.0
+    assert tried("gaussian_process.NOISIER", 2.0, 0.5) > 1.0
 
 
 @pytest.mark.parametrize(

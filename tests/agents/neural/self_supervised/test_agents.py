@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents.neural.self_supervised.reach import Reach
+from agents.neural.self_supervised.self_taught import LearnedReach
 from tests.agents.neural.self_supervised.conftest import QUICK, LinearWorld
 
 
@@ -60,7 +60,7 @@ def test_what_a_trial_showed_of_the_network_does_not_correct_the_one_that_was_me
     """It would undo the mending."""
     agent, env = linear(motions=250)
     corrections, reverse = [], agent.model.reverse
-    monkeypatch.setattr(agent, "new_findings", lambda: corrections.append(Reach()) or corrections[-1])
+    monkeypatch.setattr(agent, "new_findings", lambda: corrections.append(LearnedReach()) or corrections[-1])
     monkeypatch.setattr(
         agent.model, "reverse", lambda signs: found.extend(corrections[-1:]) or reverse(signs)
     )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.neural.self_supervised.change_detector import ChangeDetector, Judged
+from agents.neural.self_supervised.change_detector import ErrorDetector, JudgedMotion
 
 
 def lives(rng, motions, scale=0.1, signs=(1, 1, 1), start=0):
@@ -12,7 +12,7 @@ def lives(rng, motions, scale=0.1, signs=(1, 1, 1), start=0):
         made = rng.normal(size=3)
         off = rng.normal(size=3)
         said = made * signs + scale * np.exp(1.2 * rng.normal()) * off / np.linalg.norm(off)
-        yield Judged(made, said, float(np.linalg.norm(made)), moment=i, trial=i // 3)
+        yield JudgedMotion(made, said, float(np.linalg.norm(made)), moment=i, trial=i // 3)
 
 
 def found(detector, motions):
@@ -22,18 +22,18 @@ def found(detector, motions):
 def test_errors_of_heavy_tails_are_no_change():
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        assert found(ChangeDetector(3), lives(rng, 3000)) == []
+        assert found(ErrorDetector(3), lives(rng, 3000)) == []
 
 
 def test_a_network_that_gets_better_is_no_change():
-    rng, detector = np.random.default_rng(0), ChangeDetector(3)
+    rng, detector = np.random.default_rng(0), ErrorDetector(3)
     for i in range(40):
         assert found(detector, lives(rng, 50, 2.0 / (1 + i), start=50 * i)) == []
 
 
 @pytest.mark.parametrize("motor", [0, 1, 2])
 def test_a_reversed_motor_is_named_with_its_time(motor):
-    rng, detector = np.random.default_rng(motor), ChangeDetector(3)
+    rng, detector = np.random.default_rng(motor), ErrorDetector(3)
     signs = np.ones(3)
     signs[motor] = -1
     assert found(detector, lives(rng, 300)) == []
@@ -43,7 +43,7 @@ def test_a_reversed_motor_is_named_with_its_time(motor):
 
 
 def test_larger_errors_that_nothing_explains_are_a_change_of_another_kind():
-    rng, detector = np.random.default_rng(1), ChangeDetector(3)
+    rng, detector = np.random.default_rng(1), ErrorDetector(3)
     assert found(detector, lives(rng, 300)) == []
     change = found(detector, lives(rng, 60, scale=2.0, start=300))[0]
     assert change.signs is None
@@ -51,10 +51,10 @@ def test_larger_errors_that_nothing_explains_are_a_change_of_another_kind():
 
 
 def test_one_hard_trial_is_no_change():
-    rng, detector = np.random.default_rng(2), ChangeDetector(3)
+    rng, detector = np.random.default_rng(2), ErrorDetector(3)
     assert found(detector, lives(rng, 300)) == []
     hard = [
-        Judged(each.made, each.said, each.size, each.moment, trial=100)
+        JudgedMotion(each.made, each.said, each.size, each.moment, trial=100)
         for each in lives(rng, 60, scale=2.0, start=300)
     ]
     assert found(detector, hard) == []

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import nn
 
-from agents.neural.self_supervised.perceptron import Perceptron
+from agents.neural.self_supervised.inverse_model import Perceptron
 
 WIDTHS = (15, 64, 32, 12)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agents.base.observation import Observation
-from agents.neural.self_supervised.replay import Replay
+from agents.neural.self_supervised.inverse_model import Replay
 
 JACOBIAN = np.array([[0.5, 0.1], [0.0, 0.4], [0.3, -0.2], [-0.1, 0.2]])
 

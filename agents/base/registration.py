@@ -1,0 +1,99 @@
+"""Agents under their names: what one is, and which settings it takes, is said where its class is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from inspect import signature
+from pathlib import Path
+from typing import Any, TypeVar
+
+Settings = dict[str, Any]
+C = TypeVar("C")
+AGENTS: dict[str, NamedAgent] = {}
+"""All of them, by their names."""
+SERVOS: dict[str, type[Any]] = {}
+"""The servos that knowledge can be laid over, by name."""
+KNOWLEDGE: dict[str, type[Any]] = {}
+"""Knowledge bases by name; `memory` is the best of them."""
+
+
+@dataclass(frozen=True)
+class NamedAgent:
+    """An agent under its name.
+
+    Attributes:
+        does: What it does, in one line of a page of docs/.
+        where: Its class, or the path of one that is loaded only when it is needed: "neural.sb3.Sb3Agent".
+        tasks: What it does: "reach", "grasp" or "insert".
+        extra: Which optional packages it needs, by the name of an extra of the wheel.
+        arms: Where it does not act with any arm, with which; the name of one where it is built on what that
+            arm's motors do.
+        batched: Whether it also learns in a batched environment.
+        fixed: Settings of the class that the name says, so that nobody gives them.
+        defaults: From the settings that are given to those that it has otherwise than its class.
+    """
+
+    does: str
+    where: Any
+    tasks: tuple[str, ...]
+    extra: str
+    arms: str
+    batched: bool
+    fixed: Settings
+    defaults: Callable[[Settings], Settings]
+
+    @property
+    def kind(self) -> Any:
+        """The class."""
+        if isinstance(self.where, str):
+            module, name = self.where.rsplit(".", 1)
+            return getattr(import_module(f"..{module}", __package__), name)
+        return self.where
+
+    def settings(self, given: Settings) -> Settings:
+        """All settings that it takes beside those that are given, with their defaults."""
+        known: Settings = self.kind.settings(given | self.fixed)
+        return {name: default for name, default in known.items() if name not in self.fixed}
+
+
+def agent(
+    name: str,
+    does: str,
+    *,
+    tasks: tuple[str, ...] = ("reach",),
+    extra: str = "",
+    arms: str = "",
+    batched: bool = False,
+    fixed: Mapping[str, Any] | None = None,
+    defaults: Callable[[Settings], Settings] = lambda given: {},
+) -> Callable[[C], C]:
+    """Puts the class that follows under a name, see `NamedAgent`."""
+
+    def named(where: C) -> C:
+        AGENTS[name] = NamedAgent(does, where, tasks, extra, arms, batched, dict(fixed or {}), defaults)
+        return where
+
+    return named
+
+
+def named_settings(maker: Callable[..., Any]) -> Settings:
+    """Parameters of what makes an agent, with their defaults (`Parameter.empty`, where there is none)."""
+    parameters = signature(maker).parameters.values()
+    return {p.name: p.default for p in parameters if p.kind is not p.VAR_KEYWORD and p.name != "env"}
+
+
+def tuned_settings(name: str, given: Settings | None = None) -> Settings:
+    """The settings in configs/agents/NAME.yaml, whatever is given; a wheel holds these files in the package.
+
+    They are the defaults of learners of stable-baselines3. Other agents take theirs where they are given, as
+    suites do by `settings: agents/NAME.yaml`.
+    """
+    from calfree_gym.errors.yaml_values import read
+
+    package = Path(__file__).parents[1]
+    folders = (package / "configs", package.parent / "configs" / "agents")
+    folder = next(folder for folder in folders if folder.is_dir())
+    settings: Settings = read((folder / f"{name}.yaml").read_text(encoding="utf-8"))
+    return settings

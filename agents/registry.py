@@ -1,0 +1,160 @@
+"""Agents by name."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from inspect import Parameter
+from pathlib import Path
+from pkgutil import walk_packages
+from typing import Any
+
+import gymnasium as gym
+
+from calfree_gym.errors import check_choice, near_misses, to_install
+
+from .base.agent import Agent
+from .base.registration import AGENTS
+from .grasp.observation import TASKS, task_of
+
+READ_FIRST = (
+    "reference.bounds",
+    "servo.paper",
+    "servo.jacobian_servo",
+    "servo.unified",
+    "servo.work_plane",
+    "knowledge.learning_servo",
+    "servo.safe.safe_start",
+    "knowledge.grid_table",
+    "knowledge.factored_table",
+    "knowledge.support_points",
+    "memory.memory",
+    "body_schema.body_schema",
+    "servo.joint_space",
+    "calibrated.affine_stereo",
+    "calibrated.model_based",
+    "calibrated.self_calibrating",
+    "grasp.grasp",
+    "neural",
+    "neural.self_supervised",
+)
+"""In this order tables show agents; those of other files follow."""
+_PACKAGE = __name__.rpartition(".")[0]
+for module in READ_FIRST:
+    import_module(f"{_PACKAGE}.{module}")
+for found in walk_packages([str(Path(__file__).parent)], f"{_PACKAGE}."):
+    if not found.name.startswith(f"{_PACKAGE}.neural."):  # these load more: only when an agent is made
+        import_module(found.name)
+
+NEURAL = tuple(name for name, known in AGENTS.items() if known.extra)
+"""Agents that load torch, and need what the extra `agents` of the wheel installs."""
+ARM, ARM_MOTORS = "movemaster", 3
+"""Name of the built-in arm, and how many motors it has."""
+
+
+def names(task: str = "reach") -> tuple[str, ...]:
+    """The names that `make` knows of agents that do a task, "reach", "grasp" or "insert".
+
+    Raises:
+        ValueError: There is no such task.
+    """
+    check_choice("task", task, TASKS)
+    return tuple(name for name, known in AGENTS.items() if task in known.tasks)
+
+
+def make(name: str, env: gym.Env[Any, Any], **settings: Any) -> Agent:
+    """Makes the agent `name` for `env`.
+
+    Args:
+        name: One of `names()`.
+        env: The environment that it learns in, and whose spaces it acts in; for a learner of
+            stable-baselines3 also a batched one.
+        **settings: Of the agent; `seed` for all.
+
+    Raises:
+        ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
+        ValueError: An unknown name, with the near misses, a setting that is not allowed, an arm that the
+            agent does not know, with the agents that act on any, or no environment with image points.
+    """
+    _check_name(name)
+    known, shape = AGENTS[name], getattr(getattr(env, "action_space", None), "shape", None)
+    with _told_whose(name):
+        task = task_of(env)
+    if shape is None or (len(shape) != 1 and not known.batched):
+        raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
+    _check_arm(name, env)
+    with _told_what_to_install(name):
+        settings = known.defaults(settings) | settings
+        _known_settings(name, settings)
+        if task not in known.tasks:
+            raise ValueError(
+                f"agent {name!r} cannot {task}, as this environment asks; allowed: {', '.join(names(task))}"
+            )
+        with _told_whose(name):
+            made: Agent = known.kind.make(env, **known.fixed, **settings)
+        return made
+
+
+def default_settings(name: str, **given: Any) -> dict[str, Any]:
+    """What `make(name, env, **given)` makes an agent with; settings without a default only if given.
+
+    Raises:
+        ModuleNotFoundError: The agent is one of `NEURAL`, and what it needs is not installed; says how.
+        ValueError: An unknown name, with the near misses, or a setting that is not allowed.
+    """
+    _check_name(name)
+    with _told_what_to_install(name):
+        chosen = AGENTS[name].defaults(given) | given
+        settings = _known_settings(name, chosen) | chosen
+    return {setting: value for setting, value in settings.items() if value is not Parameter.empty}
+
+
+def _known_settings(name: str, chosen: dict[str, Any]) -> dict[str, Any]:
+    """All settings of an agent and their defaults; raises ValueError where one that is chosen is none."""
+    with _told_whose(name):
+        allowed = AGENTS[name].settings(chosen)
+    for setting in chosen:
+        if setting not in allowed:
+            found = f"agent {name!r} has no setting {setting!r}{near_misses(setting, allowed)}"
+            raise ValueError(f"{found}; allowed: {', '.join(allowed)}")
+    return allowed
+
+
+def _check_name(name: str) -> None:
+    if name not in AGENTS:
+        hint = near_misses(name, AGENTS)
+        raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(AGENTS)}")
+
+
+def _check_arm(name: str, env: gym.Env[Any, Any]) -> None:
+    """Raises where an agent knows no other arm than the built-in one, and this is another."""
+    spec, motors = getattr(env, "spec", None), env.action_space.shape[-1]  # type: ignore[index]
+    arm = spec.kwargs.get("arm", ARM) if spec is not None else ARM
+    if AGENTS[name].arms != ARM or (isinstance(arm, str) and arm == ARM and motors == ARM_MOTORS):
+        return
+    of_any = ", ".join(known for known in names() if not AGENTS[known].arms)
+    of_some = [
+        f"{known} with {AGENTS[known].arms}" for known in names() if AGENTS[known].arms not in ("", ARM)
+    ]
+    raise ValueError(
+        f"agent {name!r}: {name} is built on the arm {ARM!r}, and this is another one, of {motors} "
+        f"motors; allowed with any arm: {of_any}; {'; '.join(of_some)}"
+    )
+
+
+@contextmanager
+def _told_whose(name: str) -> Iterator[None]:
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"agent {name!r}: {error}") from error
+
+
+@contextmanager
+def _told_what_to_install(name: str) -> Iterator[None]:
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"agent {name!r} needs {error.name}, which is not installed: {to_install('agents')}",
+            name=error.name,
+        ) from error
