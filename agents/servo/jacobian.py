@@ -257,8 +257,8 @@ class Kalman(Estimator):
     places; where one is missing, it goes on by prediction. Where noise turns out larger than it was thought
     to be, so does the variance of all that was concluded.
 
-    The default: where observations are clear all estimators that last need about as few motions (`python -m
-    experiments benchmark controllers`); where image points are noisy only this one goes on reaching
+    The default: where observations are clear all estimators that last need about as few motions
+    (`configs/first-trials.yaml`); where image points are noisy only this one goes on reaching
     (`configs/estimators.yaml`).
     """
 

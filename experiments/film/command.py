@@ -9,9 +9,9 @@ import numpy as np
 
 import agents
 from agents.base.observation import Array
-from agents.body_schema.agent import BodySchema
+from agents.body_schema.body_schema import BodySchema
 from agents.servo.image_model.smooth_points import SmoothPoints
-from agents.servo.safe.agent import SafeStart
+from agents.servo.safe.safe_start import SafeStart
 from calfree_gym.image import IMAGE_UNIT
 from experiments.config.requirements import requirements
 from experiments.errors import ConfigError
