@@ -14,7 +14,7 @@ from calfree_gym.errors import check_choice, near_misses, to_install
 
 from .base.agent import Agent
 from .base.registration import AGENTS
-from .grasp.observation import TASKS, task_of
+from .grasp.observation import task_of
 
 READ_FIRST = (
     "reference.bounds",
@@ -51,13 +51,18 @@ ARM, ARM_MOTORS = "movemaster", 3
 """Name of the built-in arm, and how many motors it has."""
 
 
+def tasks() -> tuple[str, ...]:
+    """What there are agents for: "reach", "grasp" and "insert"."""
+    return tuple(dict.fromkeys(task for known in AGENTS.values() for task in known.tasks))
+
+
 def names(task: str = "reach") -> tuple[str, ...]:
-    """The names that `make` knows of agents that do a task, "reach", "grasp" or "insert".
+    """The names that `make` knows of agents that do a task, one of `tasks()`.
 
     Raises:
         ValueError: There is no such task.
     """
-    check_choice("task", task, TASKS)
+    check_choice("task", task, tasks())
     return tuple(name for name, known in AGENTS.items() if task in known.tasks)
 
 

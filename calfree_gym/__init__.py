@@ -1,7 +1,6 @@
 """calfree_gym: a robot arm, two cameras and no calibration, as Gymnasium environments.
 
-Importing it registers `CalFree/Reach-v0`, `CalFree/SafeReach-v0` and `CalFree/Grasp-v0`, all with dense
-rewards, too, and `CalFree/Insert-v0`.
+Importing it registers the environments of `ENV_IDS`: each task, and some with a dense reward, too.
 """
 
 import os

@@ -176,13 +176,12 @@ class InsertObservation(GraspObservation):
         )
 
 
-TASKS = ("reach", "grasp", "insert")
 REACHED = 4
 """Numbers of a goal of reaching: the gripper's sensor vector."""
 
 
 def task_of(env: gym.Env[Any, Any]) -> str:
-    """The task of an environment, one of `TASKS`.
+    """The task of an environment: what it says, or where wrappers change what it observes, by its spaces.
 
     Goals of grasping also tell whether the object is held, those of inserting how deep the peg is; who
     inserts has no word for jaws.
@@ -206,6 +205,9 @@ def task_of(env: gym.Env[Any, Any]) -> str:
             f"it needs image points ({', '.join(missing)}); this environment's observation has only "
             f"{', '.join(spaces)}; make it with observation='points' or 'vision'"
         )
+    made = getattr(env, "unwrapped", env)
+    if made.observation_space is space and isinstance(task := getattr(made, "task", None), str):
+        return task
     goals = spaces["achieved_goal"].shape
     if goals[-1:] not in ((REACHED,), (GOAL,)):
         raise ValueError(
@@ -213,5 +215,5 @@ def task_of(env: gym.Env[Any, Any]) -> str:
             f"{REACHED} or {GOAL} numbers; this environment's has shape {goals}"
         )
     if goals[-1] == REACHED:
-        return TASKS[0]
-    return TASKS[1 + (env.action_space.shape[-1] == INSERT_WORDS)]  # type: ignore[index]
+        return "reach"
+    return "insert" if env.action_space.shape[-1] == INSERT_WORDS else "grasp"  # type: ignore[index]

@@ -241,7 +241,7 @@ class ReachSimulation(Simulation):
         write(self._all_ctrl, rows, self._ctrl, joints)
         write(self._all_act, rows, self._act, joints)
         self._qvel[rows] = 0.0
-        self._object[rows, self._mocap] = objects
+        self.place_objects(rows, objects)
 
     def move(self, rows: Rows, joints: Array) -> Array:
         """Moves the arms of `rows` until they have settled with joints at (n, j).
@@ -258,6 +258,10 @@ class ReachSimulation(Simulation):
             self._batch.step(None if isinstance(rows, slice) else rows, SUBSTEPS)
             self._disabled.fill(self._flags)
         return travel
+
+    def place_objects(self, rows: Rows, objects: Array) -> None:
+        """Puts the objects of `rows` at (n, 3) in m."""
+        self._object[rows, self._mocap] = objects
 
     def pinhole_pixels(self) -> tuple[Array, Array]:
         """Image points at the last refresh, of cameras without lens distortion and principal point offset.

@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import fields
 from numbers import Real
 from typing import Annotated, Any, Literal
 
 import gymnasium
+from gymnasium.envs.registration import load_env_creator
 from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
@@ -90,20 +92,10 @@ def _radians(joint: str, degrees: Any) -> float:
     return math.radians(degrees)
 
 
-SAFE = "CalFree/SafeReach"
-"""Beginning of the ids of environments in which an arm can have an accident: always in full physics."""
-TASKS = {"CalFree/Grasp": "grasp", "CalFree/Insert": "insert"}
-"""What agents are to do, by the beginning of an environment's id; in all others they reach."""
-OWN = {
-    "reach": frozenset({"arm", "dynamics", "occlusion"}),
-    "grasp": frozenset({"shape", "orientation"}),
-    "insert": frozenset({"clearance"}),
-}
-"""Arguments that only one of the tasks has."""
-CONTACT_TOLERANCE_PX = 24.0
-"""What tasks tolerate by default in which the gripper touches something."""
 LATER = frozenset({"observation", "occlusion", "shape", "orientation", "clearance"})
 """Arguments of which older kept results know nothing."""
+OF_ALL = frozenset({"id", "max_episode_steps"})
+"""What every environment takes, whatever its task."""
 
 
 class EnvironmentConfig(Model):
@@ -128,20 +120,19 @@ class EnvironmentConfig(Model):
     @model_validator(mode="before")
     @classmethod
     def _of_its_task(cls, data: Any) -> Any:
-        """The tolerance of its task, where none is given."""
-        if not isinstance(data, dict):
+        """The tolerance of its task, where none is given; an unknown id is an error of its own."""
+        if not isinstance(data, dict) or (env_id := data.get("id")) not in _ids():
             return data
-        task = _task_of(str(data.get("id")))
-        for other in OWN.keys() - {task}:
-            usual = {key: cls.model_fields[key].default for key in OWN[other]}
-            if found := sorted(key for key in usual if data.get(key, usual[key]) != usual[key]):
-                raise ValueError(f"{', '.join(found)} is of {other}ing; {data.get('id')} has none")
-        if task != "reach":
-            return {"tolerance_px": CONTACT_TOLERANCE_PX, **data}
-        dynamics = data.get("dynamics", "physics")
-        if dynamics != "physics" and str(data.get("id")).startswith(SAFE):
-            raise ValueError(f"dynamics is {dynamics!r}; {data['id']} is always in full physics")
-        return data
+        usual = _usual(env_id)
+        known = {name: field.default for name, field in cls.model_fields.items() if name not in OF_ALL}
+        foreign = [name for name in known.keys() - usual.keys() if data.get(name, known[name]) != known[name]]
+        of = {name: next(_class_of(each).task for each in _ids() if name in _usual(each)) for name in foreign}
+        for other in sorted({*of.values()} - {_class_of(env_id).task}):
+            found = sorted(name for name in of if of[name] == other)
+            raise ValueError(f"{', '.join(found)} is of {other}ing; {env_id} has none")
+        for name in foreign:
+            raise ValueError(f"{name} is {data[name]!r}; in {env_id} it is always {known[name]!r}")
+        return {"tolerance_px": usual["tolerance_px"], **data}
 
     @model_serializer(mode="wrap")
     def _without_unused(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -161,7 +152,7 @@ class EnvironmentConfig(Model):
     @field_validator("id")
     @classmethod
     def _known_id(cls, value: str) -> str:
-        return one_of(value, tuple(k for k in gymnasium.registry if k.startswith("CalFree/")))
+        return one_of(value, _ids())
 
     @field_validator("world")
     @classmethod
@@ -213,16 +204,24 @@ class EnvironmentConfig(Model):
 
     @property
     def task(self) -> str:
-        """What agents are to do in it: a key of `OWN`."""
-        return _task_of(self.id)
+        """What agents are to do in it."""
+        return _class_of(self.id).task
 
     def _arguments(self, tell: tuple[str, ...]) -> dict[str, Any]:
-        others = {key for task in OWN.keys() - {self.task} for key in OWN[task]}
-        if self.id.startswith(SAFE):
-            others.add("dynamics")
-        arguments = self.model_dump(exclude={"id", *others})
-        return {**arguments, "tell": tell} if self.task == "reach" else arguments
+        takes = _usual(self.id)
+        arguments = self.model_dump(include={*OF_ALL, *takes} - {"id"})
+        return {**arguments, "tell": tell} if "tell" in takes else arguments
 
 
-def _task_of(env_id: str) -> str:
-    return next((task for begin, task in TASKS.items() if env_id.startswith(begin)), "reach")
+def _ids() -> tuple[str, ...]:
+    return tuple(env_id for env_id in gymnasium.registry if env_id.startswith("CalFree/"))
+
+
+def _class_of(env_id: str) -> Any:
+    """The class of its environments, which says what its task is, and which arguments that has."""
+    return load_env_creator(str(gymnasium.registry[env_id].entry_point))
+
+
+def _usual(env_id: str) -> dict[str, Any]:
+    """The arguments of its task, with their defaults."""
+    return {each.name: each.default for each in fields(_class_of(env_id).arms_of.config_of)}

@@ -17,7 +17,7 @@ import agents
 from calfree_gym.errors import near_misses
 from calfree_gym.perturbations import TYPES, parse_perturbation
 from experiments.config.claims import Claim, Requirement, TrialsOf
-from experiments.config.environment import OWN, EnvironmentConfig, as_told
+from experiments.config.environment import EnvironmentConfig, as_told
 from experiments.config.life import (
     EvaluationConfig,
     check_one_world,
@@ -179,7 +179,8 @@ class AgentConfig(WithoutUnused):
     @field_validator("name")
     @classmethod
     def _known_name(cls, value: str) -> str:
-        return one_of(value, tuple(dict.fromkeys(name for task in OWN for name in agents.names(task))))
+        known = (name for task in agents.tasks() for name in agents.names(task))
+        return one_of(value, tuple(dict.fromkeys(known)))
 
 
 LATER = frozenset({"first_world", "required"})

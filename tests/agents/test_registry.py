@@ -186,3 +186,10 @@ def test_a_module_is_found_under_its_earlier_name(old):
         found = importlib.import_module(f"agents.{old}")
     assert found is importlib.import_module(f"agents.{MOVED[old]}")
     assert found.__spec__.name == f"agents.{MOVED[old]}"
+
+
+def test_an_environment_says_what_its_task_is(make_env):
+    env = make_env()
+    env.unwrapped.task = "hover"
+    with pytest.raises(ValueError, match="task is 'hover'"):
+        agents.make("memory", env)

@@ -8,14 +8,13 @@ import pytest
 from matplotlib.colors import to_rgb
 
 import agents
-from experiments.config.environment import OWN
 from experiments.config.loading import read_yaml
 from experiments.config.suite import AgentConfig
 from experiments.reporting.agents_in_words import colour, in_words, lines_of
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 SUITES = [path for path in sorted(CONFIGS.glob("*.yaml")) if "agents" in read_yaml(path)]
-NAMES = sorted({name for task in OWN for name in agents.names(task)})
+NAMES = sorted({name for task in agents.tasks() for name in agents.names(task)})
 
 
 def contrast_with_white(colour):
