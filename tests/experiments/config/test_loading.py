@@ -216,7 +216,7 @@ def test_overrides_are_read_as_yaml_and_answered_like_the_file(suite_data, write
     assert (suite.worlds, suite.scenarios[0].motions) == (5, 200)
     assert suite.agents[0].settings == {"limit": 0.5}
     for override, said in {
-        "world=5": "world: unknown key (did you mean worlds?)",
+        "world=5": "world: unknown key (did you mean worlds or first_world?)",
         "worlds=two": "worlds: found 'two'",
         "worlds": "found no key=value",
         "agents.7.name=random": "found '7'; allowed: 0 to 1",
