@@ -94,7 +94,7 @@ def test_a_knock_is_announced_with_the_arm_where_it_was(clock):
     assert sum(times for *_, times, _ in said) == round(RATE * (2 * PACE.flashes * PACE.flash + PACE.news))
     assert [alarm.flash for *_, alarm in said] == [True, False] * PACE.flashes + [False]
     for where, marks, words, _, alarm in said:
-        assert words.announced == "left camera turned by 15 degrees"
+        assert words.announced == "left camera turned by 15°"
         assert (alarm.camera, alarm.now) == ("left", True)
         np.testing.assert_array_equal(where, before)
         assert (marks is None) == (clock == "trial")
@@ -104,7 +104,7 @@ def test_a_knock_is_announced_with_the_arm_where_it_was(clock):
     assert {(alarm.camera, alarm.now) for *_, alarm in shots.all[seen + len(said) :]} == {("left", False)}
     recorder.reset()
     assert shots.all[-1][-1].camera == "", "the next trial has no news"
-    assert [kept.words for kept in shots.kept if kept.change] == ["left camera turned by 15 degrees"]
+    assert [kept.words for kept in shots.kept if kept.change] == ["left camera turned by 15°"]
 
 
 def test_the_way_home_is_shown_and_the_end_of_a_trial_lasts():

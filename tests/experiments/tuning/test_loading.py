@@ -84,7 +84,7 @@ def test_no_world_of_tuning_is_that_of_a_suite(shipped):
     suites = [path for path in sorted(CONFIGS.glob("*.yaml")) if isinstance(read_yaml(path), dict)]
     for data in map(read_mapping, suites):
         if "worlds" in data:
-            size = {"seed": data.get("seed", 0), "worlds": data["worlds"]}
+            size = {key: data[key] for key in ("seed", "first_world", "worlds") if key in data}
             plain = {"name": "s", "question": "", "scenarios": [somewhere], "agents": ["random"]}
             tested |= {run.world_seed for run in runs_of(Suite.model_validate(plain | size))}
     assert len(tested) >= 100
