@@ -147,7 +147,7 @@ class GraspTrial:
         self._seen, self._lying = [first], Lying(first)
         self._from = first.arm
         self._tip = Tip.of(GaussianProcess.unknown(self._arm, self._arm), self._seen, findings.noise_px)
-        self._untouched, self._turn_stops = True, Stops(np.zeros(1))
+        self._untouched, self._stops = True, Stops(first.registers[: self._arm + 1])
         self._hangs: Array | None = None
         self._shows = self.TEST_TURN
         self._look_at_angle(np.zeros(self._arm + 1))
@@ -166,8 +166,8 @@ class GraspTrial:
         executed = now.arm - before.arm
         self.touched = met_something(arm, arm - executed)
         if not self.touched:
-            there = now.registers[self._arm, None]
-            self._turn_stops.learn(np.array([turn]), turn - there + before.registers[self._arm], there)
+            words, here = np.append(arm, turn), now.registers[: self._arm + 1]
+            self._stops.learn(words, words - here + before.registers[: self._arm + 1], here)
         self._untouched &= not (self.touched or jaws)
         if now.opening > OPEN:
             self._lying.look(now, self._tip.explained[1], self._untouched)
@@ -260,12 +260,13 @@ class GraspTrial:
         turning, left = self._findings.turning, self._findings.turning.moved(np.append(words, 0.0)).angle
         if left is None or abs(left) < self.TURNED:
             return 0.0
-        there, stops = self.now.registers[self._arm], self._turn_stops
+        there = self.now.registers[self._arm]
+        lowest, highest = self._stops.lowest[-1], self._stops.highest[-1]
         if not turning.known:
-            test = self.TEST_TURN if there + self.TEST_TURN < stops.highest[0] else -self.TEST_TURN
+            test = self.TEST_TURN if there + self.TEST_TURN < highest else -self.TEST_TURN
             return 0.0 if turning.moved(np.append(words, test)).angle is None else test
         turns = there + (left + np.pi * np.arange(-1, 2)) / turning.rates[-1]
-        possible = turns[(turns > stops.lowest[0]) & (turns < stops.highest[0])]
+        possible = turns[(turns > lowest) & (turns < highest)]
         if not len(possible):
             possible = turns[1:2]
         word = possible[np.abs(possible - there).round(6).argmin()] - there
@@ -361,7 +362,7 @@ class GraspTrial:
         if self.knows_turns:
             self._shows = np.copysign(self.SHOWN / self._findings.turning.rates[-1], self._shows)
         there = self.now.registers[self._arm] + self._shows
-        if not self._turn_stops.lowest[0] < there < self._turn_stops.highest[0]:
+        if not self._stops.lowest[-1] < there < self._stops.highest[-1]:
             self._shows = -self._shows
         return float(self._shows)
 
@@ -388,7 +389,7 @@ class GraspTrial:
         is known sooner.
         """
         here = self.now.arm
-        lowest, highest = -np.ones(self._arm), np.ones(self._arm)
+        lowest, highest = self._stops.lowest[:-1], self._stops.highest[:-1]
         lowest[ARM:] = highest[ARM:] = here[ARM:]
         found = Seeker(points, here, lowest, highest, caution=0.0).seek()
         words = self._in_view.shorter * (found.registers - here)

@@ -1,5 +1,7 @@
 """The whole procedure in worlds that it does not know, and each of its parts against the truth."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -33,6 +35,19 @@ def test_it_grasps_in_worlds_that_it_has_not_seen(mount):
         records += evaluate(agents.make("grasp", env), env, trials=1, seed=700 + seed)
     assert sum(record.success for record in records) >= 9
     assert np.median([record.motions for record in records]) <= 20
+
+
+def test_it_grasps_where_registers_go_on_beyond_1():
+    """Words move half as far: registers end at ±2, and nobody says so."""
+    drawn, successes = gym.make(GRASP), []
+    for seed in (40_000, 40_007, 40_009, 40_015):
+        drawn.reset(seed=seed)
+        env = gym.make(GRASP, world=replace(drawn.unwrapped.world, word_gain=np.asarray(0.5)))
+        env.reset(seed=seed)
+        successes += [
+            record.success for record in evaluate(agents.make("grasp", env), env, trials=3, seed=seed)
+        ]
+    assert sum(successes) >= 11
 
 
 def test_it_grasps_what_it_sees(opengl):
