@@ -62,7 +62,7 @@ class UnifiedServo:
 
     PATIENCE: ClassVar[int] = 8
     """After so many motions that came hardly nearer than one before, those that were to come near counting
-    twice, it trusts no longer what has led them, and what is remembered of earlier trials after half of that.
+    twice, it trusts no longer what has led them; after half of that, what is remembered of earlier trials.
     Choice."""
 
     def __post_init__(self) -> None:
@@ -78,8 +78,9 @@ class UnifiedServo:
         """Seeks the rendezvous from the first observation on, until the trial ends."""
         reach = Reach(self, first, findings)
         yield from reach.begin()
-        patience = self.PATIENCE / (2 if reach.points.remembers else 1)
-        while not reach.now.last and reach.in_vain < patience:
+        while not reach.now.last and reach.in_vain < self.PATIENCE:
+            if reach.points.remembers and reach.in_vain >= self.PATIENCE / 2:
+                reach.forget_earlier_trials()
             yield from reach.move(reach.words())
             while reach.filter.needs_samples:
                 yield from reach.move(np.zeros_like(first.registers))
@@ -161,6 +162,12 @@ class Reach:
         self._note_seen()
         if observation.visible.all() and (observation.registers != before.registers).any():
             self._judge(left_px)
+
+    def forget_earlier_trials(self) -> None:
+        """Goes by the looks of this trial alone, as if no place had been remembered."""
+        self.points.forget_earlier_trials()
+        self._caution = self._servo.caution
+        self._findings.given_up = True
 
     def forget_and_go_on(self) -> Motions:
         """Goes on as the paper's servo, which forgets; what was seen before counts no more.

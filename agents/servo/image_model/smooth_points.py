@@ -226,6 +226,14 @@ class SmoothPoints:
         self._forget()
         self.look(observation, noise_px)
 
+    def forget_earlier_trials(self) -> None:
+        """Forgets looks of earlier trials; the Jacobian from before and the looks of this trial stay."""
+        seen = self._seen
+        self._forget()
+        self.remembers = False
+        for each in seen:
+            self.look(each, self.noise_px)
+
     def slopes_for_next(self) -> Slopes | None:
         """The Jacobian where trials begin, as the next one begins with it; without looks that from before."""
         if self._began is None:

@@ -229,6 +229,24 @@ def test_looking_anew_keeps_slopes_and_forgets_where_points_were(rng):
     assert np.abs(known.at(near).jacobian - last).max() < np.abs(last).max()
 
 
+def test_without_earlier_trials_it_is_as_if_there_had_been_none(rng, scene):
+    points, at, seen, start = scene
+    elsewhere, _ = wavy(rng, 1.0)
+    before = looked(elsewhere, rng.uniform(-0.5, 0.5, (9, MOTORS))).gripper
+    of_object = GaussianProcess.unknown(MOTORS + 4, MOTORS), points(at[0])[2:]
+    known = SmoothPoints.remembered(before, of_object, NOISE_PX, start)
+    alone = looked(points, at, start, seen)
+    for registers, visible in zip(at, seen, strict=True):
+        known.look(Observation(points(registers), visible, registers), NOISE_PX)
+    new = rng.uniform(-0.5, 0.5, MOTORS)
+    assert np.abs(known.at(new).points - alone.at(new).points).max() > 0.01
+    known.forget_earlier_trials()
+    assert not known.remembers
+    for remembered, fresh in zip(known.at(new), alone.at(new), strict=True):
+        for ours, theirs in zip(remembered, fresh, strict=True):
+            np.testing.assert_allclose(ours, theirs)
+
+
 def test_noise_that_is_found_out_late_holds_for_earlier_looks(rng):
     """As if it had been known from the first look on."""
     points, _ = wavy(rng, 1.0)

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import agents
+from agents.servo.image_model.gaussian_process import GaussianProcess
+from agents.servo.image_model.smooth_points import SmoothPoints
 from agents.servo.trial import Findings
 from agents.servo.unified import Reach, UnifiedServo
 from calfree_gym.image import IMAGE_UNIT
@@ -25,10 +27,10 @@ def arm_of(motors, rng, idle=0, goal=0.3):
     return arm
 
 
-def lived(arm, motions, start=None, servo=None):
+def lived(arm, motions, start=None, servo=None, known=None):
     """Words (n, m) and image distances in pixels (n + 1,) of one trial, and what was found out."""
     servo = servo or UnifiedServo()
-    findings = Findings(servo.new_estimator(len(arm.registers), start))
+    findings = Findings(known or servo.new_estimator(len(arm.registers), start))
     running = servo(arm.observed(), findings)
     words, made, distances = next(running), [], [arm.observed().distance_px]
     for _ in range(motions):
@@ -66,6 +68,21 @@ def test_with_slopes_from_before_one_or_two_motions_do():
         made.append(motions_to(lived(arm, 10, findings.estimator.slopes_for_next())[1], 4.0))
     assert min(made) > 0
     assert np.median(made) <= 2
+
+
+def test_what_is_remembered_of_another_arm_is_soon_left_out():
+    """The trial then goes on by what was seen in it: no test motions are made."""
+    alone, misled = [], []
+    for seed in range(12):
+        arm, other = (arm_of(5, np.random.default_rng(each)) for each in (seed, seed + 100))
+        _, _, findings = lived(other, 25)
+        gripper, object_ = findings.estimator.gripper, GaussianProcess.unknown(9, 5)
+        known = SmoothPoints.remembered(gripper, (object_, arm.home[2:]), 0.7)
+        alone.append(motions_to(lived(arm, 40)[1]))
+        arm.registers = np.zeros(5)
+        misled.append(motions_to(lived(arm, 40, known=known)[1]))
+    assert min(misled) > 0
+    assert np.median(misled) <= np.median(alone) + UnifiedServo.PATIENCE
 
 
 def test_among_words_that_do_it_takes_small_ones():
