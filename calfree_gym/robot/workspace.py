@@ -116,6 +116,8 @@ FARTHEST = 2.0
 0.4 m; of another arm, for its size."""
 CHECKED = 200
 """Candidates that decide whether a world is in view."""
+JUDGED_AT_ONCE = 1000
+"""Candidates are judged so many at a time, until `CHECKED` lie in the work space (a guard: it saves time)."""
 ATTEMPTS = 1000
 """Draws of worlds, or of blocks of candidate objects, before giving up."""
 
@@ -217,9 +219,15 @@ class Workspaces:
 
     def judged(self, row: int) -> tuple[Flags, Flags]:
         """Of the `CHECKED` candidates by which a world is judged: which are reached, and which also seen."""
-        robot = self._robot
-        found = self.candidates(judging_draws(robot.candidates, len(robot.motors)), np.array([row]))
-        return found.reached[found.within][:CHECKED], (found.seen & found.reached)[found.within][:CHECKED]
+        draws = judging_draws(self._robot.candidates, len(self._robot.motors))
+        judged = np.empty((0, 2), bool)
+        for first in range(0, draws.shape[1], JUDGED_AT_ONCE):
+            found = self.candidates(draws[:, first : first + JUDGED_AT_ONCE], np.array([row]))
+            reached = found.reached[found.within]
+            judged = np.vstack([judged, np.column_stack([reached, reached & found.seen[found.within]])])
+            if len(judged) >= CHECKED:
+                break
+        return judged[:CHECKED, 0], judged[:CHECKED, 1]
 
     def _inverse_of(self, row: int) -> InverseKinematics:
         one = slice(row, row + 1)

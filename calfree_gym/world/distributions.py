@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ ENCODER_STEP, DETENT = 360 / 4096, 360 / 29
 """Of a hobby servo's encoder and of its gears, in degrees: see docs/worlds.md."""
 
 
+@lru_cache(maxsize=16)
 def nominal(robot: Robot = MOVEMASTER) -> World:
     """The built robot, perfectly calibrated, with image points of 0.5 px noise."""
     rig, motors = robot.rig, len(robot.motors)
