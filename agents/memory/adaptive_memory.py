@@ -94,31 +94,20 @@ class WorldEvent:
 
 
 @dataclass(frozen=True)
-class Jump:
-    """A jump that is still being explained.
+class Change:
+    """A jump that is still being explained, or a drift that is being followed.
 
     Attributes:
         before: What was known before it.
         cameras: The cameras (2,) that show it.
-        after_change: All pairs seen since.
+        after_change: All pairs seen since a jump.
+        drifts: Whether it is a drift.
     """
 
     before: Remembered
     cameras: Cameras
     after_change: Pairs
-
-
-@dataclass(frozen=True)
-class Drift:
-    """A drift that is being followed.
-
-    Attributes:
-        before: What was known before it.
-        cameras: The cameras (2,) that show it.
-    """
-
-    before: Remembered
-    cameras: Cameras
+    drifts: bool = False
 
 
 class AdaptiveMemory:
@@ -157,7 +146,7 @@ class AdaptiveMemory:
         self.detector = ChangeDetector(known.motors)
         self.archive = Archive()
         self.events: list[WorldEvent] = []
-        self.change: Jump | Drift | None = None
+        self.change: Change | None = None
         self.known = known
         self._none = Pairs.none(known.motors)
         self._recent = self._none
@@ -260,49 +249,47 @@ class AdaptiveMemory:
             self.known.learn(found.pairs)
         else:
             self.events.append(WorldEvent(first, "unknown", "map"))
-            self._refit_explanation(Jump(before, found.cameras, found.pairs))
+            self._refit_explanation(Change(before, found.cameras, found.pairs))
 
     def _go_on(self, pairs: Pairs) -> None:
         """Nothing has jumped: learns, explains the last jump better, follows a drift."""
         self._note(pairs)
-        if isinstance(self.change, Jump):
+        if self.change:
             age = self._trial - self.events[-1].trial
-            if age <= self.REFIT_TRIALS or age % self.REFIT_TRIALS == 0:
+            if self.change.drifts or age <= self.REFIT_TRIALS or age % self.REFIT_TRIALS == 0:
                 self._refit_explanation(self.change)
             else:
                 self.known.learn(pairs)
-        elif isinstance(self.change, Drift):
-            self._refit_explanation(self.change)
-        else:
-            self.known.learn(pairs)
-            drifting = self.detector.home.drifting()
-            if drifting.any():
-                self.events.append(WorldEvent(self._trial - 1, "drift", "map"))
-                self._refit_explanation(Drift(self.known.copy(), drifting))
+            return
+        self.known.learn(pairs)
+        drifting = self.detector.home.drifting()
+        if drifting.any():
+            self.events.append(WorldEvent(self._trial - 1, "drift", "map"))
+            self._refit_explanation(Change(self.known.copy(), drifting, self._none, drifts=True))
 
     def _note(self, pairs: Pairs) -> None:
         """Keeps what was seen, for as long as a change is still being explained by it."""
         self._recent = (self._recent + pairs).latest(self.DRIFT_TRIALS)
-        if isinstance(self.change, Jump):
+        if self.change and not self.change.drifts:
             self.change = replace(self.change, after_change=self.change.after_change + pairs)
 
-    def _refit_explanation(self, change: Jump | Drift) -> None:
+    def _refit_explanation(self, change: Change) -> None:
         """Explains the change by all that was seen since, and maps or discards what was known by it."""
         self.change = change
-        if isinstance(change, Jump):
+        if change.drifts:
+            rate = self.detector.home.drift_rate(self.DRIFT_TRIALS)
+            seen = as_seen_now(self._recent, change.cameras, rate, self._trial - 1)
+            explanation = explain_drift(change.before, seen, change.cameras)
+        else:
             seen, may_discard = change.after_change, self.on_change == "recognise"
             explanation = explain_jump(change.before, seen, change.cameras, may_discard)
             action = "map" if explanation.changes else "discard"
             self.events[-1] = replace(self.events[-1], kind=explanation.kind, action=action)
-        else:
-            rate = self.detector.home.drift_rate(self.DRIFT_TRIALS)
-            seen = as_seen_now(self._recent, change.cameras, rate, self._trial - 1)
-            explanation = explain_drift(change.before, seen, change.cameras)
         self.known = explanation.known
         self.known.learn(seen)
         if self._trial - self.events[-1].trial >= self.EXPLAINED_TRIALS:
             self.change = None
-            if isinstance(change, Drift):
+            if change.drifts:
                 self.detector.home.keep_since(self._trial - self.DRIFT_TRIALS)
 
     def _recalled(self, gripper: Array) -> Remembered | None:
@@ -316,7 +303,7 @@ class AdaptiveMemory:
         if self.on_change == "keep":
             return self.known.arrays()
         change = self.change
-        after_change = change.after_change if isinstance(change, Jump) else self._none
+        after_change = change.after_change if change else self._none
         return {
             **self.known.arrays(),
             **self.archive.arrays(),
@@ -326,7 +313,7 @@ class AdaptiveMemory:
             **prefixed("recent", self._recent.arrays()),
             "cameras": change.cameras if change else NO_CAMERA,
             "announced": self._announced,
-            "clock": np.array([self._trial, isinstance(change, Drift)]),
+            "clock": np.array([self._trial, bool(change and change.drifts)]),
             "events": np.array([astuple(event) for event in self.events], str).reshape(-1, 3),
         }
 
@@ -348,9 +335,8 @@ class AdaptiveMemory:
         self._announced = checked_array({"announced": NO_CAMERA, **arrays}, "announced", (2,)) > 0
         trial, drifting = checked_array(arrays, "clock", (2,))
         self._trial = int(trial)
-        saved = under("before", arrays)
-        self.change = None
-        if saved:
-            before = self.known.copy_of(saved)
-            self.change = Drift(before, cameras) if drifting else Jump(before, cameras, after_change)
+        before = under("before", arrays)
+        self.change = (
+            Change(self.known.copy_of(before), cameras, after_change, bool(drifting)) if before else None
+        )
         self.events = [WorldEvent(int(trial), kind, action) for trial, kind, action in arrays["events"]]
