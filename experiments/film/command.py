@@ -1,6 +1,7 @@
 """`python -m experiments film`: an agent lives, and is filmed."""
 
 import argparse
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -63,49 +64,30 @@ def add_film(parser: Parser) -> None:
 
 
 def _film(options: argparse.Namespace) -> int:
-    files, records = film(load_film(options.config, options.set), options.out)
+    config = load_film(options.config, options.set)
+    folder, gif = made_folder(options.out), config.gif
+    rates = config.frames_per_second, gif.width, gif.frames_per_second
+    required = requirements(config.agent, config.env)
+    sensors, height = config.env.observation == "vision", config.height - config.band
+    write = _without_words
+    if config.words:
+        write = Lettering(config.width, config.width - height // 2, config.band).write
+    with closing(config.env.make(config.perturbations, tell=required.privileged)) as env:
+        unwrapped: Any = env.unwrapped
+        try:
+            screen = Screen(unwrapped.arms, config.width, height, sensors)
+        except gymnasium.error.DependencyNotInstalled as error:
+            raise ConfigError(f"{error}") from None
+        with closing(screen), FilmFiles(folder, config.width, config.height, *rates) as files:
+            shown = config.agent.label, config.first_trial
+            recorder = FilmRecorder(env, screen, write, files, rates[0], *shown)
+            records = _live(config, recorder, required.settings)
     for record in records:
         ends = "rendezvous" if record.rendezvous else "no rendezvous"
         print(f"trial {record.trial + 1}: {ends} after {record.motions} motions, {record.error_px:.1f} px")
     size = files.gif.stat().st_size / 1e6
     print(f"film: {files.mp4}, {files.gif}, {files.png} ({files.seconds:.0f} s, GIF {size:.1f} MB)")
     return 0
-
-
-def film(config: FilmConfig, out: Path) -> tuple[FilmFiles, list[TrialRecord]]:
-    """Films an agent.
-
-    Returns:
-        The files, and what all trials came to.
-
-    Raises:
-        ConfigError: The folder cannot be made, or OpenGL or the codec is missing.
-    """
-    folder = made_folder(out)
-    gif = config.gif
-    rates = config.frames_per_second, gif.width, gif.frames_per_second
-    required = requirements(config.agent, config.env)
-    env = config.env.make(config.perturbations, tell=required.privileged)
-    unwrapped: Any = env.unwrapped
-    try:
-        sensors, height = config.env.observation == "vision", config.height - config.band
-        screen = Screen(unwrapped.arms, config.width, height, sensors)
-        try:
-            with FilmFiles(folder, config.width, config.height, *rates) as files:
-                write = _without_words
-                if config.words:
-                    write = Lettering(config.width, config.width - height // 2, config.band).write
-                recorder = FilmRecorder(
-                    env, screen, write, files, rates[0], config.agent.label, config.first_trial
-                )
-                records = _live(config, recorder, required.settings)
-        finally:
-            screen.close()
-    except gymnasium.error.DependencyNotInstalled as error:
-        raise ConfigError(f"{error}") from None
-    finally:
-        env.close()
-    return files, records
 
 
 def _without_words(picture: Image, words: Words) -> Image:

@@ -45,8 +45,7 @@ class FilmFiles:
         gif_width: int,
         gif_frames_per_second: int,
     ) -> None:
-        self.mp4, self.gif, self.png = folder / MP4, folder / GIF, folder / PNG
-        self._files = self.mp4, self.gif, self.png
+        self._files = self.mp4, self.gif, self.png = folder / MP4, folder / GIF, folder / PNG
         self.frames = 0
         self._size, self._rate = (width, height), frames_per_second
         self._gif_size = gif_width, round(height * gif_width / width)

@@ -12,13 +12,7 @@ from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
 from calfree_gym.engine.arms import Arms
-from calfree_gym.engine.frames import (
-    GRIPPER_COLOUR,
-    OBJECT_COLOUR,
-    SceneFrame,
-    beside,
-    draw_points,
-)
+from calfree_gym.engine.frames import GRIPPER_COLOUR, OBJECT_COLOUR, SceneFrame, beside, draw_points
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import CAMERAS, IMAGE_SIZE, PIXELS_PER_UNIT
 from calfree_gym.vision.image_formation import ImageFormation

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -15,6 +15,7 @@ from calfree_gym.robot.inserting import RADIUS
 from experiments.config.in_words import in_words
 from experiments.film.files import FilmFiles
 from experiments.film.pictures import NO_ALARM, Alarm, Image, Marks, Screen, Trial, Words, moment
+from experiments.reporting.tables import counted
 
 MM = 1000.0
 
@@ -65,7 +66,7 @@ TASKS = (
 
 def caption(agent: str, status: Status) -> str:
     """The line below the pictures."""
-    count, task = motions_in_words(status.motions), status.task
+    count, task = counted(status.motions, "motion"), status.task
     where = f"motion {status.motions}"
     if status.success:
         where = f"{task.done} in {count}"
@@ -76,13 +77,8 @@ def caption(agent: str, status: Status) -> str:
 
 def told(status: Status) -> str:
     """Where a trial is, in a few words."""
-    count = motions_in_words(status.motions) if status.motions else "begins"
+    count = counted(status.motions, "motion") if status.motions else "begins"
     return f"{status.task.trial} {status.trial}: {count}" + ", in vain" * (status.over and not status.success)
-
-
-def motions_in_words(motions: int) -> str:
-    """So many motions."""
-    return f"{motions} motion{'s' * (motions != 1)}"
 
 
 def _measured(info: Mapping[str, Any]) -> list[str]:
@@ -102,30 +98,13 @@ def _measured(info: Mapping[str, Any]) -> list[str]:
     return [off, f"touches with {info['peak_force']:.0f} N" if info["contacts"] else "touches nothing"]
 
 
-class Pace(NamedTuple):
-    """Seconds that things take in the film. A way takes as long as the robot needs for it.
-
-    Attributes:
-        look: Of a look.
-        shortest: Of the shortest way.
-        flash: Of a flash, when the world is changed.
-        flashes: So many.
-        news: Of an announcement after these, with the arm at rest.
-        end: After a trial.
-    """
-
-    look: float = 0.3
-    shortest: float = 0.25
-    flash: float = 0.1
-    flashes: int = 3
-    news: float = 0.8
-    end: float = 0.6
-
-
-PACE = Pace()
-"""Choice: so that a film of ten motions takes about ten seconds."""
-
-
+# Seconds in the film. Choice: so that a film of ten motions takes about ten seconds.
+LOOK, END = 0.3, 0.6
+"""Of a look, and after a trial."""
+SHORTEST = 0.25
+"""Of the shortest way; others take as long as the robot needs for them."""
+FLASH, FLASHES, NEWS = 0.1, 3, 0.8
+"""Where the world is changed: of each of so many flashes, and of the news after them, while the arm rests."""
 STILL = 1e-4
 """Joints that move less (rad or m) stand still in the film (a guard)."""
 
@@ -145,7 +124,6 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         frames_per_second: Of the film.
         agent: Its name, for the caption.
         first_trial: From 1.
-        pace: How long things take.
     """
 
     def __init__(
@@ -157,12 +135,11 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         frames_per_second: int,
         agent: str,
         first_trial: int = 1,
-        pace: Pace = PACE,
     ) -> None:
         super().__init__(env)
         self.predicted: Callable[[Array], Array | None] = lambda registers: None
         self._screen, self._write, self._film, self._rate = screen, write, film, frames_per_second
-        self._agent, self._first_trial, self._pace = agent, first_trial, pace
+        self._agent, self._first_trial = agent, first_trial
         self._status = Status(0, 0, {})
         self._trials: list[Trial] = []
         self._marks: Marks | None = None
@@ -212,13 +189,10 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             self._expected = self._expected or predicted is not None
             self._status, self._marks = status, marks.lingering(predicted)
             self._travel(before, float(info["robot_seconds"]) - LOOK_SECONDS)
-        self._status = status._replace(
-            info=info,
-            success=bool(info["is_success"]),
-            over=terminated or truncated,
-        )
-        if self._status.over:
-            self._trials[-1] = self._trials[-1]._replace(success=self._status.success)
+        over, success = terminated or truncated, bool(info["is_success"])
+        self._status = status._replace(info=info, success=success, over=over)
+        if over:
+            self._trials[-1] = self._trials[-1]._replace(success=success)
         if self._filming:
             self._look(predicted)
         return observation, reward, terminated, truncated, info
@@ -231,13 +205,10 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         configuration: Array = self._arms.simulation.configuration(0)
         return configuration
 
-    @property
-    def _changes(self) -> list[dict[str, Any]]:
+    def _note_changes(self) -> None:
         """What has happened to the world before the last motion or reset."""
         unwrapped: Any = self.env.unwrapped
-        return [perturbation.to_dict() for perturbation in unwrapped.applied]
-
-    def _note_changes(self) -> None:
+        self._changes = [perturbation.to_dict() for perturbation in unwrapped.applied]
         if self._changes:
             self._trials[-1] = self._trials[-1]._replace(knocked=True)
 
@@ -249,13 +220,12 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def _announce(self, configuration: Array | None) -> None:
         """Shows what has happened to the world, with the arm still where it was: it flashes, then stays."""
         marks = None if self._marks is None else self._marks.lingering(None)
-        pace = self._pace
         for change in self._changes:
             said = in_words(change)
             words, alarm = self._words(said), Alarm(change.get("camera", ""), now=True)
-            for flash in (True, False) * pace.flashes:
-                self._show(pace.flash, configuration, marks, words, alarm._replace(flash=flash))
-            picture = self._show(pace.news, configuration, marks, words, alarm)
+            for flash in (True, False) * FLASHES:
+                self._show(FLASH, configuration, marks, words, alarm._replace(flash=flash))
+            picture = self._show(NEWS, configuration, marks, words, alarm)
             self._film.keep(moment(picture, said, turn=True, change=True))
             self._alarm = alarm._replace(now=False)
 
@@ -265,9 +235,10 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         words = self._words()
         if np.abs(after - before).max() < STILL:
             return
-        frames = max(1, round(self._rate * max(seconds, self._pace.shortest)))
-        for frame, share in enumerate(eased(frames), 1):
+        frames = max(1, round(self._rate * max(seconds, SHORTEST)))
+        for frame in range(1, frames + 1):
             passed = math.ceil(frame / frames * len(way)) - 1
+            share = (1 - math.cos(math.pi * frame / frames)) / 2  # it starts and ends slowly
             there = way[passed] if way else simulation.between(before, after, share)
             self._show(0, there, self._marks, words, self._alarm)
 
@@ -277,9 +248,9 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         shown = list(self._arms.shown_points)
         target = self._arms.shown(0)[2][0]
         self._marks = Marks(points[0, shown], visible[0, shown], target.copy(), predicted)
-        status, pace = self._status, self._pace
-        seconds = pace.end if status.over else pace.look
-        picture = self._show(seconds, None, self._marks, self._words(good=status.success), self._alarm)
+        status = self._status
+        words, seconds = self._words(good=status.success), END if status.over else LOOK
+        picture = self._show(seconds, None, self._marks, words, self._alarm)
         self._film.keep(moment(picture, told(status), turn=status.over))
 
     def _show(
@@ -289,9 +260,3 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         picture = self._screen.draw(configuration, marks, alarm)
         self._film.add(self._write(picture, words), max(1, round(self._rate * seconds)))
         return picture
-
-
-def eased(frames: int) -> Iterator[float]:
-    """The share of a way that is behind the arm in each of its frames: it starts and ends slowly, at 1."""
-    for frame in range(1, frames + 1):
-        yield (1 - math.cos(math.pi * frame / frames)) / 2

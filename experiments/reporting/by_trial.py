@@ -1,17 +1,20 @@
 """Lifetimes counted in trials: learning curves in blocks of trials that begin anew after each event."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from textwrap import fill
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import HINGE_SPEED
+from experiments.config.environment import EnvironmentConfig, as_told
 from experiments.config.in_words import Knock, again_and_again, knocks
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.evaluation import robot_seconds_at
@@ -24,6 +27,7 @@ from experiments.reporting.figures import (
     draw_worlds,
     drawn_in_words,
     label_lines,
+    marks,
     motions_axis,
     save,
     say,
@@ -36,11 +40,13 @@ from experiments.reporting.finished_suite import (
     SUCCESS_IN_WORDS,
     FinishedSuite,
     about,
+    about_environment,
+    few_worlds,
     where_it_stands,
     with_cost,
 )
 from experiments.reporting.pages import Section, summary_row
-from experiments.reporting.tables import Table, number, percent, with_most, written
+from experiments.reporting.tables import Table, counted, number, percent, with_most, written
 from experiments.statistics import Array, Estimate, mean_shares, medians, most_worlds
 
 FINE = (1, 5, 10, 25, 50, 100, 150, 200, 300, 400, 500, 1_000, 2_000, 5_000)
@@ -142,15 +148,11 @@ def with_seconds(rows: pd.DataFrame, scenario: ScenarioConfig) -> pd.DataFrame:
 def edges_of(scenario: ScenarioConfig, ends: Sequence[int]) -> Array:
     """Where blocks of trials begin and end: `ends` after the beginning and each `at: {trial: n}`."""
     trials, _ = scenario.length
+    events = {each["at"]["trial"] for each in scenario.perturbations if "trial" in each.get("at", {})}
     found = {trials}
-    for start, stop in pairwise(sorted({0, trials, *event_trials(scenario)})):
+    for start, stop in pairwise(sorted({0, trials, *events})):
         found |= {start, *(start + end for end in ends if start + end < stop)}
     return np.array(sorted(found), float)
-
-
-def event_trials(scenario: ScenarioConfig) -> set[int]:
-    """The trials before which the schedule perturbs the world, each once."""
-    return {e["at"]["trial"] for e in scenario.perturbations if "trial" in e.get("at", {})}
 
 
 def seconds_per_reach(rows: pd.DataFrame, cap: int, look: float) -> "pd.Series[float]":
@@ -189,17 +191,9 @@ def trial_section(finished: FinishedSuite, own: OwnTrials) -> Section:
     for i, (first, end) in enumerate(pairwise(edges)):
         for label, amount in own.worlds.items():
             block, found = span(first, end), {measure: each[i] for measure, each in estimates[label].items()}
-            spread = most_worlds(of_agent[label][MOTIONS].runs[:, i])
-            seconds = [found[seconds_at(look)].value for look in (LOOKS[0], LOOKS[-1])]
-            shown.append(
-                [
-                    block,
-                    label,
-                    with_most(found[MOTIONS].value, spread, ".1f"),
-                    " – ".join(f"{each:,.0f}" for each in seconds),
-                    written(found[RENDEZVOUS].value, ".1%"),
-                ]
-            )
+            motions = with_most(found[MOTIONS].value, most_worlds(of_agent[label][MOTIONS].runs[:, i]), ".1f")
+            seconds = " – ".join(f"{found[seconds_at(look)].value:,.0f}" for look in (LOOKS[0], LOOKS[-1]))
+            shown.append([block, label, motions, seconds, written(found[RENDEZVOUS].value, ".1%")])
             shares = (percent(found[share], 1) for share in (RENDEZVOUS, SUCCESS))
             intervals.append([block, label, number(found[MOTIONS], 2), *shares])
             summary += [
@@ -209,11 +203,10 @@ def trial_section(finished: FinishedSuite, own: OwnTrials) -> Section:
     band = f"robot seconds, {LOOKS[0]:g} – {LOOKS[-1]:g} s a look"
     columns = ["trials", "agent", "motions per reach", band, "rendezvous"]
     with_intervals = ["trials", "agent", "motions per reach", "rendezvous", "success"]
-    figure = _figure(finished, own)
     return Section(
         title=f"{name}: trial by trial",
         text=about(finished, scenario),
-        figures={f"{name}-trials": save(figure, finished.out / "figures", f"{name}-trials")},
+        figures={f"{name}-trials": save(_figure(finished, own), finished.out / "figures", f"{name}-trials")},
         tables=(
             Table.of(f"{name}-trials", f"{name}, trial by trial", columns, shown),
             Table.of(f"{name}-trials-intervals", f"{name}, with intervals", with_intervals, intervals),
@@ -229,9 +222,12 @@ def _figure(finished: FinishedSuite, own: OwnTrials) -> Figure:
     curves = [(each, own.blocks(each.label, MOTIONS, edges), lines[each.label]) for each in agents]
     title = f"Motions per reach (a failure counts as {own.cap})"
     always = [again_and_again(scenario), *(knock.words for knock in met if not knock.trial)]
-    where = where_it_stands(scenario, "The agents' own trials", own.worlds.values())
-    said = f"{where} {drawn_in_words(min(own.worlds.values()), len(agents))}"
+    said = f"{_where(own)} {drawn_in_words(min(own.worlds.values()), len(agents))}"
     return trial_curves("\n".join([title, *filter(None, always)]), curves, own.cap, met, said)
+
+
+def _where(own: OwnTrials) -> str:
+    return where_it_stands(own.scenario, "The agents' own trials", own.worlds.values())
 
 
 def trial_curves(
@@ -259,26 +255,120 @@ def trial_curves(
             draw_worlds(axes, place, blocks.runs, line, len(curves))
             end = float(np.median(blocks.runs[:, -1]))
             ends.append(LineEnd(place[-1], end, in_words(agent.label, agent.name), line["color"]))
-        _name_blocks(axes, edges)
+        names = [span(first, end) for first, end in pairwise(edges)]
+        axes.set_xticks(place, names, rotation=60, ha="right", rotation_mode="anchor")
+        axes.tick_params(axis="x", labelsize=8)
+        axes.set(xlim=(0, len(names)), xlabel="trials")
+        above: Any = {"xytext": (0, 3), "textcoords": "offset points", "fontsize": 9, "ha": "center"}
         for knock in knocks:
             if knock.trial:
-                _mark(axes, float(np.interp(knock.trial, edges, np.arange(len(edges)))), knock.words)
+                x = float(np.interp(knock.trial, edges, np.arange(len(edges))))
+                axes.axvline(x, color=DARK_GREY, linewidth=1.2)
+                axes.annotate(fill(knock.words, _ROOM), (x, 1), xycoords=("data", "axes fraction"), **above)
         say(figure, title, said)
         label_lines(axes, ends, 10)
     return figure
 
 
-def _mark(axes: Axes, place: float, words: str) -> None:
-    axes.axvline(place, color=DARK_GREY, linewidth=1.2)
-    words = fill(words, _ROOM)
-    axes.annotate(
-        words, (place, 1), (0, 3), ("data", "axes fraction"), "offset points", fontsize=9, ha="center"
-    )
+# Many arms side by side, in one figure and one table.
+
+_MARKERS = "osD^vPX"
+_ARMS = (
+    "The agents' own trials, in which they learn; nothing is set for an arm. Motions per reach of the "
+    "median world, in the first trial of a life → in its last block of trials; a trial without a "
+    "rendezvous counts as the cap. Rendezvous: the share of all trials, mean over worlds. Brackets: 95 % "
+    "intervals over worlds."
+)
 
 
-def _name_blocks(axes: Axes, edges: Array) -> None:
-    names = [span(first, end) for first, end in pairwise(edges)]
-    axes.set_xticks(np.arange(len(names)) + 0.5, names, rotation=60, ha="right", rotation_mode="anchor")
-    axes.tick_params(axis="x", labelsize=8)
-    axes.set_xlim(0, len(names))
-    axes.set_xlabel("trials")
+def many_arms(scenarios: tuple[ScenarioConfig, ...]) -> bool:
+    """Whether scenarios differ in their arms, each a lifetime of trials in which no world is perturbed.
+
+    All of as many trials, and with the same agents: else they do not stand side by side.
+    """
+    arms = {json.dumps(scenario.env.model_dump(mode="json")["arm"], sort_keys=True) for scenario in scenarios}
+    steady = all(each.trials and not each.perturbations for each in scenarios)
+    alike = len({(each.trials, each.agents) for each in scenarios}) == 1
+    return steady and alike and len(arms) > 1
+
+
+def arms_sections(finished: FinishedSuite, trials: Sequence[OwnTrials]) -> list[Section]:
+    """Agents by arms in one figure and table, and what each arm is."""
+    first = trials[0].scenario
+    edges = edges_of(first, (1, *COARSE))
+    names = [span(start, end) for start, end in pairwise(edges)]
+    ends = [f"trial {names[0]}", f"trials {names[-1]}"]
+    rows, summary = [], []
+    motions: dict[tuple[str, str], Array] = {}
+    for own in trials:
+        arm = own.scenario.name
+        for label, worlds in own.worlds.items():
+            blocks = own.blocks(label, MOTIONS, edges)
+            success, rendezvous = (
+                own.blocks(label, measure, edges[[0, -1]]).estimates()[0] for measure in (SUCCESS, RENDEZVOUS)
+            )
+            found = blocks.estimates()
+            motions[arm, label] = np.median(blocks.runs[:, [0, -1]], axis=0)
+            rows.append([arm, label, number(found[0]), number(found[-1]), percent(rendezvous, 1)])
+            measured = [(block, MOTIONS, each) for block, each in zip(names, found, strict=True)]
+            measured += [("all", SUCCESS, success), ("all", RENDEZVOUS, rendezvous)]
+            summary += [summary_row(arm, "by_arm", label, *each, worlds) for each in measured]
+    columns = ["arm", "agent", *ends, "rendezvous"]
+    environments = [[own.scenario.name, about_environment(own.scenario.env)] for own in trials]
+    what = Table.of("arms-environments", "What each arm is", ["arm", "environment"], environments)
+    figure = _arms_figure(finished, trials, ends, motions)
+    return [
+        Section(
+            title="Agents by arms",
+            text=(
+                f"At most {trials[0].cap} motions a trial, {first.trials} trials a lifetime, "
+                f"{counted(finished.fewest_worlds(first), 'world')}, the same for every agent."
+                f"{few_worlds(finished, first)}"
+            ),
+            figures={"arms": save(figure, finished.out / "figures", "arms")},
+            tables=(Table.of("arms", "Agents by arms", columns, rows),),
+            note=_ARMS,
+            summary=summary,
+        ),
+        Section(title="What each arm is", tables=(what,)),
+    ]
+
+
+def _arms_figure(
+    finished: FinishedSuite,
+    trials: Sequence[OwnTrials],
+    titles: Sequence[str],
+    motions: Mapping[tuple[str, str], Array],
+) -> Figure:
+    """A panel for the first and one for the last trials, a row an arm, those of few motors above.
+
+    The points are `motions` per reach in the median world, by arm and agent (panels,).
+    """
+    agents, lines = finished.suite.agents_in(trials[0].scenario), lines_of(finished.suite.agents)
+    motors = {own.scenario.name: _motors(own.scenario.env) for own in trials}
+    rows, cap = sorted(motors, key=lambda arm: motors[arm]), trials[0].cap
+    with plt.rc_context(STYLE):
+        size = 9.4, 1.2 + 0.3 * len(rows)
+        figure, panels = plt.subplots(1, len(titles), figsize=size, sharey=True, layout="constrained")
+        for end, (axes, title) in enumerate(zip(panels, titles, strict=True)):
+            for i, agent in enumerate(agents):
+                shift = 0.6 * ((i + 0.5) / len(agents) - 0.5)
+                marker = {"linestyle": "", "marker": _MARKERS[i % len(_MARKERS)], "markersize": 5}
+                axes.plot(
+                    [motions[arm, agent.label][end] for arm in rows],
+                    [row + shift for row in range(len(rows))],
+                    **{**lines[agent.label], **marker},
+                    label=in_words(agent.label, agent.name),
+                )
+            axes.set(xscale="log", xlim=(0.9, 1.1 * cap), xlabel="motions per reach", title=title)
+            marks(axes.xaxis, [1, 2, 5, 10, 20, cap])
+        panels[0].set_yticks(range(len(rows)), [f"{arm} ({motors[arm]} motors)" for arm in rows])
+        panels[0].set_ylim(len(rows) - 0.5, -0.5)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper")
+        said = f"{_where(trials[0])} Points: the median world."
+        say(figure, f"Motions per reach with each arm (a failure counts as {cap})", said)
+    return figure
+
+
+def _motors(env: EnvironmentConfig) -> int:
+    return len(MOVEMASTER.motors if isinstance(env.arm, str) else as_told(env.arm)["motors"])

@@ -113,9 +113,8 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Number) -> Measured
     mine, others = (of_worlds[both].to_numpy() for of_worlds in values)
     if criterion.relative:
         return Measured(relative_change(others, mine), len(both))
-    if is_share(criterion):
-        return Measured(paired_shares(mine, others), len(both))
-    return Measured(paired_motions(mine, others), len(both))
+    paired = paired_shares if is_share(criterion) else paired_motions
+    return Measured(paired(mine, others), len(both))
 
 
 def is_share(criterion: Number) -> bool:
@@ -249,25 +248,26 @@ def judge(results: pd.DataFrame, suite: Suite) -> list[JudgedClaim]:
 
 def claims_section(judged: Sequence[JudgedClaim]) -> Section:
     """Each claim, its verdict, and the numbers behind it."""
-    rows, summary = [], []
+    verdicts, rows, summary = [], [], []
     for each in judged:
-        claim = each.claim
+        claim, name = each.claim, each.claim.name.replace("_", " ")
+        verdicts.append([name, claim.words, claim.kind, claim.section, str(each.verdict)])
         judgements = zip(claim.criteria, each.found, each.verdicts, strict=True)
         for i, (criterion, found, verdict) in enumerate(judgements):
-            name = "" if i else claim.name.replace("_", " ")
-            must_be = threshold(criterion)
-            rows.append([name, described(criterion), number_of(criterion, found), must_be, str(verdict)])
+            numbers = [described(criterion), number_of(criterion, found), threshold(criterion)]
+            rows.append(["" if i else name, *numbers, str(verdict)])
             where = criterion.of.scenario, "claims", criterion.of.agent, f"{claim.name}.{i}"
             measure, worlds = f"{criterion.measure}: {verdict}", found.worlds if found else 0
             summary.append(summary_row(*where, measure, found.estimate if found else None, worlds))
-    columns = ["claim or question", "criterion", "measured", "must be", "verdict"]
+    of_claims = ["claim or question", "in words", "kind", "section", "verdict"]
+    of_criteria = ["claim or question", "criterion", "measured", "must be", "verdict"]
     remarks = " ".join(f"{each.claim.words} {each.claim.remark}" for each in judged if each.claim.remark)
     return Section(
         title="The paper's claims",
         text=" ".join(verdicts_in_words(judged)),
         tables=(
-            _verdicts(judged),
-            Table.of("claims", "What was measured", columns, rows),
+            Table.of("verdicts", "Verdicts", of_claims, verdicts),
+            Table.of("claims", "What was measured", of_criteria, rows),
         ),
         note=f"{_HOW_TO_READ} {remarks}".strip(),
         summary=summary,
@@ -276,46 +276,23 @@ def claims_section(judged: Sequence[JudgedClaim]) -> Section:
 
 def required_section(results: pd.DataFrame, suite: Suite) -> Section:
     """Each number that is required, and whether it was met."""
-    rows = []
-    for requirement in suite.required:
-        found = measured(results, suite, requirement)
-        met = "unfinished" if found is None else "yes" if _is_met(requirement, found.estimate.value) else "NO"
-        rows.append([described(requirement), number_of(requirement, found), _bound(requirement), met])
-    table = Table(
-        "required", "What is required", pd.DataFrame(rows, columns=["of", "measured", "required", "met"])
-    )
+    rows = [_required(each, measured(results, suite, each)) for each in suite.required]
+    table = Table.of("required", "What is required", ["of", "measured", "required", "met"], rows)
     return Section(title="What is required", tables=(table,), note=_HOW_REQUIRED)
 
 
-def _is_met(requirement: Requirement, value: float) -> bool:
-    if requirement.at_least is not None:
-        return value >= requirement.at_least
-    assert requirement.at_most is not None
-    return value <= requirement.at_most
-
-
-def _bound(requirement: Requirement) -> str:
-    least = requirement.at_least is not None
-    bound = requirement.at_least if requirement.at_least is not None else requirement.at_most
+def _required(requirement: Requirement, found: Measured | None) -> list[str]:
+    least, bound = requirement.at_least is not None, requirement.at_least
+    if bound is None:
+        bound = requirement.at_most
     assert bound is not None
-    written = f"{100 * bound:g} %" if requirement.relative or is_share(requirement) else f"{bound:g}"
-    return f"at {'least' if least else 'most'} {written}"
-
-
-def _verdicts(judged: Sequence[JudgedClaim]) -> Table:
-    """Each claim and its verdict."""
-    rows = [
-        [
-            each.claim.name.replace("_", " "),
-            each.claim.words,
-            each.claim.kind,
-            each.claim.section,
-            str(each.verdict),
-        ]
-        for each in judged
-    ]
-    columns = ["claim or question", "in words", "kind", "section", "verdict"]
-    return Table.of("verdicts", "Verdicts", columns, rows)
+    met = "unfinished"
+    if found is not None:
+        value = found.estimate.value
+        met = "yes" if (value >= bound if least else value <= bound) else "NO"
+    shares = requirement.relative or is_share(requirement)
+    required = f"at {'least' if least else 'most'} {f'{100 * bound:g} %' if shares else f'{bound:g}'}"
+    return [described(requirement), number_of(requirement, found), required, met]
 
 
 def described(criterion: Number) -> str:

@@ -16,6 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 from matplotlib.transforms import Bbox
@@ -53,11 +54,15 @@ STYLE: Any = {
 def motions_axis(axes: Axes, cap: int) -> None:
     """Makes the vertical axis one of motions per reach, logarithmic, from 1 to the cap of a failure."""
     axes.set_yscale("log")
-    marks = [*(mark for mark in (1, 2, 5, 10, 20, 50) if mark < 0.7 * cap), cap]
-    axes.yaxis.set_major_locator(FixedLocator(marks))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter("{x:g}")
+    marks(axes.yaxis, [*(mark for mark in (1, 2, 5, 10, 20, 50) if mark < 0.7 * cap), cap])
     axes.set_ylim(0.9, 1.15 * cap)
+
+
+def marks(axis: Axis, at: Sequence[float]) -> None:
+    """Writes these numbers on an axis, and no others."""
+    axis.set_major_locator(FixedLocator(at))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter("{x:g}")
 
 
 def draw_worlds(axes: Axes, x: Any, worlds: Array, line: Line, agents: int) -> None:

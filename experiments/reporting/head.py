@@ -86,17 +86,14 @@ def table_of(
     rows = [
         {
             "agent": in_words(agent.label, agent.name),
-            "what it must know": known_in_words(finished.must_know(agent)),
+            "what it must know": ", ".join(
+                _KNOWN_IN_WORDS.get(each, each) for each in finished.must_know(agent).split(", ")
+            ),
             **found[agent.label],
         }
         for agent in finished.suite.agents_in(part)
     ]
     return Table(part.name, f"{finished.suite.name}: {part.name}", pd.DataFrame(rows), note=note)
-
-
-def known_in_words(must_know: str) -> str:
-    """What an agent must know, for who has read nothing else."""
-    return ", ".join(_KNOWN_IN_WORDS.get(each, each) for each in must_know.split(", "))
 
 
 def _of_held_out(held: HeldOut) -> tuple[_Cells, str]:
@@ -227,12 +224,12 @@ def _again(medians: Mapping[str, float], changed: bool) -> str:
     if reached:
         first = [each for each in reached if medians[each] == medians[reached[0]]]
         again = " again" if changed else ""
-        reach = f"{listed(first)} first {_verb('reach', first)} in {_GOOD} of trials{again}"
+        reach = f"{listed(first)} first reach{'es' * (len(first) == 1)} in {_GOOD} of trials{again}"
         parts.append(f"{reach}, {_within(medians[first[0]])}")
         if len(first) < len(reached):
             parts.append(f"{reached[-1]} last, {_within(medians[reached[-1]])}")
     if never:
-        parts.append(f"{listed(never)} {_verb('do', never)} not in the time that was given")
+        parts.append(f"{listed(never)} do{'es' * (len(never) == 1)} not in the time that was given")
     if not parts:
         return ""
     when = "After it, " if changed else "From the beginning, "
@@ -241,10 +238,6 @@ def _again(medians: Mapping[str, float], changed: bool) -> str:
 
 def _within(motions: float) -> str:
     return f"within {counted(round(motions), 'motion')}" if motions else "at once"
-
-
-def _verb(verb: str, subjects: Sequence[str]) -> str:
-    return verb if len(subjects) > 1 else {"do": "does"}.get(verb, f"{verb}es")
 
 
 def listed(words: Sequence[str]) -> str:

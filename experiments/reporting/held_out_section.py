@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullLocator
 
 from experiments.config.in_words import again_and_again, knocks
 from experiments.config.suite import AgentConfig, ScenarioConfig
@@ -21,6 +20,7 @@ from experiments.reporting.figures import (
     draw_worlds,
     drawn_in_words,
     label_lines,
+    marks,
     motions_axis,
     save,
     say,
@@ -357,9 +357,7 @@ def _scale(axes: Axes, longest: float, what: str) -> None:
     """From 1 to the longest, with a mark at each power of ten."""
     axes.set_xscale("log")
     axes.set_xlim(0.9, 1.1 * max(longest, 2))
-    powers = range(int(np.log10(max(longest, 2))) + 1)
-    axes.xaxis.set_major_locator(FixedLocator([10.0**power for power in powers]))
-    axes.xaxis.set_minor_locator(NullLocator())
+    marks(axes.xaxis, [10.0**power for power in range(int(np.log10(max(longest, 2))) + 1)])
     axes.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}k" if x >= 1000 else f"{x:g}")
     axes.set_xlabel(what)
     axes.tick_params(labelleft=True)

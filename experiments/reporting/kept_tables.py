@@ -11,14 +11,19 @@ import json
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import agents
+from agents.base.registration import AGENTS as REGISTERED
 from calfree_gym.errors import near_misses
+from experiments.config.environment import EnvironmentConfig
+from experiments.config.requirements import requirements
+from experiments.config.suite import AgentConfig
 from experiments.errors import ConfigError
-from experiments.reporting.agents_table import agents_table
 from experiments.reporting.pages import tables_markdown
-from experiments.reporting.tables import Table
+from experiments.reporting.tables import Table, must_know
 from experiments.running.results_folder import write_whole
 from experiments.running.versions import REPOSITORY
 
@@ -60,6 +65,19 @@ def tables_named(name: str, kept: Path = KEPT) -> str:
         hint = near_misses(chosen, list(names))
         raise ConfigError(f"{folder} keeps no table {chosen!r}{hint}; allowed: {', '.join(names)}")
     return "\n\n".join(parts)
+
+
+@cache
+def agents_table() -> Table:
+    """What each agent does, and what it must know, from the code alone."""
+    nominal = {"id": "CalFree/Reach-v0", "world": "nominal", "camera_mount": "stand"}
+    env = EnvironmentConfig.model_validate(nominal)
+    rows = []
+    for name in agents.names():
+        required = requirements(AgentConfig(name=name, label=name), env)
+        known = must_know(required.privileged, required.prior_knowledge)
+        rows.append((f"[`{name}`](agent-settings.md#{name})", REGISTERED[name].does, known))
+    return Table.of(AGENTS, "Agents", ["agent", "what it does", "what it must know"], rows)
 
 
 def _chosen(table: Table, columns: str) -> Table:

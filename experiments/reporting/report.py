@@ -2,14 +2,12 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
 import yaml
 
-from experiments.reporting.by_arm import arms_sections, many_arms
-from experiments.reporting.by_trial import OwnTrials, own_trials, trial_section
+from experiments.reporting.by_trial import OwnTrials, arms_sections, many_arms, own_trials, trial_section
 from experiments.reporting.claims import claims_section, judge, required_section
 from experiments.reporting.figures import save
 from experiments.reporting.finished_suite import FinishedSuite
@@ -77,7 +75,8 @@ def write_report(finished: FinishedSuite, show_head: bool = False) -> Path:
     write_whole(out / TABLES, json.dumps(kept, indent=1))
     head = head_of(finished, tables[of_head.name], held.get(of_head.name))
     failed = [_failures(finished)] if finished.unfinished else []
-    sections = [*failed, *sections, _versions(finished), _provenance(finished)]
+    versions = Table.of("versions", "Versions", ["what", "version"], list(finished.versions.items()))
+    sections = [*failed, *sections, Section("Versions", tables=(versions,)), _provenance(finished)]
     write_whole(out / PAGE, html_page(head, sections))
     write_whole(out / MARKDOWN, markdown_page(head, sections))
     return out / PAGE
@@ -95,10 +94,7 @@ def head_of(finished: FinishedSuite, table: Table, held: HeldOut | None) -> Head
 
 
 def _comparison(
-    finished: FinishedSuite,
-    held: Mapping[str, HeldOut],
-    own: Mapping[str, OwnTrials],
-    sweeps: Mapping[str, Swept],
+    finished: FinishedSuite, held: dict[str, HeldOut], own: dict[str, OwnTrials], sweeps: dict[str, Swept]
 ) -> list[Section]:
     """All that was measured, part by part."""
     sections = []
@@ -167,11 +163,6 @@ def _milliseconds(seconds: "pd.Series[float]") -> str:
     """The median over runs."""
     middle = seconds.astype(float).median()
     return NOTHING if pd.isna(middle) else f"{1000 * middle:.2g}"
-
-
-def _versions(finished: FinishedSuite) -> Section:
-    rows = list(finished.versions.items())
-    return Section(title="Versions", tables=(Table.of("versions", "Versions", ["what", "version"], rows),))
 
 
 def _summary(finished: FinishedSuite, sections: list[Section]) -> pd.DataFrame:

@@ -128,7 +128,10 @@ def read_finished(results: Path, out: Path) -> FinishedSuite:
     Raises:
         ConfigError: There is no such file, it is damaged, or it was made by other code.
     """
-    about, rows = _read(results)
+    about, table = read_about(results), opened(pq.read_table, results)
+    if missing := [name for name in SCHEMA.names if name not in table.column_names]:
+        raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {OTHER}")
+    rows = table.to_pandas()
     try:
         suite = Suite.model_validate(about["suite"])
         runs = runs_of(suite)
@@ -180,11 +183,9 @@ def _rows(folder: Path, run: Run) -> list[dict[str, Any]]:
     except (FileNotFoundError, TypeError, ValueError) as error:
         raise damaged(path, error) from None
     of_run = {"run": run.id, **run.where}
-    return [of_run | row for row in (_thinned(rows) if _counts_motions(run) else rows)]
-
-
-def _counts_motions(run: Run) -> bool:
-    return isinstance(run, LifetimeRun) and run.scenario.motions is not None
+    if isinstance(run, LifetimeRun) and run.scenario.motions is not None:
+        rows = _thinned(rows)
+    return [of_run | row for row in rows]
 
 
 def _thinned(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -241,11 +242,3 @@ def _compact(field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray | pa.A
         rounded = np.ceil if field.name.endswith("_px") else np.round
         return pa.array(rounded(column.to_numpy() * steps) / steps, from_pandas=True)
     return column
-
-
-def _read(results: Path) -> tuple[dict[str, Any], pd.DataFrame]:
-    """The metadata and the rows."""
-    about, table = read_about(results), opened(pq.read_table, results)
-    if missing := [name for name in SCHEMA.names if name not in table.column_names]:
-        raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {OTHER}")
-    return about, table.to_pandas()

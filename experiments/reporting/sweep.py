@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from calfree_gym.perturbations import TYPES
 from experiments.config.in_words import axis_in_words
 from experiments.config.suite import AgentConfig, SweepConfig
 from experiments.reporting.agents_in_words import in_words, lines_of
-from experiments.reporting.figures import STYLE, Line, LineEnd, label_lines, motions_axis, save, say
+from experiments.reporting.figures import STYLE, Line, LineEnd, label_lines, marks, motions_axis, save, say
 from experiments.reporting.finished_suite import (
     MOTIONS,
     RENDEZVOUS,
@@ -27,7 +27,7 @@ from experiments.reporting.finished_suite import (
     where_it_stands,
     with_cost,
 )
-from experiments.reporting.pages import Drawing, Section, summary_row
+from experiments.reporting.pages import Section, summary_row
 from experiments.reporting.tables import Table, counted, number, percent
 from experiments.statistics import Estimate, mean_share, median_world
 
@@ -144,16 +144,12 @@ def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Sect
         for each in found
     }
 
-    def said(each: Swept) -> str:
-        return where_it_stands(each.sweep, "One trial at each value", each.worlds.values())
-
-    def saved(name: str, figure: Figure) -> dict[str, Drawing]:
-        return {name: save(figure, finished.out / "figures", name)}
-
+    folder = finished.out / "figures"
+    said = [where_it_stands(each.sweep, "One trial at each value", each.worlds.values()) for each in found]
     sections = []
-    for each in found:
+    for each, words in zip(found, said, strict=True):
         name = each.sweep.name
-        figure = sweep_figure(each.sweep, curves[name], said(each))
+        figure = sweep_figure(each.sweep, curves[name], words)
         summary = [
             summary_row(name, "sweep", label, f"{point.value:g}", measure, measured, point.trials)
             for label, of_agent in each.points.items()
@@ -170,7 +166,7 @@ def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Sect
             Section(
                 title=f"Sweep {name}",
                 text=_about(finished, each.sweep),
-                figures=saved(name, figure),
+                figures={name: save(figure, folder, name)},
                 tables=(_table(each),),
                 note=_HOW_TO_READ,
                 summary=summary,
@@ -178,8 +174,8 @@ def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Sect
         )
     if len(found) < 2:
         return sections
-    figure = sweeps_figure([each.sweep for each in found], curves, said(found[0]))
-    return [Section(title="All sweeps", figures=saved("_all", figure)), *sections]
+    figure = sweeps_figure([each.sweep for each in found], curves, said[0])
+    return [Section(title="All sweeps", figures={"_all": save(figure, folder, "_all")}), *sections]
 
 
 def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
@@ -199,15 +195,9 @@ def _table(found: Swept) -> Table:
     sweep = found.sweep
     indices = np.unique(np.linspace(0, len(sweep.over) - 1, _SHOWN).round().astype(int))
     rows = [
-        [
-            label,
-            f"{curve[i].value:g}",
-            percent(curve[i].rendezvous),
-            number(curve[i].among_reached),
-            percent(curve[i].success),
-        ]
+        [label, f"{at.value:g}", percent(at.rendezvous), number(at.among_reached), percent(at.success)]
         for label, curve in found.points.items()
-        for i in indices
+        for at in (curve[i] for i in indices)
     ]
     columns = ["agent", sweep.vary, "rendezvous", "motions of those that reached", "success"]
     return Table.of(sweep.name, f"Sweep {sweep.name}", columns, rows)
@@ -288,8 +278,7 @@ def _scale(axes: Axes, sweep: SweepConfig, letters: int) -> None:
     """Factors are spaced by their ratios; a line below the panel has so many letters at most."""
     if sweep.vary == "factor":
         axes.set_xscale("log")
-        axes.xaxis.set_major_locator(FixedLocator(_apart(sweep.over)))
-        axes.xaxis.set_minor_locator(NullLocator())
+        marks(axes.xaxis, _apart(sweep.over))
     else:
         axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 3, 5, 6, 10]))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))

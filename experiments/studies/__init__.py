@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -16,7 +16,7 @@ from typing import Any
 from calfree_gym.errors import near_misses
 from experiments.errors import ConfigError
 from experiments.options import Parser
-from experiments.reporting.tables import Table, show
+from experiments.reporting.tables import show
 from experiments.running.results_folder import made_folder, write_whole
 from experiments.running.versions import commit, versions
 
@@ -48,33 +48,6 @@ def check_names(found: Sequence[str]) -> None:
             raise ConfigError(f"no study {name!r}{near_misses(name, known)}; allowed: {', '.join(known)}")
 
 
-def measure(
-    chosen: Sequence[str], peers: Sequence[str], show: Callable[[Iterable[Table]], None]
-) -> dict[str, Any]:
-    """Makes some studies, and shows each table as soon as it is there.
-
-    Args:
-        chosen: Names of studies.
-        peers: As `speed.tables` takes them.
-        show: Called with each table.
-
-    Returns:
-        Plain values for JSON: tables, commit and versions.
-    """
-    document: dict[str, Any] = {"commit": commit(), "versions": versions(), "tables": []}
-    for name in chosen:
-        study = import_module(f"{__name__}.{name}")
-        for table in study.tables(peers) if name == "speed" else study.tables():
-            show([table])
-            document["tables"].append(table.to_dict())
-    return document
-
-
-def dumped(document: dict[str, Any]) -> str:
-    """The document as text; NumPy's numbers become plain ones."""
-    return json.dumps(document, indent=2, default=lambda value: value.item())
-
-
 def add_benchmark(parser: Parser) -> None:
     """Makes some studies."""
     help_ = f"of {', '.join(names())} (default: speed)"
@@ -97,14 +70,21 @@ def _benchmark(options: argparse.Namespace) -> int:
     check_names(options.studies)
     if options.out:
         made_folder(options.out.parent)
-
-    def shown(tables: Iterable[Table]) -> None:
-        if not options.json:
-            show(tables, options.markdown)
-
-    found = dumped(measure(options.studies, options.peer, shown))
+    text = json.dumps(measure(options), indent=2, default=lambda number: number.item())
     if options.json:
-        print(found)
+        print(text)
     if options.out:
-        write_whole(options.out, found)
+        write_whole(options.out, text)
     return 0
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Makes studies; each table is shown as soon as it is there, unless JSON is asked for."""
+    found: dict[str, Any] = {"commit": commit(), "versions": versions(), "tables": []}
+    for name in options.studies:
+        study = import_module(f"{__name__}.{name}")
+        for table in study.tables(options.peer) if name == "speed" else study.tables():
+            if not options.json:
+                show([table], options.markdown)
+            found["tables"].append(table.to_dict())
+    return found

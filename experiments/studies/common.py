@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import gymnasium as gym
 import numpy as np
@@ -109,14 +110,5 @@ def side_by_side(jobs: int | None = None) -> Iterator[Map]:
         yield map
         return
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    before = {name: os.environ.get(name) for name in one_thread}
-    os.environ.update(one_thread)
-    try:
-        with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-            yield pool.imap
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+    with patch.dict(os.environ, one_thread), multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        yield pool.imap

@@ -26,6 +26,8 @@ TRIALS = 20
 WORLDS = (20, 50)
 HORIZON = 10_000.0
 """Lifetime motions after which the simulated runs end."""
+EPS = 1e-9
+"""Of sums of floating-point numbers."""
 
 Draw = Callable[[np.random.Generator, tuple[int, int]], Array]
 
@@ -49,21 +51,17 @@ class Simulated:
     motions: Array
 
 
-def simulated(
-    rng: np.random.Generator, rates: Array, typical: Array, trials: int, slower: float = 1.0
-) -> Simulated:
+def simulated(rng: np.random.Generator, rates: Array, typical: Array) -> Simulated:
     """Trials: skewed motions of 1 to some 10, and the cap where one fails.
 
     Args:
         rng: Draws the trials.
         rates: Of success (samples, worlds).
         typical: Motions of a trial beyond the first (samples, worlds).
-        trials: In each world.
-        slower: What the typical motions are multiplied by.
     """
-    size = (*rates.shape, trials)
+    size = (*rates.shape, TRIALS)
     success = rng.random(size) < rates[..., None]
-    motions = 1 + np.round(rng.gamma(1.5, slower * typical[..., None] / 1.5, size))
+    motions = 1 + np.round(rng.gamma(1.5, typical[..., None] / 1.5, size))
     return Simulated(success.astype(float), np.where(success, np.minimum(motions, CAP), CAP))
 
 
@@ -74,7 +72,7 @@ def _agents(rng: np.random.Generator, design: str, size: tuple[int, int]) -> tup
         first, second = np.ones(size), SUCCESS["one in ten 50 %, others 100 %"](rng, size)
     else:
         first = second = SUCCESS[design](rng, size)
-    return simulated(rng, first, typical, TRIALS), simulated(rng, second, typical, TRIALS, slower=1.5)
+    return simulated(rng, first, typical), simulated(rng, second, 1.5 * typical)
 
 
 def _shares(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Array:
@@ -207,20 +205,15 @@ def tables(
                 found = [study.interval(sample) for sample in drawn]
                 row[f"{worlds} worlds"] = np.mean([e.low - EPS <= truth <= e.high + EPS for e in found])
                 if worlds == sizes[0]:
-                    row[_WIDTH] = np.median([e.high - e.low for e in found])
+                    row["width"] = np.median([e.high - e.low for e in found])
             rows.append(row)
-    columns = ["estimand", "worlds that differ", *(f"{worlds} worlds" for worlds in sizes), _WIDTH]
+    columns = ["estimand", "worlds that differ", *(f"{worlds} worlds" for worlds in sizes), "width"]
     yield Table(
         "coverage",
         "How often 95 % intervals hold the truth",
         pd.DataFrame(rows, columns=columns),
-        {**{f"{worlds} worlds": ".1%" for worlds in sizes}, _WIDTH: ".3g"},
+        {**{f"{worlds} worlds": ".1%" for worlds in sizes}, "width": ".3g"},
         f"Share of {samples:,} simulated samples whose interval holds the truth, which is that of "
         f"{population:,} simulated worlds. {TRIALS} trials a world; a trial that fails counts as {CAP} "
-        f"motions. {_WIDTH.capitalize()}: the median one with {sizes[0]} worlds.",
+        f"motions. Width: the median one with {sizes[0]} worlds.",
     )
-
-
-_WIDTH = "width"
-EPS = 1e-9
-"""Of sums of floating-point numbers."""

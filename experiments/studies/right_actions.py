@@ -45,7 +45,9 @@ def right_actions(each: Map) -> Table:
         found = [branch for world in worlds for branch in world]
         for kind in EVERY:
             motions = np.array([ways for what, ways, _ in found if what == kind])
-            right = np.array([[_is_right(ways) for what, ways, _ in w if what == kind] for w in worlds])
+            right = np.array(
+                [[did <= 1.1 * min(others) for what, (did, *others), _ in w if what == kind] for w in worlds]
+            )
             names = Counter(name for what, _, name in found if what == kind)
             rows.append(
                 {
@@ -66,10 +68,6 @@ def right_actions(each: Map) -> Table:
         "What it did, beside copies that kept, mapped or discarded their knowledge when the change was "
         "announced. Right: within 10 % of the best of these, with its 95 % interval over worlds.",
     )
-
-
-def _is_right(ways: list[int]) -> bool:
-    return ways[0] <= 1.1 * min(ways[1:])
 
 
 def _branches(mount: str, seed: int) -> list[tuple[str, list[int], str]]:
@@ -120,14 +118,7 @@ def _go(
 ) -> tuple[int, list[str]]:
     """Motions of the next trials of a copy of a state, and the changes that it recognised in them.
 
-    Args:
-        world: In which the copy goes on.
-        mount: What the cameras are fixed to.
-        schedule: What becomes of the world.
-        seed: Of the trials.
-        state: What the copy knows.
-        way: What it does about a change.
-        announced: Cameras (2,) whose change is announced to it; None where it must recognise the change.
+    The cameras (2,) are those whose change is announced to it; None where it must recognise the change.
     """
     env = gym.make(REACH, world=world, camera_mount=mount, dynamics="kinematic", perturbations=schedule)
     recorder = LifetimeRecorder(env, seed)

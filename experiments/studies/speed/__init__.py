@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import version
 from itertools import count
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, Self
 
 import gymnasium as gym
 import mujoco
 import numpy as np
 import pandas as pd
+import torch
 from mujoco.batch import Batch
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 
 import agents
 from calfree_gym import Arm
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.simulation import SUBSTEPS
+from calfree_gym.sb3 import make_sb3_env
+from experiments.errors import ConfigError
 from experiments.reporting.tables import Table
 from experiments.studies.common import REACH, arms_of_tests
-from experiments.studies.speed.peer import Peer
 
 GRASP = "calfree_gym:CalFree/Grasp-v0"
 ROUNDS = 60
@@ -176,17 +185,10 @@ def _kinematic(rounds: int) -> Ratio:
 
 def _ppo(dynamics: str, required: float | None, rounds: int) -> Ratio:
     """PPO through `make_sb3_env` against PPO on an environment that costs nothing, 64 rows, defaults."""
-    import torch
-    from stable_baselines3 import PPO
-    from stable_baselines3.common.vec_env import VecMonitor
-
-    from calfree_gym.sb3 import make_sb3_env
-    from experiments.studies.speed.free_env import FreeVecEnv
-
     torch.set_num_threads(1)
     rows, steps = 64, 64
     env = make_sb3_env(n_envs=rows, dynamics=dynamics)
-    free = VecMonitor(FreeVecEnv(rows, env.observation_space, env.action_space))
+    free = VecMonitor(FreeVecEnv(env))
     ours, other = (PPO("MultiInputPolicy", each, n_steps=steps, seed=0, device="cpu") for each in (env, free))
 
     def learning(model: PPO) -> Rate:
@@ -194,6 +196,38 @@ def _ppo(dynamics: str, required: float | None, rounds: int) -> Ratio:
 
     name = f"PPO, 64 {dynamics} rows / PPO on a free environment"
     return _ratio(name, required, learning(ours), learning(other), max(rounds // 6, 1))
+
+
+class FreeVecEnv(VecEnvWrapper):
+    """Costs nothing: shows the same observation for ever, at reward 0, whatever it is put around.
+
+    Trials are cut off after 60 motions, row after row: a learner works at the end of a trial, too.
+    """
+
+    TRIAL = 60
+
+    def __init__(self, venv: VecEnv) -> None:
+        super().__init__(venv)
+        observation: Any = venv.reset()
+        self._observation = {key: value.copy() for key, value in observation.items()}
+        self._first = {key: value[0] for key, value in self._observation.items()}
+        self._motions = np.arange(self.num_envs)
+
+    def reset(self) -> VecEnvObs:
+        """See `VecEnv`."""
+        return self._observation
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """See `VecEnv`."""
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """See `VecEnv`."""
+        self._motions += 1
+        over = self._motions % self.TRIAL == 0
+        infos: list[dict[str, Any]] = [{} for _ in over]
+        for row in np.flatnonzero(over):
+            infos[row] = {"terminal_observation": self._first, "TimeLimit.truncated": True}
+        return self._observation, np.zeros(self.num_envs, np.float32), over, infos
 
 
 def _beside(peer: Peer, rows: int, required: float | None, rounds: int) -> list[Ratio]:
@@ -335,3 +369,96 @@ def pinned(cores: int) -> Iterator[None]:
         yield
     finally:
         os.sched_setaffinity(0, before)
+
+
+# -- Peers: other environments under other interpreters, timed in turns with ours
+
+WORKER = Path(__file__).with_name("peer_worker.py")
+
+
+class Peer:
+    """An environment in a process of its own, which steps only while it is being timed.
+
+    Attributes:
+        env_id: Its Gymnasium id.
+        substeps: Physics substeps in a step; None where they are not known.
+        timestep: Simulated seconds in a substep; None where they are not known.
+        versions: Of its interpreter and packages.
+
+    Args:
+        spec: "PYTHON=ENV_ID": an interpreter that has the environment, and the id, "module:Id" included.
+
+    Raises:
+        ConfigError: There is no such interpreter or environment; repeats its message.
+    """
+
+    def __init__(self, spec: str) -> None:
+        self._spec = spec
+        python, _, self.env_id = spec.rpartition("=")
+        if not (python and self.env_id):
+            raise ConfigError(f"--peer {spec}: found no PYTHON=ENV_ID; allowed: such as python3=CartPole-v1")
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (as long as the process; a pipe would fill up)
+        try:
+            self._process = subprocess.Popen(
+                [python, "-c", WORKER.read_text(encoding="utf-8"), self.env_id],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._said,
+                env={**os.environ, "OMP_NUM_THREADS": "1"},
+                text=True,
+            )
+        except OSError as error:
+            self._said.close()
+            raise ConfigError(f"--peer {spec}: {python} cannot be run: {error.strerror}") from None
+        try:
+            about = self._answer()
+        except ConfigError:
+            self.close()
+            raise
+        self.substeps: int | None = about["substeps"]
+        self.timestep: float | None = about["timestep"]
+        self.versions: dict[str, str] = about["versions"]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._process.kill()
+        self._process.communicate()
+        self._said.close()
+
+    def seconds(self, steps: int) -> float:
+        """Makes this many environment steps; returns the seconds that they took.
+
+        Raises:
+            ConfigError: The environment failed, or its process ended.
+        """
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):  # no answer then says why
+            self._process.stdin.write(f"{steps}\n")
+            self._process.stdin.flush()
+        return float(self._answer()["seconds"])
+
+    def _answer(self) -> Any:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        answer: Any = None
+        with suppress(ValueError):
+            answer = json.loads(line)
+        if not isinstance(answer, dict):
+            raise ConfigError(f"--peer {self._spec}: {self._last_words(line)}")
+        if "error" in answer:
+            raise ConfigError(f"--peer {self._spec}: {answer['error']}")
+        return answer
+
+    def _last_words(self, line: str) -> str:
+        if line:
+            return f"answered {line.strip()!r}; PYTHON must be a Python with gymnasium"
+        code = self._process.wait()
+        self._said.seek(0)
+        said = self._said.read().decode(errors="replace").strip().splitlines()
+        return f"it ended with code {code}" + (f": {said[-1]}" if said else "")

@@ -6,7 +6,7 @@ import pytest
 
 from experiments.config.requirements import requirements
 from experiments.errors import ConfigError
-from experiments.film.config import FilmConfig, GifConfig, load_film
+from experiments.film.config import GifConfig, load_film
 
 ROOT = Path(__file__).parents[3]
 
@@ -24,9 +24,6 @@ def test_what_is_written_is_what_is_read(film_data, write_config):
     assert config.perturbations[0]["do"]["degrees"] == 15
     assert config.env.observation == "points"
     assert config.gif == GifConfig(width=120, frames_per_second=4)
-
-
-def test_the_films_defaults_are_allowed(film_data, write_config):
     short = {key: film_data[key] for key in ("agent", "env", "trials")}
     config = load_film(write_config(short))
     assert (config.width, config.height, config.gif.width, config.learn) == (1080, 780, 720, True)
@@ -48,11 +45,7 @@ def test_settings_and_models_are_found_beside_the_file(film_data, write_config, 
     ("path", "value", "said"),
     [
         ("agent", "memori", "agent.name: found 'memori': unknown (did you mean memory?)"),
-        (
-            "agent",
-            {"name": "memory", "settings": {"lucks": 3}},
-            "agent: agent 'memory' has no setting 'lucks'",
-        ),
+        ("agent", {"name": "memory", "settings": {"lucks": 3}}, "agent 'memory' has no setting 'lucks'"),
         ("agend", "memory", "agend: unknown key (did you mean agent?)"),
         ("env.wold", "wild", "env.wold: unknown key (did you mean world?)"),
         ("env.world", "wilde", "env.world: found 'wilde': unknown (did you mean wild?)"),
@@ -92,9 +85,3 @@ def test_shipped_films_are_valid(path):
     config = load_film(path)
     assert config.words == (not path.stem.startswith("film-task-"))
     assert config.band == (120 if config.words else 0)
-
-
-def test_the_page_names_every_key():
-    page = (ROOT / "docs/film.md").read_text()
-    for key in (*FilmConfig.model_fields, *GifConfig.model_fields):
-        assert f"`{key}`" in page, key

@@ -1,4 +1,4 @@
-"""The command, from YAML to files; what is drawn; what agents predict."""
+"""The command, from YAML to files, and what is drawn."""
 
 import cv2
 import gymnasium as gym
@@ -6,30 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import agents
 from calfree_gym.engine.frames import GRIPPER_COLOUR, SceneFrame
-from calfree_gym.image import lengths_px
 from experiments.__main__ import main
-from experiments.film.command import Predictions
-from experiments.film.pictures import (
-    ALARM,
-    SUCCESS,
-    Alarm,
-    Lettering,
-    Marks,
-    Screen,
-    Trial,
-    Words,
-    draw_crosses,
-)
-from experiments.film.recorder import FilmRecorder
-
-
-def frames_of(path):
-    film, frames = cv2.VideoCapture(str(path)), []
-    while (read := film.read())[0]:
-        frames.append(read[1][..., ::-1].astype(int))
-    return frames
+from experiments.film.pictures import ALARM, SUCCESS, Alarm, Lettering, Marks, Screen, Trial, Words
 
 
 def near(frame, colour):
@@ -44,7 +23,9 @@ def test_a_film_is_made_and_the_arm_moves_in_it(film_data, write_config, tmp_pat
     said = capsys.readouterr().out
     assert f"film: {out / 'film.mp4'}" in said
     assert said.count("trial ") == 2
-    frames = frames_of(out / "film.mp4")
+    film, frames = cv2.VideoCapture(str(out / "film.mp4")), []
+    while (read := film.read())[0]:
+        frames.append(read[1][..., ::-1].astype(int))
     assert {frame.shape for frame in frames} == {(156, 216, 3)}
     gif = Image.open(out / "film.gif")
     assert gif.size == (120, 87)
@@ -100,11 +81,13 @@ def test_marks_and_alarms_are_drawn_where_they_belong():
         assert near(picture[:108, -1], ALARM).all()
         assert not near(picture[108:216, -1], ALARM).any()
         assert near(picture[:, :216], ALARM).sum() > 50, "the camera's ring in the scene"
-    off = [
-        np.abs(picture[20:90, 230:310].astype(int) - nothing[20:90, 230:310]).mean()
-        for picture in (alarmed, flashing)
-    ]
+    image = np.s_[20:90, 230:310]
+    off = [np.abs(each[image].astype(int) - nothing[image]).mean() for each in (alarmed, flashing)]
     assert off[0] < 1 < 20 < off[1]
+    outside = np.array([[1.2, 0.0], [np.nan, 0.0], [1.2, 0.0], [np.nan, 0.0]])
+    unseen = screen.draw(None, Marks(points, np.ones(4, bool), points[2:], outside))
+    without = screen.draw(None, Marks(points, np.ones(4, bool), points[2:]))
+    np.testing.assert_array_equal(unseen, without, "a cross outside the image is not drawn")
     moved = screen.draw(env.unwrapped.arms.simulation.configuration(0) + 0.3, None)
     assert (np.abs(moved.astype(int) - nothing)[:, :216].max(-1) > 60).sum() > 300
     screen.close()
@@ -136,67 +119,8 @@ def test_words_are_written_where_they_belong():
     assert near(told[2, 2:214], ALARM).all()
     assert (told[:216, 220:] == 128).all()
     trials = (Trial(8, True), Trial(2, True), Trial(4, None, knocked=True))
-    bars = near(lettering.write(picture, Words("", trials=trials))[216:], SUCCESS)
-    high = np.sort(bars[:, 216:].sum(0))[::-1]
-    assert high[0] == pytest.approx(4 * high[high > 0][-1], rel=0.35)
     knocked = lettering.write(picture, Words("", trials=trials))[216:]
+    high = np.sort(near(knocked, SUCCESS)[:, 216:].sum(0))[::-1]
+    assert high[0] == pytest.approx(4 * high[high > 0][-1], rel=0.35)
     assert near(knocked, ALARM).any()
     assert not near(lettering.write(picture, Words("", trials=trials[:2]))[216:], ALARM).any()
-
-
-def test_a_cross_outside_the_image_is_not_drawn():
-    image = np.zeros((50, 50, 3), np.uint8)
-    draw_crosses(image, np.array([[1.2, 0.0], [np.nan, 0.0]]))
-    assert not image.any()
-
-
-class Nowhere:
-    """Draws nothing."""
-
-    def draw(self, configuration, marks, alarm):
-        return np.zeros((2, 2, 3), np.uint8)
-
-    def add(self, picture, times):
-        pass
-
-    def keep(self, moment):
-        pass
-
-
-def test_what_is_predicted_comes_true_once_it_is_known_and_asking_changes_nothing():
-    def life(watched):
-        env = gym.make("CalFree/Reach-v0", world="wild", dynamics="kinematic", camera_mount="stand")
-        recorder = FilmRecorder(env, Nowhere(), lambda picture, words: picture, Nowhere(), 2, "")
-        agent, wrong = agents.make("memory", recorder), []
-
-        def predicted(registers):
-            if not wrong:
-                assert np.isnan(predictions.at(np.ones(3))).any(), "at first it knows nothing of far places"
-            expected = predictions.at(registers)
-            wrong.append(lengths_px(expected - env.unwrapped.arms.true_points[0]).max())
-            return expected
-
-        if watched:
-            predictions = Predictions(agent)
-            recorder.predicted = predicted
-        recorder.reset(seed=3)
-        agent.learn(60)
-        return np.array(wrong), joints_of(env)
-
-    def joints_of(env):
-        return env.unwrapped.arms.simulation.joints()
-
-    wrong, after = life(True)
-    assert len(wrong) == 60
-    assert np.nanmedian(wrong[30:]) < 4
-    np.testing.assert_array_equal(after, life(False)[1])
-
-
-def test_agents_without_such_expectations_predict_nothing():
-    env = gym.make("CalFree/Reach-v0", world="wild", dynamics="kinematic")
-    for name in ("random", "paper_servo", "body_schema", "safe_start"):
-        agent = agents.make(name, env)
-        predictions = Predictions(agent)
-        agent.learn(5)
-        assert predictions.at(np.zeros(3)) is None
-    env.close()

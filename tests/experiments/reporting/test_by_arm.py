@@ -7,29 +7,11 @@ import pytest
 import yaml
 
 from experiments.__main__ import main
-from experiments.reporting import by_arm
-from experiments.reporting.by_arm import many_arms
-from experiments.reporting.by_trial import own_trials
-from experiments.reporting.kept_tables import tables_named
+from experiments.reporting import by_trial
+from experiments.reporting.by_trial import many_arms, own_trials
 from experiments.reporting.results_file import read_finished
 from experiments.running.finished import RESULTS
 from tests.arms.own import MODELS
-
-TRIALS = 3
-
-
-def suite(arms):
-    of_all = {"id": "CalFree/Reach-v0", "world": "wild", "camera_mount": "stand", "dynamics": "kinematic"}
-    return {
-        "name": "arms",
-        "question": "Any?",
-        "worlds": 2,
-        "scenarios": [
-            {"name": name, "env": of_all | given, "trials": TRIALS} for name, given in arms.items()
-        ],
-        "evaluation": None,
-        "agents": ["oracle", "random"],
-    }
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +19,11 @@ def out(tmp_path_factory):
     """Results with the built-in arm and with one whose file is gone by now."""
     folder = tmp_path_factory.mktemp("arms")
     shutil.copy(MODELS / "gantry.xml", folder / "mine.xml")
+    env = {"id": "CalFree/Reach-v0", "world": "wild", "camera_mount": "stand", "dynamics": "kinematic"}
     arms = {"built-in": {}, "mine": {"arm": {"model": "mine.xml", "gripper": "hook"}}}
-    (folder / "suite.yaml").write_text(yaml.safe_dump(suite(arms)), encoding="utf-8")
+    scenarios = [{"name": name, "env": env | arm, "trials": 3} for name, arm in arms.items()]
+    suite = {"name": "arms", "question": "Any?", "worlds": 2, "scenarios": scenarios, "evaluation": None}
+    (folder / "suite.yaml").write_text(yaml.safe_dump(suite | {"agents": ["oracle", "random"]}))
     out = folder / "out"
     assert main(["run", str(folder / "suite.yaml"), "--out", str(out), "--jobs", "2"]) == 0
     (folder / "mine.xml").unlink()
@@ -71,9 +56,9 @@ def test_the_report_has_one_table_of_arms_whose_numbers_are_those_of_the_trials(
 
 def test_the_figure_has_a_point_for_each_arm_and_agent_which_is_the_median_world(out, tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(by_arm, "save", lambda figure, *_: drawn.append(figure))
+    monkeypatch.setattr(by_trial, "save", lambda figure, *_: drawn.append(figure))
     finished = read_finished(out / RESULTS, tmp_path)
-    by_arm.arms_sections(finished, [own_trials(finished, each) for each in finished.suite.scenarios])
+    by_trial.arms_sections(finished, [own_trials(finished, each) for each in finished.suite.scenarios])
     first, _ = drawn[0].axes
     points = {line.get_label(): list(line.get_xdata()) for line in first.lines}
     rows = pd.read_parquet(out / RESULTS)
@@ -83,14 +68,6 @@ def test_the_figure_has_a_point_for_each_arm_and_agent_which_is_the_median_world
     arms = [text.get_text().partition(" (")[0] for text in first.get_yticklabels()]
     assert points["random motions"] == [medians[arm] for arm in arms]
     assert "Points: the median world." in drawn[0].get_supxlabel()
-
-
-def test_kept_results_have_the_same_table(out, tmp_path):
-    kept = tmp_path / "kept" / "arms"
-    kept.mkdir(parents=True)
-    shutil.copy(out / "tables.json", kept)
-    table, _ = tables_named("arms/arms", tmp_path / "kept").split("\n\n")
-    assert table in (out / "report.md").read_text()
 
 
 def test_only_steady_scenarios_with_several_arms_are_set_side_by_side(out):

@@ -1,4 +1,4 @@
-"""Claims, judged by results that were made up so that the verdict is known."""
+"""Claims and requirements, judged by results that were made up so that the verdict is known."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
-from experiments.config.claims import Claim, Criterion, TrialsOf
+from experiments.config.claims import Claim, Criterion, Number, Requirement, TrialsOf
 from experiments.config.loading import load
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
@@ -20,12 +19,29 @@ from experiments.reporting.claims import (
     described,
     judge,
     measured,
+    required_section,
     verdict_of,
     verdicts_in_words,
 )
+from experiments.running.run import runs_of
 from experiments.statistics import Estimate, mean_share, paired_motions
+from tests.experiments.reporting.made_up import CAP, results
 
-WORLDS, CAP = 20, 60
+WORLDS = 20
+CONFIGS = Path(__file__).parents[3] / "configs"
+ENV = {"id": "CalFree/Reach-v0", "world": "wild", "dynamics": "kinematic"}
+SUITE = {
+    "name": "made_up",
+    "question": "?",
+    "worlds": WORLDS,
+    "scenarios": [
+        {"name": "home", "env": ENV, "motions": 500},
+        {"name": "away", "env": ENV, "trials": 50, "agents": ["paper_servo"]},
+    ],
+    "sweeps": [{"name": "aim", "env": ENV, "do": {"type": "camera_aim"}, "vary": "degrees", "over": [0, 5]}],
+    "evaluation": {"every": 100, "trials": 10},
+    "agents": ["paper_servo", "unified_servo"],
+}
 
 
 @pytest.fixture
@@ -33,142 +49,97 @@ def rng():
     return np.random.default_rng(5)
 
 
-CONFIGS = Path(__file__).parents[3] / "configs"
-ENV = {"id": "CalFree/Reach-v0", "world": "wild", "dynamics": "kinematic"}
-
-
-def suite(claims=(), **changes):
-    data = {
-        "name": "made_up",
-        "question": "?",
-        "worlds": WORLDS,
-        "scenarios": [
-            {"name": "home", "env": ENV, "motions": 500},
-            {"name": "away", "env": ENV, "trials": 50, "agents": ["paper_servo"]},
-        ],
-        "sweeps": [
-            {"name": "aim", "env": ENV, "do": {"type": "camera_aim"}, "vary": "degrees", "over": [0, 5]}
-        ],
-        "evaluation": {"every": 100, "trials": 10},
-        "agents": ["paper_servo", "unified_servo"],
-        "claims": list(claims),
-    }
-    return Suite.model_validate({**data, **changes})
-
-
-def rows(agent, motions, scenario="home", phase="eval", lifetime_motions=0, **columns):
+def rows(agent, motions, **columns):
     """One row a trial, of motions (worlds, trials); those of the cap ended without a rendezvous."""
-    found = []
-    for (world, trial), of_trial in np.ndenumerate(np.asarray(motions)):
-        row = {
-            "scenario": scenario,
-            "agent": agent,
-            "world": world,
-            "phase": phase,
-            "value": np.nan,
-            "in_view": None,
-            "lifetime_motions": lifetime_motions,
-            "motions_since_perturbation": pd.NA,
-            "trial": trial,
-            "motions": of_trial,
-            "robot_seconds": 5.0 * of_trial,
-            "success": of_trial < CAP,
-            "rendezvous": of_trial < CAP,
-            "error_px": 1.0,
-            "motions_to_4": of_trial if of_trial < CAP else np.nan,
-            "motions_to_16": of_trial if of_trial < CAP else np.nan,
-            "expected_px": np.nan,
-        }
-        found.append({**row, **columns})
-    return pd.DataFrame(found)
+    motions = np.asarray(motions)
+    worlds, trials = (each.ravel() for each in np.indices(motions.shape))
+    data = np.column_stack([worlds, trials, motions.ravel()])
+    found = results("world trial motions", data, **{"agent": agent, "scenario": "home", **columns})
+    reached = found["motions"] < CAP
+    to = dict.fromkeys(("motions_to_4", "motions_to_16"), found["motions"].where(reached))
+    seconds = columns.get("robot_seconds", 5.0 * found["motions"])
+    return found.assign(success=reached, rendezvous=reached, robot_seconds=seconds, **to)
 
 
 def trials_of(agent="paper_servo", scenario="home", **when):
     return TrialsOf(agent=agent, scenario=scenario, **(when or {"motions": 0}))
 
 
+def found_in(rows, measure, of=None, **number):
+    """What is measured, by default of the paper's servo at the beginning."""
+    return measured(
+        rows, Suite.model_validate(SUITE), Number(measure=measure, of=of or trials_of(), **number)
+    )
+
+
 def test_a_share_is_the_mean_over_worlds_with_its_interval(rng):
     motions = np.where(rng.random((WORLDS, 10)) < 0.8, 7, CAP)
-    found = measured(
-        rows("paper_servo", motions), suite(), Criterion(measure="rendezvous", of=trials_of(), above=0.5)
-    )
     expected = mean_share((motions < CAP).mean(axis=1))
-    assert found.estimate == expected
-    assert found.worlds == WORLDS
+    assert found_in(rows("paper_servo", motions), "rendezvous") == Measured(expected, WORLDS)
 
 
 def test_differences_are_paired_over_worlds(rng):
     of_world = rng.integers(3, 30, (WORLDS, 1))
     mine, others = of_world + np.zeros((1, 4), int), of_world + 2 + rng.integers(0, 2, (WORLDS, 4))
-    results = pd.concat([rows("paper_servo", mine), rows("unified_servo", others)])
-    test = Criterion(measure="motions", of=trials_of(), than=trials_of("unified_servo"), below=0)
-    found = measured(results, suite(), test).estimate
+    both = pd.concat([rows("paper_servo", mine), rows("unified_servo", others)])
+    than = trials_of("unified_servo")
+    found = found_in(both, "motions", than=than).estimate
     assert found == paired_motions(mine.mean(axis=1), others.mean(axis=1))
     assert found.high < -2  # although worlds differ by far more than that
-    relative = measured(results, suite(), test.model_copy(update={"relative": True})).estimate
+    relative = found_in(both, "motions", than=than, relative=True).estimate
     assert relative.value == pytest.approx(mine.mean() / others.mean() - 1)
 
 
 def test_trials_are_chosen_by_number_checkpoint_or_value():
+    at = [rows("paper_servo", np.full((WORLDS, 2), 10 * i), lifetime_motions=100 * i) for i in (1, 2, 3)]
     own = rows("paper_servo", np.tile([9, 8, 7, 6], (WORLDS, 1)), phase="train")
-    checkpoints = [
-        rows("paper_servo", np.full((WORLDS, 2), 10 * i), lifetime_motions=100 * i) for i in (1, 2, 3)
-    ]
-    at_5 = rows("paper_servo", np.full((WORLDS, 1), 4), "aim", "sweep", value=5.0, in_view=True)
-    hidden = at_5.assign(motions=50, in_view=False)
-    results = pd.concat([own, *checkpoints, at_5, hidden])
+    swept = rows("paper_servo", np.full((WORLDS, 1), 4), scenario="aim", phase="sweep", value=5.0)
+    every = pd.concat([own, *at, swept, swept.assign(motions=50, in_view=False)])
     for when, expected in (
         ({"trials": [2, 3]}, 7.5),
         ({"motions": 150}, 20),
         ({"motions": 200}, 20),
         ({"scenario": "aim", "value": 5}, 4),
     ):
-        test = Criterion(
-            measure="motions", of=TrialsOf(**{"agent": "paper_servo", "scenario": "home", **when}), below=1
-        )
-        assert measured(results, suite(), test).estimate.value == pytest.approx(expected)
+        assert found_in(every, "motions", trials_of(**when)).estimate.value == pytest.approx(expected)
 
 
 def test_held_out_trials_at_a_change_are_those_before_it():
-    before, after = (
+    after, before = (
         rows(
-            "paper_servo",
-            np.full((WORLDS, 2), motions),
-            lifetime_motions=100,
-            motions_since_perturbation=since,
+            "paper_servo", np.full((WORLDS, 2), motions), lifetime_motions=100, motions_since_perturbation=to
         )
-        for motions, since in ((5, pd.NA), (50, 0))
+        for motions, to in ((50, 0), (5, pd.NA))
     )
-    test = Criterion(measure="motions", of=trials_of(motions=100), below=9)
-    assert measured(pd.concat([after, before]), suite(), test).estimate.value == 5
+    assert found_in(pd.concat([after, before]), "motions", trials_of(motions=100)).estimate.value == 5
 
 
 def test_without_all_its_runs_there_is_no_number():
     """On either side: it must not matter whom the missing runs would serve."""
     whole, part = (rows("unified_servo", np.full((worlds, 3), 1)) for worlds in (WORLDS, WORLDS - 1))
-    criterion = Criterion(measure="success", of=trials_of("unified_servo"), above=0)
-    assert measured(whole, suite(), criterion) is not None
-    assert measured(part, suite(), criterion) is None
-    both = Criterion(measure="motions", of=trials_of("unified_servo"), than=trials_of(), below=0)
-    assert measured(whole, suite(), both) is None
-    assert measured(pd.concat([whole, rows("paper_servo", np.full((3, 3), 60))]), suite(), both) is None
+    of = trials_of("unified_servo")
+    assert found_in(whole, "success", of) is not None
+    assert found_in(part, "success", of) is None
+    for others in ([], [rows("paper_servo", np.full((3, 3), 60))]):
+        assert found_in(pd.concat([whole, *others]), "motions", of, than=trials_of()) is None
 
 
 def test_the_papers_claims_need_results():
-    of = load(CONFIGS / "paper.yaml")
-    nothing = rows("nobody", np.empty((0, 0), int)).reindex(columns=rows("a", [[1]]).columns)
-    assert {each.verdict for each in judge(nothing, of)} == {Verdict.UNTESTED}
+    judged = judge(rows("nobody", [[1]])[:0], load(CONFIGS / "paper.yaml"))
+    assert {each.verdict for each in judged} == {Verdict.UNTESTED}
 
 
 def test_equal_agents_confirm_no_difference():
     same = [rows(agent, np.full((WORLDS, 3), 7)) for agent in ("paper_servo", "unified_servo")]
     faster = Criterion(measure="motions", of=trials_of(), than=trials_of("unified_servo"), below=0)
-    assert verdict_of(faster, measured(pd.concat(same), suite(), faster)) is Verdict.NOT_CONFIRMED
+    found = measured(pd.concat(same), Suite.model_validate(SUITE), faster)
+    assert verdict_of(faster, found) is Verdict.NOT_CONFIRMED
 
 
 def test_four_worlds_give_numbers_and_no_verdicts():
     works = claim(Criterion(measure="rendezvous", of=trials_of(), above=0.1))
-    (judged,) = judge(rows("paper_servo", np.full((4, 5), 7)), suite([works.model_dump()], worlds=4))
+    of = Suite.model_validate({**SUITE, "claims": [works.model_dump()], "worlds": 4})
+    (judged,) = judge(rows("paper_servo", np.full((4, 5), 7)), of)
     assert judged.verdict is Verdict.UNTESTED
     assert judged.found[0].estimate.value == pytest.approx(1)
 
@@ -176,27 +147,24 @@ def test_four_worlds_give_numbers_and_no_verdicts():
 def test_what_was_expected_is_held_against_what_came():
     """Trials of which nothing was told are left out."""
     came, expected = np.array([1, 1, 9, 9, 9]), np.array([3.0, 30.0, 3.0, 30.0, np.nan])
-    results = rows("paper_servo", np.tile(came, (WORLDS, 1)), expected_px=0)
-    results["expected_px"] = np.tile(expected, WORLDS)
-    criterion = Criterion(measure="as_expected", of=trials_of(), above=0.9)
-    assert measured(results, suite(), criterion).estimate.value == pytest.approx(0.5)
-    assert measured(results.assign(expected_px=np.nan), suite(), criterion) is None
+    told = rows("paper_servo", np.tile(came, (WORLDS, 1))).assign(expected_px=np.tile(expected, WORLDS))
+    assert found_in(told, "as_expected").estimate.value == pytest.approx(0.5)
+    assert found_in(told.assign(expected_px=np.nan), "as_expected") is None
 
 
 def test_only_trials_that_were_quick_can_be_kept():
     then, now = np.tile([1, 2, 9, 9], (WORLDS, 1)), np.tile([2, 5, 1, 9], (WORLDS, 1))
-    results = pd.concat([rows("paper_servo", then), rows("paper_servo", now, lifetime_motions=100)])
-    test = Criterion(measure="kept", of=trials_of(motions=100), than=trials_of(), above=0.9)
-    assert measured(results, suite(), test).estimate.value == pytest.approx(0.5)
-    never = pd.concat([rows("paper_servo", now * 0 + 9), rows("paper_servo", now, lifetime_motions=100)])
-    assert measured(never, suite(), test) is None
+    later = rows("paper_servo", now, lifetime_motions=100)
+    kept = {"of": trials_of(motions=100), "than": trials_of()}
+    found = found_in(pd.concat([rows("paper_servo", then), later]), "kept", **kept)
+    assert found.estimate.value == pytest.approx(0.5)
+    assert found_in(pd.concat([rows("paper_servo", now * 0 + 9), later]), "kept", **kept) is None
 
 
 def test_seconds_depend_on_the_look():
-    results = rows("paper_servo", np.full((WORLDS, 3), 7), robot_seconds=40.0)  # eight looks of 4 s, and 8 s
+    eight_looks = rows("paper_servo", np.full((WORLDS, 3), 7), robot_seconds=40.0)  # of 4 s, and 8 s
     for look, expected in ((4, 40), (0.5, 12)):
-        test = Criterion(measure="seconds", of=trials_of(), look=look, below=1)
-        assert measured(results, suite(), test).estimate.value == pytest.approx(expected)
+        assert found_in(eight_looks, "seconds", look=look).estimate.value == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -215,9 +183,6 @@ def test_the_whole_interval_decides(low, high, bound, expected):
     estimate = Estimate((low + high) / 2, low, high)
     assert verdict_of(test, Measured(estimate, WORLDS)) is expected
     assert verdict_of(test, Measured(estimate, WORLDS - 1)) is Verdict.UNTESTED
-
-
-OWN_TRIALS = {"agent": "paper_servo", "scenario": "home", "trials": [1, 2]}
 
 
 def claim(*criteria, name="a_claim"):
@@ -240,20 +205,17 @@ def test_a_claim_is_as_good_as_its_tests(verdicts, expected):
 
 
 def test_the_report_says_which_claims_stand():
+    faster = Criterion(measure="motions", of=trials_of(motions=100), than=trials_of(), below=-1)
     works = claim(Criterion(measure="rendezvous", of=trials_of(), above=0.8), name="it_works")
-    learns = claim(
-        Criterion(measure="motions", of=trials_of(motions=100), than=trials_of(), below=-1), name="it_learns"
-    )
+    learns = claim(faster, name="it_learns")
     unseen = claim(Criterion(measure="success", of=trials_of("unified_servo"), above=0.5), name="unseen")
-    of = suite([each.model_dump() for each in (works, learns, unseen)])
-    results = pd.concat(
-        [
-            rows("paper_servo", np.full((WORLDS, 5), 7)),
-            rows("paper_servo", np.full((WORLDS, 5), 7), lifetime_motions=100),
-            rows("unified_servo", np.full((WORLDS, 5), 7), scenario="away"),
-        ]
+    claims = [each.model_dump() for each in (works, learns, unseen)]
+    seven = np.full((WORLDS, 5), 7)
+    at = [rows("paper_servo", seven, lifetime_motions=motions) for motions in (0, 100)]
+    judged = judge(
+        pd.concat([*at, rows("unified_servo", seven, scenario="away")]),
+        Suite.model_validate({**SUITE, "claims": claims}),
     )
-    judged = judge(results, of)
     assert [each.verdict for each in judged] == ["confirmed", "not confirmed", "untested"]
     (said,) = verdicts_in_words(judged)
     assert said == (
@@ -264,7 +226,7 @@ def test_the_report_says_which_claims_stand():
     _, answered = verdicts_in_words([*judged[1:], *asks])
     assert answered == "Of 1 questions of the paper 1 is confirmed (it works)."
     section = claims_section(judged)
-    assert section.text == " ".join(verdicts_in_words(judged))
+    assert section.text == said
     for table in section.tables:
         assert [row[-1] for row in table.rows] == ["confirmed", "not confirmed", "untested"]
     assert "rendezvous" in described(works.criteria[0])
@@ -272,33 +234,91 @@ def test_the_report_says_which_claims_stand():
 
 
 @pytest.mark.parametrize(
-    ("test", "said"),
+    ("of", "test", "said"),
     [
-        ({"of": {"agent": "paper_servo", "scenario": "hom", "motions": 0}}, "hom"),
-        ({"of": {"agent": "unified_servo", "scenario": "away", "trials": [1, 2]}}, "paper_servo"),
-        ({"of": {"agent": "paper_servo", "scenario": "away", "trials": [1, 51]}}, "up to 50"),
-        ({"of": {"agent": "paper_servo", "scenario": "home", "motions": 501}}, "up to 500"),
-        ({"of": {"agent": "paper_servo", "scenario": "aim", "value": 4}}, "0, 5"),
-        ({"of": {"agent": "paper_servo", "scenario": "home"}}, "one of trials, motions and value"),
-        ({"of": {"agent": "paper_servo", "scenario": "home", "trials": [3, 2]}}, "first and the last"),
-        ({"measure": "speed"}, "measure"),
-        ({"measure": "seconds"}, "look"),
-        ({"below": 0.9}, "above"),
-        ({"relative": True}, "relative"),
-        ({"measure": "kept"}, "kept"),
-        (
-            {"measure": "as_expected", "of": {"agent": "paper_servo", "scenario": "home", "trials": [1, 2]}},
-            "held-out",
-        ),
+        ({"scenario": "hom", "motions": 0}, {}, "hom"),
+        ({"agent": "unified_servo", "scenario": "away", "trials": [1, 2]}, {}, "paper_servo"),
+        ({"scenario": "away", "trials": [1, 51]}, {}, "up to 50"),
+        ({"motions": 501}, {}, "up to 500"),
+        ({"scenario": "aim", "value": 4}, {}, "0, 5"),
+        ({}, {}, "one of trials, motions and value"),
+        ({"trials": [3, 2]}, {}, "first and the last"),
+        ({"motions": 0}, {"measure": "speed"}, "measure"),
+        ({"motions": 0}, {"measure": "seconds"}, "look"),
+        ({"motions": 0}, {"below": 0.9}, "above"),
+        ({"motions": 0}, {"relative": True}, "relative"),
+        ({"motions": 0}, {"measure": "kept"}, "kept"),
+        ({"trials": [1, 2]}, {"measure": "as_expected"}, "held-out"),
     ],
 )
-def test_wrong_claims_are_told(tmp_path, test, said):
-    whole = {"measure": "success", "of": trials_of().model_dump(exclude_none=True), "above": 0.5, **test}
-    (tmp_path / "claims.yaml").write_text(
-        yaml.safe_dump([{"name": "c", "section": "1", "words": "w", "criteria": [whole]}])
-    )
-    data = suite().model_dump(mode="json", exclude={"claims"})
-    (tmp_path / "suite.yaml").write_text(yaml.safe_dump({**data, "claims": "claims.yaml"}))
+def test_wrong_claims_are_told(tmp_path, write_config, of, test, said):
+    trials = {"agent": "paper_servo", "scenario": "home", **of}
+    criterion = {"measure": "success", "of": trials, "above": 0.5, **test}
+    wrong = write_config([{"name": "c", "section": "1", "words": "w", "criteria": [criterion]}])
+    wrong.rename(tmp_path / "claims.yaml")
     with pytest.raises(ConfigError, match="claims") as error:
-        load(tmp_path / "suite.yaml")
+        load(write_config({**SUITE, "claims": "claims.yaml"}))
     assert said in str(error.value)
+
+
+OF = {"agent": "oracle", "scenario": "noise", "value": 0.5}
+
+
+@pytest.fixture
+def asked(write_config):
+    """A suite with one requirement."""
+    noise = {"name": "noise", "env": ENV, "do": {"type": "point_noise"}, "vary": "px", "over": [0.5]}
+    suite = {"name": "asked", "question": "?", "first_world": 7, "worlds": 2, "sweeps": [noise]}
+    suite |= {"evaluation": None, "agents": ["oracle"]}
+    return lambda **required: load(write_config({**suite, "required": [{"of": OF, **required}]}))
+
+
+TWO = results(
+    "world motions success error_px",
+    [(0, 2, True, 1.0), (1, 60, False, 16.0)],
+    **{"agent": "oracle", "scenario": "noise", "value": 0.5, "phase": "sweep"},
+)
+
+
+@pytest.mark.parametrize(
+    ("required", "measured", "bound", "met"),
+    [
+        ({"measure": "rendezvous", "at_least": 0.5}, "50 %", "at least 50 %", "yes"),
+        ({"measure": "rendezvous", "at_least": 0.995}, "50 %", "at least 99.5 %", "NO"),
+        ({"measure": "near", "at_least": 1}, "100 %", "at least 100 %", "yes"),
+        ({"measure": "motions", "at_most": 31}, "31.0", "at most 31", "yes"),
+        ({"measure": "motions", "at_most": 30}, "31.0", "at most 30", "NO"),
+        ({"measure": "most_motions", "at_most": 12}, "60.0", "at most 12", "NO"),
+        ({"measure": "worst_world", "at_most": 60}, "60.0", "at most 60", "yes"),
+    ],
+)
+def test_a_number_is_met_whatever_its_interval(asked, required, measured, bound, met):
+    suite = asked(**required)
+    (table,) = required_section(TWO, suite).tables
+    assert table.frame.iloc[0, 1:].tolist() == [measured, bound, met]
+    (unfinished,) = required_section(TWO[:1], suite).tables
+    assert unfinished.frame["met"].tolist() == ["unfinished"]
+
+
+@pytest.mark.parametrize(
+    ("required", "said"),
+    [
+        ({}, "one of at_least and at_most is the bound"),
+        ({"at_least": 1, "at_most": 2}, "one of at_least and at_most is the bound"),
+        ({"measure": "worst_world", "at_most": 2, "than": OF}, "worst_world compares nothing"),
+        ({"at_most": 2, "of": {**OF, "value": 1}}, "found value 1.0; allowed: 0.5"),
+        ({"at_most": 2, "of": {**OF, "agent": "orakel"}}, "did you mean oracle"),
+    ],
+)
+def test_what_cannot_be_required(asked, required, said):
+    with pytest.raises(ConfigError, match=said):
+        asked(**{"measure": "motions", **required})
+
+
+def test_worlds_have_the_seeds_from_the_first_on_and_older_suites_are_told_as_before(asked):
+    suite = asked(measure="motions", at_most=3)
+    assert runs_of(suite)[0].world_seeds == (7, 8)
+    assert suite.told()["first_world"] == 7
+    assert Requirement(**suite.told()["required"][0]) == suite.required[0]
+    plain = suite.model_copy(update={"first_world": None, "required": ()})
+    assert not {"first_world", "required"} & plain.told().keys()

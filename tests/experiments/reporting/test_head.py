@@ -5,12 +5,11 @@ import pandas as pd
 import pytest
 
 import agents
-from experiments.config.suite import Suite
 from experiments.reporting.agents_in_words import in_words
-from experiments.reporting.finished_suite import FinishedSuite
+from experiments.reporting.finished_suite import about, few_worlds
 from experiments.reporting.head import head_part, sentences, table_of
 from experiments.reporting.held_out import held_out
-from experiments.running.run import runs_of
+from tests.experiments.reporting.made_up import finished_suite, results
 
 WORLDS, CAP = 20, 20
 COLUMNS = ["agent", "what it must know", "motions per reach before → right after the knock"]
@@ -21,43 +20,31 @@ def life(agent, before, right_after, learned=0, again=10, worlds=WORLDS):
 
     All trials reach after `learned` motions, and `again` after the change.
     """
-    rows = []
-    for world in range(worlds):
-        for lifetime, since, motions, good in (
-            (0, pd.NA, before, learned == 0),
-            (25, pd.NA, before, learned <= 25),
-            (50, pd.NA, before, learned <= 50),
-            (50, 0, right_after, again == 0),
-            (60, 10, before, again <= 10),
-            (90, 40, before, again <= 40),
-        ):
-            for trial in range(10):
-                reached = (good or trial > 0) and motions < CAP
-                row = {"agent": agent, "world": world, "lifetime_motions": lifetime, "trial": trial}
-                row |= {"motions_since_perturbation": since, "motions": motions, "rendezvous": reached}
-                rows.append(row)
-    fixed = {"scenario": "aimed", "phase": "eval", "error_px": 1.0, "distance_mm": 1.0}
-    return pd.DataFrame(rows).assign(**fixed, success=lambda rows: rows["rendezvous"])
+    checkpoints = (
+        (0, pd.NA, before, learned == 0),
+        (25, pd.NA, before, learned <= 25),
+        (50, pd.NA, before, learned <= 50),
+        (50, 0, right_after, again == 0),
+        (60, 10, before, again <= 10),
+        (90, 40, before, again <= 40),
+    )
+    rows = [
+        (world, trial, lifetime, since, motions, (good or trial > 0) and motions < CAP)
+        for world in range(worlds)
+        for lifetime, since, motions, good in checkpoints
+        for trial in range(10)
+    ]
+    names = "world trial lifetime_motions motions_since_perturbation motions success"
+    return results(names, rows, agent=agent)
 
 
 @pytest.fixture
-def finished(suite_data, tmp_path):
+def finished(suite_data):
     """The suite of some lives; those of other agents failed."""
-
-    def finished(*lives, worlds=WORLDS, **changes):
-        agents = ["oracle", "random", "unified_servo", "memory", "paper_servo"]
-        suite = Suite.model_validate({**suite_data, "worlds": worlds, "agents": agents, **changes})
-        runs = runs_of(suite)
-        told = {"oracle": ["object_registers"]}
-        met = [(50, 3, "camera_aim (camera left, degrees 20)")]
-        outcomes = {
-            run.id: {"privileged": told.get(run.agent.name, []), "prior_knowledge": [], "perturbations": met}
-            for run in runs
-        }
-        empty = pd.DataFrame()
-        return FinishedSuite(tmp_path, suite, "", runs, outcomes, {}, {}, pd.concat(lives), empty)
-
-    return finished
+    agents = ["oracle", "random", "unified_servo", "memory", "paper_servo"]
+    return lambda *lives, worlds=WORLDS, **changes: finished_suite(
+        {**suite_data, "worlds": worlds, "agents": agents, **changes}, pd.concat(lives)
+    )
 
 
 def five(worlds=WORLDS):
@@ -131,3 +118,12 @@ def both(finished):
 def head_table(finished):
     part = head_part(finished)
     return table_of(finished, part, held_out(finished, part))
+
+
+def test_one_world_is_one_world(suite_data):
+    of = {worlds: finished_suite({**suite_data, "worlds": worlds}) for worlds in (1, 2, 20)}
+    (aimed,) = of[1].suite.scenarios
+    assert few_worlds(of[1], aimed).startswith(" 1 world, fewer than 20")
+    assert few_worlds(of[2], aimed).startswith(" 2 worlds, fewer than 20")
+    assert few_worlds(of[20], aimed) == ""
+    assert ", 90 motions a life, 1 world, the same" in about(of[1], aimed)

@@ -1,61 +1,48 @@
-"""Curves and tables over runs whose checkpoints fall at different motions, or that failed."""
+"""Curves, tables and intervals over runs whose checkpoints fall at different motions, or that failed."""
 
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.stats
 
-from experiments.config.suite import ScenarioConfig, Suite
-from experiments.reporting.finished_suite import (
-    MOTIONS,
-    RENDEZVOUS,
-    SUCCESS,
-    FinishedSuite,
-    with_cost,
-)
-from experiments.reporting.held_out import (
-    HeldOut,
-    differences,
-    moments,
-    scores,
-    times_to_good,
-    with_clocks,
-)
+from experiments.config.suite import ScenarioConfig, SweepConfig
+from experiments.reporting.by_trial import Blocks
+from experiments.reporting.finished_suite import MOTIONS, RENDEZVOUS, SUCCESS, with_cost
+from experiments.reporting.held_out import HeldOut, differences, moments, scores, times_to_good, with_clocks
 from experiments.reporting.held_out_section import comparison_section, shown_clocks
-
-CAP = 60
+from experiments.reporting.sweep import points
+from tests.experiments.reporting.made_up import CAP, finished_suite, results
 
 
 @pytest.fixture
 def scenario(suite_data):
-    env = suite_data["scenarios"][0]["env"] | {"max_episode_steps": CAP}
-    return ScenarioConfig(**suite_data["scenarios"][0] | {"motions": 300, "env": env, "perturbations": []})
+    (aimed,) = suite_data["scenarios"]
+    env = aimed["env"] | {"max_episode_steps": CAP}
+    return ScenarioConfig(**aimed | {"motions": 300, "env": env, "perturbations": []})
 
 
-def table(scenario, *rows):
-    """From (world, phase, lifetime motions, motions since a perturbation, success, motions)."""
-    names = ["world", "phase", "lifetime_motions", "motions_since_perturbation", "success", "motions"]
-    data = pd.DataFrame(rows, columns=names)
-    data["motions_since_perturbation"] = data["motions_since_perturbation"].astype("Int64")
-    data["distance_mm"] = 10.0 * (data["world"] + 1)
-    data["rendezvous"] = data["success"]
-    data["error_px"] = np.where(data["success"], 3.0, 30.0)
-    return with_clocks(with_cost(data.assign(scenario=scenario.name, agent="servo"), scenario))
+def table(scenario, *rows, own=()):
+    """From (world, lifetime motions, motions since a perturbation, success, motions)."""
+    names = "world lifetime_motions motions_since_perturbation success motions phase"
+    data = results(names, [(*row, "eval") for row in rows] + [(*row, "train") for row in own])
+    far = {"distance_mm": 10.0 * (data["world"] + 1), "error_px": np.where(data["success"], 3.0, 30.0)}
+    return with_clocks(with_cost(data.assign(**far), scenario))
 
 
 @pytest.fixture
 def perturbed_at_different_motions(scenario):
     return table(
         scenario,
-        (0, "eval", 0, None, True, 10),
-        (0, "eval", 100, None, True, 10),
-        (0, "eval", 121, 1, False, 60),
-        (0, "eval", 300, 180, True, 20),
-        (1, "eval", 0, None, True, 20),
-        (1, "eval", 100, None, True, 20),
-        (1, "eval", 161, 1, True, 40),
-        (1, "eval", 300, 140, True, 40),
+        (0, 0, None, True, 10),
+        (0, 100, None, True, 10),
+        (0, 121, 1, False, 60),
+        (0, 300, 180, True, 20),
+        (1, 0, None, True, 20),
+        (1, 100, None, True, 20),
+        (1, 161, 1, True, 40),
+        (1, 300, 140, True, 40),
     )
 
 
@@ -80,7 +67,7 @@ def test_failed_runs_are_worst_at_every_moment_but_have_no_distance(perturbed_at
 
 
 def test_a_run_that_is_not_perturbed_has_only_an_end(perturbed_at_different_motions, scenario):
-    calm = table(scenario, (2, "eval", 0, None, True, 10), (2, "eval", 300, None, True, 10))
+    calm = table(scenario, (2, 0, None, True, 10), (2, 300, None, True, 10))
     rows = pd.concat([perturbed_at_different_motions, calm])
     found = moments(rows, 3, CAP)
     assert [m.finished for m in found.values()] == [2, 2, 3]
@@ -89,14 +76,13 @@ def test_a_run_that_is_not_perturbed_has_only_an_end(perturbed_at_different_moti
 
 
 def test_a_lifetime_that_begins_perturbed_has_no_before(scenario):
-    rows = table(scenario, (0, "eval", 0, 0, True, 10), (0, "eval", 300, 300, True, 10))
+    rows = table(scenario, (0, 0, 0, True, 10), (0, 300, 300, True, 10))
     assert list(moments(rows, 1, CAP)) == ["right after", "at the end"]
 
 
 def test_a_trial_without_a_rendezvous_counts_as_the_cap(scenario):
     rows = [(0, 10, True, True), (0, 12, False, True), (1, 20, True, False)]
-    data = pd.DataFrame(rows, columns=["world", "motions", "success", "rendezvous"])
-    found = with_cost(data.assign(scenario=scenario.name), scenario)
+    found = with_cost(results("world motions success rendezvous", rows), scenario)
     assert list(found[SUCCESS]) == [1, 0, 1]
     assert list(found[RENDEZVOUS]) == [1, 1, 0]
     assert list(found[MOTIONS]) == [10, 12, CAP]
@@ -118,15 +104,15 @@ def test_differences_are_paired_by_world(perturbed_at_different_motions, scenari
 def test_motions_to_the_threshold_are_right_censored(scenario):
     rows = table(
         scenario,
-        (0, "eval", 0, None, False, 60),
-        (0, "eval", 100, None, True, 10),
-        (0, "eval", 200, None, True, 10),
-        (0, "eval", 221, 1, False, 60),
-        (0, "eval", 300, 80, True, 20),
-        (1, "eval", 0, None, False, 60),
-        (1, "eval", 100, None, False, 60),
-        (1, "eval", 261, 1, True, 40),
-        (1, "eval", 300, 5, True, 40),  # after a second perturbation
+        (0, 0, None, False, 60),
+        (0, 100, None, True, 10),
+        (0, 200, None, True, 10),
+        (0, 221, 1, False, 60),
+        (0, 300, 80, True, 20),
+        (1, 0, None, False, 60),
+        (1, 100, None, False, 60),
+        (1, 261, 1, True, 40),
+        (1, 300, 5, True, 40),  # after a second perturbation
     )
     found = times_to_good(rows, 3)
     times, reached, latest, _ = found["from the beginning"]
@@ -142,22 +128,16 @@ def test_motions_to_the_threshold_are_right_censored(scenario):
 def test_the_checkpoints_right_before_and_after_a_change_have_the_same_motions(scenario):
     """They are told apart by the motions since a change, the second time by those since the first."""
     at = [(0, None, 3), (100, None, 4), (100, 0, 50), (200, 100, 5), (200, 0, 40), (300, 100, 6)]
-    rows = table(
-        scenario,
-        *(
-            (world, "eval", lifetime, since, True, motions)
-            for world in (0, 1)
-            for lifetime, since, motions in at
-        ),
-    )
+    lives = [(world, lived, since, True, motions) for world in (0, 1) for lived, since, motions in at]
+    rows = table(scenario, *lives)
     found = moments(rows, 2, CAP)
     assert [found[when].motions.value for when in ("before", "right after", "at the end")] == [4, 50, 6]
     assert list(rows.loc[rows["world"] == 0, "stretch"]) == [0, 0, 1, 1, 2, 2]
 
 
 def test_an_agent_in_fewer_worlds_is_compared_in_those(scenario):
-    few = table(scenario, *((world, "eval", 0, None, True, 9 + world) for world in range(20)))
-    many = table(scenario, *((world, "eval", 0, None, True, 3 + world) for world in range(50)))
+    few = table(scenario, *((world, 0, None, True, 9 + world) for world in range(20)))
+    many = table(scenario, *((world, 0, None, True, 3 + world) for world in range(50)))
     mine, reference = (moments(rows, n, CAP)["at the end"] for rows, n in ((few, 20), (many, 50)))
     found = differences(mine, reference)[MOTIONS]
     assert (found.value, found.low, found.high) == (6, 6, 6)
@@ -171,7 +151,7 @@ def test_checkpoints_are_shown_from_the_first_to_the_last_by_ratios():
 
 
 def test_a_run_that_is_evaluated_at_other_motions_is_shown_by_its_next_checkpoint(scenario):
-    rows = [(0, "eval", 0, None, False, 60), (0, "eval", 128, None, True, 3), (1, "eval", 100, None, True, 4)]
+    rows = [(0, 0, None, False, 60), (0, 128, None, True, 3), (1, 100, None, True, 4)]
     own = table(scenario, *rows)
     assert dict(scores(own, MOTIONS, 100)) == {0: 3, 1: 4}
     assert dict(scores(own, MOTIONS, 101)) == {0: 3}, "a life that has ended has come to no more"
@@ -180,31 +160,70 @@ def test_a_run_that_is_evaluated_at_other_motions_is_shown_by_its_next_checkpoin
 def test_a_lucky_checkpoint_is_no_threshold(scenario):
     share = {0: 0, 100: 20, 200: 15, 300: 19, 400: 20}
     rows = [
-        (0, "eval", motions, None, trial < reached, 3)
-        for motions, reached in share.items()
-        for trial in range(20)
+        (0, motions, None, trial < reached, 3) for motions, reached in share.items() for trial in range(20)
     ]
     times, reached, latest, _ = times_to_good(table(scenario, *rows), 1)["from the beginning"]
     assert (times.tolist(), reached.tolist(), latest) == ([300], [True], 400)
 
 
-def test_agents_that_came_to_a_moment_in_other_worlds_are_not_compared_there(scenario, suite_data, tmp_path):
-    rows = table(scenario, (0, "eval", 0, None, True, 10), (1, "eval", 0, None, True, 20))
+def test_agents_that_came_to_a_moment_in_other_worlds_are_not_compared_there(scenario, suite_data):
+    rows = table(scenario, (0, 0, None, True, 10), (1, 0, None, True, 20))
     at_the_end = moments(rows, 2, CAP)["at the end"]
     found = {
         agent: {"at the end": replace(at_the_end, worlds=at_the_end.worlds.loc[[world]])}
         for world, agent in enumerate(("one", "other"))
     }
-    suite = Suite.model_validate({**suite_data, "worlds": 2})
-    finished = FinishedSuite(tmp_path, suite, "", [], {}, {}, {}, pd.DataFrame(), pd.DataFrame())
     held = HeldOut(scenario, rows, {"one": 2, "other": 2}, found, {})
-    assert comparison_section(finished, held).summary == []
+    assert comparison_section(finished_suite(suite_data), held).summary == []
 
 
 def test_a_change_after_which_nothing_was_held_out_is_counted(scenario):
     """The agent's own trials tell of it."""
-    rows = [(0, "eval", 0, None, True, 3), (0, "eval", 400, 50, True, 3), (0, "eval", 800, 100, True, 3)]
-    own = [(0, "train", 130, 30, True, 3), (0, "train", 360, 10, True, 3), (0, "train", 720, 20, True, 3)]
-    held_out = table(scenario, *rows, *own)
+    rows = [(0, 0, None, True, 3), (0, 400, 50, True, 3), (0, 800, 100, True, 3)]
+    own = [(0, 130, 30, True, 3), (0, 360, 10, True, 3), (0, 720, 20, True, 3)]
+    held_out = table(scenario, *rows, own=own)
     assert list(held_out["stretch"]) == [0, 2, 3]
     assert list(held_out["clock"]) == [0, 50, 100]
+
+
+# Every interval that the report shows is one of 95 %: of many worlds, that of SciPy.
+
+WORLDS = 400
+MOTIONS_OF_WORLD = 3 + np.minimum(np.random.default_rng(5).gamma(2, 4, WORLDS).round(), 50)
+
+
+def is_of_the_median(estimate):
+    exact = scipy.stats.quantile_test(MOTIONS_OF_WORLD, p=0.5).confidence_interval(0.95)
+    assert (estimate.low, estimate.high) == (exact.low, exact.high)
+    assert estimate.value == np.median(MOTIONS_OF_WORLD)
+
+
+def is_of_successes_alone(estimate):
+    """Its end lies between Wilson's interval of as many successes, and Clopper and Pearson's."""
+    all_of = scipy.stats.binomtest(WORLDS, WORLDS)
+    low, high = (all_of.proportion_ci(0.95, method=method).low for method in ("exact", "wilson"))
+    assert low < estimate.low < max(high, low + 0.01)
+    assert estimate.high == 1
+
+
+def test_the_interval_in_the_table_of_moments(scenario):
+    of_worlds = [(world, 300, None, True, int(motions)) for world, motions in enumerate(MOTIONS_OF_WORLD)]
+    found = moments(table(scenario, *of_worlds), WORLDS, CAP)["at the end"]
+    is_of_the_median(found.motions)
+    is_of_the_median(found.among_reached)
+    is_of_successes_alone(found.success)
+
+
+def test_the_interval_in_the_table_of_blocks():
+    (found,) = Blocks(np.array([0.0, 1.0]), MOTIONS_OF_WORLD[:, None], shares=False).estimates()
+    is_of_the_median(found)
+
+
+def test_the_interval_in_the_table_of_a_sweep():
+    env = {"id": "CalFree/Reach-v0", "world": "nominal", "max_episode_steps": CAP}
+    sweep = SweepConfig(name="aimed", env=env, do={"type": "camera_roll"}, vary="degrees", over=(0,))
+    rows = results("world motions", enumerate(MOTIONS_OF_WORLD), value=0.0)
+    (found,) = points(with_cost(rows, sweep), sweep, "servo", WORLDS)
+    is_of_the_median(found.motions)
+    is_of_the_median(found.among_reached)
+    is_of_successes_alone(found.success)

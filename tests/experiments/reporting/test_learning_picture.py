@@ -11,12 +11,58 @@ from experiments.reporting.agents_in_words import colour, in_words
 from experiments.reporting.figures import spread
 from experiments.reporting.held_out import held_out
 from experiments.reporting.held_out_section import learning_picture
-from tests.experiments.reporting.lives import CAP, LIVES, checkpoints, finished_lives
+from tests.experiments.reporting.made_up import CAP, finished_suite, results
+
+# Motions of a life; motions per reach at first, right after the knock and in the end; and by how many motions
+# half of the way is learned.
+LIVES = {
+    "oracle": (2_000, 1, 1, 1, 1),
+    "paper_servo": (2_000, 10, 10, 10, 1),
+    "grid_table": (2_000, 10, 9.5, 4, 700),
+    "memory": (2_000, 6.7, 3, 1, 30),
+    "cooperstock_milios": (2_000, 60, 11, 1.1, 40),
+    "self_supervised": (2_000, 60, 3.6, 1, 50),
+    "ppo": (300_032, 60, 45, 1.9, 12_000),
+    "sac": (16_000, 60, 50, 1.6, 3_500),
+    "random": (2_000, 58, 58, 58, 1),
+}
+
+
+def lives(worlds, knock=True, agents=tuple(LIVES)):
+    """A suite in which the left camera is turned at half of each life, or is not."""
+    aim = {"at": {"motion": 1_000}, "do": {"type": "camera_aim", "camera": "left", "degrees": 20}}
+    env = {"id": "CalFree/ReachDense-v0", "world": "wild", "dynamics": "kinematic", "max_episode_steps": CAP}
+    aimed = {"name": "aimed", "env": env, "motions": 2_000, "perturbations": [aim] if knock else []}
+    suite = {"name": "lives", "question": "Who learns?", "worlds": worlds, "scenarios": [aimed]}
+    suite |= {"evaluation": {"every": 10, "trials": 2}, "agents": list(agents)}
+    rows = [row for agent in agents for world in range(worlds) for row in life(agent, world, knock)]
+    names = "agent world lifetime_motions motions_since_perturbation motions success"
+    return finished_suite(suite, results(names, rows))
+
+
+def checkpoints(length):
+    """0, 1, then four a decade, and the end."""
+    found = np.unique(np.round(10 ** np.arange(0, np.log10(length), 0.25)).astype(int))
+    return [0, *found.tolist(), length]
+
+
+def life(agent, world, knock):
+    length, first, after, last, by = LIVES[agent]
+    wide = 1 + 0.15 * np.sin(world + 1) * (first != last)
+
+    def reach(start, motions):
+        return float(np.clip(last + (start * wide - last) * 2 ** (-motions / by), 1, CAP))
+
+    end = length // 2 if knock else length
+    rows = [(agent, world, at, None, reach(first, at)) for at in checkpoints(end)]
+    if knock:
+        rows += [(agent, world, end + at, at, reach(after, at)) for at in checkpoints(length - end)]
+    return [(*row, row[-1] < CAP) for row in rows]
 
 
 @pytest.fixture(scope="module")
-def four(tmp_path_factory):
-    return finished_lives(4, tmp_path_factory.mktemp("lives"))
+def four():
+    return lives(4)
 
 
 def drawn(finished):
@@ -43,10 +89,10 @@ def test_each_stretch_of_a_life_has_its_panel_and_its_clock(picture):
         "from the beginning",
         "left camera turned by\N{NO-BREAK SPACE}20°",
     )
-    for axes, half in ((left, 0), (right, 1)):
+    for axes in (left, right):
         for agent in ("memory", "ppo"):
             at = [max(each, 1) for each in checkpoints(LIVES[agent][0] // 2)]
-            assert list(curve_of(axes, agent).get_xdata()) == at, (agent, half)
+            assert list(curve_of(axes, agent).get_xdata()) == at, agent
         assert axes.get_xlim()[1] > LIVES["ppo"][0] / 2
 
 
@@ -83,8 +129,8 @@ def test_a_run_that_failed_counts_as_the_cap(four):
     assert drawn(replace(four, results=four.results[four.results["agent"] != "ppo"])).axes
 
 
-def test_without_a_knock_there_is_one_panel(tmp_path):
-    figure = drawn(finished_lives(20, tmp_path, knock=False, agents=("memory", "sac")))
+def test_without_a_knock_there_is_one_panel():
+    figure = drawn(lives(20, knock=False, agents=("memory", "sac")))
     (axes,) = figure.axes
     assert axes.get_title("left") == ""
     bands = [each for each in axes.collections if len(each.get_paths())]

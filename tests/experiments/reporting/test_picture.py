@@ -14,21 +14,21 @@ from experiments.reporting.picture import table_figure
 
 
 @pytest.fixture
-def environment():
-    env = gym.make("CalFree/Reach-v0", dynamics="kinematic", world="nominal")
-    env.reset(seed=0)
-    return env
+def saved(tmp_path):
+    """Saves an agent that has learned a little."""
+
+    def saved(name="grid_table", **settings):
+        env = gym.make("CalFree/Reach-v0", dynamics="kinematic", world="nominal")
+        agent, path = agents.make(name, env, **settings), tmp_path / f"{name}.npz"
+        agent.learn(40)
+        agent.save(path)
+        return path
+
+    return saved
 
 
-def saved(path, env, name="grid_table", **settings):
-    agent = agents.make(name, env, **settings)
-    agent.learn(40)
-    agent.save(path)
-    return path
-
-
-def test_a_picture_is_drawn_of_a_saved_table(tmp_path, environment, capsys):
-    source = saved(tmp_path / "table.npz", environment, cells=5, kalman=True)
+def test_a_picture_is_drawn_of_a_saved_table(tmp_path, saved, capsys):
+    source = saved(cells=5, kalman=True)
     assert main(["picture", str(source), "--out", str(tmp_path / "table.png")]) == 0
     assert str(tmp_path / "table.png") in capsys.readouterr().out
     assert matplotlib.image.imread(tmp_path / "table.png").std() > 0.05
@@ -48,9 +48,8 @@ def test_cells_stand_where_they_are_seen():
     assert right.images[0].get_array().compressed().tolist() == [1.0, 0.0]
 
 
-def test_other_and_damaged_files_are_named(tmp_path, environment, capsys):
-    servo = saved(tmp_path / "servo.npz", environment, "unified_servo")
-    table = saved(tmp_path / "table.npz", environment)
+def test_other_and_damaged_files_are_named(tmp_path, saved, capsys):
+    servo, table = saved("unified_servo"), saved()
     damaged = tmp_path / "damaged.npz"
     damaged.write_bytes(table.read_bytes()[:-60])
     with np.load(table) as file:

@@ -18,6 +18,13 @@ from experiments.running.run import runs_of
 
 
 @pytest.fixture
+def a_log(finished):
+    """The log of a run of results that a test may change, with its rows."""
+    (log, *_) = sorted(finished[1].glob("runs/*/trials.jsonl"))
+    return log, [json.loads(line) for line in log.read_text().splitlines()]
+
+
+@pytest.fixture
 def parquet(finished_once, tmp_path):
     """A copy that a test may change, with nothing beside it."""
     return shutil.copy(finished_once / "results.parquet", tmp_path / "results.parquet")
@@ -48,17 +55,25 @@ def test_times_stand_in_a_file_of_their_own(finished_once, parquet, tmp_path):
     assert timed[1][-2] == f"{1000 * of_servo['decision'].median():.2g}"
 
 
-def test_a_number_of_the_summary_is_that_of_the_rows(parquet, finished_once):
-    rows, summary = (
-        pd.read_parquet(parquet),
-        pd.read_csv(finished_once / "summary.csv", dtype={"commit": str}),
-    )
+def test_a_summary_has_every_number_of_the_report_which_is_that_of_the_rows(finished_once):
+    rows = pd.read_parquet(finished_once / "results.parquet")
+    summary = pd.read_csv(finished_once / "summary.csv", dtype={"commit": str})
+    assert set(summary["table"]) == {"held_out", "checkpoints", "profile", "threshold", "comparison"}
+    assert summary[["config", "commit", "code", "mujoco"]].notna().all(axis=None)
+    shown = summary[summary["table"] == "held_out"]
+    motions = {f"motions_per_reach{of}" for of in ("", "_among_reached")}
+    assert set(shown["measure"]) == {"success", "rendezvous", "distance_mm", *motions}
+    assert len(shown) == 2 * 3 * 5
     held_out = rows[(rows["agent"] == "unified_servo") & (rows["phase"] == "eval")]
+    end = held_out[held_out["lifetime_motions"] == 90]
     before = held_out[held_out["motions_since_perturbation"].isna() & (held_out["lifetime_motions"] == 50)]
     cost = before["motions"].where(before["rendezvous"], 20)
-    shown = summary.set_index(["table", "agent", "moment", "measure"])["value"]
-    found = shown.loc["held_out", "unified_servo", "before", "motions_per_reach"]
-    assert found == pytest.approx(cost.groupby(before["world"]).mean().mean())
+    found = shown[shown["agent"] == "unified_servo"].set_index(["moment", "measure"])
+    expected = cost.groupby(before["world"]).mean().mean()
+    assert found.loc[("before", "motions_per_reach"), "value"] == pytest.approx(expected)
+    assert found.loc[("at the end", "success"), "value"] == end["success"].mean()
+    assert found.loc[("at the end", "success"), "n"] == end["world"].nunique() == 2
+    assert found.loc[("at the end", "distance_mm"), "value"] == end["distance_mm"].median()
 
 
 def test_rows_are_those_of_the_logs(finished_once):
@@ -76,10 +91,8 @@ def test_rows_are_those_of_the_logs(finished_once):
             assert list(mine["error_px"] <= px) == list(logged["error_px"] <= px)
 
 
-def test_an_error_of_the_tolerance_stays_within_it_and_a_larger_one_outside(finished):
-    _, out = finished
-    (log, *_) = sorted(out.glob("runs/*/trials.jsonl"))
-    rows = [json.loads(line) for line in log.read_text().splitlines()]
+def test_an_error_of_the_tolerance_stays_within_it_and_a_larger_one_outside(finished, a_log):
+    (_, out), (log, rows) = finished, a_log
     exact = [4.0, np.nextafter(4.0, 5), np.nextafter(4.0, 3), 2.0, np.nextafter(16.0, 17)]
     for row, error in zip(rows, exact, strict=False):
         row["error_px"] = error
@@ -90,10 +103,8 @@ def test_an_error_of_the_tolerance_stays_within_it_and_a_larger_one_outside(fini
     assert list(kept) == [4.0, 4.1, 4.0, 2.0, 16.1]
 
 
-def test_of_very_many_own_trials_some_are_kept_and_all_held_out_ones(finished):
-    _, out = finished
-    (log, *_) = sorted(out.glob("runs/*/trials.jsonl"))
-    rows = [json.loads(line) for line in log.read_text().splitlines()]
+def test_of_very_many_own_trials_some_are_kept_and_all_held_out_ones(finished, a_log):
+    (_, out), (log, rows) = finished, a_log
     own = next(row for row in rows if row["phase"] == "train")
     many = 2 * MOST_OWN_TRIALS + 1
     held_out = [row for row in rows if row["phase"] == "eval"]
@@ -125,9 +136,18 @@ def test_what_a_run_says_and_why_one_failed_is_in_the_file(finished):
     assert "Oh &lt;no&gt;" in page
 
 
-def with_metadata(parquet, metadata):
-    table = pq.read_table(parquet)
-    pq.write_table(table.replace_schema_metadata(metadata), parquet)
+@pytest.mark.parametrize(
+    ("spoiled", "said"),
+    [
+        (lambda table: table.replace_schema_metadata({}), "says nothing of a suite: it was made by other"),
+        (lambda table: table.replace_schema_metadata({"calfree": "nonsense"}), "is damaged"),
+        (lambda table: table.drop_columns(["error_px"]), "lacks the columns error_px: it was made by other"),
+    ],
+)
+def test_files_of_other_code_are_refused(parquet, tmp_path, spoiled, said):
+    pq.write_table(spoiled(pq.read_table(parquet)), parquet)
+    with pytest.raises(ConfigError, match=said):
+        read_finished(parquet, tmp_path)
 
 
 def test_files_that_are_no_results_are_refused(parquet, tmp_path, capsys):
@@ -136,19 +156,6 @@ def test_files_that_are_no_results_are_refused(parquet, tmp_path, capsys):
     (tmp_path / "cut.parquet").write_bytes(parquet.read_bytes()[:3000])
     assert main(["report", str(tmp_path / "cut.parquet"), "--out", str(tmp_path)]) == 2
     assert "cut.parquet is damaged, or no Parquet file" in capsys.readouterr().err
-    with_metadata(parquet, {})
-    with pytest.raises(ConfigError, match="says nothing of a suite: it was made by other code"):
-        read_finished(parquet, tmp_path)
-    with_metadata(parquet, {"calfree": "nonsense"})
-    with pytest.raises(ConfigError, match="is damaged"):
-        read_finished(parquet, tmp_path)
-
-
-def test_a_file_without_a_column_is_refused(parquet, tmp_path):
-    table = pq.read_table(parquet)
-    pq.write_table(table.drop_columns(["error_px"]), parquet)
-    with pytest.raises(ConfigError, match="lacks the columns error_px: it was made by other code"):
-        read_finished(parquet, tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -158,14 +165,6 @@ def test_damaged_times_are_refused(parquet, tmp_path, text):
     (tmp_path / "timings.csv").write_text(text)
     with pytest.raises(ConfigError, match=r"timings\.csv is damaged .* delete it, or make it anew"):
         read_finished(parquet, tmp_path)
-
-
-def test_a_run_whose_log_is_damaged_is_named(finished, capsys):
-    _, out = finished
-    (log, *_) = sorted(out.glob("runs/*/trials.jsonl"))
-    log.write_text(log.read_text()[:-30])
-    assert main(["report", str(out)]) == 2
-    assert f"{log} is damaged" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '"a"'])

@@ -7,15 +7,7 @@ import pytest
 from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.studies import common, speed
-from experiments.studies.speed.peer import Peer
-
-
-def test_a_peer_steps_when_it_is_asked_to_and_tells_what_it_is():
-    with Peer(f"{sys.executable}=CartPole-v1") as peer:
-        assert peer.substeps is None
-        assert peer.versions["gymnasium"]
-        few, many = peer.seconds(10), peer.seconds(5000)
-    assert 0 < few < many
+from experiments.studies.speed import Peer
 
 
 @pytest.fixture
@@ -33,9 +25,14 @@ def simulated(tmp_path, monkeypatch):
     return f"{sys.executable}=tiny_peer:Tiny-v0"
 
 
-def test_a_peer_tells_its_substeps(simulated):
+def test_a_peer_steps_when_it_is_asked_to_and_tells_what_it_is(simulated):
     with Peer(simulated) as peer:
         assert (peer.substeps, peer.timestep) == (20, 0.002)
+    with Peer(f"{sys.executable}=CartPole-v1") as peer:
+        assert peer.substeps is None
+        assert peer.versions["gymnasium"]
+        few, many = peer.seconds(10), peer.seconds(5000)
+    assert 0 < few < many
 
 
 @pytest.mark.parametrize(
@@ -66,9 +63,8 @@ def test_every_ratio_is_measured(simulated, monkeypatch):
     )
     assert seconds["ours a second"] / substeps["ours a second"] == pytest.approx(0.005)
     assert seconds["other a second"] / substeps["other a second"] == pytest.approx(0.002)
-    assert [row.split(", ")[-1] for row in grasping["row"]] == ["jaws free"] * 2 + ["object held"] * 2 + [
-        "jaws free"
-    ]
+    jaws = ["jaws free"] * 2 + ["object held"] * 2 + ["jaws free"]
+    assert [row.split(", ")[-1] for row in grasping["row"]] == jaws
     assert arms["row"].tolist() == ["256 rows / bare Batch, gantry"]
     for found in (reaching, grasping, arms):
         assert (found[["ratio", "ours a second", "other a second"]] > 0).all(axis=None)
