@@ -40,7 +40,7 @@ _ACROSS = 3
 """Sweeps side by side."""
 _LOST = 0.95
 """An agent that misses more than this share of all trials at every value has no line among the misses."""
-_NEEDED = "Motions per reach, mean (a failure: {})"
+_NEEDED = "Motions per reach (a failure: {})"
 _HOW_TO_READ = (
     "Of the trials in whose first observation both cameras see gripper and object, the same for every "
     "agent. Success: the share whose true error at the end is within the tolerance. Rendezvous: the share "
