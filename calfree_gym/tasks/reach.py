@@ -32,6 +32,7 @@ from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT, lengths
 from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.arms.scene import RADIUS as MARK_RADIUS
+from calfree_gym.robot.kinematic import KinematicSimulation
 from calfree_gym.robot.objects import LinesOfSight, ObjectDraws
 from calfree_gym.robot.simulation import DYNAMICS, ReachSimulation
 from calfree_gym.vision.tracking.tracker import StereoTracker
@@ -150,7 +151,8 @@ class ReachArms(Arms):
         self._drawn_at = np.full_like(self.registers, np.nan)
 
     def _new_simulation(self, rows: int, robot: Robot, mounts: Mounts, threads: int) -> ReachSimulation:
-        return ReachSimulation(rows, robot, mounts, self.config.dynamics, threads)
+        kind = KinematicSimulation if self.config.dynamics == "kinematic" else ReachSimulation
+        return kind(rows, robot, mounts, threads)
 
     def _new_objects(self) -> ObjectDraws:
         tolerance = float(self.tolerance)

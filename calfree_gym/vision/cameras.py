@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import Array, Flags, rotation_matrix
+from calfree_gym.geometry import Array, Flags, in_frame, rotation_matrix
 from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def pinhole(points: Array, position: Array, rotation: Array) -> tuple[Array, Arr
         position: Optical centres (..., 3).
         rotation: Camera axes as columns (..., 3, 3).
     """
-    seen = np.add.reduce((points - position)[..., None] * rotation, -2)
+    seen = in_frame(points, position, rotation)
     depth = -seen[..., 2]
     safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
     return seen[..., :2] * _RIGHT_DOWN / safe[..., None], depth

@@ -7,6 +7,7 @@ from calfree_gym import MOUNTS, WorldDistribution
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.robot.arms.kinematics import gripper_position
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.kinematic import KinematicSimulation
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.simulation import DYNAMICS, ReachSimulation
 from calfree_gym.vision.cameras import image_points, pinhole
@@ -22,10 +23,8 @@ def pair(request):
     for row, world in enumerate(worlds):
         motors.set_world(row, world)
     home, objects = motors.joints(np.zeros((ROWS, 3)), EVERY), np.tile([0.4, 0.1, 0.1], (ROWS, 1))
-    for dynamics in DYNAMICS:
-        made[dynamics] = ReachSimulation(
-            ROWS, MOVEMASTER, MOVEMASTER.mounts(request.param), dynamics, threads=1
-        )
+    for dynamics, kind in zip(DYNAMICS, (ReachSimulation, KinematicSimulation), strict=True):
+        made[dynamics] = kind(ROWS, MOVEMASTER, MOVEMASTER.mounts(request.param), threads=1)
         for row, world in enumerate(worlds):
             made[dynamics].set_world(row, world)
         made[dynamics].place(EVERY, home, objects)
