@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -25,6 +25,11 @@ class KinematicSimulation(ReachSimulation):
     Args:
         rows, robot, mounts, threads: See `Simulation`.
     """
+
+    of_world: ClassVar[tuple[str, ...]] = (
+        *ReachSimulation.of_world,
+        *("_lengths", "_focal", "_centres", "_axes"),
+    )
 
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, mounts, threads)

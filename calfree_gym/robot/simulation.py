@@ -14,6 +14,7 @@ from mujoco.batch import Batch
 
 from calfree_gym.geometry import Array, Rows, quaternion_of, quaternion_product
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.arms.robot import Furnish, Mounts, Places, Robot, Scene
 from calfree_gym.robot.arms.scene import POINTS, SENSOR_SIZE
 
@@ -26,7 +27,7 @@ _has_threads: weakref.WeakSet[Any] = weakref.WeakSet()
 _kept: list[Any] = []
 
 
-class Simulation(ABC):
+class Simulation(OfWorlds, ABC):
     """N arms in N worlds.
 
     Attributes:
@@ -45,6 +46,9 @@ class Simulation(ABC):
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("_physics",)
+    of_world: ClassVar[tuple[str, ...]] = (
+        *("_camera_position", "_camera_orientation", "_intrinsic", "_body_position", "_occluders"),
+    )
     way: list[Array] | None = None
 
     def __init__(self, rows: int, robot: Robot, scene: Scene, mounts: Mounts, threads: int) -> None:

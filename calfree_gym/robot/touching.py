@@ -265,6 +265,7 @@ class TouchingSimulation(ReachSimulation):
     """
 
     state_names: ClassVar[tuple[str, ...]] = (*ReachSimulation.state_names, "_touched")
+    of_world: ClassVar[tuple[str, ...]] = (*ReachSimulation.of_world, "_lengths")
 
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, mounts, threads, furniture(robot))

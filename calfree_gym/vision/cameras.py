@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags, in_frame, rotation_matrix
 from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT
+from calfree_gym.pool import OfWorlds
 
 if TYPE_CHECKING:
     from calfree_gym.world.value import World
@@ -65,13 +66,17 @@ def image_points(flat: Array, focal: Array, principal: Array, k1: Array) -> tupl
     return flat * (1 + bend)[..., None] * focal + principal, bend > -1 / 3
 
 
-class StereoCameras:
+class StereoCameras(OfWorlds):
     """The stereo pairs of N worlds, one row each.
 
     Args:
         rows: N.
         points: How many points `through_lens` gets, in each image.
     """
+
+    of_world: ClassVar[tuple[str, ...]] = (
+        *("_position", "_rotation", "_focal_px", "_focal", "_principal", "_k1"),
+    )
 
     def __init__(self, rows: int, points: int = 2) -> None:
         self._position = np.zeros((rows, 2, 3))
