@@ -22,10 +22,12 @@ from calfree_gym.engine.spaces import Observation, placed_objects
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import IMAGE_UNIT, inside
 from calfree_gym.perturbations.schedule import Applied, PerturbationScheduler
+from calfree_gym.pool import OfWorlds, WorldPool
 from calfree_gym.robot.arms.robot import Mounts, Robot
-from calfree_gym.robot.motors import MotorErrors, MotorMap, Registers
+from calfree_gym.robot.motors import MotorErrors, Registers
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.robot.workspace import Workspaces, check_in_view, first_in_view
+from calfree_gym.streams import MotionNumbers
 from calfree_gym.world import World, WorldDistribution, world_choices
 
 RowState = Mapping[str, Any]
@@ -165,9 +167,9 @@ class Arms(ABC):
         self.mounts = robot.mounts(config.camera_mount)
         self.tolerance = np.float32(config.tolerance_px * IMAGE_UNIT)
         motors = len(robot.motors)
-        self.motors = MotorMap(rows, robot)
         self._motor_errors = MotorErrors(rows, motors)
         self._workspaces = Workspaces(rows, robot, self.mounts, points // 2)
+        self.motors = self._workspaces.motors
         keep_in_view = config.keep_in_view
         self._scheduler = PerturbationScheduler(
             rows, config.perturbations, robot, self.mounts, keep_in_view, self.as_seen, self.can_begin
@@ -182,6 +184,8 @@ class Arms(ABC):
                 self._check_world(choice)
                 if self._redraws:
                     raise ValueError("redraw='trial' draws worlds: `world` must be a distribution")
+            elif config.pool is not None and choice != self._choices[0]:
+                raise ValueError("a pool has worlds of one distribution; `world` names several")
         self._worlds: list[World | None] = [None] * rows
         self.points = np.zeros((rows, points, 2))
         self.visible = np.zeros((rows, points), bool)
@@ -196,6 +200,8 @@ class Arms(ABC):
         self._sight: Sight = sight_of(simulation, robot.rig, points, *images)
         self._moved = np.zeros(rows, bool)
         self._all = np.arange(rows)
+        self._pool: WorldPool | None = None
+        self._draws = MotionNumbers(rows, "pool", (), normal=False)
 
     @abstractmethod
     def make_spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
@@ -305,21 +311,39 @@ class Arms(ABC):
         self.seed_streams(row, seed)
         self.motions[row] = self.trials[row] = self._motions_before[row] = 0
         choice = self._choices[row]
-        self.enter(row, choice if isinstance(choice, World) else self._draw_world(choice, row, seed, 0))
+        if isinstance(choice, World):
+            self.enter(row, choice)
+        elif self.config.pool is None:
+            self.enter(row, self._draw_world(choice, row, seed, 0))
+        else:
+            self._take_from_pool(np.array([row]))
 
     def seed_streams(self, row: int, seed: int) -> None:
         """Gives all that draws numbers in `row` its streams."""
         self._seeds[row] = seed
-        for part in (self._registers, self._motor_errors, self._scheduler, self._sight):
+        for part in (self._registers, self._motor_errors, self._scheduler, self._sight, self._draws):
             part.seed(row, seed)
 
     def enter(self, row: int, world: World) -> None:
         """Puts all of a row into `world`."""
-        self._worlds[row] = world
-        arm = self.motors, self._registers, self._motor_errors, self.simulation
-        for part in (*arm, self._workspaces, self._latency, self._sight):
+        for part in (
+            *(self._workspaces, self._registers, self._motor_errors, self.simulation),
+            *(self._latency, self._sight),
+        ):
             part.set_world(row, world)
+        self.entered(row, world)
+
+    def entered(self, row: int, world: World) -> None:
+        """All of a row is in `world`."""
+        self._worlds[row] = world
         self._moved[row] = True
+
+    def of_worlds(self) -> Sequence[OfWorlds]:
+        """All parts that follow worlds."""
+        return (
+            *(self._workspaces, self._workspaces.motors, self._workspaces.cameras, self._registers),
+            *(self._motor_errors, self.simulation, self._latency, self._sight, self._sight.measurement),
+        )
 
     def _draw_world(self, distribution: WorldDistribution, row: int, seed: int, trial: int) -> World:
         def draw(attempt: int) -> World:
@@ -514,11 +538,35 @@ class Arms(ABC):
 
     def _redraw(self, rows: NDArray[np.intp]) -> None:
         """Puts rows whose first trial is over into the next trial's world."""
-        for row in rows[self.trials[rows] > 0]:
+        drawn = [isinstance(self._choices[row], WorldDistribution) for row in rows.tolist()]
+        rows = rows[(self.trials[rows] > 0) & drawn]
+        for row in rows.tolist():
+            self._scheduler.forget(row)
             choice, seed = self._choices[row], self._seeds[row] or 0
-            if isinstance(choice, WorldDistribution):
-                self._scheduler.forget(row)
+            if self.config.pool is None and isinstance(choice, WorldDistribution):
                 self.enter(row, self._draw_world(choice, row, seed, int(self.trials[row])))
+        if self.config.pool is not None and len(rows):
+            self._take_from_pool(rows)
+
+    def _take_from_pool(self, rows: NDArray[np.intp]) -> None:
+        """Puts rows into worlds of the pool: any, by the row's seed and trial. See `Config.pool`."""
+        size = self.config.pool
+        assert size is not None
+        if self._pool is None:
+            self._pool = WorldPool(size, self.of_worlds())
+        pool = self._pool
+        shares = self._draws.at(np.zeros_like(self.trials), self.trials)[rows]
+        places = (shares * size).astype(np.intp)
+        for row, place in zip(rows.tolist(), places.tolist(), strict=True):
+            if pool.worlds[place] is None:
+                choice = self._choices[row]
+                assert isinstance(choice, WorldDistribution)
+                world = self._draw_world(choice, row, place, 0)
+                self.enter(row, world)
+                pool.keep(place, world, row)
+        pool.put(rows, places)
+        for row, place in zip(rows.tolist(), places.tolist(), strict=True):
+            self.entered(row, pool.worlds[place])
 
     def _check_world(self, world: World) -> None:
         world.check_fits(self.robot)

@@ -17,6 +17,7 @@ from calfree_gym.world import WorldChoice
 RENDER_MODES = ("rgb_array", "human")
 REWARDS = ("sparse", "dense")
 REDRAWS = ("never", "trial")
+LARGEST_POOL = 1_000_000
 SMALLEST_IMAGE, LARGEST_IMAGE = 16, 1024
 """Width and height in pixels of images that are delivered."""
 MOST_TOLERANCE = IMAGE_SIZE // 2
@@ -38,6 +39,7 @@ class Config:
     tolerance_px: float
     perturbations: Any
     redraw: str
+    pool: int | None
     terminate_on_success: bool
     keep_in_view: bool
     truth: bool
@@ -56,6 +58,12 @@ class Config:
         """
         check_choice("reward", self.reward, REWARDS)
         check_choice("redraw", self.redraw, REDRAWS)
+        if self.pool is not None:
+            check_whole("pool", self.pool, 1, LARGEST_POOL)
+            if self.redraw != "trial":
+                raise ValueError(
+                    f"every trial takes a world of the pool: redraw is {self.redraw!r}, not 'trial'"
+                )
         for name in ("truth", "terminate_on_success", "keep_in_view"):
             check_flag(name, getattr(self, name))
         check_whole("image_size", self.image_size, SMALLEST_IMAGE, LARGEST_IMAGE)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
+from calfree_gym.pool import OfWorlds
 from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.robot.arms.robot import Rig
 from calfree_gym.robot.simulation import Simulation
@@ -20,13 +21,15 @@ from calfree_gym.world.value import MAX_LATENCY, World
 Counts = NDArray[np.int64]
 
 
-class MeasurementModel:
+class MeasurementModel(OfWorlds):
     """The vision systems of N worlds, one row each: true image points in, measured ones out.
 
     Args:
         rows: N.
         points: p, of both images together.
     """
+
+    of_world: ClassVar[tuple[str, ...]] = ("_noise", "_outliers", "_dropout")
 
     def __init__(self, rows: int, points: int = 4) -> None:
         self._noise = np.zeros((rows, points, 2))
@@ -47,6 +50,10 @@ class MeasurementModel:
         self._noise[row] = world.point_noise * IMAGE_UNIT
         self._outliers[row] = world.point_outliers
         self._dropout[row] = world.point_dropout
+        self.note_worlds()
+
+    def note_worlds(self) -> None:
+        """See `OfWorlds`."""
         self._any_outliers = bool(self._outliers.any())
         self._any_dropout = bool(self._dropout.any())
 
@@ -66,7 +73,7 @@ class MeasurementModel:
         return measured, visible
 
 
-class Latency:
+class Latency(OfWorlds):
     """Queues of observations of N worlds, one row each.
 
     The queue of a new trial holds the observation at home. Where latency begins in mid-trial, the queue holds
@@ -77,6 +84,7 @@ class Latency:
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("_queues", "_beginning")
+    of_world: ClassVar[tuple[str, ...]] = ("_latency",)
 
     def __init__(self, rows: int) -> None:
         self._latency = np.zeros(rows, np.int64)
@@ -130,13 +138,14 @@ Seen = tuple[NDArray[Any], ...]
 """Points (N, p, 2), which of them were seen (N, p), and images, where they are delivered."""
 
 
-class Sight:
+class Sight(OfWorlds):
     """Points where projection puts them, with noise, outliers and dropout.
 
     Attributes:
         renders: Whether images are rendered.
         finds: Whether points are found in images, whatever projection and rays say.
         images: Those of all rows (N, 2, size, size, ...), where they are delivered; else none.
+        measurement: Of points where projection puts them.
 
     Args:
         rows: N.
@@ -149,15 +158,15 @@ class Sight:
     images: tuple[NDArray[Any], ...] = ()
 
     def __init__(self, rows: int, points: int) -> None:
-        self._measurement = MeasurementModel(rows, points)
+        self.measurement = MeasurementModel(rows, points)
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`."""
-        self._measurement.seed(row, seed)
+        self.measurement.seed(row, seed)
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the measurement of `world`."""
-        self._measurement.set_world(row, world)
+        self.measurement.set_world(row, world)
 
     def begin_trial(self, rows: NDArray[np.intp]) -> None:
         """These rows are at home."""
@@ -172,7 +181,7 @@ class Sight:
             trials: Begun (N,).
             motions: Of these trials (N,).
         """
-        return self._measurement.measure(true, visible, trials, motions)
+        return self.measurement.measure(true, visible, trials, motions)
 
     def close(self) -> None:
         """Frees what renders."""
@@ -193,6 +202,7 @@ class RenderedSight(Sight):
 
     renders = True
     state_names: ClassVar[tuple[str, ...]] = ("_images",)
+    of_world: ClassVar[tuple[str, ...]] = ("_worlds",)
 
     def __init__(self, simulation: Simulation, rig: Rig, points: int, size: int, depth: bool = False) -> None:
         rows = simulation.rows
@@ -201,7 +211,7 @@ class RenderedSight(Sight):
         shape = (rows, 2, size, size)
         self._images: NDArray[Any] = np.zeros(shape, np.float32) if depth else np.zeros((*shape, 3), np.uint8)
         self.images = (self._images,)
-        self._worlds: dict[int, World] = {}
+        self._worlds = np.full(rows, None)
         self._sensors = ImageFormation(size)
         self._places = MotionNumbers(rows, "image_noise", (2, 2), normal=False)
         self._renderer: StereoImages | None = None

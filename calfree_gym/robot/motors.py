@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags, Rows
+from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.streams import MotionNumbers
 
@@ -46,7 +47,7 @@ def curve_inverse(values: Array, curvature: Array) -> Array:
     return register
 
 
-class MotorMap:
+class MotorMap(OfWorlds):
     """The motor maps of N worlds, one row each.
 
     Attributes:
@@ -56,6 +57,11 @@ class MotorMap:
         rows: N.
         robot: The arm.
     """
+
+    of_world: ClassVar[tuple[str, ...]] = (
+        *("_rest", "_curvature", "_linear", "_cubic", "_of_angles", "_rate", "_phase", "_swing"),
+        *("lowest", "highest"),
+    )
 
     def __init__(self, rows: int, robot: Robot) -> None:
         self._robot = robot
@@ -82,9 +88,13 @@ class MotorMap:
         self._of_angles[row] = robot.rest(world.joint_zeros)
         period, self._phase[row], depth = world.gear_ripple.T
         self._rate[row], self._swing[row] = 2 * np.pi / period, depth * period / (2 * np.pi)
-        self._ripples = bool(self._swing.any())
+        self.note_worlds()
         ends = self._inverse((stops.T - self._rest[row]) / scale, row)
         self.lowest[row], self.highest[row] = ends.min(0), ends.max(0)
+
+    def note_worlds(self) -> None:
+        """See `OfWorlds`."""
+        self._ripples = bool(self._swing.any())
 
     def positions(self, registers: Array, rows: Rows) -> Array:
         """Positions of the motors' joints (n, m), in rad or m, at `registers` (n, m) of the given rows."""
@@ -138,7 +148,7 @@ class MotorMap:
         return np.all(np.abs(travel) <= np.abs(furthest), axis=-1)
 
 
-class Registers:
+class Registers(OfWorlds):
     """The registers of N arms, one row each, and those at which their joints stand.
 
     A motor executes a word up to its longest motion, less its shortfall. Its register counts that, up to the
@@ -155,6 +165,7 @@ class Registers:
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("joints",)  # what was executed is state of the arms
+    of_world: ClassVar[tuple[str, ...]] = ("_longest", "_gain", "_factor", "_dead_zone", "_noise", "_step")
 
     def __init__(self, motors: MotorMap, bound: float) -> None:
         self._motors, self._bound = motors, bound
@@ -176,6 +187,10 @@ class Registers:
         self._factor[row] = (1 - world.shortfall) * world.word_gain
         self._dead_zone[row], self._noise[row] = world.dead_zone, world.register_noise
         self._step[row] = world.register_step
+        self.note_worlds()
+
+    def note_worlds(self) -> None:
+        """See `OfWorlds`."""
         ones, zeros = (self._longest, self._factor, self._gain), (self._dead_zone, self._noise, self._step)
         self._exact = all((each == 1).all() for each in ones) and not any(each.any() for each in zeros)
 
@@ -251,7 +266,7 @@ class Registers:
         return told
 
 
-class MotorErrors:
+class MotorErrors(OfWorlds):
     """The errors of the motors of N worlds, one row each.
 
     Backlash is a play: the joint stays where it is until the motor has gone through the gap, and then lags
@@ -264,6 +279,7 @@ class MotorErrors:
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("_sent", "_joint", "_noise")
+    of_world: ClassVar[tuple[str, ...]] = ("_half_gap", "_deviation")
 
     def __init__(self, rows: int, motors: int) -> None:
         self._half_gap = np.zeros((rows, motors))
@@ -280,6 +296,10 @@ class MotorErrors:
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the errors of `world`."""
         self._half_gap[row], self._deviation[row] = world.backlash / 2, world.repeatability
+        self.note_worlds()
+
+    def note_worlds(self) -> None:
+        """See `OfWorlds`."""
         self._errs = bool(self._half_gap.any() or self._deviation.any())
 
     @property

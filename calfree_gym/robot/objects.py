@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
+from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.rays import MARKS, shares_by_camera
 from calfree_gym.robot.simulation import Simulation
@@ -74,7 +75,7 @@ APART_SIGMAS = 6
 """The distance of a new object from the gripper exceeds the tolerance by this many times the noise."""
 
 
-class ObjectDraws:
+class ObjectDraws(OfWorlds):
     """Draws objects for N arms, each from a stream of its own: a pure function of seed and trial.
 
     Args:
@@ -85,6 +86,8 @@ class ObjectDraws:
         lines: Tells what hides it, where that matters.
         way_is_free: Whether an arm gets from joints (j,) to others in a row, where that matters.
     """
+
+    of_world: ClassVar[tuple[str, ...]] = ("_apart",)
 
     def __init__(
         self,

@@ -14,6 +14,7 @@ from mujoco.batch import Batch
 
 from calfree_gym.geometry import Array, Rows, quaternion_of, quaternion_product
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.arms.robot import Furnish, Mounts, Places, Robot, Scene
 from calfree_gym.robot.arms.scene import POINTS, SENSOR_SIZE
 
@@ -26,7 +27,7 @@ _has_threads: weakref.WeakSet[Any] = weakref.WeakSet()
 _kept: list[Any] = []
 
 
-class Simulation(ABC):
+class Simulation(OfWorlds, ABC):
     """N arms in N worlds.
 
     Attributes:
@@ -45,6 +46,9 @@ class Simulation(ABC):
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("_physics",)
+    of_world: ClassVar[tuple[str, ...]] = (
+        *("_camera_position", "_camera_orientation", "_intrinsic", "_body_position", "_occluders"),
+    )
     way: list[Array] | None = None
 
     def __init__(self, rows: int, robot: Robot, scene: Scene, mounts: Mounts, threads: int) -> None:
@@ -196,7 +200,6 @@ SUBSTEPS = 100
 """Physics substeps of 5 ms in a motion: enough to settle to 0.1 pixels (a test measures it)."""
 DYNAMICS = ("physics", "kinematic")
 _NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
-_NO_CONSTRAINTS = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 
 
 class ReachSimulation(Simulation):
@@ -204,23 +207,13 @@ class ReachSimulation(Simulation):
 
     Args:
         rows, robot, mounts, threads: See `Simulation`.
-        dynamics: "physics", or "kinematic": the arm is placed where physics would settle.
         furnish: See `Robot.scene`.
     """
 
     def __init__(
-        self,
-        rows: int,
-        robot: Robot,
-        mounts: Mounts,
-        dynamics: str,
-        threads: int,
-        furnish: Furnish | None = None,
+        self, rows: int, robot: Robot, mounts: Mounts, threads: int, furnish: Furnish | None = None
     ) -> None:
         scene = robot.scene(mounts, furnish)
-        self._kinematic = dynamics == "kinematic"
-        if self._kinematic:
-            scene.model.opt.disableflags |= _NO_CONSTRAINTS  # motors stop before joints do
         super().__init__(rows, robot, scene, mounts, threads)
         self._disabled = self._batch.expand("opt.disableflags")
         self._flags = int(self._model.opt.disableflags)
@@ -251,12 +244,9 @@ class ReachSimulation(Simulation):
         """
         travel = self.travel(rows, joints)
         write(self._all_ctrl, rows, self._ctrl, joints)
-        if self._kinematic:
-            write(self._all_qpos, rows, self._qpos, joints)
-        else:
-            self._disabled.fill(self._flags | _NO_SENSORS)  # only `refresh` needs them
-            self._batch.step(None if isinstance(rows, slice) else rows, SUBSTEPS)
-            self._disabled.fill(self._flags)
+        self._disabled.fill(self._flags | _NO_SENSORS)  # only `refresh` needs them
+        self._batch.step(None if isinstance(rows, slice) else rows, SUBSTEPS)
+        self._disabled.fill(self._flags)
         return travel
 
     def place_objects(self, rows: Rows, objects: Array) -> None:

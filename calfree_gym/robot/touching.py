@@ -265,9 +265,10 @@ class TouchingSimulation(ReachSimulation):
     """
 
     state_names: ClassVar[tuple[str, ...]] = (*ReachSimulation.state_names, "_touched")
+    of_world: ClassVar[tuple[str, ...]] = (*ReachSimulation.of_world, "_lengths")
 
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, threads: int) -> None:
-        super().__init__(rows, robot, mounts, "physics", threads, furniture(robot))
+        super().__init__(rows, robot, mounts, threads, furniture(robot))
         self._lengths = np.tile(robot.lengths, (rows, 1))
         self._touch = int(self._model.sensor(SENSOR).adr[0])
         self._joints = np.atleast_1d(np.arange(self._model.nq)[self._qpos])

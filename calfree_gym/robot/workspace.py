@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import inside, lengths, rounded
+from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.arms.robot import ROOM, Mounts, Robot
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.vision.cameras import StereoCameras
@@ -145,11 +146,12 @@ class Candidates(NamedTuple):
     apart: Array
 
 
-class Workspaces:
-    """The work spaces of N worlds, one row each, and what their cameras see of them.
+class Workspaces(OfWorlds):
+    """The work spaces of N worlds, one row each: what their motors reach, and what their cameras see.
 
     Attributes:
-        cameras: The cameras of the N worlds.
+        motors: The motors of the N worlds.
+        cameras: Their cameras.
 
     Args:
         rows: N.
@@ -158,25 +160,33 @@ class Workspaces:
         points: How many of them each camera sees.
     """
 
+    of_world: ClassVar[tuple[str, ...]] = (
+        "_lengths",
+        "_home",
+        "_gripper_images",
+        "_gripper_seen",
+        "_inverse",
+    )
+
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, points: int = 2) -> None:
         self._robot, self._mounts = robot, mounts
         self._moving = mounts != (ROOM, ROOM)
-        self._motors = MotorMap(rows, robot)
+        self.motors = MotorMap(rows, robot)
         self.cameras = StereoCameras(rows, points)
         self._lengths = np.ones((rows, len(robot.links)))
         self._home = np.zeros((rows, len(robot.built_home)))
         self._gripper_images = np.zeros((rows, 2, 2))
         self._gripper_seen = np.zeros(rows, bool)
-        self._inverse: list[InverseKinematics | None] = [None] * rows
+        self._inverse = np.full(rows, None)
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the arm and the cameras of `world`."""
-        self._motors.set_world(row, world)
+        self.motors.set_world(row, world)
         self.cameras.set_world(row, world)
         self._lengths[row] = world.link_lengths
         self._inverse[row] = None
         one = np.array([row])
-        self._home[one] = self._motors.joints(np.zeros((1, len(self._robot.motors))), one)
+        self._home[one] = self.motors.joints(np.zeros((1, len(self._robot.motors))), one)
         gripper = self._robot.gripper_position(self._home[one], self._lengths[one])
         self._gripper_images[one], self._gripper_seen[one] = self.images(gripper, self._home[one], one)
 
@@ -184,7 +194,7 @@ class Workspaces:
         """Turns uniform draws in [0, 1) (n, k, m), one a motor of the n `rows`, into candidates."""
         robot = self._robot
         positions = robot.postures(draws)
-        angles = self._motors.angles(positions, rows)
+        angles = self.motors.angles(positions, rows)
         points = robot.gripper_position(angles, self._lengths[rows][:, None])
         within = robot.within(points)
         of, _ = np.nonzero(within)
@@ -195,7 +205,7 @@ class Workspaces:
         seen[within] = judged
         apart[within] = lengths(images - self._gripper_images[rows[of]]).max(-1)
         return Candidates(
-            positions, points, within, self._motors.reaches(positions, MAX_REGISTER, rows), seen, apart
+            positions, points, within, self.motors.reaches(positions, MAX_REGISTER, rows), seen, apart
         )
 
     def registers_at(self, row: int, point: Array, near: Array | None = None) -> Array:
@@ -206,11 +216,11 @@ class Workspaces:
             point: Where the gripper should be.
             near: Positions of the motors' joints (m,) near which the search starts.
         """
-        inverse = self._inverse[row]
+        inverse: InverseKinematics | None = self._inverse[row]
         if inverse is None:
             inverse = self._inverse[row] = self._inverse_of(row)
         if near is not None:
-            near = self._motors.registers(near, row)
+            near = self.motors.registers(near, row)
         return inverse.registers_at(point, near)
 
     def gripper_seen_at_home(self, row: int) -> bool:
@@ -233,9 +243,9 @@ class Workspaces:
         one = slice(row, row + 1)
 
         def gripper_at(registers: Array) -> Array:
-            return self._robot.gripper_position(self._motors.joints(registers, one), self._lengths[row])
+            return self._robot.gripper_position(self.motors.joints(registers, one), self._lengths[row])
 
-        return InverseKinematics(gripper_at, self._motors.lowest[row], self._motors.highest[row])
+        return InverseKinematics(gripper_at, self.motors.lowest[row], self.motors.highest[row])
 
     def images(self, points: Array, angles: Array, rows: Indices) -> tuple[Array, Flags]:
         """Image points (k, 2, 2), unclipped, of points (k, 3) in the cameras of their rows (k,).

@@ -122,6 +122,7 @@ class GraspConfig(Config):
     tolerance_px: float = 24.0
     perturbations: Any = None
     redraw: str = "never"
+    pool: int | None = None
     terminate_on_success: bool = True
     keep_in_view: bool = True
     truth: bool = True
@@ -193,9 +194,9 @@ class GraspArms(ContactArms):
         """See `Arms`: places (N, 2), or with an angle (N, 3), or poses (N, 7)."""
         return placed_things(options, self.rows, self.config.orientation)
 
-    def enter(self, row: int, world: World) -> None:
+    def entered(self, row: int, world: World) -> None:
         """See `Arms`: a thing keeps its shape, and gets the mass and the friction of the world."""
-        super().enter(row, world)
+        super().entered(row, world)
         if (placed := self.placed[row]) is not None:
             self._weigh(row, placed)
 
@@ -422,7 +423,7 @@ class GraspEnv(ArmEnv, arms=GraspArms):
             such as {"shape": "sphere", "radius": 0.02}; or None: any.
         orientation: "lying": things lie or stand on the table; "any": they are held in the air (paper, 3.5),
             and `observation` is "points".
-        world, camera_mount, perturbations, redraw: As for `StereoArmEnv`.
+        world, camera_mount, perturbations, redraw, pool: As for `StereoArmEnv`.
         terminate_on_success, keep_in_view, truth, reward: As for `StereoArmEnv`.
         render_mode, width, height: As for `StereoArmEnv`.
         observation: "points", "vision" or "pixels".

@@ -99,6 +99,7 @@ class InsertConfig(Config):
     tolerance_px: float = 24.0
     perturbations: Any = None
     redraw: str = "never"
+    pool: int | None = None
     terminate_on_success: bool = True
     keep_in_view: bool = True
     truth: bool = True
@@ -290,7 +291,7 @@ class InsertEnv(ArmEnv, arms=InsertArms):
 
     Args:
         clearance: The hole's diameter less the peg's, 0.1 to 10 mm.
-        world, camera_mount, perturbations, redraw: As for `StereoArmEnv`.
+        world, camera_mount, perturbations, redraw, pool: As for `StereoArmEnv`.
         terminate_on_success, keep_in_view, truth: As for `StereoArmEnv`.
         render_mode, width, height: As for `StereoArmEnv`.
         observation: "points".

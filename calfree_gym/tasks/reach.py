@@ -29,9 +29,11 @@ from calfree_gym.engine.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice, check_flag
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT, lengths
+from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.arms.arm import Arm, ArmChoice, robot_of
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.arms.scene import RADIUS as MARK_RADIUS
+from calfree_gym.robot.kinematic import KinematicSimulation
 from calfree_gym.robot.objects import LinesOfSight, ObjectDraws
 from calfree_gym.robot.simulation import DYNAMICS, ReachSimulation
 from calfree_gym.vision.tracking.tracker import StereoTracker
@@ -112,6 +114,7 @@ class ReachConfig(ReachingConfig):
     dynamics: str = "physics"
     perturbations: Any = None
     redraw: str = "never"
+    pool: int | None = None
     terminate_on_success: bool = True
     keep_in_view: bool = True
     tell: Sequence[str] = ()
@@ -150,7 +153,8 @@ class ReachArms(Arms):
         self._drawn_at = np.full_like(self.registers, np.nan)
 
     def _new_simulation(self, rows: int, robot: Robot, mounts: Mounts, threads: int) -> ReachSimulation:
-        return ReachSimulation(rows, robot, mounts, self.config.dynamics, threads)
+        kind = KinematicSimulation if self.config.dynamics == "kinematic" else ReachSimulation
+        return kind(rows, robot, mounts, threads)
 
     def _new_objects(self) -> ObjectDraws:
         tolerance = float(self.tolerance)
@@ -167,8 +171,12 @@ class ReachArms(Arms):
         self._objects.seed(row, seed)
 
     def enter(self, row: int, world: World) -> None:
-        super().enter(row, world)
         self._objects.set_world(row, world)
+        super().enter(row, world)
+
+    def of_worlds(self) -> Sequence[OfWorlds]:
+        """See `Arms`."""
+        return (*super().of_worlds(), self._objects)
 
     def also_in_view(self, row: int) -> Callable[[World], bool] | None:
         """See `Arms`: nothing hides the gripper at home."""
@@ -430,6 +438,9 @@ class StereoArmEnv(ArmEnv, arms=ReachArms):
             `calfree_gym.perturbations.parse_schedule`; the types and their settings are the classes of
             `calfree_gym.perturbations`.
         redraw: "never", or "trial": every trial in a new world, if `world` is a distribution.
+        pool: With redraw "trial", the worlds of the seeds from 0 on, so many of them, are drawn once, and
+            every trial is in one of these: training over worlds, as fast as in one. Test in worlds of other
+            seeds.
         terminate_on_success: Whether the rendezvous ends the trial.
         keep_in_view: Whether worlds, perturbations and objects that the cameras do not see are drawn again.
         tell: Privileged quantities, as further observation keys: "joint_angles" (5,) and "joint_zeros" (4,)

@@ -46,6 +46,7 @@ class SafeReachConfig(ReachingConfig):
     tolerance_px: float = 4.0
     perturbations: Any = None
     redraw: str = "never"
+    pool: int | None = None
     terminate_on_success: bool = True
     keep_in_view: bool = True
     tell: Sequence[str] = ()
@@ -222,7 +223,7 @@ class SafeReachEnv(ArmEnv, arms=SafeReachArms):
             is as it is.
         force_bound: Contact force (N) above which a trial ends.
         world, arm, camera_mount, observation, tolerance_px: As for `StereoArmEnv`.
-        perturbations, redraw, terminate_on_success, keep_in_view: As for `StereoArmEnv`.
+        perturbations, redraw, pool, terminate_on_success, keep_in_view: As for `StereoArmEnv`.
         tell, truth, occlusion, image_size, reward: As for `StereoArmEnv`.
         render_mode, width, height: As for `StereoArmEnv`.
 

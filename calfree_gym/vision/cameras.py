@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.geometry import Array, Flags, rotation_matrix
+from calfree_gym.geometry import Array, Flags, in_frame, rotation_matrix
 from calfree_gym.image import IMAGE_UNIT, PIXELS_PER_UNIT
+from calfree_gym.pool import OfWorlds
 
 if TYPE_CHECKING:
     from calfree_gym.world.value import World
@@ -27,7 +28,7 @@ def pinhole(points: Array, position: Array, rotation: Array) -> tuple[Array, Arr
         position: Optical centres (..., 3).
         rotation: Camera axes as columns (..., 3, 3).
     """
-    seen = np.add.reduce((points - position)[..., None] * rotation, -2)
+    seen = in_frame(points, position, rotation)
     depth = -seen[..., 2]
     safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
     return seen[..., :2] * _RIGHT_DOWN / safe[..., None], depth
@@ -65,13 +66,17 @@ def image_points(flat: Array, focal: Array, principal: Array, k1: Array) -> tupl
     return flat * (1 + bend)[..., None] * focal + principal, bend > -1 / 3
 
 
-class StereoCameras:
+class StereoCameras(OfWorlds):
     """The stereo pairs of N worlds, one row each.
 
     Args:
         rows: N.
         points: How many points `through_lens` gets, in each image.
     """
+
+    of_world: ClassVar[tuple[str, ...]] = (
+        *("_position", "_rotation", "_focal_px", "_focal", "_principal", "_k1"),
+    )
 
     def __init__(self, rows: int, points: int = 2) -> None:
         self._position = np.zeros((rows, 2, 3))

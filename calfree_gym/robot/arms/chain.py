@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,6 +18,8 @@ FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 class Chain:
     """The way from the world to one body, as MuJoCo computes it; links stretch, all other joints stay.
 
+    It is a product of homogeneous transforms (4, 4): one for each motor and what lies before it.
+
     Args:
         model: The compiled model.
         body: Id of the last body.
@@ -30,16 +32,30 @@ class Chain:
         self, model: mujoco.MjModel, body: int, motors: Sequence[int], links: Sequence[int], qpos: Array
     ) -> None:
         self._steps: list[_Step] = []
+        fixed, stretched = np.eye(4), {}
         for each in path_to(model, body):
-            joints = range(model.body_jntadr[each], model.body_jntadr[each] + model.body_jntnum[each])
+            first = int(model.body_jntadr[each])
+            joints = range(first, first + int(model.body_jntnum[each]))
             if free := [joint for joint in joints if model.jnt_type[joint] == FREE]:
                 at = int(model.jnt_qposadr[free[0]])
-                self._steps.append(_Fixed(qpos[at : at + 3], rotation_matrix(qpos[at + 3 : at + 7])))
+                fixed = fixed @ _transform(rotation_matrix(qpos[at + 3 : at + 7]), qpos[at : at + 3])
                 continue
-            link = list(links).index(each) if each in links else None
-            self._steps.append(_Offset(model.body_pos[each].copy(), link))
-            self._steps.append(_Fixed(np.zeros(3), rotation_matrix(model.body_quat[each])))
-            self._steps += [_joint(model, joint, list(motors), qpos) for joint in joints]
+            if each in links:
+                stretched[list(links).index(each)] = fixed @ _transform(
+                    np.zeros((3, 3)), model.body_pos[each], 0
+                )
+            else:
+                fixed = fixed @ _transform(np.eye(3), model.body_pos[each])
+            fixed = fixed @ _transform(rotation_matrix(model.body_quat[each]))
+            for joint in joints:
+                if joint in motors:
+                    self._steps.append(
+                        _Step(list(motors).index(joint), _joint(model, joint).after(fixed), stretched)
+                    )
+                    fixed, stretched = np.eye(4), {}
+                else:
+                    fixed = fixed @ _still(model, joint, qpos)
+        self._steps.append(_Step(0, _Joint(0.0, fixed), stretched))
 
     def frames(self, joints: Array, stretch: Array) -> tuple[Array, Array]:
         """Position (..., 3) in m of the last body in the room, and its axes as columns (..., 3, 3).
@@ -49,10 +65,11 @@ class Chain:
             stretch: Of the links (..., l), relative to the model's.
         """
         shape = np.broadcast_shapes(joints.shape[:-1], stretch.shape[:-1])
-        position, axes = np.zeros((*shape, 3)), np.broadcast_to(np.eye(3), (*shape, 3, 3))
-        for step in self._steps:
-            position, axes = step(position, axes, joints, stretch)
-        return position, axes
+        frame = self._steps[0](joints, stretch)
+        for step in self._steps[1:]:
+            frame = frame @ step(joints, stretch)
+        frame = np.broadcast_to(frame, (*shape, 4, 4))
+        return frame[..., :3, 3], frame[..., :3, :3]
 
 
 def path_to(model: mujoco.MjModel, body: int) -> list[int]:
@@ -64,73 +81,67 @@ def path_to(model: mujoco.MjModel, body: int) -> list[int]:
     return path
 
 
-class _Step(Protocol):
-    """A part of the way: from a frame (..., 3), (..., 3, 3) to the next."""
-
-    def __call__(
-        self, position: Array, axes: Array, joints: Array, stretch: Array
-    ) -> tuple[Array, Array]: ...
-
-
 @dataclass(frozen=True)
-class _Offset:
-    offset: Array
-    link: int | None
+class _Joint:
+    """Where a joint takes what it carries: a transform that is a sum, of which terms depend on its position.
 
-    def __call__(self, position: Array, axes: Array, joints: Array, stretch: Array) -> tuple[Array, Array]:
-        way = axes @ self.offset
-        return position + (way if self.link is None else stretch[..., self.link, None] * way), axes
+    Attributes:
+        reference: Its position in which the model is written.
+        fixed: The part that does not depend on it (4, 4).
+        terms: Functions of its position, and what they multiply (4, 4).
+    """
 
-
-@dataclass(frozen=True)
-class _Fixed:
-    offset: Array
-    rotation: Array
-
-    def __call__(self, position: Array, axes: Array, joints: Array, stretch: Array) -> tuple[Array, Array]:
-        return position + axes @ self.offset, axes @ self.rotation
-
-
-@dataclass(frozen=True)
-class _Slide:
-    motor: int
-    axis: Array
     reference: float
+    fixed: Array
+    terms: tuple[tuple[Callable[..., Any], Array], ...] = ()
 
-    def __call__(self, position: Array, axes: Array, joints: Array, stretch: Array) -> tuple[Array, Array]:
-        return position + (joints[..., self.motor, None] - self.reference) * (axes @ self.axis), axes
+    def __call__(self, positions: Array) -> Array:
+        """The transforms (..., 4, 4) at positions (...)."""
+        moved = np.asarray(positions - self.reference)[..., None, None]
+        return np.asarray(sum((function(moved) * by for function, by in self.terms), self.fixed))
+
+    def after(self, transform: Array) -> _Joint:
+        """The same behind a fixed transform (4, 4)."""
+        terms = tuple((function, transform @ by) for function, by in self.terms)
+        return _Joint(self.reference, transform @ self.fixed, terms)
 
 
-@dataclass(frozen=True)
-class _Hinge:
+class _Step(NamedTuple):
+    """A part of the way: a motor's joint, and what links on the way to it add where they stretch (4, 4)."""
+
     motor: int
-    axis: Array
-    anchor: Array
-    reference: float
+    joint: _Joint
+    links: dict[int, Array]
 
-    def __call__(self, position: Array, axes: Array, joints: Array, stretch: Array) -> tuple[Array, Array]:
-        turned = axes @ _rotations(self.axis, joints[..., self.motor] - self.reference)
-        return position + axes @ self.anchor - turned @ self.anchor, turned
-
-
-def _joint(model: mujoco.MjModel, joint: int, motors: list[int], qpos: Array) -> _Step:
-    at, kind = int(model.jnt_qposadr[joint]), int(model.jnt_type[joint])
-    axis, anchor = model.jnt_axis[joint].copy(), model.jnt_pos[joint].copy()
-    if joint in motors:
-        motor, reference = motors.index(joint), float(model.qpos0[at])
-        return _Slide(motor, axis, reference) if kind == SLIDE else _Hinge(motor, axis, anchor, reference)
-    if kind == SLIDE:
-        return _Fixed(axis * (qpos[at] - model.qpos0[at]), np.eye(3))
-    if kind == BALL:
-        rotation = rotation_matrix(qpos[at : at + 4])
-    else:
-        rotation = _rotations(axis, qpos[at] - model.qpos0[at])
-    return _Fixed(anchor - rotation @ anchor, rotation)
+    def __call__(self, joints: Array, stretch: Array) -> Array:
+        """The transforms (..., 4, 4)."""
+        ways = (stretch[..., link, None, None] * by for link, by in self.links.items())
+        return np.asarray(sum(ways, self.joint(joints[..., self.motor])))
 
 
-def _rotations(axis: Array, angles: Array) -> Array:
-    """Rotation matrices (..., 3, 3) about a unit axis (3,) by angles (...) in rad (Rodrigues 1840)."""
+def _joint(model: mujoco.MjModel, joint: int) -> _Joint:
+    """A hinge turns about its axis through its anchor (Rodrigues 1840); a slide moves along its axis."""
+    axis, reference = model.jnt_axis[joint], float(model.qpos0[model.jnt_qposadr[joint]])
+    if model.jnt_type[joint] == SLIDE:
+        return _Joint(reference, np.eye(4), ((np.positive, _transform(np.zeros((3, 3)), axis, 0)),))
     x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    angles = np.asarray(angles)[..., None, None]
-    return np.asarray(np.eye(3) + np.sin(angles) * cross + (1 - np.cos(angles)) * (cross @ cross))
+    cross, along = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]), np.outer(axis, axis)
+    there, back = (_transform(np.eye(3), sign * model.jnt_pos[joint]) for sign in (1, -1))
+    sine, cosine = (there @ _transform(part, corner=0) @ back for part in (cross, np.eye(3) - along))
+    return _Joint(reference, there @ _transform(along) @ back, ((np.sin, sine), (np.cos, cosine)))
+
+
+def _still(model: mujoco.MjModel, joint: int, qpos: Array) -> Array:
+    """The transform (4, 4) of a joint that is no motor's, and stays where it is in qpos (nq,)."""
+    at = int(model.jnt_qposadr[joint])
+    if model.jnt_type[joint] != BALL:
+        return _joint(model, joint)(qpos[at])
+    there, back = (_transform(np.eye(3), sign * model.jnt_pos[joint]) for sign in (1, -1))
+    return np.asarray(there @ _transform(rotation_matrix(qpos[at : at + 4])) @ back)
+
+
+def _transform(rotation: Array, offset: Array | float = 0.0, corner: float = 1.0) -> Array:
+    """A homogeneous transform (4, 4); with another `corner` than 1, a part of such a one in a sum."""
+    transform = np.zeros((4, 4))
+    transform[:3, :3], transform[:3, 3], transform[3, 3] = rotation, offset, corner
+    return transform

@@ -135,8 +135,8 @@ class Movemaster(Robot):
         if mounts != ("waist", "waist"):
             return super().into_mounts(points, angles, lengths, mounts)
         c, s = np.cos(angles[..., 0]), np.sin(angles[..., 0])
-        x, y, z = points.T
-        return np.stack([c * x + s * y, c * y - s * x, z], -1)[:, None]
+        x, y, z = (points[..., axis] for axis in range(3))
+        return np.stack([c * x + s * y, c * y - s * x, z], -1)[..., None, :]
 
     def scene(self, mounts: Mounts, furnish: Furnish | None = None) -> Scene:
         """See `Robot`."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.errors import near_misses
-from calfree_gym.geometry import Array, Flags
+from calfree_gym.geometry import Array, Flags, in_frame
 
 Places = NDArray[np.int64]
 Furnish = Callable[[Any], None]
@@ -139,7 +139,7 @@ class Robot(ABC):
         return self.frames(body, self.built_home, self.lengths)
 
     def into_mounts(self, points: Array, angles: Array, lengths: Array, mounts: Mounts) -> Array:
-        """Points (n, 3) of the room as the cameras on `mounts` have them before them (n, 1 or 2, 3).
+        """Points (..., 3) of the room as the cameras on `mounts` have them before them (..., 1 or 2, 3).
 
         That is where they would be, had the room moved instead of the cameras since home as built. One for
         both cameras, where both are fixed to one body.
@@ -150,8 +150,7 @@ class Robot(ABC):
                 moved.append(points)
                 continue
             (position, axes), (home, home_axes) = self.frames(body, angles, lengths), self.home_frame(body)
-            local = ((points - position)[..., None] * axes).sum(-2)
-            moved.append(home + local @ home_axes.T)
+            moved.append(in_frame(in_frame(points, position, axes), -home @ home_axes, home_axes.T))
         return np.stack(moved, -2)
 
     @abstractmethod

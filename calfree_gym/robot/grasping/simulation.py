@@ -127,6 +127,7 @@ class GraspSimulation(Simulation):
     """
 
     state_names: ClassVar[tuple[str, ...]] = (*Simulation.state_names, "_pressing", "diverged")
+    of_world: ClassVar[tuple[str, ...]] = (*Simulation.of_world, "_focal", "_lengths")
     seen: ClassVar[tuple[str, ...]] = POINTS
     """What cameras see; `OBJECT` is the place of what the task is about."""
     told: ClassVar[slice] = slice(0, 2)

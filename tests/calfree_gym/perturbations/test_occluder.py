@@ -13,7 +13,7 @@ from calfree_gym.perturbations import CameraShift, Occluder
 from calfree_gym.perturbations.occluder import nearest, work_space
 from calfree_gym.perturbations.schedule import undone
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.simulation import ReachSimulation
+from calfree_gym.robot.kinematic import KinematicSimulation
 from tests.arms.every import arm_named
 from tests.arms.own import ARMS
 
@@ -37,7 +37,7 @@ class Rays:
     """Rays that the occluder alone can stop, in the scene of one arm."""
 
     def __init__(self, robot):
-        self.simulation = ReachSimulation(1, robot, robot.mounts("stand"), "kinematic", threads=1)
+        self.simulation = KinematicSimulation(1, robot, robot.mounts("stand"), threads=1)
         self.picture = self.simulation.picture()
         model = self.picture[0]
         model.geom_group[:] = 0

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from calfree_gym import MOUNTS, WorldDistribution
-from calfree_gym.geometry import rotation_matrix
-from calfree_gym.robot.arms.kinematics import gripper_position
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.kinematic import KinematicSimulation
 from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.simulation import DYNAMICS, ReachSimulation
-from calfree_gym.vision.cameras import image_points, pinhole
 
 ROWS = 32
 EVERY = slice(None)
@@ -22,10 +20,8 @@ def pair(request):
     for row, world in enumerate(worlds):
         motors.set_world(row, world)
     home, objects = motors.joints(np.zeros((ROWS, 3)), EVERY), np.tile([0.4, 0.1, 0.1], (ROWS, 1))
-    for dynamics in DYNAMICS:
-        made[dynamics] = ReachSimulation(
-            ROWS, MOVEMASTER, MOVEMASTER.mounts(request.param), dynamics, threads=1
-        )
+    for dynamics, kind in zip(DYNAMICS, (ReachSimulation, KinematicSimulation), strict=True):
+        made[dynamics] = kind(ROWS, MOVEMASTER, MOVEMASTER.mounts(request.param), threads=1)
         for row, world in enumerate(worlds):
             made[dynamics].set_world(row, world)
         made[dynamics].place(EVERY, home, objects)
@@ -46,28 +42,22 @@ def test_a_motion_ends_settled_to_a_tenth_of_a_pixel(pair):
         assert np.abs(a - b)[near].max() < 0.1
 
 
-def test_image_points_follow_from_closed_form_kinematics_and_projection(pair):
-    _, kinematic, motors, worlds, mount = pair
+def test_what_follows_in_closed_form_is_what_mujoco_computes(pair):
+    physics, kinematic, motors, _, _ = pair
     rng = np.random.default_rng(1)
     for _ in range(10):
-        kinematic.move(EVERY, motors.joints(rng.uniform(motors.lowest, motors.highest), EVERY))
-        kinematic.refresh()
-        pixels, depth = kinematic.pinhole_pixels()
-        gripper, _ = kinematic.positions()
-        for row, world in enumerate(worlds):
-            joints = kinematic.joints()[row, :4]
-            point = gripper_position(joints, world.link_lengths)
-            np.testing.assert_allclose(point, gripper[row], atol=1e-12)
-            if mount == "waist":
-                point = gripper_position(joints * [0, 1, 1, 1], world.link_lengths)
-            rotation = np.array([rotation_matrix(q) for q in world.camera_orientation])
-            flat, closed_depth = pinhole(point, world.camera_position, rotation)
-            np.testing.assert_allclose(closed_depth, depth[row, :2], atol=1e-9)
-            images, _ = image_points(flat, world.focal_length[:, None] / 256, np.zeros(2), np.zeros(2))
-            before = closed_depth > 0.1
-            np.testing.assert_allclose(
-                (images * 256 + 256)[before], pixels[row, :2][before], rtol=1e-6, atol=1e-3
-            )
+        joints = motors.joints(rng.uniform(motors.lowest, motors.highest), EVERY)
+        objects = rng.uniform([0.2, -0.3, 0.0], [0.6, 0.3, 0.3], (ROWS, 3))
+        for simulation in (physics, kinematic):
+            simulation.place(EVERY, joints, objects)
+            simulation.refresh()
+        for computed, closed in zip(physics.positions(), kinematic.positions(), strict=True):
+            np.testing.assert_allclose(closed, computed, atol=1e-9)
+        (pixels, depth), (closed, closed_depth) = physics.pinhole_pixels(), kinematic.pinhole_pixels()
+        np.testing.assert_allclose(closed_depth, depth, atol=1e-9)
+        near = (depth > 0.1) & (np.abs(pixels - 256) < 512).all(-1)
+        assert near.sum() > ROWS
+        np.testing.assert_allclose(closed[near], pixels[near], atol=1e-4)
 
 
 def test_a_motion_leaves_the_models_flags_as_they_were(pair):

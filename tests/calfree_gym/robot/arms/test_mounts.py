@@ -27,7 +27,7 @@ def movemasters(robot):
 
 def seen_and_thought(robot, mounts, world, angles, points):
     """Image points of points (n, 3) with joints at (n, j): MuJoCo's, and the work space's (n, 2, 2)."""
-    simulation, cameras = ReachSimulation(1, robot, mounts, "kinematic", 1), StereoCameras(1)
+    simulation, cameras = ReachSimulation(1, robot, mounts, 1), StereoCameras(1)
     simulation.set_world(0, world)
     cameras.set_world(0, world)
     one, seen = np.array([0]), []
