@@ -85,13 +85,6 @@ def test_what_is_damaged_is_refused_and_leaves_the_agent_as_it_was(make_env, tmp
         agents.make("memory", env, on_change="keep").load(tmp_path / "whole.npz")
 
 
-@pytest.mark.parametrize("setting", [{"jump_px": "x"}, {"jump_px": -1}, {"every_look": "no"}])
-def test_settings_that_are_not_allowed(make_env, setting):
-    ((name, value),) = setting.items()
-    with pytest.raises(ValueError, match=f"{name} is {value!r}"):
-        agents.make("factored_table", make_env(), **setting)
-
-
 def test_the_first_trial_is_the_bare_servos(lengths_of):
     assert lengths_of(None, 30)[0] == lengths_of(None, 30, "unified_servo")[0]
 

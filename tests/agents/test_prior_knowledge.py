@@ -7,7 +7,6 @@ import pytest
 import agents
 from agents import KNOWLEDGE
 from agents.base.prior_knowledge import PriorKnowledge, in_order
-from calfree_gym.tasks.reach import PRIVILEGED
 from experiments.studies.priors import (
     ALTERATIONS,
     BREAKS,
@@ -37,21 +36,6 @@ def test_some_break_exactly_where_they_declare_it(word):
 def test_exactly_those_break_that_declare_it(word):
     broken = {name for name in measured() if breaks(name, word)}
     assert broken == {name for name in measured() if word in declared(name)}
-
-
-@pytest.mark.parametrize("name", SOME)
-def test_who_does_not_declare_a_reward_reads_none(name):
-    """It makes the same motions where it is no number."""
-    assert PriorKnowledge.REWARD not in declared(name)
-    words = []
-    for reward in (0.0, np.nan):
-        env = gym.make("CalFree/Reach-v0", dynamics="kinematic", tell=tuple(PRIVILEGED))
-        env.reset(seed=3)
-        spoilt = gym.wrappers.TransformReward(env, lambda _, reward=reward: reward)
-        agent = agents.make(name, spoilt).learn(20)
-        observation, _ = env.reset()
-        words.append(agent.predict(observation)[0])
-    np.testing.assert_array_equal(*words)
 
 
 @pytest.mark.parametrize("word", ALTERATIONS)

@@ -66,8 +66,6 @@ def test_what_it_takes_its_body_for_lasts_in_a_file(make_env, live, tmp_path):
 def test_it_goes_over_any_servo():
     env = gym.make("CalFree/Reach-v0")
     assert "PaperServo" in agents.make("body_schema", env, servo="paper_servo").kind
-    with pytest.raises(ValueError, match=r"servo is 'memory'; allowed: .*unified_servo"):
-        agents.make("body_schema", env, servo="memory")
 
 
 def test_a_way_longer_than_one_word_is_no_stop(make_env):

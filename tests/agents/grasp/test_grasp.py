@@ -196,22 +196,6 @@ def test_what_it_has_learned_is_saved_and_loaded(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "env_id", "settings", "message"),
-    [
-        ("unified_servo", GRASP, {}, "cannot grasp, as this environment asks; allowed: random, grasp"),
-        ("grasp", "CalFree/Reach-v0", {}, "cannot reach, as this environment asks"),
-        ("grasp", GRASP, {"intermediate": "above"}, "intermediate is 'above'; allowed: along_axis"),
-        ("grasp", GRASP, {"orientation": "eye"}, "orientation is 'eye'; allowed: least_squares"),
-        ("grasp", GRASP, {"tries": 0}, "tries"),
-        ("grasp", GRASP, {"lift": 3}, "no setting 'lift'"),
-    ],
-)
-def test_what_cannot_be_is_named(name, env_id, settings, message):
-    with pytest.raises(ValueError, match=message):
-        agents.make(name, gym.make(env_id), **settings)
-
-
-@pytest.mark.parametrize(
     ("words", "executed", "stops_at"),
     [
         ([0.3, 0.2, -0.3], [0.1, 0.06, -0.1], np.inf),  # something is in the way
@@ -275,5 +259,3 @@ def test_its_settings_are_those_that_it_takes(knowledge):
     env = gym.make(GRASP, shape="bar", camera_mount="stand")
     settings = agents.default_settings("grasp", direction=True, knowledge=knowledge)
     assert agents.make("grasp", env, **settings).table is not None
-    with pytest.raises(ValueError, match="agent 'grasp' has no setting 'every_look'"):
-        agents.make("grasp", env, **settings, every_look=True)

@@ -66,20 +66,5 @@ def test_turning_the_tool_shows_its_axis():
     assert np.median(errors) < 1.5
 
 
-@pytest.mark.parametrize("name", ["grasp", "unified_servo", "oracle"])
-def test_who_cannot_insert_is_told_who_can(name):
-    with pytest.raises(ValueError, match=f"'{name}' cannot insert.*random, insert, yoshimi_allen"):
-        agents.make(name, gym.make(INSERT))
-
-
-@pytest.mark.parametrize("name", ["insert", "yoshimi_allen"])
-@pytest.mark.parametrize("task", ["Reach", "Grasp"])
-def test_who_inserts_does_nothing_else(name, task):
-    with pytest.raises(ValueError, match=f"'{name}' cannot {task.lower()}"):
-        agents.make(name, gym.make(f"calfree_gym:CalFree/{task}-v0"))
-
-
 def test_settings_of_insert_are_those_of_its_servo():
     assert {"servo", "seed", "probe_px", "sure_px"} <= agents.default_settings("insert").keys()
-    with pytest.raises(ValueError, match=r"no setting 'prob_px' \(did you mean probe_px"):
-        agents.make("insert", gym.make(INSERT), prob_px=3)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 import agents
 from agents.knowledge.grid_table import GridTable
-from tests.agents.lengths import Lengths
+from tests.agents.trials import Lengths
 
 POINT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(np.array)
 CORNERS = np.array(list(np.ndindex(9, 9, 9, 9))) / 4 - 1

@@ -85,10 +85,3 @@ def test_a_grasp_jumps_to_where_it_grasped_before_and_a_saved_one_does_too(tmp_p
     assert np.array_equal(again.table.records, agent.table.records, equal_nan=True)
     filled = np.flatnonzero(~np.isnan(agent.table.records[:, 0]))
     assert len(filled) >= 2**6
-
-
-@pytest.mark.parametrize("settings", [{"knowledge": "memory"}, {"knowledge": None}, {"direction": 1}])
-def test_wrong_settings_say_what_is_allowed(settings):
-    env = gym.make("CalFree/Grasp-v0")
-    with pytest.raises(ValueError, match=r"allowed: (grid_table, factored_table|True, False)"):
-        agents.make("grasp", env, **({"direction": True} | settings))

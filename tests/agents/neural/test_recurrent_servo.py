@@ -114,11 +114,6 @@ def test_damaged_and_foreign_files(servo, tmp_path):
         servo.load(tmp_path / "nowhere.safetensors")
 
 
-def test_weights_that_are_no_name_of_a_file_are_refused(make_env):
-    with pytest.raises(ValueError, match="weights is 3; it must be the name of a file"):
-        agents.make("recurrent_servo", make_env(), weights=3)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -11,6 +11,7 @@ from agents.servo.jacobian import TestMotions
 from agents.servo.slopes import Slopes
 from agents.servo.trial import Findings, ServoTrial, Steps
 from calfree_gym.image import lengths_px
+from tests.agents.trials import carry_out
 
 STEP_PX, STEP_WORD, BORDER = 100.0, 0.5, 0.9
 
@@ -59,26 +60,18 @@ def test_a_point_already_outside_may_come_back_but_not_go_further():
 @pytest.mark.parametrize("lost", [False, True])
 def test_a_step_that_loses_a_point_is_taken_back_and_the_next_one_is_shorter(lost):
     jacobian = np.concatenate([0.3 * np.eye(4, 3), np.zeros((4, 3))])
-    steps, words = steps_in(jacobian, np.zeros((4, 2))), np.array([0.2, 0.0, 0.0])
+    steps, words, registers = steps_in(jacobian, np.zeros((4, 2))), np.array([0.2, 0.0, 0.0]), np.zeros(3)
     trial = steps.trial
     assert not list(trial.begin())
     trial.filter.latency.confirmed = True
     trial.known[:] = True
-    running = steps.make(words)
-    sent = [next(running)]
-    registers = np.zeros(3)
-    try:
-        for _ in range(12):
-            registers = registers + sent[-1]
-            points = (jacobian @ registers).reshape(4, 2)
-            visible = np.array([not (lost and registers.any()), True, True, True])
-            sent.append(running.send(Observation(points, visible, registers)))
-    except StopIteration:
-        pass
+
+    def observed(made):
+        registers[:] += made
+        visible = np.array([not (lost and registers.any()), True, True, True])
+        return Observation((jacobian @ registers).reshape(4, 2), visible, registers.copy())
+
+    sent, _ = carry_out(steps.make(words), observed, 12)
     np.testing.assert_array_equal(sent[0], words)
-    if lost:
-        np.testing.assert_allclose(registers, 0, atol=1e-12)
-        assert steps.confidence == pytest.approx(Steps.SHORTER)
-    else:
-        np.testing.assert_array_equal(registers, words)
-        assert steps.confidence == 1.0
+    np.testing.assert_allclose(registers, 0 if lost else words, atol=1e-12)
+    assert steps.confidence == pytest.approx(Steps.SHORTER if lost else 1.0)

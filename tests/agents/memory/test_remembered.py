@@ -11,8 +11,8 @@ from agents.memory.pairs import Pairs
 from agents.memory.remembered import KeptLooks, Remembered
 from agents.servo.image_model.gaussian_process import GaussianProcess, solved
 from calfree_gym.image import IMAGE_UNIT
-from tests.agents.adaptation.gripper_views import seen_at, taught, view
 from tests.agents.analytic import distance_jacobian
+from tests.agents.memory.gripper_views import seen_at, taught, view
 
 PLACES = np.random.default_rng(1).uniform(-0.6, 0.6, (8, 3))
 

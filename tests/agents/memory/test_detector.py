@@ -8,7 +8,7 @@ from agents.memory.pairs import HomeView
 from agents.servo.perception import NoiseEstimate
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, MotorSign
-from tests.agents.adaptation.gripper_views import known, trial, wild
+from tests.agents.memory.gripper_views import known, trial, wild
 
 TRIALS = 30
 

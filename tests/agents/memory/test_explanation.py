@@ -11,7 +11,7 @@ from agents.memory.explanation import as_seen_now, explain_drift, explain_jump, 
 from agents.memory.pairs import Pairs
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, CameraZoom, MotorGain, MotorSign
-from tests.agents.adaptation.gripper_views import known, seen_at, taught, trial, view, wild
+from tests.agents.memory.gripper_views import known, seen_at, taught, trial, view, wild
 
 PLACES = np.random.default_rng(0).uniform(-0.6, 0.6, (12, 3))
 NOISE = np.random.default_rng(1).normal(0, 0.5 * IMAGE_UNIT, (12, 4))

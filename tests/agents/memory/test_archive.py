@@ -6,7 +6,7 @@ import pytest
 from agents.memory.adaptive_memory import Archive
 from agents.memory.remembered import Remembered
 from calfree_gym.perturbations import CameraReplace, MotorSign
-from tests.agents.adaptation.gripper_views import known, trial, wild
+from tests.agents.memory.gripper_views import known, trial, wild
 
 
 @pytest.mark.parametrize("seed", [4112, 4113])

@@ -8,7 +8,7 @@ from agents.base.observation import Observation
 from agents.memory.adaptive_memory import AdaptiveMemory, Jump, WorldEvent
 from agents.memory.detector import ChangeVerdict, Finding
 from calfree_gym.perturbations import CameraAim, CameraReplace
-from tests.agents.adaptation.gripper_views import known, trial, wild
+from tests.agents.memory.gripper_views import known, trial, wild
 
 
 @pytest.fixture
@@ -92,11 +92,6 @@ def test_a_change_announced_before_anything_is_known_changes_nothing(make_env):
     agent.adaptation.announce_change(np.array([True, False]))
     agent.learn(20)
     assert len(agent.adaptation.events) == 1
-
-
-def test_another_reaction_to_change_is_refused(make_env):
-    with pytest.raises(ValueError, match="on_change is 'forget'; allowed: recognise, map, discard, keep"):
-        agents.make("memory", make_env(), on_change="forget")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from agents.memory.remembered import Remembered
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from calfree_gym.perturbations import CameraAim
 from tests.agents import analytic
-from tests.agents.adaptation.gripper_views import seen_at
+from tests.agents.memory.gripper_views import seen_at
 
 
 def grippers(env, registers):
