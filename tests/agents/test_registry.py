@@ -40,6 +40,19 @@ def test_unknown_names_and_settings():
             agents.default_settings(name, **settings)
 
 
+SELF_TAUGHT = [
+    *[("hidden", (0,)), ("hidden", 64), ("learning_rate", 0), ("random_motions", 1), ("random_extent", 1.5)],
+    *[
+        ("exploration", -0.1),
+        ("patience", 0),
+        ("updates", 0),
+        ("batch", 0),
+        ("capacity", 1),
+        ("capacity", 20),
+    ],
+]
+
+
 WRONG = [
     ("random", "limit", 2, "must be a number"),
     ("random", "limit", True, "must be a number"),
@@ -48,6 +61,8 @@ WRONG = [
     ("factored_table", "jump_px", "x", ""),
     ("factored_table", "jump_px", -1, ""),
     ("factored_table", "every_look", "no", ""),
+    *[(name, "rate", rate, "") for name in ("factored_table", "support_points") for rate in (0, 2)],
+    *[(name, "kalman", "yes", "") for name in ("factored_table", "support_points")],
     ("memory", "on_change", "forget", "allowed: recognise, map, discard, keep"),
     ("learning_servo", "servo", ["x"], "allowed: "),
     ("learning_servo", "knowledge", ["x"], "allowed: "),
@@ -68,6 +83,7 @@ WRONG = [
     ("model_based", "camera_mount", "wrist", "allowed: waist, stand"),
     ("self_calibrating", "lens", "fisheye", "allowed: radial, none"),
     ("recurrent_servo", "weights", 3, "must be the name of a file"),
+    *[(name, *each, "") for name in ("self_supervised", "cooperstock_milios") for each in SELF_TAUGHT],
     ("sac", "word_limit", 0, ""),
     ("sac", "seed", None, "must be a whole number, 0 or"),
     *[("memory", "seed", each, "must be a whole number, 0 or") for each in ("a", -1, 1.5)],
@@ -80,10 +96,11 @@ WRONG = [
 
 @pytest.mark.parametrize(("name", "setting", "value", "said"), WRONG)
 def test_wrong_settings_say_what_is_allowed(name, setting, value, said):
-    task = "Grasp" if name == "grasp" else "Reach"
-    env = gym.make(f"CalFree/{task}-v0", tell=tuple(PRIVILEGED) if task == "Reach" else ())
-    with pytest.raises(ValueError, match=re.escape(f"{setting} is {value!r}") + f".*{said}"):
-        agents.make(name, env, **{setting: value})
+    task, told = ("Grasp", {}) if name == "grasp" else ("Reach", {"tell": tuple(PRIVILEGED)})
+    wrong = value[0] if isinstance(value, tuple) else value
+    message = re.escape(f"agent '{name}': {setting} is {wrong!r}") + f".*{said}"
+    with pytest.raises(ValueError, match=message):
+        agents.make(name, gym.make(f"CalFree/{task}-v0", **told), **{setting: value})
 
 
 @pytest.mark.parametrize("knowledge", ["memory", None])
