@@ -122,7 +122,7 @@ def test_learn_counts_motions_and_stops_when_told(name):
     assert agent.num_timesteps == 50
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in QUICK])
+@pytest.mark.parametrize("name", NAMES)
 def test_batched_observations_get_the_words_of_single_ones(name):
     agent, _ = make(name)
     batch = environment(name, "Reach", gym.make_vec, num_envs=3)
@@ -136,8 +136,8 @@ def test_batched_observations_get_the_words_of_single_ones(name):
             if over[i]:  # its row of the batch begins another trial
                 continue
             single, states[i] = agent.predict(now[i], states[i])
-            np.testing.assert_array_equal(words[i], single)
-            now[i], _, terminated, truncated, _ = env.step(single)
+            np.testing.assert_allclose(words[i], single, rtol=0, atol=1e-6 if name in QUICK else 0)
+            now[i], _, terminated, truncated, _ = env.step(words[i])
             over[i] = terminated or truncated
         observations, *_ = batch.step(words)
 

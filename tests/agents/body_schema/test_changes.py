@@ -51,26 +51,16 @@ def test_a_reversed_motor_does_for_a_register_what_it_did_for_its_negative():
     np.testing.assert_allclose(now.points, Views(arm.chain, arm.numbers, mirrored, nothing).points)
 
 
-def test_a_body_goes_on_with_what_has_not_changed():
-    """After one trial with another camera it knows the arm as before, and explains the next."""
+@pytest.mark.parametrize(("trials", "looks"), [(1, 8), (4, Body.LOOKS // 3)])
+def test_a_body_goes_on_with_what_has_not_changed(trials, looks):
+    """It knows the arm as before, and explains the next trial, also after more looks than a fit takes."""
     arm = Arm("scara.xml", "tip")
-    body = Body(arm.chain.motors)
+    body, numbers = Body(arm.chain.motors), changed(arm, "left camera")
     body.learn(arm.pairs(trials=20, seed=1))
-    numbers = changed(arm, "left camera")
-    body.learn(arm.pairs(trials=1, looks=8, seed=2, numbers=numbers))
+    for seed in range(2, 2 + trials):
+        body.learn(arm.pairs(trials=1, looks=looks, seed=seed, numbers=numbers))
     assert [event.kind for event in body.events] == ["left camera"]
-    assert not body.known.contradicted(arm.pairs(trials=1, looks=8, seed=3, numbers=numbers)).any()
-
-
-def test_more_looks_at_a_change_than_a_fit_takes_explain_it():
-    arm = Arm("scara.xml", "tip")
-    body = Body(arm.chain.motors)
-    body.learn(arm.pairs(trials=20, seed=1))
-    numbers = changed(arm, "left camera")
-    for seed in range(2, 6):  # in each trial fewer looks than in a fit, in all of them more
-        body.learn(arm.pairs(trials=1, looks=Body.LOOKS // 3, seed=seed, numbers=numbers))
-    assert [event.kind for event in body.events] == ["left camera"]
-    assert not body.known.contradicted(arm.pairs(trials=1, looks=8, seed=6, numbers=numbers)).any()
+    assert not body.known.contradicted(arm.pairs(trials=1, looks=8, seed=99, numbers=numbers)).any()
 
 
 def test_a_trial_with_mistaken_points_is_no_change():

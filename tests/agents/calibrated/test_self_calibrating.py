@@ -14,6 +14,7 @@ from agents.base.observation import Observation
 from agents.calibrated.identification import identify
 from agents.calibrated.prediction import Measurements, named
 from agents.calibrated.robot_model import RobotModel
+from agents.calibrated.self_calibrating import Validity, ValidityCheck
 from calfree_gym.image import lengths_px
 from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
@@ -143,24 +144,21 @@ def test_what_it_has_measured_and_identified_is_saved_and_loaded(learned, tmp_pa
     assert_same_arrays(loaded, learned)
 
 
-def test_files_of_version_0_1_load_with_a_warning(learned, tmp_path):
+def test_older_files_load_with_a_warning(learned, tmp_path):
     """They go on as if they had been saved today: same arrays, same words."""
-    storage.save(tmp_path / "old.npz", learned.kind, in_version_0_1(learned.arrays()), 12, 3)
-    robot = agents.make("self_calibrating", learned.env)
+    path, robot = tmp_path / "old.npz", agents.make("self_calibrating", learned.env)
+    storage.save(path, learned.kind, in_version_0_1(learned.arrays()), 12, 3)
     with pytest.warns(UserWarning, match=r"version 0\.1"):
-        robot.load(tmp_path / "old.npz")
+        robot.load(path)
     assert robot.num_timesteps == 12
     assert_same_arrays(robot, learned)
     home, _ = learned.env.reset(seed=3001)
     np.testing.assert_array_equal(robot.predict(home)[0], learned.predict(home)[0])
-
-
-def test_files_from_before_there_were_kinds_of_models_load_with_a_warning(learned, tmp_path):
-    storage.save(tmp_path / "old.npz", "SelfCalibrating(camera_mount='waist')", learned.arrays(), 12, 3)
+    storage.save(path, "SelfCalibrating(camera_mount='waist')", learned.arrays(), 12, 3)
     with pytest.warns(UserWarning, match=r"motor_curve='cubic', lens='radial'\)"):
-        agents.make("self_calibrating", learned.env).load(tmp_path / "old.npz")
+        robot.load(path)
     with pytest.raises(ValueError, match=r"this agent is .*motor_curve='linear'"):
-        agents.make("self_calibrating", learned.env, motor_curve="linear").load(tmp_path / "old.npz")
+        agents.make("self_calibrating", learned.env, motor_curve="linear").load(path)
 
 
 def test_a_model_that_is_wrong_in_kind_lacks_curvature_and_distortion(make_env):
@@ -196,18 +194,34 @@ def test_damaged_files_are_errors_that_say_what_is_wrong(learned, tmp_path, chan
     assert not robot.arrays()
 
 
-def test_trials_that_do_not_count_from_0_are_an_error(learned):
+def test_trials_count_from_0_also_of_the_latest_measurements(learned):
     arrays = learned.arrays()
     with pytest.raises(ValueError, match="trial must count from 0"):
         Measurements.of_arrays({**arrays, "trial": arrays["trial"] + 1})
-
-
-def test_of_many_measurements_the_latest_are_kept(learned):
-    """Their trials are counted from 0 again."""
-    measured = Measurements.of_arrays(learned.arrays())
+    measured = Measurements.of_arrays(arrays)
     latest = measured.latest(3)
     np.testing.assert_array_equal(latest.points, measured.points[-3:])
     np.testing.assert_array_equal(latest.trial, measured.trial[-3:] - measured.trial[-3])
+
+
+USUAL, INCONSISTENT, NEAR_PX, FAR_PX, NOISE_PX = 4.0, 60.0, 1.0, 5.0, 0.5
+VALID, DOUBTED, UNKNOWN, INVALID = Validity.VALID, Validity.DOUBTED, Validity.NOISE_UNKNOWN, Validity.INVALID
+
+
+@pytest.mark.parametrize(
+    ("innovations", "off_px", "noise_px", "judged"),
+    [
+        ([USUAL, INCONSISTENT] * 2, FAR_PX, NOISE_PX, [VALID, DOUBTED] * 2),  # single ones are doubts only
+        ([INCONSISTENT] * 5, NEAR_PX, NOISE_PX, [DOUBTED, UNKNOWN, INVALID, DOUBTED, INVALID]),
+        ([USUAL] * 8, FAR_PX, NOISE_PX, [VALID] * 6 + [DOUBTED, UNKNOWN]),  # missing again and again
+        ([USUAL] * 20, FAR_PX, 2.0, [VALID] * 20),  # in noise a distance is no miss
+    ],
+)
+def test_what_was_identified_ceases_to_hold_by_contradictions_in_a_row(innovations, off_px, noise_px, judged):
+    check = ValidityCheck()
+    assert [check.judge(each, off_px, noise_px) for each in innovations] == judged
+    check.begin()
+    assert check.judge(USUAL, FAR_PX, NOISE_PX) is VALID, "until something new is identified"
 
 
 def test_what_is_not_needed_is_not_loaded():

@@ -14,11 +14,13 @@ REGISTERS = st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3).map(np.array)
 
 
 @settings(max_examples=50)
-@given(POINT, REGISTERS)
-def test_the_first_success_fills_all_sixteen_corners_of_its_cell_and_no_more(sensors, registers):
-    table = GridTable(3)
+@given(POINT, REGISTERS, REGISTERS, st.floats(0.1, 1.0))
+def test_the_first_success_fills_all_corners_of_its_cell_and_others_correct_them_by_their_rate(
+    sensors, first, second, rate
+):
+    table = GridTable(3, rate=rate)
     assert table.recall(sensors) is None
-    table.learn(sensors, registers)
+    table.learn(sensors, first)
     assert table.records.shape == (6561, 3)
     filled = ~np.isnan(table.records).any(1)
     assert filled.sum() == 16
@@ -26,14 +28,7 @@ def test_the_first_success_fills_all_sixteen_corners_of_its_cell_and_no_more(sen
     assert (np.ptp(corners, axis=0) <= 0.25 + 1e-9).all()
     assert (corners.min(0) <= sensors + 1e-9).all()
     assert (corners.max(0) >= sensors - 1e-9).all()
-    np.testing.assert_allclose(table.recall(sensors).registers, registers, atol=1e-12)
-
-
-@settings(max_examples=30)
-@given(POINT, REGISTERS, REGISTERS, st.floats(0.1, 1.0))
-def test_a_success_corrects_the_recall_by_its_rate(sensors, first, second, rate):
-    table = GridTable(3, rate=rate)
-    table.learn(sensors, first)
+    np.testing.assert_allclose(table.recall(sensors).registers, first, atol=1e-12)
     table.learn(sensors, second)
     np.testing.assert_allclose(table.recall(sensors).registers, first + rate * (second - first), atol=1e-9)
 

@@ -38,17 +38,12 @@ def recalled(knowledge, places):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_recalled_from_nothing(name):
+@settings(max_examples=15)
+@given(st.lists(st.floats(-0.4, 0.4), min_size=3, max_size=3).map(np.array))
+def test_what_was_learned_is_recalled_at_its_place_and_nothing_from_nothing(name, registers):
     knowledge = agents.KNOWLEDGE[name](3)
     assert knowledge.recall(np.zeros(4)) is None
     assert knowledge.jacobian(np.zeros(3)) is None
-
-
-@pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=15)
-@given(st.lists(st.floats(-0.4, 0.4), min_size=3, max_size=3).map(np.array))
-def test_what_was_learned_is_recalled_at_its_place(name, registers):
-    knowledge = agents.KNOWLEDGE[name](3)
     for _ in range(3):
         knowledge.learn(seen(registers), registers)
     recall = knowledge.recall(seen(registers))
@@ -82,12 +77,12 @@ def test_what_is_restored_recalls_and_learns_alike_and_what_was_handed_out_stays
     again.restore(arrays)
     before = {key: array.copy() for key, array in arrays.items()}
     places = np.random.default_rng(2).uniform(-0.5, 0.5, (30, 4))
-    for each in (again, knowledge):
-        assert recalled(knowledge, places) == recalled(again, places)
-        for registers in np.random.default_rng(0).uniform(-0.3, 0.3, (60, 3)):
+    assert recalled(knowledge, places) == recalled(again, places)
+    for registers in np.random.default_rng(0).uniform(-0.3, 0.3, (60, 3)):
+        for each in (again, knowledge):
             each.learn(seen(registers) + 0.01, registers)
-        for key, array in arrays.items():
-            np.testing.assert_array_equal(array, before[key])
+            for key, array in arrays.items():
+                np.testing.assert_array_equal(array, before[key])
     assert recalled(knowledge, places) == recalled(again, places)
 
 

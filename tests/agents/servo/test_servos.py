@@ -73,6 +73,10 @@ def test_the_jacobian_is_saved_and_loaded_and_used(live, make_env, name, setting
     np.testing.assert_array_equal(again.predict(observation)[0], agent.predict(observation)[0])
     size = np.abs(again.predict(observation)[0]).max()  # of a step, and without knowledge of a test
     assert np.abs(fresh.predict(observation)[0]).max() < size / 2
+    again.slopes = again.slopes._replace(registers=np.array([0.1, -0.2, 0.3]))
+    again.save(tmp_path / "servo.npz")
+    found = fresh.load(tmp_path / "servo.npz").slopes.registers
+    np.testing.assert_array_equal(found, [0.1, -0.2, 0.3], "over other procedures it does not begin at home")
 
 
 @pytest.mark.parametrize("name", ["work_plane_servo", "paper_servo"])
@@ -102,12 +106,3 @@ def test_an_agent_needs_nothing_of_info_and_no_reward_that_it_does_not_declare(m
         words.append(agent.predict(env.reset()[0])[0])
     np.testing.assert_array_equal(*words)
     assert name in QUICK or PriorKnowledge.REWARD not in agent.prior_knowledge
-
-
-def test_what_a_servo_usually_finds_is_saved_with_where_it_finds_it(make_env, tmp_path):
-    """Over other procedures a servo does not begin at home."""
-    agent = agents.make("unified_servo", make_env()).learn(30)
-    agent.slopes = agent.slopes._replace(registers=np.array([0.1, -0.2, 0.3]))
-    agent.save(tmp_path / "agent.npz")
-    loaded = agents.make("unified_servo", make_env()).load(tmp_path / "agent.npz")
-    np.testing.assert_array_equal(loaded.slopes.registers, agent.slopes.registers)
