@@ -172,21 +172,22 @@ def test_a_model_that_is_wrong_in_kind_lacks_curvature_and_distortion(make_env):
 
 
 @pytest.mark.parametrize(
-    ("change", "error"),
+    ("name", "value", "error"),
     [
-        ({"points": np.zeros((5, 4))}, r"points have shape \(5, 4\), here \(any, 4, 2\) is wanted"),
-        ({"seen": np.ones((3, 4), bool)}, "seen have shape"),
-        ({"registers": np.zeros((2, 3))}, "registers have shape"),
-        ({"parameters": np.zeros(30)}, r"parameters have shape \(30,\), here \(31\) is wanted"),
-        ({"objects": np.zeros((0, 3))}, "objects have shape"),
-        ({"signs": None}, "holds no signs"),
-        ({"residuals_px": None}, "holds no residuals_px"),
-        ({"trial": np.full(1000, 1)}, "trial have shape"),
+        ("points", np.zeros((5, 4)), r"points have shape \(5, 4\), here \(any, 4, 2\) is wanted"),
+        ("seen", np.ones((3, 4), bool), "seen have shape"),
+        ("registers", np.zeros((2, 3)), "registers have shape"),
+        ("parameters", np.zeros(30), r"parameters have shape \(30,\), here \(31\) is wanted"),
+        ("objects", np.zeros((0, 3)), "objects have shape"),
+        ("signs", None, "holds no signs"),
+        ("residuals_px", None, "holds no residuals_px"),
+        ("trial", np.full(1000, 1), "trial have shape"),
     ],
 )
-def test_damaged_files_are_errors_that_say_what_is_wrong(learned, tmp_path, change, error):
-    arrays = learned.arrays()
-    arrays = {name: array for name, array in {**arrays, **change}.items() if array is not None}
+def test_damaged_files_are_errors_that_say_what_is_wrong(learned, tmp_path, name, value, error):
+    arrays = learned.arrays() | {name: value}
+    if value is None:
+        del arrays[name]
     storage.save(tmp_path / "damaged.npz", learned.kind, arrays, 12, 3)
     robot = agents.make("self_calibrating", learned.env)
     with pytest.raises(ValueError, match=f"damaged.npz is damaged: .*{error}"):

@@ -1,6 +1,7 @@
 """The servo in joint space against MuJoCo's own derivatives, and its gain where the world is linear."""
 
 from functools import partial
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -96,7 +97,7 @@ def test_its_first_step_is_that_of_the_true_jacobian_of_the_joints(noise_free, m
     monkeypatch.setattr(JointSpaceServo, "_step", lambda self, j, d: used.append(j) or step(self, j, d))
     agent = agents.make("joint_space_servo", env)
     registers, angles = [np.zeros(3)], [info["truth"]["joints"][:3]]
-    for _, seen, _, info in motions_of(agent, env, observation):
+    for _, seen, _, info in islice(motions_of(agent, env, observation), 30):
         if used:
             break
         registers.append(seen["observation"][4:].astype(float))
