@@ -18,10 +18,10 @@ def seen(registers):
     return registers @ JACOBIAN.T + bent
 
 
-def taught(name, pairs=60, seed=0, **settings):
+def taught(name, pairs=60, reach=0.3, world=seen, seed=0, **settings):
     knowledge = agents.KNOWLEDGE[name](3, **settings)
-    for registers in np.random.default_rng(seed).uniform(-0.3, 0.3, (pairs, 3)):
-        knowledge.learn(seen(registers), registers)
+    for registers in np.random.default_rng(seed).uniform(-reach, reach, (pairs, 3)):
+        knowledge.learn(world(registers), registers)
     return knowledge
 
 
