@@ -1,9 +1,5 @@
 """The robot that identifies itself, against the simulation and the numbers asked of it."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -223,14 +219,3 @@ def test_what_was_identified_ceases_to_hold_by_contradictions_in_a_row(innovatio
     assert [check.judge(each, off_px, noise_px) for each in innovations] == judged
     check.begin()
     assert check.judge(USUAL, FAR_PX, NOISE_PX) is VALID, "until something new is identified"
-
-
-def test_what_is_not_needed_is_not_loaded():
-    code = (
-        "import gymnasium, agents, sys; e = gymnasium.make('calfree_gym:CalFree/Reach-v0');"
-        "[agents.make(name, e) for name in ('model_based', 'self_calibrating')];"
-        "print(sorted({'torch', 'scipy'} & sys.modules.keys()))"
-    )
-    root = Path(agents.__file__).parents[1]
-    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

@@ -65,13 +65,9 @@ def test_a_row_that_begins_a_trial_forgets_and_the_others_go_on(servo):
     assert after.looks.tolist() == [1, 2]
 
 
-def test_lost_and_foreign_states(servo, make_env):
-    env = make_env()
-    observation, _ = env.reset(seed=UNSEEN)
-    words, state = servo.predict(observation)
-    observation, *_ = env.step(words)
-    with pytest.raises(ValueError, match="pass the state back"):
-        servo.predict(observation)
+def test_foreign_states(servo, make_env):
+    observation, _ = make_env().reset(seed=UNSEEN)
+    _, state = servo.predict(observation)
     pair = {key: np.stack([value, value]) for key, value in observation.items()}
     with pytest.raises(ValueError, match="state is of 1 environments, the observation of 2"):
         servo.predict(pair, state)
@@ -97,8 +93,6 @@ def test_damaged_and_foreign_files(servo, tmp_path):
     save_file({"weights": torch.zeros(3)}, path)
     with pytest.raises(ValueError, match="holds no known agent; this agent is recurrent_servo"):
         servo.load(path)
-    with pytest.raises(FileNotFoundError):
-        servo.load(tmp_path / "nowhere.safetensors")
 
 
 @pytest.mark.parametrize(
