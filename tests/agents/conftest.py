@@ -1,4 +1,6 @@
-"""What tests of agents share: environments to reach in, single observations, and whole trials."""
+"""What tests of agents share: environments to reach in, and whole trials."""
+
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -6,8 +8,8 @@ import pytest
 
 import agents
 import calfree_gym
-from agents.base.observation import Observation
-from tests.agents.lengths import Lengths
+from experiments.evaluation import evaluate
+from tests.agents.trials import Lengths
 
 
 @pytest.fixture(params=calfree_gym.MOUNTS)
@@ -27,11 +29,14 @@ def make_env():
 
 
 @pytest.fixture(scope="session")
-def observe():
-    """Makes an observation of given points (4, 2) in image units; all are seen, at home, unless said."""
+def noise_free(make_env):
+    """Makes an environment in a wild world whose image points are exact, or as noisy as is said."""
 
-    def make(points, registers=(0.0, 0.0, 0.0), visible=(True,) * 4, **privileged):
-        return Observation(np.array(points, float), np.array(visible), np.array(registers), privileged)
+    def make(mount, seed, point_noise=0.0, **options):
+        env = make_env(mount, **options).unwrapped
+        env.reset(seed=seed)
+        env.set_world(replace(env.world, point_noise=np.asarray(point_noise)))
+        return env
 
     return make
 
@@ -57,12 +62,18 @@ def live():
 
 
 @pytest.fixture(scope="session")
-def answer():
-    """Sends a procedure observations, one after the other; returns the words (n, m) that it asked for."""
+def reach(make_env):
+    """Lets a new agent make one trial in each world.
 
-    def send(procedure, observations):
-        words = [next(procedure)]
-        words += [procedure.send(observation) for observation in observations]
-        return words
+    Returns the share that ended at the rendezvous, and the medians of motions and of millimetres off.
+    """
 
-    return send
+    def make_trials(name, seeds, mount="waist", options=None, **settings):
+        records = []
+        for seed in seeds:
+            env = make_env(mount, **(options or {}))
+            records += evaluate(agents.make(name, env, **settings), env, trials=1, seed=seed)
+        share = np.mean([record.rendezvous for record in records])
+        return share, *np.median([(record.motions, record.distance_mm) for record in records], axis=0)
+
+    return make_trials

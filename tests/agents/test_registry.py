@@ -3,6 +3,7 @@
 import importlib
 import re
 import sys
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -25,30 +26,113 @@ def test_unknown_names_and_settings():
     with pytest.raises(ValueError, match=r"'grid_tabel'.*did you mean grid_table"):
         agents.make("grid_tabel", env)
     for name in NAMES:
-        with pytest.raises(ValueError, match=rf"'{name}' has no setting 'no_such_setting'; allowed: .*seed"):
-            agents.make(name, env, no_such_setting=1)
-        with pytest.raises(ValueError, match=rf"'{name}' has no setting 'no_such_setting'; allowed: .*seed"):
-            agents.default_settings(name, no_such_setting=1)
-    with pytest.raises(ValueError, match="did you mean cells"):
-        agents.make("grid_table", env, cels=9)
-    with pytest.raises(ValueError, match="cells is 'eight'; it must be a whole number"):
-        agents.make("grid_table", env, cells="eight")
-    for name, setting in (
-        ("random", {"limit": 2}),
-        ("grid_table", {"cells": 0}),
-        ("sac", {"word_limit": 0}),
-        ("unified_servo", {"probe_px": -3}),
-        ("unified_servo", {"caution": "x"}),
-        ("jacobian_servo", {"damping": "x"}),
-        ("jacobian_servo", {"patience": 0}),
-        ("paper_servo", {"step_word": 1.5}),
-        ("work_plane_servo", {"camera": "middle"}),
-        ("work_plane_servo", {"border": 0}),
+        for ask in (agents.default_settings, partial(agents.make, env=env)):
+            with pytest.raises(ValueError, match=rf"'{name}' has no setting 'no_such'; allowed: .*seed"):
+                ask(name, no_such=1)
+    for name, settings, said in (
+        ("grid_table", {"cels": 9}, r"\(did you mean cells"),
+        ("insert", {"prob_px": 3}, r"\(did you mean probe_px"),
+        ("grasp", {"lift": 3}, "; allowed"),
+        ("grasp", {"knowledge": "grid_table", "direction": True, "every_look": True}, "; allowed"),
+        ("grid_table", {"servo": "work_plane_servo", "estimator": "kalman"}, "; allowed: .*in_plane_px"),
     ):
-        with pytest.raises(ValueError, match=str(list(setting.values())[-1])):
-            agents.make(name, env, **setting)
-    with pytest.raises(ValueError, match=r"estimator is 'kalmann' \(did you mean kalman\?\)"):
-        agents.make("jacobian_servo", env, estimator="kalmann")
+        with pytest.raises(ValueError, match=f"agent '{name}' has no setting '{[*settings][-1]}'.*{said}"):
+            agents.default_settings(name, **settings)
+
+
+SELF_TAUGHT = [
+    *[("hidden", (0,)), ("hidden", 64), ("learning_rate", 0), ("random_motions", 1), ("random_extent", 1.5)],
+    *[
+        ("exploration", -0.1),
+        ("patience", 0),
+        ("updates", 0),
+        ("batch", 0),
+        ("capacity", 1),
+        ("capacity", 20),
+    ],
+]
+
+
+WRONG = [
+    ("random", "limit", 2, "must be a number"),
+    ("random", "limit", True, "must be a number"),
+    ("grid_table", "cells", 0, "must be a whole number"),
+    ("grid_table", "cells", "eight", "must be a whole number"),
+    ("factored_table", "jump_px", "x", ""),
+    ("factored_table", "jump_px", -1, ""),
+    ("factored_table", "every_look", "no", ""),
+    *[(name, "rate", rate, "") for name in ("factored_table", "support_points") for rate in (0, 2)],
+    *[(name, "kalman", "yes", "") for name in ("factored_table", "support_points")],
+    ("memory", "on_change", "forget", "allowed: recognise, map, discard, keep"),
+    ("learning_servo", "servo", ["x"], "allowed: "),
+    ("learning_servo", "knowledge", ["x"], "allowed: "),
+    ("body_schema", "servo", "memory", "allowed: .*unified_servo"),
+    ("unified_servo", "probe_px", -3, ""),
+    ("unified_servo", "caution", "x", ""),
+    ("jacobian_servo", "damping", "x", ""),
+    ("jacobian_servo", "patience", 0, ""),
+    ("jacobian_servo", "estimator", "kalmann", r"\(did you mean kalman\?\)"),
+    ("paper_servo", "step_word", 1.5, ""),
+    ("paper_servo", "damping", np.inf, "must be a finite number, 0 or more"),
+    ("work_plane_servo", "camera", "lft", r"\(did you mean left\?\)"),
+    ("work_plane_servo", "border", 0, ""),
+    ("work_plane_servo", "in_plane_px", -1, "must be a number, 0 or more"),
+    ("work_plane_servo", "step_word", 2, "must be a number, .*at most 1"),
+    *[("joint_space_servo", *each, "") for each in (("gain", 1.5), ("step_rad", 0.0), ("damping", -1.0))],
+    *[("affine_stereo", *each, "") for each in (("gain", 0.0), ("gain", 1.5), ("spacing", 0.0))],
+    ("model_based", "camera_mount", "wrist", "allowed: waist, stand"),
+    ("self_calibrating", "lens", "fisheye", "allowed: radial, none"),
+    ("recurrent_servo", "weights", 3, "must be the name of a file"),
+    *[(name, *each, "") for name in ("self_supervised", "cooperstock_milios") for each in SELF_TAUGHT],
+    ("sac", "word_limit", 0, ""),
+    ("sac", "seed", None, "must be a whole number, 0 or"),
+    *[("memory", "seed", each, "must be a whole number, 0 or") for each in ("a", -1, 1.5)],
+    ("grasp", "intermediate", "above", "allowed: along_axis"),
+    ("grasp", "orientation", "eye", "allowed: least_squares"),
+    ("grasp", "tries", 0, ""),
+    ("grasp", "direction", 1, "allowed: True, False"),
+]
+
+
+@pytest.mark.parametrize(("name", "setting", "value", "said"), WRONG)
+def test_wrong_settings_say_what_is_allowed(name, setting, value, said):
+    task, told = ("Grasp", {}) if name == "grasp" else ("Reach", {"tell": tuple(PRIVILEGED)})
+    wrong = value[0] if isinstance(value, tuple) else value
+    message = re.escape(f"agent '{name}': {setting} is {wrong!r}") + f".*{said}"
+    with pytest.raises(ValueError, match=message):
+        agents.make(name, gym.make(f"CalFree/{task}-v0", **told), **{setting: value})
+
+
+@pytest.mark.parametrize("knowledge", ["memory", None])
+def test_directions_are_keys_of_tables_alone(knowledge):
+    with pytest.raises(ValueError, match="allowed: grid_table, factored_table"):
+        agents.make("grasp", gym.make("CalFree/Grasp-v0"), direction=True, knowledge=knowledge)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"), [("joint_space_servo", "joint_angles"), ("affine_stereo", "gripper_position")]
+)
+def test_who_needs_to_be_told_something_says_so(make_env, name, told):
+    with pytest.raises(ValueError, match=rf"requires {told}.*tell=\('{told}',\)"):
+        agents.make(name, make_env())
+
+
+@pytest.mark.parametrize(
+    ("name", "task", "able"),
+    [
+        ("unified_servo", "Grasp", "; allowed: random, grasp"),
+        ("grasp", "Reach", ""),
+        *[
+            (name, "Insert", ".*random, insert, yoshimi_allen")
+            for name in ("grasp", "unified_servo", "oracle")
+        ],
+        *[(name, task, "") for name in ("insert", "yoshimi_allen") for task in ("Reach", "Grasp")],
+    ],
+)
+def test_who_cannot_do_a_task_is_told_who_can(name, task, able):
+    said = f"'{name}' cannot {task.lower()}, as this environment asks{able}"
+    with pytest.raises(ValueError, match=said):
+        agents.make(name, gym.make(f"calfree_gym:CalFree/{task}-v0"))
 
 
 def test_which_servo_corrects_the_paper_s_table(make_env):
@@ -57,17 +141,11 @@ def test_which_servo_corrects_the_paper_s_table(make_env):
     assert agents.make("grid_table", env).servo == PaperServo()
     assert agents.make("grid_table", env, servo="unified_servo").servo == UnifiedServo()
     assert agents.make("grid_table", env, servo="work_plane_servo").servo == WorkPlaneServo()
-    with pytest.raises(ValueError, match=r"has no setting 'estimator'.*allowed: .*in_plane_px"):
-        agents.make("grid_table", env, servo="work_plane_servo", estimator="kalman")
 
 
 @pytest.mark.parametrize("number", [np.float32(0.5), np.float64(0.5), np.int64(1)])
 def test_numbers_of_numpy_are_numbers(make_env, number):
     assert agents.make("random", make_env(), limit=number).limit == number
-    with pytest.raises(ValueError, match="limit is True; it must be a number"):
-        agents.make("random", make_env(), limit=True)
-    with pytest.raises(ValueError, match=r"damping is inf; it must be a finite number, 0 or more"):
-        agents.make("paper_servo", make_env(), damping=np.inf)
 
 
 def test_a_batched_environment_to_learn_in_is_refused():
@@ -79,9 +157,8 @@ def test_a_batched_environment_to_learn_in_is_refused():
 @pytest.mark.parametrize("ask", [agents.make, lambda name, env: agents.default_settings(name)])
 def test_a_neural_agent_says_what_to_install(make_env, monkeypatch, ask):
     monkeypatch.setitem(sys.modules, "yaml", None)  # as if it were not installed
-    with pytest.raises(
-        ModuleNotFoundError, match=r"agent 'sac' needs yaml.*pip install '\.\[agents\]' in the repository"
-    ):
+    said = r"agent 'sac' needs yaml.*pip install '\.\[agents\]' in the repository"
+    with pytest.raises(ModuleNotFoundError, match=said):
         ask("sac", make_env())
 
 
@@ -103,11 +180,11 @@ def test_agents_that_know_one_arm_refuse_others_and_name_those_that_act_on_any(a
 @pytest.mark.parametrize("task", ["Reach", "Grasp"])
 def test_images_instead_of_image_points_are_refused(name, task):
     env = gym.make(f"CalFree/{task}-v0", observation="pixels")
-    with pytest.raises(
-        ValueError,
-        match=rf"agent '{name}': it needs image points \(achieved_goal, desired_goal\); this environment's "
-        r"observation has only (observation|pixels), (observation|pixels); make it with observation='points'",
-    ):
+    said = (
+        rf"agent '{name}': it needs image points \(achieved_goal, desired_goal\); this environment's "
+        r"observation has only (observation|pixels), (observation|pixels); make it with observation='points'"
+    )
+    with pytest.raises(ValueError, match=said):
         agents.make(name, env)
 
 
@@ -140,24 +217,13 @@ def test_tables_begin_with_the_floor_and_the_ceiling():
     assert NAMES[:3] == ("random", "oracle", "paper_servo")
 
 
-def test_agents_of_an_unknown_task():
+def test_an_unknown_task_is_named(make_env):
     with pytest.raises(ValueError, match=r"task is 'grip'.*allowed: reach, grasp, insert"):
         agents.names("grip")
-
-
-@pytest.mark.parametrize("setting", ["servo", "knowledge"])
-def test_a_list_is_no_name(make_env, setting):
-    with pytest.raises(ValueError, match=rf"{setting} is \['x'\]; allowed: "):
-        agents.make("learning_servo", make_env(), **{setting: ["x"]})
-
-
-@pytest.mark.parametrize("seed", ["a", -1, 1.5, None])
-@pytest.mark.parametrize("name", ["memory", "sac"])
-def test_a_seed_is_a_whole_number(make_env, name, seed):
-    with pytest.raises(
-        ValueError, match=f"agent '{name}': seed is {seed!r}; it must be a whole number, 0 or"
-    ):
-        agents.make(name, make_env(), seed=seed)
+    env = make_env()
+    env.unwrapped.task = "hover"
+    with pytest.raises(ValueError, match="task is 'hover'"):
+        agents.make("memory", env)
 
 
 @pytest.mark.parametrize("motions", [-1, 10.5, "5"])
@@ -186,10 +252,3 @@ def test_a_module_is_found_under_its_earlier_name(old):
         found = importlib.import_module(f"agents.{old}")
     assert found is importlib.import_module(f"agents.{MOVED[old]}")
     assert found.__spec__.name == f"agents.{MOVED[old]}"
-
-
-def test_an_environment_says_what_its_task_is(make_env):
-    env = make_env()
-    env.unwrapped.task = "hover"
-    with pytest.raises(ValueError, match="task is 'hover'"):
-        agents.make("memory", env)

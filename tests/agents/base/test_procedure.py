@@ -1,10 +1,13 @@
 """What a procedure finds out in a trial, and who gets it."""
 
+from itertools import islice
+
 import numpy as np
 import pytest
 
 import agents
 from agents.base.procedure import ProcedureAgent
+from tests.agents.trials import motions_of
 
 
 class Diary(ProcedureAgent):
@@ -45,13 +48,11 @@ def test_learn_hands_over_all_that_was_observed_in_whole_trials_and_nothing_of_o
 
 def test_predict_hands_over_nothing(make_env):
     env = make_env(max_episode_steps=4, tolerance_px=1e-3)
-    agent = Diary(env)
+    agent, state = Diary(env), None
     observation, _ = env.reset(seed=0)
-    state, over = None, False
-    while not over:
+    for _ in range(4):
         words, state = agent.predict(observation, state)
-        observation, _, terminated, truncated, _ = env.step(words)
-        over = terminated or truncated
+        observation, *_ = env.step(words)
     agent.predict(env.reset()[0], state, episode_start=np.array([True]))
     assert not agent.trials
 
@@ -62,33 +63,18 @@ def test_a_procedure_that_has_ended_sends_zero_words(make_env):
             yield np.full(3, 0.1)
 
     env = make_env(tolerance_px=1e-3)
-    observation, _ = env.reset(seed=0)
-    agent, state = Once(env), None
-    sent = []
-    for _ in range(3):
-        words, state = agent.predict(observation, state)
-        sent.append(words)
-        observation, *_ = env.step(words)
+    sent = [words for words, *_ in islice(motions_of(Once(env), env, seed=0), 3)]
     np.testing.assert_allclose(sent, [[0.1] * 3, [0.0] * 3, [0.0] * 3])
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda _: None, "the observation is None; it must be a mapping of achieved_goal, desired_goal, obs"),
-        (lambda _: {"a": 1}, "the observation has a; it must have achieved_goal, desired_goal, observation"),
-        (
-            lambda each: each | {"achieved_goal": np.full(4, np.nan)},
-            r"achieved_goal is \[nan.*must be finite",
-        ),
-        (
-            lambda each: each | {"desired_goal": np.zeros(3)},
-            r"desired_goal has shape \(3,\); it must be \(4,\)",
-        ),
-        (
-            lambda each: each | {"observation": np.zeros(8)},
-            r"shape \(8,\).*as in the environment that the agent",
-        ),
+        (None, "the observation is None; it must be a mapping of achieved_goal, desired_goal, obs"),
+        ({"a": 1}, "the observation has a; it must have achieved_goal, desired_goal, observation"),
+        ({"achieved_goal": np.full(4, np.nan)}, r"achieved_goal is \[nan.*must be finite"),
+        ({"desired_goal": np.zeros(3)}, r"desired_goal has shape \(3,\); it must be \(4,\)"),
+        ({"observation": np.zeros(8)}, r"shape \(8,\).*as in the environment that the agent"),
     ],
 )
 @pytest.mark.parametrize(
@@ -97,32 +83,38 @@ def test_a_procedure_that_has_ended_sends_zero_words(make_env):
 def test_what_is_no_observation_is_refused(make_env, name, change, said):
     env = make_env()
     observation, _ = env.reset(seed=0)
+    wrong = observation | change if change and "a" not in change else change
     with pytest.raises(ValueError, match=said):
-        agents.make(name, env).predict(change(observation))
+        agents.make(name, env).predict(wrong)
 
 
-def test_the_state_of_another_agent_is_refused(make_env):
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("paper_servo", "the state holds 5; pass"),
+        ("recurrent_servo", "the state is 5; pass the state back"),
+        ("recurrent_ppo", "the state is 5; pass the state back"),
+    ],
+)
+def test_what_is_no_state_is_refused(make_env, name, said):
     env = make_env()
     observation, _ = env.reset(seed=0)
-    _, state = agents.make("memory", env).predict(observation)
-    servo = agents.make("paper_servo", env)
-    with pytest.raises(
-        ValueError, match=r"the state holds a trial of Memory \(.*, 3 motors\); pass the state back"
-    ):
-        servo.predict(observation, state)
-    with pytest.raises(ValueError, match="the state holds 5; pass"):
-        servo.predict(observation, 5)
-    for name in ("recurrent_servo", "recurrent_ppo"):
-        network = agents.make(name, env)
-        with pytest.raises(ValueError, match="the state is 5; pass the state back"):
-            network.predict(observation, 5)
+    with pytest.raises(ValueError, match=said):
+        agents.make(name, env).predict(observation, 5)
 
 
-def test_the_state_of_a_like_with_other_settings_is_refused(make_env):
+@pytest.mark.parametrize(
+    ("name", "settings", "said"),
+    [
+        ("memory", {}, r"Memory \(.*, 3 motors\); pass the state back"),
+        ("unified_servo", {"probe_px": 24.0}, ""),
+    ],
+)
+def test_the_state_of_another_agent_is_refused(make_env, name, settings, said):
     env = make_env()
     observation, _ = env.reset(seed=0)
-    _, state = agents.make("unified_servo", env, probe_px=24.0).predict(observation)
-    with pytest.raises(ValueError, match="the state holds a trial of"):
+    _, state = agents.make(name, env, **settings).predict(observation)
+    with pytest.raises(ValueError, match=f"the state holds a trial of {said}"):
         agents.make("unified_servo", env).predict(observation, state)
 
 

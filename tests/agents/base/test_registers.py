@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from itertools import islice
 
 import gymnasium as gym
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 import agents
 from agents.base.registers import Encoders, RegisterEstimate
+from tests.agents.trials import motions_of
 
 MOTORS = 3
 
@@ -114,17 +116,14 @@ def test_a_saved_agent_knows_its_encoders(tmp_path):
     env = gym.make("CalFree/Reach-v0", world="rough", dynamics="kinematic")
     env.reset(seed=4)
     agent = agents.make("paper_servo", env).learn(60)
-    loaded = agents.make("paper_servo", env).load(agent.save(tmp_path / "agent") or tmp_path / "agent")
-    fresh = agents.make("paper_servo", env)
-    sent = {}
-    for name, each in {"saved": agent, "loaded": loaded, "fresh": fresh}.items():
-        (observation, _), state, sent[name] = env.reset(seed=5), None, []
-        for _ in range(15):
-            words, state = each.predict(observation, state)
-            sent[name].append(words)
-            observation, *_ = env.step(words)
-    np.testing.assert_array_equal(sent["loaded"], sent["saved"])
-    assert (np.array(sent["fresh"]) != sent["saved"]).any()
+    agent.save(tmp_path / "agent")
+    fresh, loaded = agents.make("paper_servo", env), agents.make("paper_servo", env).load(tmp_path / "agent")
+    saved, alike, other = (
+        np.array([words for words, *_ in islice(motions_of(each, env, seed=5), 15)])
+        for each in (agent, loaded, fresh)
+    )
+    np.testing.assert_array_equal(alike, saved)
+    assert not np.array_equal(other, saved)
 
 
 def test_words_make_up_for_what_motors_usually_fall_short():
@@ -146,40 +145,15 @@ MEASURED = {
 
 @pytest.mark.parametrize("errors", MEASURED.values(), ids=MEASURED)
 @pytest.mark.parametrize("name", ["unified_servo", "paper_servo", "memory", "grid_table"])
-def test_agents_reach_by_registers_that_are_measured(name, errors):
+def test_agents_reach_by_registers_that_are_measured(live, make_env, name, errors):
     motions = []
     for seed in (20_100, 20_101):
-        drawn = gym.make("CalFree/Reach-v0", world="wild", dynamics="kinematic")
+        drawn = make_env(world="wild")
         drawn.reset(seed=seed)
-        world = replace(drawn.unwrapped.world, **errors)
-        env = gym.make("CalFree/Reach-v0", world=world, dynamics="kinematic")
-        env.reset(seed=seed)
-        agent, ends = agents.make(name, env), []
-        env = Counted(env, ends)
-        agent.env = env
-        agent.learn(120, callback=lambda _, ends=ends: len(ends) < 3)
-        motions += ends
+        env = make_env(world=replace(drawn.unwrapped.world, **errors))
+        motions += live(name, env, seed, trials=3)[1]
     assert len(motions) == 6
     assert max(motions) < 40
-
-
-class Counted(gym.Wrapper):
-    """Notes after how many motions trials end."""
-
-    def __init__(self, env, ends):
-        super().__init__(env)
-        self.ends = ends
-
-    def reset(self, **options):
-        self.motions = 0
-        return self.env.reset(**options)
-
-    def step(self, action):
-        self.motions += 1
-        *result, terminated, truncated, info = self.env.step(action)
-        if terminated or truncated:
-            self.ends.append(self.motions)
-        return *result, terminated, truncated, info
 
 
 def test_registers_near_zero_are_home_and_those_where_words_led_are_not(make_env):

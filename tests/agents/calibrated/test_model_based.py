@@ -1,6 +1,7 @@
 """The calibrated robot against the simulation that it models, and against the numbers asked of it."""
 
 from dataclasses import fields, replace
+from itertools import islice
 
 import gymnasium as gym
 import numpy as np
@@ -14,22 +15,17 @@ from agents.base.observation import Observation
 from agents.calibrated.robot_model import RobotModel
 from calfree_gym.perturbations import CameraRoll
 from experiments.evaluation import evaluate
+from tests.agents.trials import motions_of
 
 MOUNTS = calfree_gym.MOUNTS
 
 
-def simulation(mount, seed, **settings):
-    env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", **settings)
-    env.reset(seed=seed)
-    return env.unwrapped
-
-
 @pytest.mark.parametrize("seed", [3000, 3001, 3002])
-def test_the_model_of_a_world_is_the_simulation(mount, seed):
+def test_the_model_of_a_world_is_the_simulation(make_env, mount, seed):
     """Joints, gripper and images of both points, all over the motors' range, in worlds all wild."""
-    env = simulation(mount, seed)
+    env, rng = make_env(mount).unwrapped, np.random.default_rng(seed)
+    env.reset(seed=seed)
     model = RobotModel.of(env.world, mount)
-    rng = np.random.default_rng(seed)
     for _ in range(30):
         observation, *_, info = env.step(rng.uniform(-0.4, 0.4, 3))
         registers, truth = observation["observation"][4:].astype(float), info["truth"]
@@ -100,22 +96,20 @@ def test_the_nominal_robot_reaches_at_once(mount, dynamics):
     assert max(record.motions for record in records) <= 2
 
 
-def test_one_camera_rolled_breaks_its_aim(mount):
+def test_one_camera_rolled_breaks_its_aim(make_env, mount):
     """The paper's section 2.2: an error in one of many coefficients may be enough."""
     misses = []
     for degrees in (0.0, 15.0, 45.0):
         world = CameraRoll("left", degrees).apply(calfree_gym.nominal(), np.random.default_rng(0))
-        env = gym.make(
-            "CalFree/Reach-v0", world=world, camera_mount=mount, dynamics="kinematic", max_episode_steps=1
-        )
+        env = make_env(mount, world=world, max_episode_steps=1)
         records = evaluate(agents.make("model_based", env, camera_mount=mount), env, trials=40, seed=3000)
         misses.append(np.median([record.error_px for record in records]))
     assert misses[0] < 4 < 8 < misses[1] < 2 * misses[1] < misses[2]
 
 
-def test_a_motion_that_loses_a_point_is_taken_back_by_half():
+def test_a_motion_that_loses_a_point_is_taken_back_by_half(make_env):
     """After observations enough to know that it is lost."""
-    env = simulation("waist", 3000, world="nominal")
+    env = make_env(world="nominal")
     agent = agents.make("model_based", env)
     observation = Observation.of(env.reset(seed=1)[0])
     running = agent.procedure(observation, agent.new_findings())
@@ -127,37 +121,21 @@ def test_a_motion_that_loses_a_point_is_taken_back_by_half():
     np.testing.assert_allclose(moving[0], -goal / 2)
 
 
-def test_where_the_model_is_right_an_observation_is_a_motion(mount):
+def test_where_the_model_is_right_an_observation_is_a_motion(make_env, mount):
     """Trusted observations cost nothing: no zero words, and no doubt about noise as usual."""
-    env = simulation(mount, 3000, world="nominal", terminate_on_success=False)
+    env = make_env(mount, world="nominal", terminate_on_success=False)
     agent = agents.make("model_based", env, camera_mount=mount)
     for seed in range(10):
-        observation = Observation.of(env.reset(seed=seed)[0])
-        running = agent.procedure(observation, agent.new_findings())
-        words = next(running)
-        for _ in range(4):
-            assert words.any()
-            words = running.send(Observation.of(env.step(words.astype(np.float32))[0]))
+        made = [words for words, *_ in islice(motions_of(agent, env, seed=seed), 4)]
+        assert np.any(made, axis=1).all()
 
 
-def test_a_goal_seen_in_noise_is_averaged(mount):
+def test_a_goal_seen_in_noise_is_averaged(make_env, mount):
     """20 px on every coordinate: trusting the last observation alone ends 30 px off in the median."""
-    errors = []
-    for seed in range(3000, 3015):
-        world = replace(calfree_gym.nominal(), point_noise=np.asarray(20.0))
-        env = gym.make(
-            "CalFree/Reach-v0",
-            world=world,
-            camera_mount=mount,
-            dynamics="kinematic",
-            terminate_on_success=False,
-        )
-        records = evaluate(agents.make("model_based", env, camera_mount=mount), env, trials=1, seed=seed)
-        errors.append(records[0].error_px)
-    assert np.median(errors) < 14
-
-
-def test_an_unknown_mount_is_an_error():
-    env = gym.make("CalFree/Reach-v0")
-    with pytest.raises(ValueError, match="camera_mount is 'wrist'; allowed: waist, stand"):
-        agents.make("model_based", env, camera_mount="wrist")
+    world = replace(calfree_gym.nominal(), point_noise=np.asarray(20.0))
+    env = make_env(mount, world=world, terminate_on_success=False)
+    records = [
+        evaluate(agents.make("model_based", env, camera_mount=mount), env, trials=1, seed=seed)[0]
+        for seed in range(3000, 3015)
+    ]
+    assert np.median([record.error_px for record in records]) < 14

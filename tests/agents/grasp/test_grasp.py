@@ -1,6 +1,7 @@
 """The whole procedure in worlds that it does not know, and each of its parts against the truth."""
 
 from dataclasses import replace
+from itertools import islice
 
 import gymnasium as gym
 import numpy as np
@@ -18,6 +19,7 @@ from calfree_gym.robot.grasping.gripping_arm import AXIS
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 from experiments.evaluation import evaluate
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
+from tests.agents.trials import assert_same_arrays, motions_of
 
 GRASP = "CalFree/Grasp-v0"
 
@@ -27,7 +29,6 @@ def looked(env, seed, **options):
     return GraspObservation.of(observation)
 
 
-@pytest.mark.parametrize("mount", ["waist", "stand"])
 def test_it_grasps_in_worlds_that_it_has_not_seen(mount):
     records = []
     for seed, shape in enumerate(SHAPE_NAMES * 2):
@@ -101,7 +102,6 @@ def test_an_angle_that_is_seen_wrongly_once_turns_nothing():
     assert known.seen(known.angle + 1.2).angle == known.angle
 
 
-@pytest.mark.parametrize("mount", ["waist", "stand"])
 def test_with_memory_it_grasps_ever_faster_and_no_less_surely(mount):
     recorder = LifetimeRecorder(gym.make(GRASP, camera_mount=mount), seed=502)
     records = learn_trials(agents.make("grasp", recorder), recorder, 30)
@@ -125,20 +125,25 @@ def test_any_servo_approaches():
     assert sum(record.rendezvous for record in evaluate(agent, env, trials=3, seed=730)) >= 1
 
 
-def test_the_intermediate_position_is_one_gripper_length_before_the_object():
-    """Where the gripper stands over the object, its place in both images is that of a true point."""
-    env = gym.make(GRASP, shape="box", camera_mount="stand", world="nominal").unwrapped
-    env.reset(seed=1, options={"object": (0.4, 0.0)})
-    arms, row = env.arms, np.array([0])
-    at = np.array([[0.4, 0.0, arms.placed[0].pose[2] + AXIS]])
+def over_an_object(shape, *pose):
+    """A nominal environment whose gripper stands over an object, where (1, 3) that is, and what is seen."""
+    env = gym.make(GRASP, shape=shape, camera_mount="stand", world="nominal").unwrapped
+    env.reset(seed=1, options={"object": pose})
+    arms = env.arms
+    at = np.array([[*pose[:2], arms.placed[0].pose[2] + AXIS]])
     rest = arms.robot.rest(arms.world(0).joint_zeros)
     registers = arms.motors.registers(arms.robot.positions_at(at, rest, arms.world(0).link_lengths)[0], 0)
-    env.step(np.append(registers, 0).astype(np.float32))
+    observation, *_ = env.step(np.append(registers, 0).astype(np.float32))
+    return env, at, GraspObservation.of(observation)
+
+
+def test_the_intermediate_position_is_one_gripper_length_before_the_object():
+    """Where the gripper stands over the object, its place in both images is that of a true point."""
+    env, at, _ = over_an_object("box", 0.4, 0.0)
     env.arms._sight._measurement._noise[:] = 0
-    observation, *_ = env.step(np.zeros(5, np.float32))
-    now = GraspObservation.of(observation)
+    now = GraspObservation.of(env.step(np.zeros(5, np.float32))[0])
     along, seen = target("along_axis", now, 1.0)
-    true, _ = arms._workspaces.cameras.project(at[None], row)
+    true, _ = env.arms._workspaces.cameras.project(at[None], np.array([0]))
     assert seen.all()
     assert 256 * np.abs(along - true[0]).max() < 6, "perspective over one gripper length"
     assert 256 * np.abs(now.at("tip") - true[0]).max() < 1
@@ -153,16 +158,10 @@ def test_the_intermediate_position_is_one_gripper_length_before_the_object():
     ],
 )
 def test_the_turn_that_is_needed_is_the_true_one_near_the_object(orientation, angle, off):
-    env = gym.make(GRASP, shape="bar", camera_mount="stand", world="nominal").unwrapped
-    env.reset(seed=1, options={"object": (0.4, 0.0, angle)})
-    arms = env.arms
-    at = np.array([[0.4, 0.0, arms.placed[0].pose[2] + AXIS]])
-    rest = arms.robot.rest(arms.world(0).joint_zeros)
-    registers = arms.motors.registers(arms.robot.positions_at(at, rest, arms.world(0).link_lengths)[0], 0)
-    observation, *_ = env.step(np.append(registers, 0).astype(np.float32))
+    _, _, now = over_an_object("bar", 0.4, 0.0, angle)
     edges = np.pi / 2  # the jaws' edges lie across the arm, seen from above
     true = min(abs(edges - angle) % np.pi, np.pi - abs(edges - angle) % np.pi)
-    assert abs(turn_needed(orientation, GraspObservation.of(observation))) == pytest.approx(true, abs=off)
+    assert abs(turn_needed(orientation, now)) == pytest.approx(true, abs=off)
 
 
 @pytest.mark.parametrize("shape", ["cylinder", "sphere"])
@@ -184,31 +183,13 @@ def test_what_is_observed_is_read_as_the_environment_writes_it():
 
 def test_what_it_has_learned_is_saved_and_loaded(tmp_path):
     env = gym.make(GRASP, camera_mount="stand")
-    agent = agents.make("grasp", env)
-    agent.learn(60)
+    agent = agents.make("grasp", env).learn(60)
     agent.save(tmp_path / "agent.npz")
     other = agents.make("grasp", env).load(tmp_path / "agent.npz")
     np.testing.assert_array_equal(other.turning.state, agent.turning.state)
-    first = {name: array.tolist() for name, array in agent.arrays().items()}
-    assert {name: array.tolist() for name, array in other.arrays().items()} == first
+    assert_same_arrays(other, agent)
     with pytest.raises(ValueError, match="this agent is grasp over"):
         agents.make("grasp", env, tries=1).load(tmp_path / "agent.npz")
-
-
-@pytest.mark.parametrize(
-    ("name", "env_id", "settings", "message"),
-    [
-        ("unified_servo", GRASP, {}, "cannot grasp, as this environment asks; allowed: random, grasp"),
-        ("grasp", "CalFree/Reach-v0", {}, "cannot reach, as this environment asks"),
-        ("grasp", GRASP, {"intermediate": "above"}, "intermediate is 'above'; allowed: along_axis"),
-        ("grasp", GRASP, {"orientation": "eye"}, "orientation is 'eye'; allowed: least_squares"),
-        ("grasp", GRASP, {"tries": 0}, "tries"),
-        ("grasp", GRASP, {"lift": 3}, "no setting 'lift'"),
-    ],
-)
-def test_what_cannot_be_is_named(name, env_id, settings, message):
-    with pytest.raises(ValueError, match=message):
-        agents.make(name, gym.make(env_id), **settings)
 
 
 @pytest.mark.parametrize(
@@ -230,21 +211,12 @@ def test_the_procedure_grasps_at_any_orientation():
     lifted = []
     for seed in range(1000, 1006):
         env = gym.make(GRASP, shape=SHAPE_NAMES[seed % 5], orientation="any", camera_mount="stand")
-        agent, state, over = agents.make("grasp", env, seed=seed), None, False
-        observation, info = env.reset(seed=seed)
-        while not over:
-            words, state = agent.predict(observation, state)
-            observation, _, terminated, truncated, info = env.step(words)
-            over = terminated or truncated
+        *_, (*_, info) = motions_of(agents.make("grasp", env, seed=seed), env, seed=seed)
         lifted.append(env.unwrapped.is_solved(info["truth"]))
     assert sum(lifted) >= 5
 
 
 def test_a_servo_that_ends_as_the_arm_goes_aside_ends_no_trial(monkeypatch):
-    def nothing(*_):
-        return
-        yield
-
     def touching(trial, *words, **others):
         yield from moved(trial, *words, **others)
         trial.touched = True
@@ -252,12 +224,9 @@ def test_a_servo_that_ends_as_the_arm_goes_aside_ends_no_trial(monkeypatch):
     moved = GraspTrial.move
     monkeypatch.setattr(GraspTrial, "move", touching)
     env = gym.make(GRASP, shape="bar", camera_mount="stand")
-    agent, state = agents.make("grasp", env), None
-    monkeypatch.setattr(type(agent.reacher.servo), "__call__", nothing)
-    observation, _ = env.reset(seed=0)
-    for _ in range(12):
-        words, state = agent.predict(observation, state)
-        observation, *_ = env.step(words)
+    agent = agents.make("grasp", env)
+    monkeypatch.setattr(type(agent.reacher.servo), "__call__", lambda *_: (_ for _ in ()))
+    assert len(list(islice(motions_of(agent, env, seed=0), 12))) == 12
 
 
 @pytest.mark.parametrize("name", ["grasp", "insert"])
@@ -275,5 +244,3 @@ def test_its_settings_are_those_that_it_takes(knowledge):
     env = gym.make(GRASP, shape="bar", camera_mount="stand")
     settings = agents.default_settings("grasp", direction=True, knowledge=knowledge)
     assert agents.make("grasp", env, **settings).table is not None
-    with pytest.raises(ValueError, match="agent 'grasp' has no setting 'every_look'"):
-        agents.make("grasp", env, **settings, every_look=True)

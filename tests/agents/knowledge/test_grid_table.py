@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 import agents
 from agents.knowledge.grid_table import GridTable
-from tests.agents.lengths import Lengths
+from tests.agents.trials import Lengths
 
 POINT = st.lists(st.floats(-1, 1), min_size=4, max_size=4).map(np.array)
 CORNERS = np.array(list(np.ndindex(9, 9, 9, 9))) / 4 - 1
@@ -14,11 +14,13 @@ REGISTERS = st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3).map(np.array)
 
 
 @settings(max_examples=50)
-@given(POINT, REGISTERS)
-def test_the_first_success_fills_all_sixteen_corners_of_its_cell_and_no_more(sensors, registers):
-    table = GridTable(3)
+@given(POINT, REGISTERS, REGISTERS, st.floats(0.1, 1.0))
+def test_the_first_success_fills_all_corners_of_its_cell_and_others_correct_them_by_their_rate(
+    sensors, first, second, rate
+):
+    table = GridTable(3, rate=rate)
     assert table.recall(sensors) is None
-    table.learn(sensors, registers)
+    table.learn(sensors, first)
     assert table.records.shape == (6561, 3)
     filled = ~np.isnan(table.records).any(1)
     assert filled.sum() == 16
@@ -26,14 +28,7 @@ def test_the_first_success_fills_all_sixteen_corners_of_its_cell_and_no_more(sen
     assert (np.ptp(corners, axis=0) <= 0.25 + 1e-9).all()
     assert (corners.min(0) <= sensors + 1e-9).all()
     assert (corners.max(0) >= sensors - 1e-9).all()
-    np.testing.assert_allclose(table.recall(sensors).registers, registers, atol=1e-12)
-
-
-@settings(max_examples=30)
-@given(POINT, REGISTERS, REGISTERS, st.floats(0.1, 1.0))
-def test_a_success_corrects_the_recall_by_its_rate(sensors, first, second, rate):
-    table = GridTable(3, rate=rate)
-    table.learn(sensors, first)
+    np.testing.assert_allclose(table.recall(sensors).registers, first, atol=1e-12)
     table.learn(sensors, second)
     np.testing.assert_allclose(table.recall(sensors).registers, first + rate * (second - first), atol=1e-9)
 
@@ -78,24 +73,6 @@ def test_a_trial_cut_off_teaches_nothing(make_env):
     assert np.isnan(agent.knowledge.records).all()
 
 
-def line(sensors):
-    """Registers (n, 2) that lead to sensors (n, 4) where all is straight."""
-    return sensors @ np.array([[0.3, -0.1], [0.1, 0.4], [0.2, 0.1], [-0.2, 0.2]])
-
-
-def experienced(successes=6000, within=0.5, **settings):
-    table = GridTable(2, **settings)
-    for sensors in np.random.default_rng(0).uniform(-within, within, (successes, 4)):
-        table.learn(sensors, line(sensors))
-    return table
-
-
-def missed(table, places, wanted):
-    recalls = [table.recall(place) for place in places]
-    pairs = zip(recalls, wanted, strict=True)
-    return np.array([np.nan if r is None else np.abs(r.registers - w).max() for r, w in pairs])
-
-
 def test_cells_are_filled_by_one_success_and_trusted_after_some():
     table = GridTable(3)
     sensors = np.array([0.1, 0.1, -0.1, 0.3])
@@ -108,28 +85,25 @@ def test_cells_are_filled_by_one_success_and_trusted_after_some():
 
 def test_a_kalman_filter_corrects_what_is_uncertain():
     """A cell beside one that is well known: what it teaches changes the new corners, not the old ones."""
-    tables = [GridTable(1, cells=2, kalman=kalman) for kalman in (False, True)]
-    for table in tables:
+    known, new, tables = np.full(4, -0.5), np.array([0.5, -0.5, -0.5, -0.5]), []
+    for kalman in (False, True):
+        tables.append(GridTable(1, cells=2, kalman=kalman))
         for _ in range(30):
-            table.learn(np.full(4, -0.5), np.zeros(1))
-        table.learn(np.array([0.5, -0.5, -0.5, -0.5]), np.ones(1) * 0.8)
-    constant, kalman = (table.recall(np.full(4, -0.5)).registers[0] for table in tables)
+            tables[-1].learn(known, np.zeros(1))
+        tables[-1].learn(new, np.ones(1) * 0.8)
+    constant, kalman = (table.recall(known).registers[0] for table in tables)
     assert abs(kalman) < 0.5 * abs(constant)
-    after = [table.recall(np.array([0.5, -0.5, -0.5, -0.5])).registers[0] for table in tables]
-    assert min(after) > 0.5
+    assert min(table.recall(new).registers[0] for table in tables) > 0.5
 
 
 def test_a_kalman_filter_averages_noise_and_forgets_when_time_goes_by():
-    noise = np.random.default_rng(0).normal(0, 0.1, 200)
-    misses, deviations = [], []
+    noise, misses = np.random.default_rng(0).normal(0, 0.1, 200), []
     for kalman in (False, True):
-        table = GridTable(1, cells=1, kalman=kalman)
-        ends = []
+        table, ends = GridTable(1, cells=1, kalman=kalman), []
         for error in noise:
             table.learn(np.zeros(4), np.array([error]))
             ends.append(table.recall(np.zeros(4)).registers[0])
         misses.append(np.std(ends[50:]))
-        deviations.append(table.recall(np.zeros(4)).deviation_px)
     assert misses[1] < misses[0]
     table = GridTable(1, cells=8, kalman=True)
     table.learn(np.full(4, 0.9), np.zeros(1))

@@ -18,10 +18,10 @@ def seen(registers):
     return registers @ JACOBIAN.T + bent
 
 
-def taught(name, pairs=60, seed=0, **settings):
+def taught(name, pairs=60, reach=0.3, world=seen, seed=0, **settings):
     knowledge = agents.KNOWLEDGE[name](3, **settings)
-    for registers in np.random.default_rng(seed).uniform(-0.3, 0.3, (pairs, 3)):
-        knowledge.learn(seen(registers), registers)
+    for registers in np.random.default_rng(seed).uniform(-reach, reach, (pairs, 3)):
+        knowledge.learn(world(registers), registers)
     return knowledge
 
 
@@ -38,17 +38,12 @@ def recalled(knowledge, places):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_recalled_from_nothing(name):
+@settings(max_examples=15)
+@given(st.lists(st.floats(-0.4, 0.4), min_size=3, max_size=3).map(np.array))
+def test_what_was_learned_is_recalled_at_its_place_and_nothing_from_nothing(name, registers):
     knowledge = agents.KNOWLEDGE[name](3)
     assert knowledge.recall(np.zeros(4)) is None
     assert knowledge.jacobian(np.zeros(3)) is None
-
-
-@pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=15)
-@given(st.lists(st.floats(-0.4, 0.4), min_size=3, max_size=3).map(np.array))
-def test_what_was_learned_is_recalled_at_its_place(name, registers):
-    knowledge = agents.KNOWLEDGE[name](3)
     for _ in range(3):
         knowledge.learn(seen(registers), registers)
     recall = knowledge.recall(seen(registers))
@@ -76,17 +71,18 @@ def test_what_is_far_from_all_that_was_learned_is_doubtful(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_restored_recalls_and_learns_alike(name):
+def test_what_is_restored_recalls_and_learns_alike_and_what_was_handed_out_stays(name):
     knowledge, again = taught(name), agents.KNOWLEDGE[name](3)
     arrays = knowledge.arrays()
     again.restore(arrays)
     before = {key: array.copy() for key, array in arrays.items()}
     places = np.random.default_rng(2).uniform(-0.5, 0.5, (30, 4))
     assert recalled(knowledge, places) == recalled(again, places)
-    again.learn(np.full(4, 0.1), np.full(3, 0.1))
-    for key, array in arrays.items():
-        np.testing.assert_array_equal(array, before[key])
-    knowledge.learn(np.full(4, 0.1), np.full(3, 0.1))
+    for registers in np.random.default_rng(0).uniform(-0.3, 0.3, (60, 3)):
+        for each in (again, knowledge):
+            each.learn(seen(registers) + 0.01, registers)
+            for key, array in arrays.items():
+                np.testing.assert_array_equal(array, before[key])
     assert recalled(knowledge, places) == recalled(again, places)
 
 
@@ -104,22 +100,3 @@ def test_foreign_shapes_are_not_restored(name):
     with pytest.raises(ValueError, match="shape"):
         foreign.restore(other.arrays())
     assert recalled(knowledge, places) == before
-
-
-@pytest.mark.parametrize("name", ["factored_table", "support_points"])
-@pytest.mark.parametrize("setting", [{"rate": 0}, {"rate": 2}, {"kalman": "yes"}])
-def test_settings_that_are_not_allowed(name, setting):
-    ((key, value),) = setting.items()
-    with pytest.raises(ValueError, match=f"{key} is {value!r}"):
-        agents.KNOWLEDGE[name](3, **setting)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_what_was_handed_out_stays_as_it_was(name):
-    knowledge = taught(name)
-    handed = knowledge.arrays()
-    before = {key: array.copy() for key, array in handed.items()}
-    for registers in np.random.default_rng(0).uniform(-0.3, 0.3, (60, 3)):
-        knowledge.learn(seen(registers) + 0.01, registers)
-    for key, array in handed.items():
-        np.testing.assert_array_equal(array, before[key])

@@ -1,6 +1,7 @@
 """Support points where they are needed (paper, section 4.3)."""
 
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,13 +10,9 @@ from hypothesis import strategies as st
 
 from agents.knowledge.support_points import LocalFit, SupportPoints
 from tests.agents.knowledge.test_knowledge import JACOBIAN, missed_px, seen
+from tests.agents.knowledge.test_knowledge import taught as taught_any
 
-
-def taught(pairs, reach=0.3, world=seen, **settings):
-    knowledge = SupportPoints(3, **settings)
-    for registers in np.random.default_rng(0).uniform(-reach, reach, (pairs, 3)):
-        knowledge.learn(world(registers), registers)
-    return knowledge
+taught = partial(taught_any, "support_points")
 
 
 @pytest.mark.parametrize("count", range(1, 8))

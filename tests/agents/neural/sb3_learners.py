@@ -14,13 +14,12 @@ def make(name="sac", env=None, **settings):
 
 
 def rows_of_one_world(rows=4):
-    return gym.make_vec(
-        "CalFree/ReachDense-v0",
-        num_envs=rows,
-        dynamics="kinematic",
-        world="nominal",
-        autoreset_mode=AutoresetMode.SAME_STEP,
-    )
+    """As many rows of the nominal world; a single environment for one."""
+    if rows == 1:
+        return None
+    same_step = AutoresetMode.SAME_STEP
+    nominal = {"dynamics": "kinematic", "world": "nominal"}
+    return gym.make_vec("CalFree/ReachDense-v0", num_envs=rows, autoreset_mode=same_step, **nominal)
 
 
 def weights(agent):

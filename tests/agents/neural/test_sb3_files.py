@@ -37,8 +37,6 @@ def test_files_of_other_learners_are_refused(tmp_path):
         archive.writestr("readme.txt", "nothing")
     with pytest.raises(ValueError, match=r"holds readme.txt; a saved learner holds calfree.json"):
         make().load(saved)
-    with pytest.raises(FileNotFoundError):
-        make().load(tmp_path / "nowhere.zip")
 
 
 class Bomb:
@@ -124,6 +122,7 @@ def altered(path, header=None, parameters=None, variables=None):
         ({"header": {"about": None}}, "damaged: .*about is None"),
         ({"parameters": {3: {}}}, "damaged: parameters are .*mapping of names"),
         ({"parameters": {"policy": {"x": torch.zeros(1)}}}, "do not fit this learner"),
+        ({"parameters": {"policy": {"x": torch.full((1,), torch.nan)}}}, "not finite"),
         ({"variables": {"log_ent_coef": torch.zeros(7)}}, "log_ent_coef is tensor.*it must be finite"),
         ({"variables": {"log_ent_coef": torch.full((1,), torch.nan)}}, "log_ent_coef is tensor"),
         ({"variables": {"log_ent_coef": 3}}, "log_ent_coef is 3"),
@@ -144,22 +143,6 @@ def test_an_altered_file_is_told_and_changes_nothing(tmp_path, change, message):
     assert agent.num_timesteps == 0
 
 
-def test_a_refused_file_changes_nothing(tmp_path):
-    make("td3", distance_scales=[]).save(tmp_path / "td3.zip")
-    agent = make(distance_scales=[])
-    before = [parameter.clone() for parameter in agent._model.policy.parameters()]
-    with zipfile.ZipFile(tmp_path / "td3.zip") as archive:
-        entries = {name: archive.read(name) for name in archive.namelist()}
-    header = entries["calfree.json"].replace(b"stable_baselines3.TD3", b"stable_baselines3.SAC")
-    with zipfile.ZipFile(tmp_path / "liar.zip", "w") as archive:
-        archive.writestr("calfree.json", header)
-        archive.writestr("parameters.pt", entries["parameters.pt"])
-    with pytest.raises(ValueError, match=r"this one has|do not fit"):
-        agent.load(tmp_path / "liar.zip")
-    for old, new in zip(before, agent._model.policy.parameters(), strict=True):
-        assert torch.equal(old, new)
-
-
 def test_what_cannot_be_saved_leaves_the_file_that_is_there(tmp_path, monkeypatch):
     saved = tmp_path / "sac.zip"
     make().save(saved)
@@ -178,14 +161,6 @@ def test_settings_that_json_does_not_know_last_in_files(tmp_path):
     agent = make(**settings)
     agent.save(tmp_path / "sac.zip")
     make(**settings).load(tmp_path / "sac.zip")
-
-
-def test_weights_that_are_not_finite_are_refused(tmp_path):
-    agent = make()
-    next(agent._model.policy.parameters()).data[:] = np.nan
-    agent.save(tmp_path / "sac.zip")
-    with pytest.raises(ValueError, match="not finite"):
-        make().load(tmp_path / "sac.zip")
 
 
 def test_who_loads_forgets_the_motions_of_the_life_before(tmp_path):

@@ -6,7 +6,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from gymnasium.vector import AutoresetMode
 
 from tests.agents.neural.sb3_learners import make, rows_of_one_world, weights
 
@@ -27,7 +26,7 @@ def test_rows_learn_together_and_their_motions_are_summed(name):
 @pytest.mark.parametrize("rows", [1, 4])
 def test_every_whole_rollout_teaches_however_motions_are_divided(name, rows):
     rollout = 20 * rows
-    divided, at_once = (make(name, rows_of_one_world(4) if rows == 4 else None) for _ in range(2))
+    divided, at_once = (make(name, rows_of_one_world(rows)) for _ in range(2))
     for updates in (2, 4, 6):  # epochs
         before = weights(divided)
         divided.learn(rollout)
@@ -44,7 +43,7 @@ def test_every_whole_rollout_teaches_however_motions_are_divided(name, rows):
 @pytest.mark.parametrize("rows", [1, 4])
 def test_off_policy_motions_in_parts_are_all_kept_and_teach(rows):
     settings = {"train_freq": 4, "learning_starts": 0, "gradient_steps": 2}
-    agent = make("sac", rows_of_one_world(4) if rows == 4 else None, **settings)
+    agent = make("sac", rows_of_one_world(rows), **settings)
     for part in range(1, 21):
         agent.learn(4 * rows)
         assert agent._model.replay_buffer.pos == 4 * part
@@ -57,7 +56,7 @@ def test_off_policy_motions_in_parts_are_all_kept_and_teach(rows):
 @pytest.mark.parametrize(("name", "setting"), [("ppo", {}), ("sac", {"train_freq": 4}), ("sac", {})])
 def test_any_number_of_motions_is_never_exceeded(name, setting):
     for rows in (1, 4):
-        env = rows_of_one_world(4) if rows == 4 else None
+        env = rows_of_one_world(rows)
         agent, made = make(name, env, **setting), 0
         for asked in (4, 5, 19, 20, 21, 39, 41, 80):
             seen = []
@@ -119,16 +118,3 @@ def test_predicting_by_chance_changes_no_learning():
     alike[0].predict(observation, deterministic=False)
     first, second = (weights(agent.learn(60)) for agent in alike)
     assert torch.equal(first, second)
-
-
-def test_hindsight_waits_for_a_whole_trial_of_each_row():
-    envs = gym.make_vec(
-        "CalFree/Reach-v0",
-        num_envs=4,
-        world="nominal",
-        camera_mount="stand",
-        dynamics="kinematic",
-        autoreset_mode=AutoresetMode.SAME_STEP,
-    )
-    agent = make("sac_her", envs).learn(320)
-    assert agent.num_timesteps == 320

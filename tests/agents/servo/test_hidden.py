@@ -1,6 +1,5 @@
 """Servos whose points are hidden by the arm, or by what stands in the way."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -8,34 +7,29 @@ import agents
 from agents.base.observation import Observation
 from agents.servo.image_model.least_distance import Seeker
 from agents.servo.image_model.smooth_points import SmoothPoints
+from tests.agents.trials import motions_of
 
 
-def reach(env, observation, name="unified_servo"):
+def reach(env, observation):
     """Whether the trial that has begun ends at the rendezvous, and its motions."""
-    agent, state = agents.make(name, env), None
-    for motion in range(1, 61):
-        words, state = agent.predict(observation, state)
-        observation, _, terminated, _, _ = env.step(words)
-        if terminated:
-            return True, motion
-    return False, 60
+    made = list(motions_of(agents.make("unified_servo", env), env, observation))
+    return made[-1][2], len(made)
 
 
-@pytest.mark.parametrize("mount", ["waist", "stand"])
-def test_hidden_points_cost_few_motions(mount):
-    env = gym.make("CalFree/Reach-v0", camera_mount=mount, dynamics="kinematic", occlusion=True)
-    trials = [reach(env, env.reset(seed=seed)[0]) for seed in range(5000, 5012)]
-    assert all(success for success, _ in trials)
-    assert np.mean([motions for _, motions in trials]) < 11
+def test_hidden_points_cost_few_motions(mount, make_env):
+    env = make_env(mount, occlusion=True)
+    reached, motions = zip(*(reach(env, env.reset(seed=seed)[0]) for seed in range(5000, 5012)), strict=True)
+    assert all(reached)
+    assert np.mean(motions) < 11
 
 
-def test_an_object_that_one_camera_does_not_see_from_home_is_not_waited_for():
+def test_an_object_that_one_camera_does_not_see_from_home_is_not_waited_for(make_env):
     """It goes nearer by what the other camera sees, until both see it."""
     reached = []
     for seed in range(20):
-        env = gym.make("CalFree/Reach-v0", camera_mount="waist", dynamics="kinematic", occlusion=True)
+        env = make_env(occlusion=True)
         env.reset(seed=seed)
-        drawn = gym.make("CalFree/Reach-v0", world=env.unwrapped.world, dynamics="kinematic")
+        drawn = make_env(world=env.unwrapped.world)
         drawn.reset(seed=seed)
         for _ in range(12):
             place = drawn.reset()[1]["truth"]["object"]

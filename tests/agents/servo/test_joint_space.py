@@ -1,7 +1,7 @@
 """The servo in joint space against MuJoCo's own derivatives, and its gain where the world is linear."""
 
-from dataclasses import replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ import pytest
 import agents
 from agents.base.observation import Observation
 from agents.servo.joint_space import JointSpaceServo
-from experiments.evaluation import evaluate
 from tests.agents.analytic import distance_jacobian
+from tests.agents.trials import carry_out, motions_of
 
 
 @pytest.fixture
@@ -38,19 +38,17 @@ class LinearRobot:
 
 
 def steps_of(agent, robot, motions, **more):
-    """Registers before and distances after each motion of all joints at once, and all words."""
-    now, words_made, distances = robot.observed(**more), [], []
-    running = agent.procedure(now, None)
-    words = next(running)
-    for _ in range(motions):
-        before = now.distance
+    """All words, and the distances before and after each motion of all joints at once."""
+    seen = [robot.observed(**more)]
+
+    def observed(words):
         robot.registers = robot.registers + words
-        now = robot.observed(**more)
-        words_made.append(words)
-        if np.count_nonzero(words) == 3:
-            distances.append((np.linalg.norm(before), np.linalg.norm(now.distance)))
-        words = running.send(now)
-    return words_made, distances
+        seen.append(robot.observed(**more))
+        return seen[-1]
+
+    words, _ = carry_out(agent.procedure(seen[0], None), observed, motions)
+    lengths, whole = np.linalg.norm([each.distance for each in seen], axis=1), np.all(words, axis=1)
+    return words, np.stack([lengths[:-1], lengths[1:]], 1)[whole]
 
 
 @pytest.mark.parametrize("gain", [0.5, 0.8])
@@ -60,8 +58,7 @@ def test_in_a_linear_world_each_step_leaves_one_minus_gain(environment, gain, se
     agent = JointSpaceServo(environment(), gain=gain, step_rad=10.0, damping=0.0)
     _, distances = steps_of(agent, robot, 12)
     assert len(distances) >= 2
-    for before, after in distances:
-        assert after == pytest.approx((1 - gain) * before, rel=1e-4)
+    np.testing.assert_allclose(distances[:, 1], (1 - gain) * distances[:, 0], rtol=1e-4)
 
 
 def test_no_joint_turns_further_in_a_step_than_allowed(environment):
@@ -92,65 +89,32 @@ def test_it_uses_joint_angles_and_nothing_else_that_is_privileged(environment):
 
 
 @pytest.mark.parametrize("seed", [3000, 3004, 3010])
-def test_its_first_step_is_that_of_the_true_jacobian_of_the_joints(environment, mount, seed, monkeypatch):
+def test_its_first_step_is_that_of_the_true_jacobian_of_the_joints(noise_free, mount, seed, monkeypatch):
     """Against MuJoCo's derivatives by the registers, and finite differences of the true joint angles."""
-    env = environment(mount)
-    env.reset(seed=seed)
-    world = env.unwrapped.world
-    env.unwrapped.set_world(replace(world, point_noise=np.zeros(())))
-    observation, info = env.reset(seed=None)
-    seen = []
-    step = JointSpaceServo._step
-    monkeypatch.setattr(
-        JointSpaceServo, "_step", lambda self, jacobian, d: seen.append(jacobian) or step(self, jacobian, d)
-    )
+    env = noise_free(mount, seed, tell=("joint_angles",))
+    observation, info = env.reset()
+    step, used = JointSpaceServo._step, []
+    monkeypatch.setattr(JointSpaceServo, "_step", lambda self, j, d: used.append(j) or step(self, j, d))
     agent = agents.make("joint_space_servo", env)
-    state, registers, angles = None, [np.zeros(3)], [info["truth"]["joints"][:3]]
-    for _ in range(30):
-        words, state = agent.predict(observation, state)
-        if seen:
+    registers, angles = [np.zeros(3)], [info["truth"]["joints"][:3]]
+    for _, seen, _, info in islice(motions_of(agent, env, observation), 30):
+        if used:
             break
-        observation, *_, info = env.step(words)
-        registers.append(observation["observation"][4:].astype(float))
+        registers.append(seen["observation"][4:].astype(float))
         angles.append(info["truth"]["joints"][:3])
     registers, angles = np.array(registers), np.array(angles)
     middle = (registers.max(0) + registers.min(0)) / 2
-    turned_by_word = world.motor_sign * np.ptp(angles, axis=0) / np.ptp(registers, axis=0)
+    turned_by_word = env.world.motor_sign * np.ptp(angles, axis=0) / np.ptp(registers, axis=0)
     true = distance_jacobian(env, middle) / turned_by_word
-    missed = np.linalg.norm(seen[0] - true, axis=0) / np.linalg.norm(true, axis=0)
+    missed = np.linalg.norm(used[0] - true, axis=0) / np.linalg.norm(true, axis=0)
     assert missed.max() < 0.25
 
 
-def reached(environment, mount, worlds):
-    """Success, and the median of motions."""
-    records = []
-    for seed in worlds:
-        env = environment(mount)
-        records += evaluate(agents.make("joint_space_servo", env), env, 1, seed)
-    return np.mean([record.rendezvous for record in records]), np.median(
-        [record.motions for record in records]
-    )
-
-
-def test_it_reaches_in_wild_worlds(environment, mount):
-    rendezvous, motions = reached(environment, mount, range(3020, 3035))
-    assert rendezvous == 1
-    assert motions <= 16
-
-
-@pytest.mark.slow
-def test_it_reaches_in_many_wild_worlds(environment, mount):
-    rendezvous, motions = reached(environment, mount, range(3100, 3300))
-    assert rendezvous >= 0.99
-    assert motions <= 12
-
-
-def test_it_must_be_told_the_joint_angles(make_env):
-    with pytest.raises(ValueError, match=r"requires joint_angles.*tell=\('joint_angles',\)"):
-        agents.make("joint_space_servo", make_env())
-
-
-@pytest.mark.parametrize("setting", [{"gain": 0.0}, {"gain": 1.5}, {"step_rad": 0.0}, {"damping": -1.0}])
-def test_settings_out_of_range_are_errors(environment, setting):
-    with pytest.raises(ValueError, match=str(next(iter(setting.values())))):
-        agents.make("joint_space_servo", environment(), **setting)
+@pytest.mark.parametrize(
+    ("worlds", "least", "most_motions"),
+    [(range(3020, 3035), 1, 16), pytest.param(range(3100, 3300), 0.99, 12, marks=pytest.mark.slow)],
+)
+def test_it_reaches_in_wild_worlds(reach, mount, worlds, least, most_motions):
+    share, motions, _ = reach("joint_space_servo", worlds, mount, {"tell": ("joint_angles",)})
+    assert share >= least
+    assert motions <= most_motions

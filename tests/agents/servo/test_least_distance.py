@@ -32,26 +32,29 @@ def summed(registers):
     return np.array([a + b, 0.5 * (a + b), a + b, 0.0])
 
 
-def test_among_equals_it_finds_the_nearest():
-    points = looked(folded, folded((-0.2, 0.3)), GRID)
-    for start, there in (([-0.1, 0], -0.2), ([0.6, 0], 0.8)):
-        found = Seeker(points, np.array(start), -FREE, FREE, caution=0.1).seek()
-        np.testing.assert_allclose(found.registers, [there, 0.3], atol=0.01)
-        assert not found.far
+STOP = np.array([-0.1, -1.0])
 
 
-@pytest.mark.parametrize("start", [-0.05, 0.1])
-def test_where_a_stop_is_in_the_way_it_finds_the_other_posture(start):
+@pytest.mark.parametrize(
+    ("start", "lowest", "posture"),
+    [
+        ([-0.1, 0.0], -FREE, -0.2),
+        ([0.6, 0.0], -FREE, 0.8),
+        ([-0.05, 0.3], STOP, 0.8),
+        ([0.1, 0.3], STOP, 0.8),
+    ],
+)
+def test_it_finds_the_nearest_posture_and_the_other_where_a_stop_is_in_the_way(start, lowest, posture):
     """From where it begins, each step leads to the stop; the other posture has been seen."""
     points = looked(folded, folded((-0.2, 0.3)), GRID)
-    found = Seeker(points, np.array([start, 0.3]), np.array([-0.1, -1]), FREE, caution=0.1).seek()
-    np.testing.assert_allclose(found.registers, [0.8, 0.3], atol=0.01)
+    found = Seeker(points, np.array(start), lowest, FREE, caution=0.1).seek()
+    np.testing.assert_allclose(found.registers, [posture, 0.3], atol=0.01)
+    assert not found.far
 
 
 def test_where_no_posture_does_it_says_that_this_is_hopeless():
     points = looked(folded, folded((-0.2, 0.3)), GRID)
-    stops = np.array([-0.1, -1]), np.array([0.7, 1])
-    found = Seeker(points, np.array([0.1, 0.3]), *stops, caution=0.1).seek()
+    found = Seeker(points, np.array([0.1, 0.3]), STOP, np.array([0.7, 1]), caution=0.1).seek()
     assert found.far
     assert found.hopeless
 
@@ -59,7 +62,7 @@ def test_where_no_posture_does_it_says_that_this_is_hopeless():
 def test_what_is_unknown_is_no_worse_than_a_place_known_not_to_do():
     """The other posture was never seen; it goes where it does not know better, though it expects less."""
     points = looked(folded, folded((-0.15, 0.3)), GRID[GRID[:, 0] < 0.05])
-    found = Seeker(points, np.array([0.0, 0.3]), np.array([-0.1, -1]), FREE, caution=0.1).seek()
+    found = Seeker(points, np.array([0.0, 0.3]), STOP, FREE, caution=0.1).seek()
     assert not found.hopeless
     assert found.registers[0] > 0.3
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.optimize import lsq_linear
 
 from agents.servo.redundancy import REDUNDANCIES, omit, solve, solve_within, transform, weighted
 from calfree_gym.image import IMAGE_UNIT
@@ -59,11 +60,7 @@ def test_transform_leaves_out_just_what_no_words_can_change(entries, distance):
 
 
 def test_weighted_leaves_out_a_contradicting_coordinate_better_than_plain_least_squares():
-    """The coordinate that weighs most in the left-null direction is wrong by 20 to 80 px, all by 0.7 px.
-
-    One spare equation tells that some coordinate is wrong, and not which: taken to be that one, it is left
-    out. (Where the wrong one is drawn at random, weighing helps in under half of the draws.)
-    """
+    """The coordinate that weighs most in the left-null direction is wrong by 20 to 80 px, all by 0.7 px."""
     rng, errors = np.random.default_rng(0), []
     for _ in range(500):
         jacobian, words = rng.normal(size=(4, 3)), rng.uniform(-0.2, 0.2, 3)
@@ -108,8 +105,6 @@ def test_a_motor_of_which_nothing_is_known_gets_a_zero_word(entries, distance, m
     np.array([0.5, 0.125, 0.125]),
 )
 def test_bounded_words_keep_within_bounds_help_and_are_the_best_where_none_binds(entries, distance, bounds):
-    from scipy.optimize import lsq_linear
-
     jacobian = well_conditioned(entries)
     words = solve_within(jacobian, distance, 0.0, -bounds, bounds)
     assert (np.abs(words) <= bounds + 1e-12).all()

@@ -1,6 +1,7 @@
 """`safe_start`: small first motions, a leash that holds, and reasons where nothing can be done."""
 
 from dataclasses import replace
+from itertools import islice
 
 import gymnasium as gym
 import numpy as np
@@ -14,6 +15,7 @@ from agents.servo.safe.leash import Leash, LinearView, StraightWay, equal_units
 from agents.servo.safe.safe_start import FirstMotions
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 from tests.agents.linear_arm import LinearArm
+from tests.agents.trials import carry_out, motions_of
 
 WORDS = st.lists(st.floats(-1, 1), min_size=3, max_size=3)
 
@@ -34,18 +36,37 @@ class Noisy(LinearArm):
 
 def first_motions(arm):
     """The motions made, and where motors then were."""
-    motions = FirstMotions(arm.observed(), ObservationFilter())
-    run, sent, been = motions.run(), [], []
-    words = next(run, None)
-    while words is not None:
-        sent.append(words)
+    motions, been = FirstMotions(arm.observed(), ObservationFilter()), []
+
+    def observed(words):
         seen = arm.observed(words)
         been.append(seen.registers)
-        try:
-            words = run.send(seen)
-        except StopIteration:
-            words = None
-    return motions, np.array(sent), np.array(been)
+        return seen
+
+    sent, _ = carry_out(motions.run(), observed)
+    return motions, sent, np.array(been)
+
+
+def view_of(arm, factor=1.0, variance=None):
+    """A view of the arm that is right but for a factor, and as sure of each motor as is said."""
+    view = LinearView(3)
+    view.jacobian = factor * arm.jacobian
+    if variance:
+        view.variances = variance * np.eye(3)
+    return view
+
+
+def leash_of(now, view, most=0.5):
+    return Leash(now, view, np.full(3, most), ObservationFilter(), np.ones(3))
+
+
+def arm_with_object(ways, there, **bounds):
+    """An arm whose gripper registers move by so many pixels (3, k), and an object that it meets `there`."""
+    arm = LinearArm((1, 1, 1), **bounds)
+    arm.jacobian = np.zeros((8, 3))
+    arm.jacobian[: len(ways[0])] = IMAGE_UNIT * np.transpose(ways)
+    arm.home = np.vstack([np.zeros((2, 2)), (arm.jacobian[:4] @ there).reshape(2, 2)])
+    return arm
 
 
 @pytest.mark.parametrize("strength", [(400, 400, 400), (8000, 60, 900), (50, 20_000, 300)])
@@ -114,51 +135,37 @@ def test_where_nothing_can_be_done_it_says_why_and_stands_still(arm, why):
 
 
 @given(WORDS, st.lists(WORDS, min_size=1, max_size=8))
-@example([0.0, 1.0, 0.0], [[0.0, 0.0, 2.28e-124], [0.0, 0.0, 1.0]])  # a motion that shows nothing
+@example([0.0, 0.0, 0.0], [[0.0, 0.0, 2.28e-124], [0.0, 0.0, 1.0]])  # a motion that shows nothing
 @settings(max_examples=60)
 def test_a_servo_stays_on_its_leash(start, asked):
     """Whatever words it sends, no motion is expected to move the images farther than the leash is long."""
     arm = LinearArm((400, 900, 200))
     arm.registers = 0.01 * np.array(start)
-    view = LinearView(3)
-    view.jacobian = arm.jacobian.copy()
-    now = arm.observed()
-    leash = Leash(now, view, np.full(3, 0.05), ObservationFilter(), np.ones(3))
+    seen = [arm.observed()]
+    leash = leash_of(seen[0], view_of(arm), 0.05)
 
-    def servo():
-        for words in asked:
-            yield np.array(words)
+    def observed(words):
+        seen.append(arm.observed(words))
+        moved = lengths_px(seen[-1].points - seen[-2].points).max()
+        assert moved <= leash.length_px + 1e-6
+        assert leash.length_px <= Leash.MOST_PX
+        return seen[-1]
 
-    run = leash.hold(servo())
-    words = next(run, None)
-    while words is not None:
-        longest, before = leash.length_px, now
-        now = arm.observed(words)
-        moved = lengths_px(now.points - before.points).max()
-        assert moved <= longest + 1e-6
-        assert longest <= Leash.MOST_PX
-        try:
-            words = run.send(now)
-        except StopIteration:
-            words = None
+    carry_out(leash.hold(np.array(words) for words in asked), observed)
 
 
-def test_the_leash_shrinks_where_images_do_otherwise_and_grows_where_they_do_as_expected():
-    arm = LinearArm((400, 400, 400))
-    for factor, grows in ((1.0, True), (-1.0, False)):
-        view = LinearView(3)
-        view.jacobian = factor * arm.jacobian
-        words, before = np.array([0.05, 0.03, 0.0]), arm.observed()
-        leash = Leash(before, view, np.full(3, 0.05), ObservationFilter(), np.ones(3))
-        leash.learn(words, before, arm.observed(words))
-        assert (leash.length_px > Leash.FIRST_PX) == grows
-        assert (leash.length_px < Leash.FIRST_PX) == (not grows)
+@pytest.mark.parametrize("factor", [1.0, -1.0])
+def test_the_leash_shrinks_where_images_do_otherwise_and_grows_where_they_do_as_expected(factor):
+    arm, words = LinearArm((400, 400, 400)), np.array([0.05, 0.03, 0.0])
+    before = arm.observed()
+    leash = leash_of(before, view_of(arm, factor), 0.05)
+    leash.learn(words, before, arm.observed(words))
+    assert np.sign(leash.length_px - Leash.FIRST_PX) == factor
 
 
 @pytest.mark.parametrize(("word", "learned"), [(1e-9, 0.0), (1e-4, 0.01), (0.1, 0.9)])
 def test_it_learns_from_a_motion_as_much_as_that_shows_above_noise(word, learned):
-    arm = LinearArm((400, 400, 400))
-    view = LinearView(3)
+    arm, view = LinearArm((400, 400, 400)), LinearView(3)
     view.jacobian = 1.5 * arm.jacobian
     before, words = arm.observed(), np.array([word, 0.0, 0.0])
     view.correct(words, before, arm.observed(words), noise_px=0.5)
@@ -167,37 +174,28 @@ def test_it_learns_from_a_motion_as_much_as_that_shows_above_noise(word, learned
     np.testing.assert_array_equal(view.jacobian[:, 1:], 1.5 * arm.jacobian[:, 1:])
 
 
-def test_motions_near_the_object_are_short():
+@pytest.mark.parametrize("px", [100.0, 40.0, 4.0])
+def test_motions_near_the_object_are_short(px):
     arm = LinearArm((400, 400, 400))
-    view = LinearView(3)
-    view.jacobian = arm.jacobian.copy()
-    words, far = np.array([0.5, 0.0, 0.0]), arm.observed()
-    for px in (100.0, 40.0, 4.0):
-        points = np.vstack([far.points[:2], far.points[:2] + px * IMAGE_UNIT * np.eye(2)])
-        leash = Leash(replace(far, points=points), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
-        moved_px = view.moved_px(leash.allowed(words, np.zeros(3)))
-        assert moved_px == pytest.approx(min(Leash.FIRST_PX, max(Leash.OF_DISTANCE * px, Leash.NEAR_PX)))
+    view, now = view_of(arm), arm.observed()
+    points = np.vstack([now.points[:2], now.points[:2] + px * IMAGE_UNIT * np.eye(2)])
+    allowed = leash_of(replace(now, points=points), view).allowed(np.array([0.5, 0.0, 0.0]), np.zeros(3))
+    longest = min(Leash.FIRST_PX, max(Leash.OF_DISTANCE * px, Leash.NEAR_PX))
+    assert view.moved_px(allowed) == pytest.approx(longest)
 
 
 def test_it_goes_straight_in_registers_though_images_hardly_show_one_way():
-    arm = LinearArm((1, 1, 1))
-    ways = np.array([[300, 0, 0, 40], [0, 300, 40, 0], [0, 40, 0, 0]])
-    arm.jacobian = np.zeros((8, 3))
-    arm.jacobian[:4] = IMAGE_UNIT * ways.T
     there = np.array([0.3, -0.2, 0.4])
-    arm.home = np.vstack([np.zeros((2, 2)), (arm.jacobian[:4] @ there).reshape(2, 2)])
-    view = LinearView(3)
-    view.jacobian, view.variances = arm.jacobian.copy(), 1e-8 * np.eye(3)
-    leash = Leash(arm.observed(), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
-    run = leash.hold(StraightWay(view, leash, np.ones(3)).go(leash.now), whole=False)
-    words, places = next(run, None), []
-    while words is not None:
+    arm = arm_with_object([[300, 0, 0, 40], [0, 300, 40, 0], [0, 40, 0, 0]], there)
+    view, places = view_of(arm, variance=1e-8), []
+    leash = leash_of(arm.observed(), view)
+
+    def observed(words):
         now = arm.observed(words)
         places.append(now.registers)
-        try:
-            words = run.send(now)
-        except StopIteration:
-            words = None
+        return now
+
+    carry_out(leash.hold(StraightWay(view, leash, np.ones(3)).go(leash.now), whole=False), observed)
     assert len(places) > 2, "on a leash"
     for place in places:
         assert np.linalg.norm(np.cross(place, there)) < 0.02 * np.linalg.norm(there) ** 2
@@ -205,30 +203,19 @@ def test_it_goes_straight_in_registers_though_images_hardly_show_one_way():
 
 
 def test_what_the_leash_holds_back_is_no_stop():
-    arm = LinearArm((400, 400, 400), highest=np.array([1.0, 1.0, 0.03]))
-    arm.jacobian = np.zeros((8, 3))
-    arm.jacobian[[0, 1, 0], [0, 1, 2]] = IMAGE_UNIT * np.array([300, 300, 150])
-    there = np.array([0.3, 0.3, 0.0])
-    arm.home = np.vstack([np.zeros((2, 2)), (arm.jacobian[:4] @ there).reshape(2, 2)])
-    view = LinearView(3)
-    view.jacobian, view.variances = arm.jacobian.copy(), 1e-8 * np.eye(3)
-    leash = Leash(arm.observed(), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
-    run = leash.hold(StraightWay(view, leash, np.ones(3)).go(leash.now), whole=False)
-    words = next(run, None)
-    while words is not None:
-        try:
-            words = run.send(arm.observed(words))
-        except StopIteration:
-            words = None
+    bound = np.array([1.0, 1.0, 0.03])
+    arm = arm_with_object([[300, 0], [0, 300], [150, 0]], [0.3, 0.3, 0.0], highest=bound)
+    view = view_of(arm, variance=1e-8)
+    leash = leash_of(arm.observed(), view)
+    carry_out(leash.hold(StraightWay(view, leash, np.ones(3)).go(leash.now), whole=False), arm.observed)
     assert leash.stops.found[1].tolist() == [np.inf, np.inf, 0.03]
     assert leash.now.distance_px < StraightWay.NEAR_PX
 
 
 def test_it_goes_back_from_what_it_met_and_then_nowhere_in_that_direction():
     arm = LinearArm((300, 300, 300))
-    view = LinearView(3)
-    view.jacobian, view.variances = arm.jacobian.copy(), 1e-8 * np.eye(3)
-    leash = Leash(arm.observed(), view, np.full(3, 0.5), ObservationFilter(), np.ones(3))
+    view = view_of(arm, variance=1e-8)
+    leash = leash_of(arm.observed(), view)
     run = StraightWay(view, leash, np.ones(3)).go(leash.now)
     straight = next(run)
     met = arm.observed(0.2 * straight)
@@ -248,13 +235,12 @@ def test_it_does_not_trust_what_noise_may_tell_of_a_motor():
     view, unsure = LinearView(3), LinearView(3)
     view.jacobian = unsure.jacobian = arm.jacobian
     unsure.variances = (5 * IMAGE_UNIT) ** 2 * np.eye(3)
-    now, far = arm.observed(), np.full(3, 0.5)
-    known, doubted = (
-        StraightWay(each, Leash(now, each, far, ObservationFilter(), np.ones(3)), np.ones(3)).words(now)
-        for each in (view, unsure)
+    now = arm.observed()
+    trusted, doubted = (
+        StraightWay(each, leash_of(now, each), np.ones(3)).words(now) for each in (view, unsure)
     )
-    assert abs(doubted[2]) < 0.1 * abs(known[2])
-    np.testing.assert_allclose(doubted[:2], known[:2], rtol=0.01)
+    assert abs(doubted[2]) < 0.1 * abs(trusted[2])
+    np.testing.assert_allclose(doubted[:2], trusted[:2], rtol=0.01)
 
 
 def test_units_make_all_motors_alike():
@@ -268,40 +254,20 @@ def test_units_make_all_motors_alike():
 def test_no_joint_goes_far_in_the_first_motion_and_nothing_is_harmed():
     env = gym.make("CalFree/SafeReach-v0")
     for seed in range(100, 110):
-        agent, state = agents.make("safe_start", env), None
-        observation, _ = env.reset(seed=seed)
-        for _ in range(1 + FirstMotions.LOOKS):
-            words, state = agent.predict(observation, state)
-            observation, _, _, _, info = env.step(words)
-            assert info["joint_travel"] < np.radians(10)
-            assert not info["harmed"]
-        assert np.any(words)
+        trial = motions_of(agents.make("safe_start", env), env, seed=seed)
+        words, _, _, infos = zip(*islice(trial, 1 + FirstMotions.LOOKS), strict=True)
+        assert max(info["joint_travel"] for info in infos) < np.radians(10)
+        assert not any(info["harmed"] for info in infos)
+        assert np.any(words[-1])
 
 
 @pytest.mark.parametrize("servo", ["unified_servo", "jacobian_servo"])
 def test_it_reaches_where_nothing_can_be_touched_too_and_remembers(servo, tmp_path):
     env = gym.make("CalFree/Reach-v0", world="nominal", dynamics="kinematic")
     env.reset(seed=1)
-    agent = agents.make("safe_start", env, servo=servo)
-    ends = []
-
-    def note(agent):
-        if not env.unwrapped.arms.motions_of_trial[0]:
-            return True
-        if env.unwrapped.arms.error_px()[0] < 8:
-            ends.append(int(env.unwrapped.arms.motions_of_trial[0]))
-        return len(ends) < 40
-
-    agent.learn(90, note)
+    agent = agents.make("safe_start", env, servo=servo).learn(90)
     assert agent.slopes is not None
     agent.save(tmp_path / "safe")
     other = agents.make("safe_start", env, servo=servo).load(tmp_path / "safe")
     np.testing.assert_array_equal(other.units, agent.units)
-    observation, _ = env.reset(seed=5)
-    state, reached = None, False
-    for _ in range(40):
-        words, state = other.predict(observation, state)
-        observation, _, reached, _, _ = env.step(words)
-        if reached:
-            break
-    assert reached
+    assert any(arrived for *_, arrived, _ in islice(motions_of(other, env, seed=5), 40))

@@ -69,12 +69,8 @@ def test_slopes_and_those_of_the_variances_are_derivatives(scene, rng):
         slopes = [(a.points - b.points).reshape(8) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
         np.testing.assert_allclose(here.jacobian, np.transpose(slopes), atol=1e-4)
         slopes = [(a.variances - b.variances) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
-        slopes = [(a.variances - b.variances) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
-        np.testing.assert_allclose(
-            np.concatenate([here.gripper.variance_slopes, here.object.variance_slopes]),
-            np.transpose(slopes),
-            atol=0.02,
-        )
+        found = np.concatenate([here.gripper.variance_slopes, here.object.variance_slopes])
+        np.testing.assert_allclose(found, np.transpose(slopes), atol=0.02)
 
 
 def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(scene, rng, monkeypatch):

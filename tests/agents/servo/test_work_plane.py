@@ -1,6 +1,6 @@
 """The paper's first implementation, against section 3.2 and figure 6."""
 
-from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -13,8 +13,8 @@ from agents.base.observation import Observation
 from agents.servo.redundancy import solve
 from agents.servo.work_plane import EQUATIONS, WAIST, disparity, disparity_weight, turn
 from calfree_gym.image import IMAGE_UNIT
-from experiments.evaluation import evaluate
 from tests.agents import analytic
+from tests.agents.trials import motions_of
 
 
 def numbers(*shape):
@@ -29,19 +29,6 @@ def well_conditioned(entries):
 def disparity_px(jacobian, distance):
     apart = disparity(jacobian, distance, 0.0)
     return np.sqrt(apart @ disparity_weight(jacobian) @ apart) / IMAGE_UNIT
-
-
-@pytest.fixture
-def noise_free(make_env):
-    """Makes an environment in a wild world whose image points are exact."""
-
-    def make(mount, seed, **options):
-        env = make_env(mount, **options).unwrapped
-        env.reset(seed=seed)
-        env.set_world(replace(env.world, point_noise=0.0))
-        return env
-
-    return make
 
 
 def work_plane(gripper):
@@ -115,43 +102,21 @@ def test_either_camera_alone_brings_the_gripper_to_an_object_in_the_work_plane(n
         outwards, up, _ = work_plane(gripper)
         agent = agents.make("work_plane_servo", env, camera=camera, in_plane_px=1e3)
         for offset in (-0.05 * outwards - 0.03 * up, 0.03 * outwards - 0.08 * up):
-            observation, _ = env.reset(options={"object": gripper + offset})
-            state, info = None, {"is_success": False}
-            for _ in range(30):
-                if info["is_success"]:
-                    break
-                words, state = agent.predict(observation, state)
-                assert words[WAIST] == 0
-                observation, *_, info = env.step(words)
-            assert info["truth"]["error_px"] <= 1
-            assert info["truth"]["distance_mm"] <= 5
+            trial = motions_of(agent, env, options={"object": gripper + offset})
+            words, _, _, infos = zip(*islice(trial, 30), strict=True)
+            assert not np.array(words)[:, WAIST].any()
+            assert infos[-1]["truth"]["error_px"] <= 1
+            assert infos[-1]["truth"]["distance_mm"] <= 5
 
 
-@pytest.mark.parametrize("camera", EQUATIONS)
-def test_work_plane_servo_reaches_in_wild_worlds(make_env, mount, camera):
-    records = []
-    for seed in range(50):
-        env = make_env(mount)
-        agent = agents.make("work_plane_servo", env, camera=camera)
-        records += evaluate(agent, env, trials=1, seed=seed)
-    assert np.mean([r.rendezvous for r in records]) >= 0.98
-    assert np.median([r.motions for r in records]) <= 16
-
-
-@pytest.mark.slow
-def test_the_numbers_asked_of_it_under_physics(make_env, mount):
-    env = make_env(mount, dynamics="physics")
-    agent = agents.make("work_plane_servo", env)
-    records = [evaluate(agent, env, trials=1, seed=seed)[0] for seed in range(1000, 1500)]
-    assert np.mean([r.rendezvous for r in records]) >= 0.99
-    assert np.median([r.motions for r in records]) <= 16
-
-
-def test_what_its_settings_may_be(make_env):
-    env = make_env()
-    with pytest.raises(ValueError, match="camera is 'lft' \\(did you mean left\\?\\)"):
-        agents.make("work_plane_servo", env, camera="lft")
-    with pytest.raises(ValueError, match="in_plane_px is -1; it must be a number, 0 or more"):
-        agents.make("work_plane_servo", env, in_plane_px=-1)
-    with pytest.raises(ValueError, match=r"step_word is 2; it must be a number, .*at most 1"):
-        agents.make("work_plane_servo", env, step_word=2)
+@pytest.mark.parametrize(
+    ("worlds", "least", "options", "settings"),
+    [
+        *[(range(50), 0.98, None, {"camera": camera}) for camera in EQUATIONS],
+        pytest.param(range(1000, 1500), 0.99, {"dynamics": "physics"}, {}, marks=pytest.mark.slow),
+    ],
+)
+def test_work_plane_servo_reaches_in_wild_worlds(reach, mount, worlds, least, options, settings):
+    share, motions, _ = reach("work_plane_servo", worlds, mount, options, **settings)
+    assert share >= least
+    assert motions <= 16

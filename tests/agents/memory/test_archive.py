@@ -6,7 +6,8 @@ import pytest
 from agents.memory.adaptive_memory import Archive
 from agents.memory.remembered import Remembered
 from calfree_gym.perturbations import CameraReplace, MotorSign
-from tests.agents.adaptation.gripper_views import known, trial, wild
+from tests.agents.memory.gripper_views import known, trial, wild
+from tests.agents.trials import assert_same_arrays
 
 
 @pytest.mark.parametrize("seed", [4112, 4113])
@@ -43,15 +44,16 @@ def test_of_like_worlds_the_latest_is_found_and_the_oldest_go():
     assert archive.find(np.full(4, -0.5), 0.7) is None
 
 
-def test_a_restored_archive_is_the_same():
+def test_a_restored_archive_is_the_same_and_a_damaged_one_is_told():
     archive, again = Archive(), Archive()
     for i in range(3):
         archive.add({"registers": np.full(i, i), "views/sensors": np.full(2, i)}, np.full(4, 0.1 * i))
     again.restore(archive.arrays())
-    assert [world.keys() for world in again.worlds] == [world.keys() for world in archive.worlds]
-    for one, other in zip(again.worlds, archive.worlds, strict=True):
-        for name in one:
-            np.testing.assert_array_equal(one[name], other[name])
+    assert_same_arrays(again, archive)
+    arrays = archive.arrays()
+    del arrays["archive/0/home"]
+    with pytest.raises(ValueError, match="holds no home"):
+        Archive().restore(arrays)
 
 
 def test_a_copy_knows_what_was_archived_and_changes_nothing_else():
@@ -61,13 +63,3 @@ def test_a_copy_knows_what_was_archived_and_changes_nothing_else():
     nothing = remembered.copy_of(remembered.nothing().arrays())
     assert len(copy.gripper) == len(remembered.gripper) + 5
     assert len(nothing.gripper) == len(nothing.object) == 0
-
-
-def test_a_damaged_archive_is_told_when_it_is_loaded():
-    archive = Archive()
-    archive.add({"registers": np.zeros(1)}, np.zeros(4))
-    arrays = archive.arrays()
-    Archive().restore(arrays)
-    del arrays["archive/0/home"]
-    with pytest.raises(ValueError, match="holds no home"):
-        Archive().restore(arrays)

@@ -31,10 +31,14 @@ def test_noise_is_that_of_one_observation_not_of_a_difference(noise_px):
     assert np.mean(found) == pytest.approx(noise_px, rel=0.06)
 
 
-def test_noise_is_that_of_a_good_marker_until_enough_is_known():
+def test_noise_is_that_of_a_good_marker_until_enough_is_known_or_where_a_file_hardly_tells_it():
     noise = NoiseEstimate()
     assert noise.px == 0.7
     noise.add(np.full((4, 2), 30 * IMAGE_UNIT))
+    assert noise.px == 0.7
+    noise.add(np.full((20, 2), 0.1))
+    assert noise.px != 0.7
+    noise.restore(np.empty(0), np.empty(0))
     assert noise.px == 0.7
 
 
@@ -93,41 +97,35 @@ def test_gates_get_narrower_the_more_mistaken_points_have_been_met():
     assert widths[-1] < 0.8 * widths[5]
 
 
+ALL, HIDDEN = np.ones(4, bool), np.array([True, False, True, True])
+
+
 @pytest.mark.parametrize(("gaps", "patience"), [(False, 1), (True, 4)])
 def test_a_point_is_lost_that_was_not_seen_for_longer_than_gaps_last(gaps, patience):
     visibility = Visibility()
     visibility.gaps = gaps
     for _ in range(patience):
-        visibility.add(np.array([True, False, True, True]), again=False)
+        visibility.add(HIDDEN, again=False)
         assert not visibility.lost.any()
-    visibility.add(np.array([True, False, True, True]), again=False)
+    visibility.add(HIDDEN, again=False)
     assert visibility.lost.tolist() == [False, True, False, False]
-    visibility.add(np.ones(4, bool), again=False)
+    visibility.add(ALL, again=False)
     assert not visibility.lost.any()
 
 
 def test_where_looking_again_never_helped_a_point_is_lost_at_once():
-    visibility, hidden = Visibility(), np.array([True, False, True, True])
+    visibility = Visibility()
     for _ in range(2):
-        visibility.add(hidden, again=False)
+        visibility.add(HIDDEN, again=False)
         assert not visibility.lost.any()
-        visibility.add(hidden, again=True)
+        visibility.add(HIDDEN, again=True)
         assert visibility.lost[1]
-        visibility.add(np.ones(4, bool), again=False)
-    visibility.add(hidden, again=False)
+        visibility.add(ALL, again=False)
+    visibility.add(HIDDEN, again=False)
     assert visibility.lost[1]
     assert not visibility.gaps
     for _ in range(3):
-        visibility.add(np.ones(4, bool), again=True)
-        visibility.add(hidden, again=False)
+        visibility.add(ALL, again=True)
+        visibility.add(HIDDEN, again=False)
     assert visibility.may_return
     assert visibility.gaps
-
-
-def test_noise_that_a_file_hardly_tells_is_the_usual_one():
-    noise = NoiseEstimate()
-    usual = noise.px
-    noise.add(np.full((20, 2), 0.1))
-    assert noise.px != usual
-    noise.restore(np.empty(0), np.empty(0))
-    assert noise.px == usual

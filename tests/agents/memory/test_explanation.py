@@ -9,12 +9,14 @@ from agents.base.observation import camera_lengths_px
 from agents.memory.camera_change import CameraMap, fit_camera
 from agents.memory.explanation import as_seen_now, explain_drift, explain_jump, fit_arm
 from agents.memory.pairs import Pairs
-from calfree_gym.image import IMAGE_UNIT
+from agents.memory.remembered import Remembered
+from calfree_gym.image import IMAGE_UNIT, lengths_px
 from calfree_gym.perturbations import CameraAim, CameraRoll, CameraZoom, MotorGain, MotorSign
-from tests.agents.adaptation.gripper_views import known, seen_at, taught, trial, view, wild
+from tests.agents import analytic
+from tests.agents.memory.gripper_views import known, noisy, seen_at, taught, trial, view, wild
 
 PLACES = np.random.default_rng(0).uniform(-0.6, 0.6, (12, 3))
-NOISE = np.random.default_rng(1).normal(0, 0.5 * IMAGE_UNIT, (12, 4))
+SEEN = noisy(np.random.default_rng(1), view(PLACES))
 KNOWLEDGE = taught(120)
 
 
@@ -32,7 +34,7 @@ def turned(points, roll=0.0, tilt=0.0, pan=0.0, zoom=1.0, focus=1.2):
 @given(st.floats(-np.pi, np.pi), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(0.8, 1.25))
 def test_a_turned_and_zoomed_camera_is_fitted_from_a_dozen_points(roll, tilt, pan, zoom):
     """Against the homography of a pinhole camera, at places that were not fitted."""
-    seen = view(PLACES) + NOISE
+    seen = SEEN.copy()
     seen[:, 2:] = turned(seen[:, 2:], roll, tilt, pan, zoom)
     change = fit_camera(KNOWLEDGE.gripper.function, 1, seen_at(PLACES, seen))
     elsewhere = view(np.random.default_rng(2).uniform(-0.5, 0.5, (60, 3)))
@@ -52,14 +54,14 @@ def test_what_was_done_to_a_camera_is_called_by_its_name(kind, motion):
     """In nine of ten draws of the noise."""
     rng, kinds = np.random.default_rng(5), []
     for _ in range(30):
-        seen = view(PLACES) + rng.normal(0, 0.5 * IMAGE_UNIT, (12, 4))
+        seen = noisy(rng, view(PLACES))
         seen[:, :2] = turned(seen[:, :2], **motion)
         kinds.append(fit_camera(KNOWLEDGE.gripper.function, 0, seen_at(PLACES, seen)).kind)
     assert kinds.count(kind) >= 27
 
 
 def test_two_mistaken_points_hardly_change_the_fit():
-    seen = view(PLACES) + NOISE
+    seen = SEEN.copy()
     seen[:, :2] = turned(seen[:, :2], roll=0.3)
     seen[:2, :2] += 0.3
     change = fit_camera(KNOWLEDGE.gripper.function, 0, seen_at(PLACES, seen))
@@ -73,7 +75,7 @@ def test_an_arm_of_another_sign_gain_and_zero_is_fitted(sign, gain, zero):
     once = PLACES[:, :3] * 0.8
     now = once.copy()
     now[:, 1] = once[:, 1] * sign * gain + zero
-    change = fit_arm(KNOWLEDGE, seen_at(now, view(once) + NOISE))
+    change = fit_arm(KNOWLEDGE, seen_at(now, noisy(np.random.default_rng(1), view(once))))
     np.testing.assert_allclose(change.scale, [1, sign * gain, 1], atol=0.06)
     np.testing.assert_allclose(change.offset, [0, zero, 0], atol=0.03)
     assert change.deviation_px.max() < 4
@@ -168,3 +170,27 @@ def test_a_drift_is_explained_by_the_camera_that_drifts(lived_in):
     held_out = trial(world, 200, places=20)
     assert error_px(mapped, held_out) < 0.7 * error_px(before, held_out)
     assert camera_lengths_px(step).argmax() == 0
+
+
+def grippers(env, registers):
+    """Noise-free sensor vectors (n, 4) of the gripper at registers (n, 3)."""
+    return np.array([analytic.points(env, each)[:2].ravel() for each in registers])
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+def test_three_observations_of_a_turned_camera_tell_where_all_other_points_have_gone(make_env, camera):
+    """A shift says how far it was turned, so the perspective follows (at a usual focal length)."""
+    env, rng = make_env("stand", world="nominal", keep_in_view=False).unwrapped, np.random.default_rng(0)
+    env.reset(seed=0)
+    nominal, remembered = env.world, Remembered(3)
+    places, elsewhere = rng.uniform(-0.25, 0.25, (100, 3)), rng.uniform(-0.25, 0.25, (30, 3))
+    remembered.learn(seen_at(places, noisy(rng, grippers(env, places))))
+    before, missed = grippers(env, elsewhere), []
+    for _ in range(12):
+        env.set_world(CameraAim(("left", "right")[camera], 20.0).apply(nominal, rng))
+        registers = rng.uniform(-0.25, 0.25, (3, 3))
+        pairs = seen_at(registers, noisy(rng, grippers(env, registers)))
+        after = fit_camera(remembered.gripper.function, camera, pairs).sensors(before)
+        off = lengths_px((after - grippers(env, elsewhere)).reshape(-1, 2, 2)[:, camera])
+        missed.append(np.median(off))
+    assert np.median(missed) < 3

@@ -8,7 +8,8 @@ from agents.base.observation import Observation
 from agents.memory.adaptive_memory import AdaptiveMemory, Change, WorldEvent
 from agents.memory.detector import ChangeVerdict, Finding
 from calfree_gym.perturbations import CameraAim, CameraReplace
-from tests.agents.adaptation.gripper_views import known, trial, wild
+from tests.agents.memory.gripper_views import known, trial, wild
+from tests.agents.trials import assert_same_arrays
 
 
 @pytest.fixture
@@ -21,12 +22,17 @@ def lived(live, make_env):
     return make
 
 
-AIM = [{"at": {"trial": 50}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}]
-ROLL = [{"at": {"trial": 50}, "do": {"type": "camera_roll", "camera": "right", "degrees": 40}}]
-REPLACE = {"at": {"trial": 50}, "do": {"type": "camera_replace", "camera": "left"}}
+def fiftieth(kind, **more):
+    """A perturbation before trial 50."""
+    return {"at": {"trial": 50}, "do": {"type": kind, **more}}
 
 
-@pytest.mark.parametrize(("perturbations", "kind"), [(AIM, "re-aimed"), (ROLL, "rolled")])
+AIM = [fiftieth("camera_aim", camera="left", degrees=10)]
+ROLL = fiftieth("camera_roll", camera="right", degrees=40)
+REPLACE = fiftieth("camera_replace", camera="left")
+
+
+@pytest.mark.parametrize(("perturbations", "kind"), [(AIM, "re-aimed"), ([ROLL], "rolled")])
 def test_a_turned_camera_is_recognised_and_all_that_was_known_stays_of_use(lived, mount, perturbations, kind):
     agent, lengths = lived(perturbations, mount)
     (event,) = agent.adaptation.events
@@ -53,9 +59,7 @@ def test_the_old_camera_is_met_with_what_was_known_of_it(lived):
 
 
 def test_a_reversed_motor_is_told_from_a_changed_camera(lived):
-    agent, lengths = lived(
-        [{"at": {"trial": 50}, "do": {"type": "motor_sign", "motor": "elbow"}}], motions=300
-    )
+    agent, lengths = lived([fiftieth("motor_sign", motor="elbow")], motions=300)
     assert [event.kind for event in agent.adaptation.events] == ["arm changed"]
     assert np.mean(lengths[54:74]) < 1.4
 
@@ -72,31 +76,31 @@ def test_an_agent_saved_while_it_explains_a_change_goes_on_alike(lived, make_env
     assert first.adaptation.change is not None
     first.save(tmp_path / "agent.npz")
     second = agents.make("memory", first.env).load(tmp_path / "agent.npz")
-    traces = []
     for agent in (first, second):
         env = make_env(world=first.env.unwrapped.world)
         env.reset(seed=5)
         agent.env = env
         agent.learn(60)
-        traces.append(agent.arrays())
-    assert traces[0].keys() == traces[1].keys()
-    for name, array in traces[0].items():
-        np.testing.assert_array_equal(array, traces[1][name], err_msg=name)
+    assert_same_arrays(first, second)
 
 
 def test_a_change_announced_before_anything_is_known_changes_nothing(make_env):
-    agent = agents.make("memory", make_env())
-    agent.adaptation.announce_change(np.array([True, False]))
-    agent.learn(20)
-    assert not agent.adaptation.events
-    agent.adaptation.announce_change(np.array([True, False]))
-    agent.learn(20)
-    assert len(agent.adaptation.events) == 1
+    agent, cameras = agents.make("memory", make_env()), np.array([True, False])
+    agent.adaptation.announce_change(cameras)
+    assert not agent.learn(20).adaptation.events
+    agent.adaptation.announce_change(cameras)
+    assert len(agent.learn(20).adaptation.events) == 1
 
 
-def test_another_reaction_to_change_is_refused(make_env):
-    with pytest.raises(ValueError, match="on_change is 'forget'; allowed: recognise, map, discard, keep"):
-        agents.make("memory", make_env(), on_change="forget")
+def test_an_announced_change_is_saved(make_env, tmp_path):
+    """Else what is loaded would go on by what it was told not to trust."""
+    agent = agents.make("memory", make_env()).learn(60)
+    agent.adaptation.announce_change(np.array([True, False]))
+    agent.save(tmp_path / "agent.npz")
+    loaded = agents.make("memory", make_env()).load(tmp_path / "agent.npz")
+    observation, _ = agent.env.reset()
+    assert agent.expected_px(observation) is None
+    assert loaded.expected_px(observation) is None
 
 
 @pytest.mark.parametrize(
@@ -157,17 +161,6 @@ def looks_of(seen):
     shown = np.concatenate([seen.sensors, seen.objects], 1).reshape(-1, 4, 2)
     visible = np.isfinite(shown).all(2)
     return [Observation(*each) for each in zip(np.nan_to_num(shown), visible, seen.registers, strict=True)]
-
-
-def test_an_announced_change_is_saved(make_env, tmp_path):
-    """Else what is loaded would go on by what it was told not to trust."""
-    agent = agents.make("memory", make_env()).learn(60)
-    agent.adaptation.announce_change(np.array([True, False]))
-    agent.save(tmp_path / "agent.npz")
-    loaded = agents.make("memory", make_env()).load(tmp_path / "agent.npz")
-    observation, _ = agent.env.reset()
-    assert agent.expected_px(observation) is None
-    assert loaded.expected_px(observation) is None
 
 
 def test_images_without_noise_teach_of_an_object_that_stands_still(make_env, live):

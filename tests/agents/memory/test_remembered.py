@@ -11,8 +11,9 @@ from agents.memory.pairs import Pairs
 from agents.memory.remembered import KeptLooks, Remembered
 from agents.servo.image_model.gaussian_process import GaussianProcess, solved
 from calfree_gym.image import IMAGE_UNIT
-from tests.agents.adaptation.gripper_views import seen_at, taught, view
 from tests.agents.analytic import distance_jacobian
+from tests.agents.memory.gripper_views import noisy, seen_at, taught, view
+from tests.agents.trials import motions_of
 
 PLACES = np.random.default_rng(1).uniform(-0.6, 0.6, (8, 3))
 
@@ -61,12 +62,15 @@ def test_many_places_at_once_are_the_same_and_slopes_are_derivatives():
         np.testing.assert_allclose(slopes[i].reshape(4, 3), derivative, atol=1e-4)
 
 
+def off(remembered):
+    """Errors of the sensor vectors expected at eight places (8, 4), in image units."""
+    return remembered.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES)
+
+
 def test_a_motor_that_moves_nothing_gets_a_great_length():
-    rng = np.random.default_rng(0)
+    rng, remembered = np.random.default_rng(0), Remembered(3)
     registers = rng.uniform(-0.7, 0.7, (80, 3))
-    still = registers * [1, 1, 0]
-    remembered = Remembered(3)
-    remembered.learn(seen_at(registers, view(still) + rng.normal(0, 0.5 * IMAGE_UNIT, (80, 4))))
+    remembered.learn(seen_at(registers, noisy(rng, view(registers * [1, 1, 0]))))
     lengths = remembered.gripper.function.lengths[0]
     assert lengths[2] > 4 * lengths[:2].max()
 
@@ -82,17 +86,15 @@ def test_expected_errors_are_as_large_as_errors():
 def test_mistaken_looks_are_left_out(monkeypatch):
     """And no others, where none is dropped for what the others tell."""
     monkeypatch.setattr(KeptLooks, "TOLD", 0.0)
-    rng = np.random.default_rng(4)
+    rng, remembered = np.random.default_rng(4), Remembered(3)
     registers = rng.uniform(-0.7, 0.7, (64, 3))
-    sensors = view(registers) + rng.normal(0, 0.5 * IMAGE_UNIT, (64, 4))
+    sensors = noisy(rng, view(registers))
     sensors[::9] = rng.uniform(-1, 1, (8, 4))
-    remembered = Remembered(3)
     remembered.learn(seen_at(registers, sensors))
     kept = (registers[:, None] == remembered.gripper.function.looks.places).all(2).any(1)
     assert not kept[::9].any()
     assert kept.sum() >= 53
-    off = np.abs(remembered.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES))
-    assert np.median(off) < 2 * IMAGE_UNIT
+    assert np.median(np.abs(off(remembered))) < 2 * IMAGE_UNIT
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -119,35 +121,32 @@ def test_noise_that_is_found_out_late_holds_for_earlier_looks():
 def test_what_is_learned_anew_is_as_probable_as_noise_has_it_whatever_noise_was_assumed_before():
     """Two that differ in nothing but the noise of earlier looks are as surprised by noisier looks."""
     registers = np.random.default_rng(5).uniform(-0.5, 0.5, (6, 3))
-    noisy = seen_at(
-        registers, view(registers) + np.random.default_rng(6).normal(0, 4 * IMAGE_UNIT, (6, 4)), 4
-    )
-    before, anew = taught(20, noise_px=0.5), taught(20, noise_px=0.5)
-    looks = before.gripper.function.looks
-    raised = looks._replace(variances=np.maximum(looks.variances, (4 * IMAGE_UNIT) ** 2))
+    seen = seen_at(registers, noisy(np.random.default_rng(6), view(registers), 4), 4)
+    before, anew = taught(20), taught(20)
     function = before.gripper.function
+    variances = np.maximum(function.looks.variances, (4 * IMAGE_UNIT) ** 2)
+    raised = function.looks._replace(variances=variances)
     before.gripper.function = function.of(raised, 3, function.lengths[function.best])
-    np.testing.assert_allclose(anew.learn_anew(noisy), before.learn_anew(noisy), rtol=1e-6)
+    np.testing.assert_allclose(anew.learn_anew(seen), before.learn_anew(seen), rtol=1e-6)
 
 
 def test_it_keeps_what_adds_most_and_no_more_than_its_bound(monkeypatch):
     monkeypatch.setattr(KeptLooks, "TOLD", 0.0)
     few = taught(200, looks=60)
     assert 60 <= len(few.gripper) <= 60 + KeptLooks.SPARE
-    off = np.abs(few.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES)).max(1) / IMAGE_UNIT
-    assert np.median(off) < 1.5
+    assert np.median(np.abs(off(few)).max(1)) < 1.5 * IMAGE_UNIT
     assert (np.ptp(few.gripper.function.looks.places, axis=0) > 1.2).all()
+    with pytest.raises(ValueError, match="looks is 3; it must be a whole number, 10 or more"):
+        Remembered(3, looks=3)
 
 
 def test_it_drops_what_the_others_tell_and_stays_as_good():
-    rng = np.random.default_rng(7)
-    remembered = Remembered(3)
+    rng, remembered = np.random.default_rng(7), Remembered(3)
     for _ in range(60):
         registers = rng.uniform(-0.7, 0.7, (10, 3))
-        remembered.learn(seen_at(registers, view(registers) + rng.normal(0, 0.5 * IMAGE_UNIT, (10, 4))))
+        remembered.learn(seen_at(registers, noisy(rng, view(registers))))
     assert len(remembered.gripper) < 200
-    off = remembered.gripper.function.at_all(PLACES)[0].reshape(-1, 4) - view(PLACES)
-    assert np.sqrt(np.square(off).mean()) < 0.5 * IMAGE_UNIT
+    assert np.sqrt(np.square(off(remembered)).mean()) < 0.5 * IMAGE_UNIT
 
 
 def test_a_saved_one_goes_on_bit_for_bit_alike():
@@ -168,11 +167,7 @@ def jacobian_errors(env, seed):
     agent.learn(150)
     observation, _ = env.reset()
     home = Observation.of(observation).object
-    state, over = None, False
-    while not over:
-        words, state = agent.predict(observation, state)
-        observation, _, terminated, truncated, _ = env.step(words)
-        over = terminated or truncated
+    *_, (_, observation, *_) = motions_of(agent, env, observation)
     points = agent.adaptation.known.points(home, 0.5)
     jacobian = points.at(Observation.of(observation).registers).distance_jacobian
     truth = distance_jacobian(env)
@@ -192,11 +187,6 @@ def test_a_few_dozen_reaches_make_nearly_every_further_one_a_single_motion(live,
     _, lengths = live("memory", env, motions=220)
     assert np.mean(lengths[60:-1]) < 1.2
     assert np.mean(lengths[60:-1]) < np.mean(lengths[:3]) / 2
-
-
-def test_a_bound_too_small_is_refused():
-    with pytest.raises(ValueError, match="looks is 3; it must be a whole number, 10 or more"):
-        Remembered(3, looks=3)
 
 
 def test_looks_of_an_object_that_home_did_not_show_tell_nothing_of_it():

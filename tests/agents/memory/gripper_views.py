@@ -67,13 +67,15 @@ def seen_at(registers, sensors, noise_px=0.5):
     )
 
 
+def noisy(rng, sensors, noise_px=0.5):
+    """Sensor vectors (n, 4) as they are measured."""
+    return sensors + rng.normal(0, noise_px * IMAGE_UNIT, np.shape(sensors))
+
+
 def taught(count, seed=0, noise_px=0.5, **settings):
     """What is remembered after so many looks at `view`."""
-    rng = np.random.default_rng(seed)
-    registers = rng.uniform(-0.7, 0.7, (count, 3))
-    remembered = Remembered(3, **settings)
-    noise = rng.normal(0, noise_px * IMAGE_UNIT, (count, 4))
-    for i in range(count):
-        one = slice(i, i + 1)
-        remembered.learn(seen_at(registers[one], (view(registers) + noise)[one], noise_px))
+    rng, remembered = np.random.default_rng(seed), Remembered(3, **settings)
+    registers = rng.uniform(-0.7, 0.7, (count, 1, 3))
+    for there, seen in zip(registers, noisy(rng, view(registers), noise_px), strict=True):
+        remembered.learn(seen_at(there, seen, noise_px))
     return remembered

@@ -8,7 +8,8 @@ from agents.memory.pairs import HomeView
 from agents.servo.perception import NoiseEstimate
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.perturbations import CameraAim, CameraRoll, MotorSign
-from tests.agents.adaptation.gripper_views import known, trial, wild
+from tests.agents.memory.gripper_views import known, trial, wild
+from tests.agents.trials import assert_same_arrays
 
 TRIALS = 30
 
@@ -126,10 +127,10 @@ def test_home_that_is_seen_elsewhere_once_is_a_mistake_and_twice_a_change(acquai
 
 
 def test_an_announced_change_is_believed(acquainted):
-    _, knowledge, arrays = acquainted
+    world, knowledge, arrays = acquainted
     detector = ChangeDetector(3)
     detector.restore(arrays)
-    finding = detector.examine(trial(acquainted[0], TRIALS), knowledge, np.array([False, True]))
+    finding = detector.examine(trial(world, TRIALS), knowledge, np.array([False, True]))
     assert finding.verdict is ChangeVerdict.CHANGED
     assert finding.cameras.tolist() == [False, True]
 
@@ -139,8 +140,7 @@ def test_a_restored_detector_says_the_same(acquainted):
     detector, _ = examine(acquainted, few)
     again = ChangeDetector(3)
     again.restore(detector.arrays())
-    for name, array in detector.arrays().items():
-        np.testing.assert_array_equal(again.arrays()[name], array, err_msg=name)
+    assert_same_arrays(again, detector)
     assert len(again.suspects) == len(few)
 
 
@@ -156,7 +156,8 @@ def test_a_suspicion_is_confirmed_by_a_trial_soon_after_not_by_one_that_comes_la
 
 
 def test_homes_count_by_their_trials_and_not_by_their_number():
-    home = HomeView()
+    """A drift, too, where some did not show home."""
+    home, drifting = HomeView(), HomeView()
     for i, number in enumerate([0, 5, 300, 310]):
         home.add(np.full(4, float(i)), 0.5, number)
     np.testing.assert_array_equal(home.before(300), np.full(4, 0.5))
@@ -164,13 +165,9 @@ def test_homes_count_by_their_trials_and_not_by_their_number():
     home.keep_since(299)
     assert home.trials.tolist() == [300, 310]
     assert home.sensors[:, 0].tolist() == [2.0, 3.0]
-
-
-def test_a_drift_goes_by_trials_also_where_some_did_not_show_home():
-    home = HomeView()
     for number in range(0, 20, 2):
-        home.add(np.full(4, 0.001 * number), 0.5, number)
-    np.testing.assert_allclose(home.drift_rate(12), 0.001)
+        drifting.add(np.full(4, 0.001 * number), 0.5, number)
+    np.testing.assert_allclose(drifting.drift_rate(12), 0.001)
 
 
 def test_noise_that_is_hardly_known_yet_raises_few_alarms():
