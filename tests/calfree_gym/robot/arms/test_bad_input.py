@@ -151,6 +151,7 @@ def test_grippers_homes_bases_and_ranges(name, arguments, message):
         ("scara", [], "has 0 motors, none; it must have 3 to 7"),
         ("scara", ["shoulder", "elbow", "elbow"], "must be a list of different joints' names"),
         ("scara", "shoulder", "must be a list of different joints' names"),
+        ("scara", 3, "motors is 3; it must be a list of different joints' names"),
         ("scara", [["shoulder"], "elbow"], "motors is .*; it must be a list of different joints' names"),
     ],
 )
