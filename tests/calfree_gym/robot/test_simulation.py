@@ -23,9 +23,8 @@ def pair(request):
         motors.set_world(row, world)
     home, objects = motors.joints(np.zeros((ROWS, 3)), EVERY), np.tile([0.4, 0.1, 0.1], (ROWS, 1))
     for dynamics in DYNAMICS:
-        made[dynamics] = ReachSimulation(
-            ROWS, MOVEMASTER, MOVEMASTER.mounts(request.param), dynamics, threads=1
-        )
+        mounts = MOVEMASTER.mounts(request.param)
+        made[dynamics] = ReachSimulation(ROWS, MOVEMASTER, mounts, dynamics, threads=1)
         for row, world in enumerate(worlds):
             made[dynamics].set_world(row, world)
         made[dynamics].place(EVERY, home, objects)
@@ -65,9 +64,8 @@ def test_image_points_follow_from_closed_form_kinematics_and_projection(pair):
             np.testing.assert_allclose(closed_depth, depth[row, :2], atol=1e-9)
             images, _ = image_points(flat, world.focal_length[:, None] / 256, np.zeros(2), np.zeros(2))
             before = closed_depth > 0.1
-            np.testing.assert_allclose(
-                (images * 256 + 256)[before], pixels[row, :2][before], rtol=1e-6, atol=1e-3
-            )
+            there = (images * 256 + 256)[before]
+            np.testing.assert_allclose(there, pixels[row, :2][before], rtol=1e-6, atol=1e-3)
 
 
 def test_a_motion_leaves_the_models_flags_as_they_were(pair):
