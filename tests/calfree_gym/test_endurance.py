@@ -3,11 +3,11 @@
 import gc
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from calfree_gym.perturbations import TYPES
+from tests.calfree_gym.environments import make
 
 ROWS = 128
 STATUS = Path("/proc/self/status")
@@ -28,14 +28,9 @@ def test_half_a_million_random_motions(keep_in_view):
     if not keep_in_view:
         drifting = [name for name, perturbation in TYPES.items() if perturbation.drifts]
         schedule += [{"drift": {"per": "trial"}, "do": {"type": name}} for name in drifting]
-    env = gym.make_vec(
-        "CalFree/ReachDense-v0",
-        num_envs=ROWS,
-        dynamics="kinematic",
-        perturbations=schedule,
-        keep_in_view=keep_in_view,
-        tell=("joint_angles", "joint_zeros", "gripper_position"),
-    ).unwrapped
+    arguments = {"dynamics": "kinematic", "perturbations": schedule, "keep_in_view": keep_in_view}
+    told = ("joint_angles", "joint_zeros", "gripper_position")
+    env = make("ReachDense", ROWS, tell=told, **arguments).unwrapped
     rng = np.random.default_rng(0)
     observation, _ = env.reset(seed=0)
     steps = 500_000 // ROWS + 1

@@ -1,11 +1,11 @@
 """The stable-baselines3 adapter against single environments, and under SB3's own algorithms."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from stable_baselines3 import PPO, SAC, HerReplayBuffer
 
 from calfree_gym.sb3 import make_sb3_env
+from tests.calfree_gym.environments import assert_same, make, of_row
 
 QUICK = {"dynamics": "kinematic", "max_episode_steps": 5}
 
@@ -13,59 +13,40 @@ QUICK = {"dynamics": "kinematic", "max_episode_steps": 5}
 def test_rows_are_single_environments_that_begin_again_at_once():
     env = make_sb3_env("CalFree/Reach-v0", 3, tolerance_px=60.0, **QUICK)
     env.seed(7)
-    observations = env.reset()
-    singles = [
-        gym.make("CalFree/Reach-v0", tolerance_px=60.0, disable_env_checker=True, **QUICK) for _ in range(3)
-    ]
+    shown = env.reset()
+    singles = [make(tolerance_px=60.0, **QUICK) for _ in range(3)]
     expected = [single.reset(seed=7 + i)[0] for i, single in enumerate(singles)]
     ends = 0
     for words in np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3, 3)).astype(np.float32):
         for i, observation in enumerate(expected):
-            for key, value in observation.items():
-                np.testing.assert_array_equal(observations[key][i], value)
-        observations, rewards, dones, infos = env.step(words)
+            assert_same(of_row(shown, i), observation)
+        shown, rewards, dones, infos = env.step(words)
         for i, single in enumerate(singles):
-            observation, reward, terminated, truncated, info = single.step(words[i])
-            assert rewards[i] == reward
-            assert dones[i] == (terminated or truncated)
+            expected[i], reward, terminated, truncated, info = single.step(words[i])
+            assert (rewards[i], dones[i]) == (reward, terminated or truncated)
             assert infos[i]["is_success"] == info["is_success"] or not dones[i]
             if dones[i]:
                 ends += 1
                 assert infos[i]["TimeLimit.truncated"] == (truncated and not terminated)
-                for key, value in observation.items():
-                    np.testing.assert_array_equal(infos[i]["terminal_observation"][key], value)
-                observation, _ = single.reset()
-            expected[i] = observation
+                assert_same(infos[i]["terminal_observation"], expected[i])
+                expected[i], _ = single.reset()
     assert ends >= 6
 
 
 def test_ppo_sac_and_hindsight_learn_in_it():
-    ppo = PPO(
-        "MultiInputPolicy",
-        make_sb3_env("calfree_gym:CalFree/ReachDense-v0", 4, **QUICK),
-        n_steps=8,
-        batch_size=16,
-        device="cpu",
-    )
+    dense = make_sb3_env("calfree_gym:CalFree/ReachDense-v0", 4, **QUICK)
+    ppo = PPO("MultiInputPolicy", dense, n_steps=8, batch_size=16, device="cpu")
     ppo.learn(64)
     assert len(ppo.ep_info_buffer) > 0
-    her = SAC(
-        "MultiInputPolicy",
-        make_sb3_env("CalFree/Reach-v0", 2, camera_mount="stand", **QUICK),
-        replay_buffer_class=HerReplayBuffer,
-        learning_starts=20,
-        buffer_size=400,
-        device="cpu",
-    )
-    her.learn(60)
+    sparse = make_sb3_env("CalFree/Reach-v0", 2, camera_mount="stand", **QUICK)
+    few = {"learning_starts": 20, "buffer_size": 400, "device": "cpu"}
+    SAC("MultiInputPolicy", sparse, replay_buffer_class=HerReplayBuffer, **few).learn(60)
 
 
 def test_a_seed_given_at_once_is_that_of_the_first_reset():
     env, seeded = make_sb3_env(n_envs=2, **QUICK), make_sb3_env(n_envs=2, seed=3, **QUICK)
     env.seed(3)
-    expected, found = env.reset(), seeded.reset()
-    for key, value in expected.items():
-        np.testing.assert_array_equal(found[key], value)
+    assert_same(seeded.reset(), env.reset())
     assert seeded.get_attr("world") == env.get_attr("world")
 
 

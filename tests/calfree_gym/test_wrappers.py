@@ -8,13 +8,13 @@ import pytest
 
 from calfree_gym.sb3 import as_sb3_env, make_sb3_env
 from calfree_gym.wrappers import ScaledWords, VectorScaledWords
+from tests.calfree_gym.environments import assert_same, kinematic, make, of_row
 
-KINEMATIC = {"dynamics": "kinematic", "world": "nominal"}
 SCALED = {"limit": 0.25, "curvature": 2.0}
 
 
 def test_an_action_becomes_a_small_word():
-    env = ScaledWords(gym.make("CalFree/Reach-v0", **KINEMATIC), **SCALED)
+    env = ScaledWords(kinematic(world="nominal"), **SCALED)
     env.reset(seed=0)
     observation, *_ = env.step(np.array([1, -0.5, 0], np.float32))
     np.testing.assert_allclose(observation["observation"][4:], [0.25, -0.0625, 0], atol=1e-6)
@@ -24,9 +24,10 @@ def test_an_action_becomes_a_small_word():
 
 def test_the_batched_and_the_sb3_environment_scale_alike():
     actions = np.random.default_rng(0).uniform(-1, 1, (4, 2, 3)).astype(np.float32)
-    single = [ScaledWords(gym.make("CalFree/Reach-v0", **KINEMATIC), **SCALED) for _ in range(2)]
-    batch = VectorScaledWords(gym.make_vec("CalFree/Reach-v0", num_envs=2, **KINEMATIC), **SCALED)
-    sb3 = make_sb3_env("CalFree/Reach-v0", 2, word_limit=0.25, word_curvature=2.0, **KINEMATIC)
+    single = [ScaledWords(kinematic(world="nominal"), **SCALED) for _ in range(2)]
+    batch = VectorScaledWords(kinematic(rows=2, world="nominal"), **SCALED)
+    words = {"word_limit": 0.25, "word_curvature": 2.0}
+    sb3 = make_sb3_env("CalFree/Reach-v0", 2, dynamics="kinematic", world="nominal", **words)
     sb3.seed(3)
     for i, env in enumerate(single):
         env.reset(seed=3 + i)
@@ -37,13 +38,12 @@ def test_the_batched_and_the_sb3_environment_scale_alike():
         of_sb3, *_ = sb3.step(rows)
         for i, env in enumerate(single):
             observation, *_ = env.step(rows[i])
-            for key, value in observation.items():
-                np.testing.assert_array_equal(batched[key][i], value)
-                np.testing.assert_array_equal(of_sb3[key][i], value)
+            assert_same(of_row(batched, i), observation)
+            assert_same(of_row(of_sb3, i), observation)
 
 
 def test_a_wrapped_environment_is_made_again_from_its_spec():
-    env = gym.make(ScaledWords(gym.make("CalFree/Reach-v0", **KINEMATIC), **SCALED).spec)
+    env = gym.make(ScaledWords(kinematic(world="nominal"), **SCALED).spec)
     assert (env.limit, env.curvature) == (0.25, 2.0)
 
 
@@ -60,19 +60,19 @@ NO_NUMBERS = ["a", None, True, np.nan, [0.5], 1j]
 def test_bounds_that_bound_nothing_are_errors(name, wrong, allowed):
     said = re.escape(f"{name} is {wrong!r}; allowed: {allowed}")
     with pytest.raises(ValueError, match=said):
-        ScaledWords(gym.make("CalFree/Reach-v0"), **{name: wrong})
+        ScaledWords(make(), **{name: wrong})
     with pytest.raises(ValueError, match=said):
-        VectorScaledWords(gym.make_vec("CalFree/Reach-v0", num_envs=1), **{name: wrong})
+        VectorScaledWords(make(rows=1), **{name: wrong})
     with pytest.raises(ValueError, match=said):
         make_sb3_env(n_envs=1, **{f"word_{name}": wrong})
 
 
 @pytest.mark.parametrize("number", [1, np.float32(0.5), np.float64(0.5), np.int64(1)])
 def test_numbers_of_numpy_bound_words(number):
-    env = ScaledWords(gym.make("CalFree/Reach-v0"), limit=number, curvature=number)
+    env = ScaledWords(make(), limit=number, curvature=number)
     np.testing.assert_allclose(env.action(np.ones(3)), number)
 
 
 def test_only_rows_that_begin_again_at_once_suit_stable_baselines3():
     with pytest.raises(ValueError, match=r"autoreset_mode is .*NEXT_STEP.* must be SAME_STEP"):
-        as_sb3_env(gym.make_vec("CalFree/Reach-v0", num_envs=1))
+        as_sb3_env(make(rows=1))

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
@@ -16,21 +15,22 @@ from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.kinematic import KinematicSimulation
 from tests.arms.every import arm_named
 from tests.arms.own import ARMS
+from tests.calfree_gym.environments import kinematic, make
 
 COLLIDING = '<worldbody><geom type="box" size=".1 .1 .01" pos="2 {} 0"/>'
 
 
-def robots():
-    """The RV-M2, an arm, and one in a room whose boxes MuJoCo keeps in a tree of bounding boxes."""
+@pytest.fixture(params=["RV-M2", "gantry", "room"])
+def robot(request):
+    """The RV-M2, an arm, or one in a room whose boxes MuJoCo keeps in a tree of bounding boxes."""
+    if request.param == "RV-M2":
+        return MOVEMASTER
+    if request.param == "gantry":
+        return arm_named("gantry").robot
     text = ARMS["scara"]["model"].read_text()
     for y in (2, -2):
         text = text.replace("<worldbody>", COLLIDING.format(y), 1)
-    return {"RV-M2": MOVEMASTER, "gantry": arm_named("gantry").robot, "room": Arm(text, "tip").robot}
-
-
-@pytest.fixture(params=["RV-M2", "gantry", "room"])
-def robot(request):
-    return robots()[request.param]
+    return Arm(text, "tip").robot
 
 
 class Rays:
@@ -47,12 +47,10 @@ class Rays:
         self.simulation.set_world(0, world)
         self.simulation.refresh()
         model, data = self.simulation.show(0, self.picture)
-        lengths = np.empty(len(points))
-        ways = (points - camera).ravel()
-        only = np.array([0, 0, 0, 1, 0, 0], np.uint8)
-        geoms = np.empty(len(points), np.int32)
+        rays, only = len(points), np.array([0, 0, 0, 1, 0, 0], np.uint8)
+        ways, geoms, lengths = (points - camera).ravel(), np.empty(rays, np.int32), np.empty(rays)
         mujoco.mj_multiRay(
-            model, data, camera, ways, only, 1, -1, geoms, lengths, None, len(points), mujoco.mjMAXVAL
+            model, data, camera, ways, only, 1, -1, geoms, lengths, None, rays, mujoco.mjMAXVAL
         )
         return (lengths >= 0) & (lengths < 1)
 
@@ -97,8 +95,7 @@ def test_an_occluder_that_is_not_there_leaves_the_extent_of_a_small_arm():
 @pytest.mark.parametrize("how", [{"at": {"trial": 1}}, {"drift": {"per": "trial"}}], ids=["once", "drift"])
 def test_cameras_that_joint_zeros_turn_lose_the_share_too(how):
     do = {"type": "occluder", "camera": "right", "share": 0.25, "at": 0.4}
-    arguments = {"world": "wild", "camera_mount": "waist", "dynamics": "kinematic", "occlusion": True}
-    env = gym.make("CalFree/Reach-v0", perturbations=[{**how, "do": do}], **arguments).unwrapped
+    env = kinematic(camera_mount="waist", occlusion=True, perturbations=[{**how, "do": do}]).unwrapped
     rays = Rays(MOVEMASTER)
     for seed in range(10):
         env.reset(seed=seed)
@@ -110,20 +107,6 @@ def test_cameras_that_joint_zeros_turn_lose_the_share_too(how):
         camera = data.cam_xpos[model.camera("right").id]
         _, points = work_space(env.world, MOVEMASTER)
         assert rays.stopped(env.world, camera, points).mean() == pytest.approx(0.25, abs=0.005)
-
-
-def test_more_than_a_side_has_is_hidden_too():
-    for name in CAMERAS:
-        there = Occluder(name, 0.8, 0.4).change(nominal())
-        _, points = work_space(there, MOVEMASTER)
-        position = there.camera_position[CAMERAS.index(name)]
-        assert Rays(MOVEMASTER).stopped(there, position, points).mean() == pytest.approx(0.8, abs=0.01)
-
-
-def test_share_0_removes_it():
-    there = Occluder("left", 0.3, 0.4).change(nominal())
-    assert there.occluder[3] > 0.01
-    assert Occluder("right", 0.0, 0.5).change(there) == nominal()
 
 
 def test_a_drift_hides_more_and_more_and_turns_back_at_the_end():
@@ -142,12 +125,26 @@ def test_a_drift_hides_more_and_more_and_turns_back_at_the_end():
         step.drift(nominal(), back=True)
 
 
-def test_undoing_takes_the_whole_post_away_and_leaves_the_rest():
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_more_than_a_side_has_is_hidden_too(camera):
+    there = Occluder(camera, 0.8, 0.4).change(nominal())
+    _, points = work_space(there, MOVEMASTER)
+    position = there.camera_position[CAMERAS.index(camera)]
+    assert Rays(MOVEMASTER).stopped(there, position, points).mean() == pytest.approx(0.8, abs=0.01)
+
+
+def test_share_0_and_undoing_take_the_whole_post_away_and_leave_the_rest():
     there = Occluder("left", 0.3, 0.4).change(nominal())
+    assert there.occluder[3] > 0.01
+    assert Occluder("right", 0.0, 0.5).change(there) == nominal()
     shifted = CameraShift("right", 0.05, 0.0, 0.0).change(there)
     assert undone(shifted, nominal(), there) == CameraShift("right", 0.05, 0.0, 0.0).change(nominal())
     wider = Occluder("left", 0.35, 0.4).change(there)
     assert undone(wider, nominal(), there) == nominal()
+
+
+def on_a_stand(world, occlusion):
+    return kinematic(world=world, camera_mount="stand", occlusion=occlusion, keep_in_view=False).unwrapped
 
 
 @pytest.mark.parametrize("camera", [0, 1])
@@ -157,14 +154,7 @@ def test_environments_with_occlusion_see_less_in_that_camera(camera):
     _, points = work_space(there, MOVEMASTER)
 
     def seen(world, occlusion):
-        env = gym.make(
-            "CalFree/Reach-v0",
-            world=world,
-            camera_mount="stand",
-            dynamics="kinematic",
-            occlusion=occlusion,
-            keep_in_view=False,
-        ).unwrapped
+        env = on_a_stand(world, occlusion)
         flags = []
         for point in points[:120]:
             env.reset(seed=0, options={"object": point})
@@ -183,8 +173,7 @@ def test_environments_with_occlusion_see_less_in_that_camera(camera):
 def test_a_trial_ends_only_where_all_is_seen():
     """The gripper goes to objects that an occluder hides: it gets there, and no rendezvous is told."""
     there = Occluder("left", 0.3, 0.4).change(nominal())
-    arguments = {"camera_mount": "stand", "dynamics": "kinematic", "keep_in_view": False}
-    env = gym.make("CalFree/Reach-v0", world=there, occlusion=True, **arguments).unwrapped
+    env = on_a_stand(there, occlusion=True)
     _, points = work_space(there, MOVEMASTER)
     ended = {True: 0, False: 0}
     for point in points[:50]:
@@ -202,7 +191,7 @@ def test_a_trial_ends_only_where_all_is_seen():
 
 def test_it_stands_in_the_images_of_a_grasp_too():
     """The object's geoms are written anew for every picture; the post stays what it is."""
-    env = gym.make("CalFree/Grasp-v0", observation="pixels", camera_mount="stand", image_size=128)
+    env = make("Grasp", observation="pixels", camera_mount="stand", image_size=128)
     before = env.reset(seed=0)[0]["pixels"]
     assert (env.reset(seed=0)[0]["pixels"] == before).all()
     env.unwrapped.set_world(Occluder("left", 0.3, 0.4).change(env.unwrapped.world, env.unwrapped.arms.robot))

@@ -2,11 +2,9 @@
 
 import math
 
-import gymnasium as gym
-
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from tests.calfree_gym.environments import make
 
-REACH = "calfree_gym:CalFree/Reach-v0"
 FIELDS = {
     "register_noise": 0.01,
     "register_step": 0.004,
@@ -20,10 +18,10 @@ FIELDS = {
 EXACT = {"register_noise": 0.0, "register_step": 0.0}
 
 
-def made(id_=REACH, **arguments):
-    usual = {"keep_in_view": False, "terminate_on_success": False, "disable_env_checker": True}
-    reach = {"dynamics": "kinematic", "camera_mount": "stand"} if id_ == REACH else {}
-    return gym.make(id_, **usual | reach | arguments).unwrapped
+def made(task="Reach", **arguments):
+    usual = {"keep_in_view": False, "terminate_on_success": False}
+    reach = {"dynamics": "kinematic", "camera_mount": "stand"} if task == "Reach" else {}
+    return make(task, **usual | reach | arguments).unwrapped
 
 
 def registers_of(observation, motors=3, first=4):
@@ -59,14 +57,13 @@ class Motor:
     def end(self, far):
         """The last register on the way to `far` at which the joint has not passed its stop."""
         (low, high), margin = self.robot.stops[self.motor], self.robot.stop_margin[self.motor]
-        near = 0.0
-        if low + margin <= self.position(far) <= high - margin:
-            return far
+        near, tried = 0.0, far
         for _ in range(60):
-            middle = (near + far) / 2
-            near, far = (
-                (middle, far) if low + margin <= self.position(middle) <= high - margin else (near, middle)
-            )
+            if low + margin <= self.position(tried) <= high - margin:
+                near = tried
+            else:
+                far = tried
+            tried = (near + far) / 2
         return near
 
     def move(self, word):

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +11,8 @@ from scipy import stats
 
 from calfree_gym import WorldDistribution, nominal
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from tests.calfree_gym.robot.one_motor import REACH, Motor, made, registers_of
+from tests.calfree_gym.environments import kinematic
+from tests.calfree_gym.robot.one_motor import Motor, made, registers_of
 
 
 def each(low, high):
@@ -73,23 +73,17 @@ def test_the_order_of_a_motion_by_hand():
     world = replace(nominal(), longest_motion=0.4, shortfall=0.1, word_gain=0.5, dead_zone=[0, 0.5, 0])
     env = made(world=world)
     home = env.reset(seed=0)[1]["truth"]["joints"][:3]
-    observation, *_, info = env.step(np.full(3, 0.5))
-    np.testing.assert_allclose(registers_of(observation), 0.36, rtol=1e-6)
-    moved = (info["truth"]["joints"][:3] - home) / MOVEMASTER.span
-    np.testing.assert_allclose(moved, [0.18, 0, 0.18], atol=1e-12)
-    observation, *_, info = env.step(np.full(3, 0.6))
-    moved = (info["truth"]["joints"][:3] - home) / MOVEMASTER.span
-    np.testing.assert_allclose(moved, [0.36, 0.18, 0.36], atol=1e-12)
-    np.testing.assert_allclose(registers_of(observation), 0.72, rtol=1e-6)
+    for word, told, there in ((0.5, 0.36, [0.18, 0, 0.18]), (0.6, 0.72, [0.36, 0.18, 0.36])):
+        observation, *_, info = env.step(np.full(3, word))
+        moved = (info["truth"]["joints"][:3] - home) / MOVEMASTER.span
+        np.testing.assert_allclose(moved, there, atol=1e-12)
+        np.testing.assert_allclose(registers_of(observation), told, rtol=1e-6)
     np.testing.assert_allclose(env.reset()[1]["truth"]["joints"][:3], home, atol=1e-12)
 
 
 def noise_of(rows, motions, **fields):
     """Deviations (motions and looks at home, rows, 3) of registers from what was executed."""
-    world = replace(nominal(), **fields)
-    env = gym.make_vec(
-        REACH, num_envs=rows, world=world, dynamics="kinematic", terminate_on_success=False, threads=1
-    )
+    env = kinematic(rows, world=replace(nominal(), **fields), terminate_on_success=False, threads=1)
     found, executed = [], np.zeros(3)
     observation, _ = env.reset(seed=5)
     for motion in range(motions):
@@ -154,6 +148,6 @@ def test_registers_of_weak_words_end_farther_out_and_the_space_says_so():
     for _ in range(8):  # the oracle's way
         observation, *_, info = env.step(observation["object_registers"] - registers_of(observation))
     assert info["truth"]["distance_mm"] < 0.1
-    rows = gym.make_vec(REACH, num_envs=2, world=["wild", weak], keep_in_view=False)
+    rows = kinematic(2, world=["wild", weak], keep_in_view=False)
     assert rows.single_observation_space["observation"].high.max() == 4
     rows.unwrapped.set_world(weak, 0)

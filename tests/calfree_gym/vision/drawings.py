@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from calfree_gym.vision.marks import MARK_NAMES, Marks
+from calfree_gym.vision.tracking.tracker import BallFinder, gripper_point
+
 COLOURS = {"gripper_1": (242, 13, 140), "gripper_2": (13, 13, 242), "object": (13, 242, 13)}
-NAMES = tuple(COLOURS)
 SIZES = [(512, 512), (256, 256), (480, 640)]
 
 
@@ -46,10 +48,8 @@ class Canvas:
     def ball(self, name, centre, radius, colour, rng, kind="sphere", stretch=1.0):
         """Puts a ball; `centre` in px from the image's corner."""
         h, w = self.picture.shape[:2]
-        x0, y0 = (int(max(v - 1.5 * radius - 3, 0)) for v in centre)
-        x1, y1 = (
-            int(np.clip(v + 1.5 * radius + 4, s, e)) for v, s, e in zip(centre, (x0, y0), (w, h), strict=True)
-        )
+        x0, y0 = np.maximum(np.subtract(centre, 1.5 * radius + 3), 0).astype(int)
+        x1, y1 = np.clip(np.add(centre, 1.5 * radius + 4), (x0, y0), (w, h)).astype(int)
         if x1 <= x0 or y1 <= y0:
             return
         fine = 1 if kind == "jagged" else 6
@@ -64,9 +64,9 @@ class Canvas:
             shade, shine = self._light(u, v, rng)
         colours = np.asarray(colour) * shade[..., None] + 255 * shine[..., None]
         size = (x1 - x0, y1 - y0)
-        weight = cv2.resize(inside.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        sums = cv2.resize(
-            (colours * inside[..., None]).astype(np.float32), size, interpolation=cv2.INTER_AREA
+        weight, sums = (
+            cv2.resize(each.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+            for each in (inside, colours * inside[..., None])
         )
         self.put(weight, sums / np.maximum(weight, 1e-6)[..., None], (x0, y0), name)
 
@@ -121,17 +121,17 @@ def background(rng, h, w):
     return np.clip(canvas.picture * (1 + rng.uniform(0, 0.35) * texture[..., None]), 0, 255)
 
 
-def camera(picture, rng, white_balance=0.15, motion=4.0, noise=6.0, jpeg=0.5):
+def camera(picture, rng, white_balance=0.15, jpeg=0.5):
     """What a camera makes of a picture (h, w, 3): blur, motion blur, exposure, noise, JPEG at times."""
     scale = picture.shape[1] / 512
     sigma = rng.uniform(0, 1.5) * scale
     if sigma > 0.2:
         picture = cv2.GaussianBlur(picture, (0, 0), sigma)
-    length = rng.uniform(0, motion) * scale
+    length = rng.uniform(0, 4.0) * scale
     if length > 1:
         picture = _smeared(picture, length, rng.uniform(0, np.pi))
     picture = picture * rng.uniform(1 - white_balance, 1 + white_balance, 3) * np.exp(rng.uniform(-0.7, 0.5))
-    picture = picture + rng.uniform(0, noise) * rng.normal(size=picture.shape)
+    picture = picture + rng.uniform(0, 6.0) * rng.normal(size=picture.shape)
     image = np.clip(np.round(picture), 0, 255).astype(np.uint8)
     return through_jpeg(image, int(rng.integers(60, 96))) if rng.uniform() < jpeg else image
 
@@ -139,16 +139,9 @@ def camera(picture, rng, white_balance=0.15, motion=4.0, noise=6.0, jpeg=0.5):
 def _smeared(picture, length, angle):
     steps = np.linspace(-length / 2, length / 2, 9)
     h, w = picture.shape[:2]
-    shifted = [
-        cv2.warpAffine(
-            picture,
-            np.array([[1, 0, s * np.cos(angle)], [0, 1, s * np.sin(angle)]]),
-            (w, h),
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        for s in steps
-    ]
-    return np.mean(shifted, 0)
+    shifts = [np.array([[1, 0, s * np.cos(angle)], [0, 1, s * np.sin(angle)]]) for s in steps]
+    edges = {"borderMode": cv2.BORDER_REPLICATE}
+    return np.mean([cv2.warpAffine(picture, shift, (w, h), **edges) for shift in shifts], 0)
 
 
 def through_jpeg(image, quality):
@@ -173,31 +166,17 @@ def cut_out(photograph):
     return behind
 
 
-def random_frame(
-    rng,
-    size=(512, 512),
-    hide=0.0,
-    occlude=0.0,
-    kinds=("disc", "sphere", "jagged"),
-    behind=background,
-    **options,
-):
-    """A frame of random balls.
+def random_frame(rng, size, hide=0.0, occlude=0.0, behind=background):
+    """A frame of random balls, (h, w) px in size.
 
-    Args:
-        rng: Random numbers.
-        size: Height and width in px.
-        hide: Share of balls that are left out.
-        occlude: Share of balls that have something dull before them.
-        kinds: Kinds of balls, see `Canvas.ball`.
-        behind: What is behind them: a function as `background`.
-        **options: For `camera`.
+    Of these a share is left out, and a share has something dull before it; behind them is what a function as
+    `background` makes.
     """
     h, w = size
     scale = min(h, w) / 512
     canvas, frame = Canvas(behind(rng, h, w)), Frame(image=np.zeros(0))
     unit = np.exp(rng.uniform(np.log(4.5), np.log(26))) * scale
-    kind = rng.choice(kinds)
+    kind = rng.choice(["disc", "sphere", "jagged"])
     while True:
         places = rng.uniform(0.06, 0.94, (3, 2)) * [w, h]
         way = rng.uniform(-1, 1, 2)
@@ -205,7 +184,7 @@ def random_frame(
         gaps = [np.hypot(*(places[i] - places[j])) for i in range(3) for j in range(i)]
         if min(gaps) > 2.7 * unit and (np.abs(places[1] / [w, h] - 0.5) < 0.44).all():
             break
-    for name, place in zip(NAMES, places, strict=True):
+    for name, place in zip(MARK_NAMES, places, strict=True):
         radius = unit * np.exp(rng.uniform(-0.15, 0.15))
         eccentric = np.hypot(*(place - [w / 2, h / 2])) / (w / 2)
         stretch = np.sqrt(1 + (eccentric * rng.uniform(0.3, 0.8)) ** 2)
@@ -216,24 +195,43 @@ def random_frame(
         canvas.ball(name, place, radius, COLOURS[name], rng, str(kind), stretch)
         if rng.uniform() < occlude:
             occluder(canvas, place, radius, rng)
-    for name in NAMES:
+    for name in MARK_NAMES:
         frame.visible.setdefault(name, -1.0)
         if frame.visible[name] < 0:
             frame.visible[name] = canvas.visible(name)
-    frame.image = camera(canvas.picture, rng, **options)
+    frame.image = camera(canvas.picture, rng)
     return frame
 
 
-def occluder(canvas, place, radius, rng, colour=None):
+def occluder(canvas, place, radius, rng):
     """Puts a thing before a ball: a half plane's edge, or a bar across."""
     along = rng.uniform(0, 2 * np.pi)
     d, n = np.array([np.cos(along), np.sin(along)]), np.array([-np.sin(along), np.cos(along)])
     start = rng.uniform(-0.9, 1.0) * radius
     end = start + (4 * radius if rng.uniform() < 0.7 else rng.uniform(0.2, 0.8) * radius)
     corners = [place + s * 4 * radius * d + e * n for s, e in ((-1, start), (1, start), (1, end), (-1, end))]
-    canvas.polygon(corners, dull(rng) if colour is None else colour)
+    canvas.polygon(corners, dull(rng))
 
 
 def drawn(seed, count, **options):
     """So many random frames, of three sizes."""
     return [random_frame(np.random.default_rng([seed, i]), SIZES[i % 3], **options) for i in range(count)]
+
+
+def compared(frames):
+    """How near the tracker comes to true places.
+
+    Returns:
+        Visible share and error in px of a 512 image (nan: not found) per ball; the gripper's errors.
+    """
+    finder, rows, gripper = BallFinder(Marks()), [], []
+    for frame in frames:
+        finder.reset()
+        balls, scale = finder(frame.image), 512 / min(frame.image.shape[:2])
+        for name in MARK_NAMES:
+            error = np.hypot(*(balls[name].centre - frame.centre[name])) * scale if name in balls else np.nan
+            rows.append((frame.visible[name], error))
+        if min(frame.visible[name] for name in MARK_NAMES[:2]) > 0.95 and gripper_point(balls) is not None:
+            (p, z1), (q, z2) = ((frame.centre[n], 1 / frame.radius[n]) for n in MARK_NAMES[:2])
+            gripper.append(np.hypot(*(gripper_point(balls) - (z1 * p + z2 * q) / (z1 + z2))) * scale)
+    return np.array(rows), np.array(gripper)

@@ -4,11 +4,11 @@ import warnings
 from dataclasses import replace
 from functools import partial
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from calfree_gym.vision import GraspTracker, StereoTracker
+from tests.calfree_gym.environments import kinematic
 from tests.calfree_gym.vision.test_grasp_tracker import LAYOUT, LEFT, RIGHT, drawn
 from tests.calfree_gym.vision.test_tracker import HERE, plain
 
@@ -71,7 +71,7 @@ def test_a_camera_that_writes_into_the_same_array_has_not_frozen(case):
 
 def test_simulated_images_without_noise_may_be_the_same(opengl):
     """Here of an arm at its stop, on a mount that turns with it."""
-    env = gym.make("CalFree/Reach-v0", world="nominal", dynamics="kinematic", observation="vision")
+    env = kinematic(world="nominal", observation="vision")
     env.reset(seed=0)
     env.unwrapped.set_world(replace(env.unwrapped.world, image_noise=np.zeros(2)))
     with warnings.catch_warnings():

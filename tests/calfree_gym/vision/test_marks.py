@@ -1,6 +1,6 @@
 """Marks as values: colours, dicts, files and errors."""
 
-import builtins
+import sys
 
 import numpy as np
 import pytest
@@ -30,10 +30,6 @@ def test_pure_colours_have_their_usual_hues(rgb, hue):
     assert Mark(rgb).saturation == 1
 
 
-def test_the_order_is_the_grippers_balls_then_the_objects():
-    assert MARK_NAMES == ("gripper_1", "gripper_2", "object")
-
-
 def test_dicts_and_files_give_the_same_marks_back(tmp_path):
     marks = Marks(gripper_1=RED, object=Mark((10, 200, 210), 33.5))
     assert Marks.from_dict(marks.to_dict()) == marks
@@ -54,10 +50,8 @@ def test_a_missing_mark_is_its_default_or_one_that_is_like_no_other():
 def test_any_marks_that_are_unlike_each_other_can_be_completed(hues, names):
     marks = {}
     for hue, name in zip(hues, names, strict=False):
-        rgb = [
-            round(255 * np.clip(2 - abs((hue - top + 180) % 360 - 180) / 60, 0, 1)) for top in (0, 120, 240)
-        ]
-        marks[name] = {"rgb": rgb}
+        apart = [abs((hue - top + 180) % 360 - 180) for top in (0, 120, 240)]
+        marks[name] = {"rgb": [round(255 * np.clip(2 - each / 60, 0, 1)) for each in apart]}
     found = [Mark.from_dict(mark).hue for mark in marks.values()]
     assume(len(found) < 2 or hue_gap(*found) >= 40)
     completed = Marks.from_dict(marks)
@@ -88,12 +82,9 @@ def test_what_is_no_mark_raises_and_says_which(values, message):
         Marks.from_dict({"object": values})
 
 
-def test_marks_too_like_each_other_raise_and_are_named():
+def test_marks_that_are_none_or_too_like_each_other_are_named():
     with pytest.raises(ValueError, match=r"marks gripper_1 and object are too like each other: .* 9 degrees"):
         Marks(gripper_1=RED, object=Mark((230, 50, 30)))
-
-
-def test_names_that_are_no_marks_raise():
     with pytest.raises(ValueError, match=r"unknown 'gripper1' \(did you mean gripper_1"):
         Marks.from_dict({"gripper1": RED.to_dict()})
     with pytest.raises(ValueError, match=r"Marks.object is 'green'; it must be a Mark"):
@@ -109,35 +100,25 @@ def test_files_that_hold_no_marks_raise_and_are_named(tmp_path, text):
         Marks.load(tmp_path / "none.yaml")
 
 
-def test_without_pyyaml_the_error_names_it(tmp_path, monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *rest, **options):
-        if name == "yaml":
-            raise ImportError(name)
-        return real(name, *rest, **options)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    for use in (Marks.load, Marks().save):
-        with pytest.raises(
-            ImportError, match=r"PyYAML: pip install pyyaml, or pip install '\.\[vision\]' in"
-        ):
-            use(tmp_path / "marks.yaml")
+@pytest.mark.parametrize("use", [Marks.load, Marks().save])
+def test_without_pyyaml_the_error_names_it(tmp_path, monkeypatch, use):
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    with pytest.raises(ImportError, match=r"PyYAML: pip install pyyaml, or pip install '\.\[vision\]' in"):
+        use(tmp_path / "marks.yaml")
 
 
-def test_pixels_belong_to_the_mark_of_their_hue_at_any_brightness():
-    table = ColourTable(Marks(object=CYAN))
-    colours = np.array(
-        [(242, 13, 140), (13, 13, 242), (10, 200, 210), (120, 120, 120), (230, 20, 30), (220, 210, 10)]
-    )
+OF_MARKS = [(242, 13, 140), (13, 13, 242), (10, 200, 210)]
+OF_NONE = [(120, 120, 120), (230, 20, 30), (220, 210, 10)]
+DULL = [(120, 180, 120), (180, 130, 160), (14, 14, 20), (2, 20, 2), (0, 0, 0), (255, 255, 255)]
+
+
+@pytest.mark.parametrize(
+    ("marks", "colours", "expected"),
+    [(Marks(object=CYAN), OF_MARKS + OF_NONE, [1, 2, 3, 0, 0, 0]), (Marks(), DULL, [0] * 6)],
+    ids=["hues", "dull and dark"],
+)
+def test_pixels_belong_to_the_mark_of_their_hue_at_any_brightness(marks, colours, expected):
+    table = ColourTable(marks)
     for brightness in (0.3, 0.6, 1.0):
-        image = np.round(colours * brightness).astype(np.uint8)[None]
-        assert table.marks_of(image).tolist() == [[1, 2, 3, 0, 0, 0]]
-        assert table.look_up(image).tolist() == [[1, 2, 3, 0, 0, 0]]
-
-
-def test_dull_and_dark_pixels_belong_to_no_mark():
-    table = ColourTable(Marks())
-    dull = np.array([(120, 180, 120), (180, 130, 160), (14, 14, 20), (2, 20, 2), (0, 0, 0), (255, 255, 255)])
-    assert not table.marks_of(dull).any()
-    assert not table.look_up(dull.astype(np.uint8)[None]).any()
+        image = np.round(np.array(colours) * brightness).astype(np.uint8)[None]
+        assert table.marks_of(image).tolist() == table.look_up(image).tolist() == [expected]

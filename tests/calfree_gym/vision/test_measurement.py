@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -11,14 +10,14 @@ from calfree_gym.engine.sight import MeasurementModel
 from calfree_gym.image import IMAGE_UNIT
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
+from tests.calfree_gym.environments import kinematic, make, trials
+
+LATE = {"type": "latency"}
 
 
-def lifetime(world, motions=300, **arguments):
+def lifetime(world, motions):
     """Observed points (motions, 4, 2), flags and true points of a resting arm, in pixels."""
-    env = gym.make(
-        "CalFree/Reach-v0", world=world, terminate_on_success=False, dynamics="kinematic", **arguments
-    )
-    env = env.unwrapped
+    env = kinematic(world=world, terminate_on_success=False).unwrapped
     env.reset(seed=1)
     points, flags, true = [], [], []
     for _ in range(motions):
@@ -62,8 +61,7 @@ def test_latency_delays_points_and_flags_and_nothing_else(late):
     words = np.random.default_rng(0).uniform(-0.2, 0.2, (12, 3))
     series_of = {}
     for latency in (0, late):
-        env = gym.make("CalFree/Reach-v0", world=replace(nominal(), latency=latency), tolerance_px=200.0)
-        env = env.unwrapped
+        env = make(world=replace(nominal(), latency=latency), tolerance_px=200.0).unwrapped
         observation, _ = env.reset(seed=3)
         series = [(observation, 0.0, False, {})]
         for word in words:
@@ -84,43 +82,22 @@ def test_latency_delays_points_and_flags_and_nothing_else(late):
             assert info["truth"]["error_px"] == same_time[3]["truth"]["error_px"]
 
 
-def test_latency_that_begins_in_mid_trial_shows_nothing_older_than_itself():
-    schedule = [{"at": {"motion": 4}, "do": {"type": "latency", "motions": 3}}]
-    env = gym.make(
-        "CalFree/Reach-v0", world="nominal", perturbations=schedule, dynamics="kinematic"
-    ).unwrapped
-    for trial in range(2):
-        env.reset(seed=0 if trial == 0 else None)
-        seen = [env.step(np.full(3, 0.02))[0]["achieved_goal"] for _ in range(10)]
-        if trial == 0:
-            for held in seen[5:8]:
-                np.testing.assert_array_equal(held, seen[4])
-            assert not np.array_equal(seen[8], seen[4])
-
-
 def test_privileged_quantities_are_true_and_only_there_on_request():
     names = ("joint_angles", "joint_zeros", "gripper_position")
-    env = gym.make("CalFree/Reach-v0", tell=names).unwrapped
+    env = make(tell=names).unwrapped
     env.reset(seed=2)
     observation, *_, info = env.step(np.full(3, 0.05))
     assert env.observation_space.contains(observation)
     np.testing.assert_allclose(observation["joint_angles"], info["truth"]["joints"], atol=1e-6)
     np.testing.assert_allclose(observation["gripper_position"], info["truth"]["gripper"], atol=1e-6)
     np.testing.assert_allclose(observation["joint_zeros"], env.world.joint_zeros, atol=1e-6)
-    plain = gym.make("CalFree/Reach-v0").unwrapped
-    assert set(plain.reset(seed=2)[0]) == {"achieved_goal", "desired_goal", "observation"}
-    with pytest.raises(ValueError, match=r"'joint_angels'.*joint_angles"):
-        gym.make("CalFree/Reach-v0", tell=("joint_angels",))
-    with pytest.raises(ValueError, match="sequence of names"):
-        gym.make("CalFree/Reach-v0", tell="joint_angles")
+    assert set(make().reset(seed=2)[0]) == {"achieved_goal", "desired_goal", "observation"}
 
 
 def test_redraw_gives_every_trial_a_world_of_its_own_and_the_same_ones_again():
     def worlds(motions):
-        env = gym.make("CalFree/Reach-v0", redraw="trial", dynamics="kinematic").unwrapped
-        found = []
-        for trial in range(4):
-            env.reset(seed=5 if trial == 0 else None)
+        env, found = kinematic(redraw="trial").unwrapped, []
+        for _ in trials(env, 4, seed=5):
             for _ in range(motions):
                 env.step(np.zeros(3))
             found.append(env.world)
@@ -129,34 +106,27 @@ def test_redraw_gives_every_trial_a_world_of_its_own_and_the_same_ones_again():
     once = worlds(0)
     assert len(set(once)) == 4
     assert worlds(3) == once
-    batch = gym.make_vec("CalFree/Reach-v0", num_envs=2, redraw="trial", dynamics="kinematic")
+    batch = kinematic(rows=2, redraw="trial")
     batch.reset(seed=5)
     batch.reset()
     assert batch.unwrapped.worlds[0] == once[1]
-    with pytest.raises(ValueError, match="must be a distribution"):
-        gym.make("CalFree/Reach-v0", world=nominal(), redraw="trial")
-    with pytest.raises(ValueError, match="never, trial"):
-        gym.make("CalFree/Reach-v0", redraw="always")
 
 
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_worlds_out_of_view_are_kept_where_that_is_asked_for(mount):
     turned = nominal().camera_orientation[:, [2, 3, 0, 1]] * [1, -1, -1, 1]
     blind = replace(nominal(), camera_orientation=turned)
-    env = gym.make("CalFree/Reach-v0", world=blind, camera_mount=mount, keep_in_view=False).unwrapped
+    env = make(world=blind, camera_mount=mount, keep_in_view=False).unwrapped
     observation, info = env.reset(seed=0)
     np.testing.assert_array_equal(observation["observation"][:4], 0)
     np.testing.assert_array_equal(observation["desired_goal"], 0)
     assert np.abs(observation["achieved_goal"]).max() <= 1.1 * env.tolerance_px * IMAGE_UNIT
     assert not info["is_success"]
-    out = [
-        s
-        for s in range(300)
-        if not in_view(WorldDistribution("wild").sample(s), MOVEMASTER, MOVEMASTER.mounts(mount), whole=True)
-    ]
-    env = gym.make("CalFree/Reach-v0", camera_mount=mount, keep_in_view=False).unwrapped
-    env.reset(seed=out[0])
-    assert env.world == WorldDistribution("wild").sample(out[0])
+    mounts, worlds = MOVEMASTER.mounts(mount), map(WorldDistribution("wild").sample, range(300))
+    seed, out = next((s, w) for s, w in enumerate(worlds) if not in_view(w, MOVEMASTER, mounts, whole=True))
+    env = make(camera_mount=mount, keep_in_view=False).unwrapped
+    env.reset(seed=seed)
+    assert env.world == out
 
 
 def test_outliers_and_dropout_are_independent_of_each_other():
@@ -183,10 +153,8 @@ def test_outliers_and_dropout_are_independent_of_each_other():
 @pytest.mark.parametrize("mount", ["waist", "stand"])
 def test_words_to_the_object_registers_reach_the_object_in_one_motion(mount):
     options = {"camera_mount": mount, "tell": ("object_registers",), "terminate_on_success": False}
-    env = gym.make(
-        "CalFree/Reach-v0", perturbations=[{"at": {"motion": 1}, "do": {"type": "joint_zero"}}], **options
-    )
-    rows = gym.make_vec("CalFree/Reach-v0", num_envs=5, dynamics="kinematic", **options)
+    env = make(perturbations=[{"at": {"motion": 1}, "do": {"type": "joint_zero"}}], **options)
+    rows = kinematic(rows=5, **options)
     for seed in range(5):
         observation, _ = env.reset(seed=seed)
         for _ in range(3):  # after the first, the arm is another one
@@ -198,23 +166,12 @@ def test_words_to_the_object_registers_reach_the_object_in_one_motion(mount):
     assert (infos["truth"]["distance_mm"] < 0.1).all()
 
 
-LATE = {"type": "latency"}
-
-
-def points(schedule, trials=1, motions=12):
-    """Object points as delivered in each trial and motion, home included (trials, motions + 1, 4)."""
-    env = gym.make(
-        "CalFree/Reach-v0",
-        world="nominal",
-        dynamics="kinematic",
-        terminate_on_success=False,
-        max_episode_steps=99,
-        perturbations=schedule,
-    )
+def delivered(schedule, count=1):
+    """Points as delivered in so many trials of 12 motions, home included (count, 13, 8)."""
+    env = kinematic(world="nominal", terminate_on_success=False, max_episode_steps=99, perturbations=schedule)
     seen = []
-    for trial in range(trials):
-        observed = [env.reset(seed=0 if trial == 0 else None)[0]]
-        observed += [env.step(np.full(3, 0.01))[0] for _ in range(motions)]
+    for first, _ in trials(env, count):
+        observed = [first, *(env.step(np.full(3, 0.01))[0] for _ in range(12))]
         seen.append([np.concatenate([each["achieved_goal"], each["desired_goal"]]) for each in observed])
     return np.array(seen)
 
@@ -226,7 +183,7 @@ def test_latency_that_ends_and_begins_again_beside_another_event():
         {"at": {"motion": 8}, "do": LATE | {"motions": 2}},
         {"at": {"motion": 8}, "do": {"type": "camera_roll", "camera": "left", "degrees": 0.0}},
     ]
-    on_time, (late,) = points(None)[0], points(schedule)
+    on_time, (late,) = delivered(None)[0], delivered(schedule)
     np.testing.assert_array_equal(late[9:], on_time[[9, 9, 9, 10]])
     np.testing.assert_array_equal(late[5:9], on_time[5:9])
     np.testing.assert_array_equal(late[:5], on_time[[0, 1, 2, 3, 3]])
@@ -236,6 +193,6 @@ def test_latency_that_ends_and_begins_again_beside_another_event():
 def test_nothing_of_an_earlier_trial_is_delivered(beside):
     times = (({"trial": 0}, 3), ({"trial": 1}, 0), ({"motion": 16}, 3))
     schedule = [{"at": at, "do": LATE | {"motions": late}} for at, late in times]
-    first, second = points(schedule + beside, trials=2)
+    first, second = delivered(schedule + beside, count=2)
     of_first = {tuple(row[4:]) for row in first.round(4)}
     assert not of_first & {tuple(row[4:]) for row in second.round(4)}

@@ -1,5 +1,7 @@
 """`python -m calfree_gym.vision pick`: a mark's colour from one's own picture."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -33,7 +35,15 @@ def box(name, half=18):
 
 def pick(picture, name, *extra, where=None):
     out = ["--out", str(picture.parent / "marks.yaml")]
-    return main(["pick", str(picture), "--box", *(where or box(name)), "--mark", name, *out, *extra])
+    place = where.split() if where else box(name)
+    return main(["pick", str(picture), "--box", *place, "--mark", name, *out, *extra])
+
+
+def painted(picture, part, rgb):
+    """The picture with a part in one colour."""
+    image = cv2.imread(str(picture))
+    image[part] = rgb[::-1]
+    cv2.imwrite(str(picture), image)
 
 
 def test_marks_picked_one_after_the_other_are_found_in_the_picture(picture, capsys):
@@ -56,7 +66,7 @@ def test_a_mark_picked_again_replaces_itself_and_no_other(picture):
     assert pick(picture, "object") == 0
     assert pick(picture, "gripper_1") == 0
     before = Marks.load(picture.parent / "marks.yaml")
-    assert pick(picture, "object", where=box("gripper_2")) == 0
+    assert pick(picture, "object", where=" ".join(box("gripper_2"))) == 0
     after = Marks.load(picture.parent / "marks.yaml")
     assert after.gripper_1 == before.gripper_1
     assert hue_gap(after.object.hue, Mark(COLOURS["gripper_2"]).hue) < 10
@@ -71,61 +81,52 @@ def test_the_box_may_hold_background(picture, half):
         assert mark.saturation > 0.7
 
 
-def test_what_is_no_ball_is_learned_but_not_found(picture, capsys):
-    image = cv2.imread(str(picture))
-    image[150:250, 10:120] = (30, 20, 210)
-    cv2.imwrite(str(picture), image)
-    assert pick(picture, "object", where=["20", "160", "50", "50"]) == 1
-    printed = capsys.readouterr().out
-    assert "the tracker does not find object" in printed
-    assert "a radius of 0.5% to 9% of the image's shorter side" in printed
-
-
-def test_another_thing_of_the_colour_is_told(picture, capsys):
-    image = cv2.imread(str(picture))
-    image[5:25, 100:250] = COLOURS["object"][::-1]
-    cv2.imwrite(str(picture), image)
-    assert pick(picture, "object", where=["110", "6", "16", "16"]) == 1
-    assert "takes something else for object, outside the box, at (130" in capsys.readouterr().out
+NOT_FOUND = "the tracker does not find object.*a radius of 0.5% to 9% of the image's shorter side"
+SOMETHING_ELSE = r"takes something else for object, outside the box, at \(130"
 
 
 @pytest.mark.parametrize(
-    ("where", "message"),
+    ("part", "rgb", "where", "told"),
     [
-        ("250 10 20 20", r"the box from (250, 10) to (270, 30) is not within the image of 256 × 256 px"),
-        ("-1 10 20 20", "not within the image"),
-        ("10 240 20 20", "not within the image"),
-        ("10 10 0 20", "the box is 0 × 20 px; it must be 3 × 3 or more"),
-        ("10 10 20 -4", "the box is 20 × -4 px"),
+        (np.s_[150:250, 10:120], (210, 20, 30), "20 160 50 50", NOT_FOUND),
+        (np.s_[5:25, 100:250], COLOURS["object"], "110 6 16 16", SOMETHING_ELSE),
     ],
 )
-def test_boxes_outside_or_empty_are_refused(picture, capsys, where, message):
-    assert pick(picture, "object", where=where.split()) == 2
-    assert message in capsys.readouterr().err
-    assert not (picture.parent / "marks.yaml").exists()
+def test_what_is_learned_but_not_found_is_told(picture, capsys, part, rgb, where, told):
+    painted(picture, part, rgb)
+    assert pick(picture, "object", where=where) == 1
+    assert re.search(told, capsys.readouterr().out, re.DOTALL)
 
 
 @pytest.mark.parametrize(
-    ("colour", "message"),
+    ("rgb", "where", "message"),
     [
-        ((110, 112, 118), "too grey or too dark"),
-        ((10, 12, 3), "too grey or too dark"),
+        (None, "250 10 20 20", "the box from (250, 10) to (270, 30) is not within the image of 256 × 256 px"),
+        (None, "-1 10 20 20", "not within the image"),
+        (None, "10 240 20 20", "not within the image"),
+        (None, "10 10 0 20", "the box is 0 × 20 px; it must be 3 × 3 or more"),
+        (None, "10 10 20 -4", "the box is 20 × -4 px"),
+        ((110, 112, 118), "5 5 40 40", "too grey or too dark"),
+        ((10, 12, 3), "5 5 40 40", "too grey or too dark"),
         (
             (130, 100, 90),
-            "with saturation 0.31, too grey to be told from a background; it must be 0.5 or more",
+            "5 5 40 40",
+            "saturation 0.31, too grey to be told from a background; it must be 0.5",
         ),
     ],
 )
-def test_grey_and_dark_colours_are_refused(picture, capsys, colour, message):
-    cv2.imwrite(str(picture), np.full((60, 60, 3), colour[::-1], np.uint8))
-    assert pick(picture, "object", where=["5", "5", "40", "40"]) == 2
+def test_boxes_and_colours_that_cannot_be_are_refused(picture, capsys, rgb, where, message):
+    if rgb:
+        painted(picture, np.s_[:60, :60], rgb)
+    assert pick(picture, "object", where=where) == 2
     assert message in capsys.readouterr().err
+    assert not (picture.parent / "marks.yaml").exists()
 
 
 def test_a_colour_like_another_marks_is_refused_and_the_file_stays(picture, capsys):
     assert pick(picture, "object") == 0
     before = (picture.parent / "marks.yaml").read_text()
-    assert pick(picture, "gripper_1", where=box("object")) == 2
+    assert pick(picture, "gripper_1", where=" ".join(box("object"))) == 2
     assert "marks gripper_1 and object are too like each other" in capsys.readouterr().err
     assert (picture.parent / "marks.yaml").read_text() == before
 

@@ -1,4 +1,4 @@
-"""Models that name files in all ways that MuJoCo knows: functions that return a source and how many files."""
+"""Models that name files in all ways that MuJoCo knows: functions that write one and return a source."""
 
 import struct
 
@@ -65,27 +65,12 @@ def with_hand(folder, hand, compiler="", assets="", body="", prefix="h/"):
     )
 
 
-def plain(folder):
-    return model(folder / "arm/arm.xml", MESH + PICTURE, compiler='meshdir="m" texturedir="t"'), 2
+def arm_of(assets, body=GEOM, compiler=""):
+    """A layout of one file, in which `{}` stands for the folder."""
+    return lambda folder: model(folder / "arm/arm.xml", assets.format(folder), body, compiler)
 
 
-def asset_folder(folder):
-    return model(folder / "arm/arm.xml", MESH + PICTURE, compiler='assetdir="../hand/m"'), 2
-
-
-def above(folder):
-    return model(folder / "arm/arm.xml", MESH.replace("p.stl", "../../hand/p.stl"), compiler='meshdir="m"'), 1
-
-
-def absolute(folder):
-    return model(
-        folder / "arm/arm.xml", MESH.replace("p.stl", f"{folder}/tool/p.stl"), compiler='meshdir="m"'
-    ), 1
-
-
-def stripped(folder):
-    assets = MESH.replace("p.stl", "export/p.stl") + PICTURE.replace("p.png", "/no/p.png")
-    return model(folder / "arm/arm.xml", assets, compiler='meshdir="m" texturedir="t" strippath="true"'), 2
+plain = arm_of(MESH + PICTURE, compiler='meshdir="m" texturedir="t"')
 
 
 def other_kinds(folder):
@@ -93,27 +78,27 @@ def other_kinds(folder):
     assets += f'<texture type="skybox" file="p.png"/><texture name="six" type="cube"{SIX}/>'
     assets += '<texture name="two" type="cube" gridsize="3 4" fileup="p.png" fileback="back.png"/>'
     body = f'{GEOM}<geom type="hfield" hfield="p"/>'
-    return model(folder / "hand/hand.xml", assets, body, 'meshdir="m" texturedir="t"'), 3 + 1 + 6
+    return model(folder / "hand/hand.xml", assets, body, 'meshdir="m" texturedir="t"')
 
 
 def attached(folder):
     other_kinds(folder)
-    return with_hand(folder, "../hand/hand.xml"), 9
+    return with_hand(folder, "../hand/hand.xml")
 
 
 def attached_to_its_likes(folder):
     other_kinds(folder)
-    return with_hand(folder, "../hand/hand.xml", 'meshdir="m"', MESH + PICTURE, GEOM), 11
+    return with_hand(folder, "../hand/hand.xml", 'meshdir="m"', MESH + PICTURE, GEOM)
 
 
 def attached_without_a_folder(folder):
     model(folder / "hand/hand.xml", MESH + PICTURE)
-    return with_hand(folder, "../hand/hand.xml", 'assetdir="m"'), 2
+    return with_hand(folder, "../hand/hand.xml", 'assetdir="m"')
 
 
 def attached_and_stripped(folder):
     model(folder / "hand/hand.xml", MESH.replace("p.stl", "m/p.stl"))
-    return with_hand(folder, "../hand/hand.xml", 'meshdir="m" strippath="true"'), 1
+    return with_hand(folder, "../hand/hand.xml", 'meshdir="m" strippath="true"')
 
 
 def attached_two_deep(folder):
@@ -121,97 +106,91 @@ def attached_two_deep(folder):
     inner = '<model name="tool" file="../tool/tool.xml"/>'
     body = f'{GEOM}<body><attach model="tool" body="b" prefix="t/"/></body>'
     model(folder / "hand/hand.xml", inner + MESH, body, 'meshdir="m"')
-    return with_hand(folder, "../hand/hand.xml", "", MESH, GEOM), 4
+    return with_hand(folder, "../hand/hand.xml", "", MESH, GEOM)
 
 
 def included(folder):
     (folder / "hand/assets.xml").write_text(f"<mujoco><asset>{PICTURE}</asset></mujoco>")
     more = '<include file="../hand/assets.xml"/>'
-    return model(folder / "arm/arm.xml", MESH, compiler='meshdir="../tool/m"', more=more), 2
+    return model(folder / "arm/arm.xml", MESH, compiler='meshdir="../tool/m"', more=more)
 
 
 def included_with_its_folder(folder):
     model(folder / "hand/hand.xml", MESH, compiler='meshdir="m"')
     (folder / "arm/arm.xml").write_text('<mujoco><include file="../hand/hand.xml"/></mujoco>')
-    return folder / "arm/arm.xml", 1
-
-
-def replicated(folder):
-    body = f'<replicate count="3" offset="0 0 1">{GEOM}</replicate>'
-    return model(folder / "arm/arm.xml", MESH, body, 'meshdir="m"'), 1
+    return folder / "arm/arm.xml"
 
 
 def soft(folder):
     flex = '<flexcomp name="f" type="mesh" dim="2" file="p.obj" mass="1"><edge equality="true"/></flexcomp>'
     model(folder / "hand/hand.xml", MESH, GEOM + flex, 'meshdir="m"')
-    return with_hand(folder, "../hand/hand.xml"), 1
+    return with_hand(folder, "../hand/hand.xml")
 
 
 def text(folder):
-    return model(folder / "arm/arm.xml", MESH + PICTURE, compiler='meshdir="hand/m"').read_text(), 2
+    return model(folder / "arm/arm.xml", MESH + PICTURE, compiler='meshdir="hand/m"').read_text()
 
 
 def text_that_attaches(folder):
     other_kinds(folder)
-    return with_hand(folder, "hand/hand.xml").read_text(), 9
+    return with_hand(folder, "hand/hand.xml").read_text()
 
 
 def by_hand(folder):
     other_kinds(folder)
-    arm = mujoco.MjSpec.from_file(str(plain(folder)[0]))
+    arm = mujoco.MjSpec.from_file(str(plain(folder)))
     hand = mujoco.MjSpec.from_file("hand/hand.xml")
     arm.body("b").add_frame().attach_body(hand.body("b"), "h/", "")
     other = mujoco.MjSpec.from_file(str(model(folder / "tool/tool.xml", MESH)))
     arm.attach(other, prefix="t/", frame=arm.worldbody.add_frame())
-    return arm, 12
+    return arm
 
 
 def added_by_hand(folder):
-    arm = mujoco.MjSpec.from_file(str(plain(folder)[0]))
+    arm = mujoco.MjSpec.from_file(str(plain(folder)))
     arm.add_mesh(name="q", file="../../tool/p.stl")
     arm.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="q")
-    return arm, 3
+    return arm
 
 
-def urdf(folder, compiler="", visual="p.stl"):
+def urdf(compiler="", visual="p.stl"):
     mesh = '<{0}><geometry><mesh filename="{1}"/></geometry></{0}>'
     inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
     link = f'<link name="a"><inertial><mass value="1"/>{inertia}</inertial>'
     link += mesh.format("visual", visual) + mesh.format("collision", "../tool/m/p.stl")
     robot = f'<robot name="u"><mujoco><compiler {compiler}/></mujoco>{link}</link></robot>'
-    (folder / "arm/arm.urdf").write_text(robot)
-    return folder / "arm/arm.urdf", 1
+
+    def written(folder):
+        (folder / "arm/arm.urdf").write_text(robot)
+        return folder / "arm/arm.urdf"
+
+    return written
 
 
-def urdf_that_keeps_visuals(folder):
-    return urdf(folder, 'meshdir="../hand" discardvisual="false"', "../tool/m/p.stl")
-
-
-def urdf_without_paths(folder):
-    return urdf(folder, 'meshdir="../hand/m" strippath="true" discardvisual="false"', "package://arm/p.stl")
-
-
-LAYOUTS = [
-    plain,
-    asset_folder,
-    above,
-    absolute,
-    stripped,
-    other_kinds,
-    attached,
-    attached_to_its_likes,
-    attached_without_a_folder,
-    attached_and_stripped,
-    attached_two_deep,
-    included,
-    included_with_its_folder,
-    replicated,
-    soft,
-    text,
-    text_that_attaches,
-    by_hand,
-    added_by_hand,
-    urdf,
-    urdf_that_keeps_visuals,
-    urdf_without_paths,
-]
+KEPT = 'discardvisual="false"'
+STRIPPED = MESH.replace("p.stl", "export/p.stl") + PICTURE.replace("p.png", "/no/p.png")
+LAYOUTS = {
+    "plain": (plain, 2),
+    "asset folder": (arm_of(MESH + PICTURE, compiler='assetdir="../hand/m"'), 2),
+    "above": (arm_of(MESH.replace("p.stl", "../../hand/p.stl"), compiler='meshdir="m"'), 1),
+    "absolute": (arm_of(MESH.replace("p.stl", "{}/tool/p.stl"), compiler='meshdir="m"'), 1),
+    "stripped": (arm_of(STRIPPED, compiler='meshdir="m" texturedir="t" strippath="true"'), 2),
+    "other kinds": (other_kinds, 3 + 1 + 6),
+    "attached": (attached, 9),
+    "attached to its likes": (attached_to_its_likes, 11),
+    "attached without a folder": (attached_without_a_folder, 2),
+    "attached and stripped": (attached_and_stripped, 1),
+    "attached two deep": (attached_two_deep, 4),
+    "included": (included, 2),
+    "included with its folder": (included_with_its_folder, 1),
+    "replicated": (arm_of(MESH, f'<replicate count="3" offset="0 0 1">{GEOM}</replicate>', 'meshdir="m"'), 1),
+    "soft": (soft, 1),
+    "text": (text, 2),
+    "text that attaches": (text_that_attaches, 9),
+    "by hand": (by_hand, 12),
+    "added by hand": (added_by_hand, 3),
+    "URDF": (urdf(), 1),
+    "URDF that keeps visuals": (urdf(f'meshdir="../hand" {KEPT}', "../tool/m/p.stl"), 1),
+    "URDF without paths": (urdf(f'meshdir="../hand/m" strippath="true" {KEPT}', "package://arm/p.stl"), 1),
+}
+"""What makes each, and how many files it names."""

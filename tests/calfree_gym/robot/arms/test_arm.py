@@ -14,9 +14,9 @@ from calfree_gym import Arm
 from calfree_gym.robot.arms.arm import robot_of
 from tests.arms.every import EVERY, arm_named
 from tests.arms.own import ARMS, MODELS, MOTORS
+from tests.calfree_gym.environments import assert_same, kinematic, make
 from tests.calfree_gym.robot.arms.test_chain import ALL_KINDS, all_kinds
 
-ID = "calfree_gym:CalFree/Reach-v0"
 CHAIN = """
 <mujoco><compiler angle="degree"/><worldbody>
   <body name="base"><geom type="cylinder" size="0.05 0.1" pos="0 0 0.1"/>
@@ -36,6 +36,7 @@ CHAIN = """
 def test_an_arm_goes_through_json_pickle_and_copies_exactly(name):
     arm = arm_named(name)
     plain = json.loads(json.dumps(arm.to_dict()))
+    assert arm.motors == arm.robot.motors == MOTORS.get(name, arm.motors)
     for again in (Arm.from_dict(plain), pickle.loads(pickle.dumps(arm)), copy.deepcopy(arm), copy.copy(arm)):
         assert again == arm
         assert hash(again) == hash(arm)
@@ -56,15 +57,10 @@ def test_arms_are_different_values():
     assert arms[0] != "scara"
 
 
-@pytest.mark.parametrize("name", ARMS)
-def test_motors_are_found_from_base_to_gripper(name):
-    assert arm_named(name).motors == arm_named(name).robot.motors == MOTORS[name]
-
-
 @pytest.mark.parametrize("name", ["scara", "names"])
 def test_the_same_files_elsewhere_are_the_same_arm(name, tmp_path):
-    shutil.copytree(MODELS, tmp_path / "moved" / "models")
-    path = tmp_path / "moved" / "models" / ARMS[name]["model"].name
+    shutil.copytree(MODELS, tmp_path / "moved/models")
+    path = tmp_path / "moved/models" / ARMS[name]["model"].name
     there, here = Arm(**ARMS[name] | {"model": path}), arm_named(name)
     assert there == here
     assert hash(there) == hash(here)
@@ -74,13 +70,11 @@ def test_the_same_files_elsewhere_are_the_same_arm(name, tmp_path):
 def test_files_in_folders_below_the_meshes_do_not_tell_where_they_are(tmp_path):
     text = ARMS["names"]["model"].read_text().replace('"wedge.stl"', '"parts/sub/wedge.stl"')
     made = []
-    for where in ("here", "there/and/far"):
-        (tmp_path / where / "meshes" / "parts" / "sub").mkdir(parents=True)
-        shutil.copy(
-            MODELS / "meshes" / "wedge.stl", tmp_path / where / "meshes" / "parts" / "sub" / "wedge.stl"
-        )
-        (tmp_path / where / "arm.xml").write_text(text)
-        made.append(Arm(model=tmp_path / where / "arm.xml", gripper="left.arm/tip"))
+    for where in (tmp_path / "here", tmp_path / "there/and/far"):
+        (where / "meshes/parts/sub").mkdir(parents=True)
+        shutil.copy(MODELS / "meshes/wedge.stl", where / "meshes/parts/sub/wedge.stl")
+        (where / "arm.xml").write_text(text)
+        made.append(Arm(model=where / "arm.xml", gripper="left.arm/tip"))
     assert made[0] == made[1]
     assert hash(made[0]) == hash(made[1])
 
@@ -90,7 +84,7 @@ def test_a_changed_mesh_is_another_arm_and_no_longer_the_described_one(tmp_path)
     arguments = ARMS["names"] | {"model": tmp_path / "models" / "names.xml"}
     before = Arm(**arguments)
     described = before.to_dict()
-    mesh = tmp_path / "models" / "meshes" / "wedge.stl"
+    mesh = tmp_path / "models/meshes/wedge.stl"
     data = bytearray(mesh.read_bytes())
     data[90:94] = np.float32(7).tobytes()
     mesh.write_bytes(bytes(data))
@@ -103,20 +97,34 @@ def test_a_changed_mesh_is_another_arm_and_no_longer_the_described_one(tmp_path)
         Arm.from_dict(described)
 
 
-def test_a_path_its_text_and_its_spec_are_the_same_arm():
-    path = ARMS["scara"]["model"]
-    text = Arm(model=path.read_text(), gripper="tip")
-    spec = Arm(model=mujoco.MjSpec.from_file(str(path)), gripper="tip")
-    assert [text.home, spec.home] == [pytest.approx(arm_named("scara").home, abs=1e-5)] * 2
-    assert text.motors == spec.motors == arm_named("scara").motors
-    assert arm_named("scara") == Arm(model=str(path), gripper="tip")
-
-
-def test_an_mjspec_that_was_given_is_not_changed():
-    spec = mujoco.MjSpec.from_file(str(ARMS["gripper"]["model"]))
+def test_a_path_its_text_and_its_spec_are_the_same_arm_and_a_spec_is_not_changed():
+    path, arm = ARMS["scara"]["model"], arm_named("scara")
+    spec = mujoco.MjSpec.from_file(str(path))
     before = spec.to_xml()
-    gym.make(ID, arm=Arm(model=spec, gripper="pinch", home="ready")).reset(seed=0)
+    for same in (Arm(model=path.read_text(), gripper="tip"), Arm(model=spec, gripper="tip")):
+        assert same.home == pytest.approx(arm.home, abs=1e-5)
+        assert same.motors == arm.motors
+        make(arm=same).reset(seed=0)
     assert spec.to_xml() == before
+    assert arm == Arm(model=str(path), gripper="tip")
+
+
+def test_what_has_no_name_is_called_by_its_place_and_by_a_name_that_is_free():
+    text = ARMS["gripper"]["model"].read_text().replace('name="ready" ', "")
+    keyed = Arm(model=text, gripper="pinch", home="key_0")
+    assert keyed.robot.home == pytest.approx(arm_named("gripper").robot.home)
+    text = ALL_KINDS.replace('<body name="hand" ', "<body ").replace('name="wrist" ', "")
+    arm = Arm(model=text, gripper="tip", motors=["lift", "tilt", "turn", "joint_6"], home="about")
+    assert arm.robot.links[-2] == "body_4"
+    assert arm.robot.home == pytest.approx(all_kinds().robot.home)
+    named = CHAIN.replace('<joint name="j1"', '<joint name="joint_2"').replace('<joint name="j3"', "<joint")
+    assert len(Arm(named, "tip").motors) == 3
+
+
+def test_included_files_are_written_out(tmp_path):
+    (tmp_path / "chain.xml").write_text(CHAIN)
+    included = f'<mujoco><include file="{tmp_path}/chain.xml"/></mujoco>'
+    assert "<include" not in Arm(included, "tip").to_dict()["model"]
 
 
 def test_home_by_keyframe_by_name_and_none():
@@ -136,13 +144,6 @@ def test_home_by_keyframe_by_name_and_none():
     assert none == Arm(**ARMS["gripper"] | {"home": None}), "the same each time"
 
 
-def test_a_keyframe_without_a_name_is_called_by_its_place():
-    text = ARMS["gripper"]["model"].read_text().replace('name="ready" ', "")
-    assert Arm(model=text, gripper="pinch", home="key_0").robot.home == pytest.approx(
-        arm_named("gripper").robot.home
-    )
-
-
 def test_a_base_has_its_own_joints_before_it():
     """They are no motors, stand where home has them, and carry the arm along."""
     arm, high = arm_named("mobile"), Arm(**ARMS["mobile"] | {"home": {"torso_lift": 0.3, "drive_x": 1.0}})
@@ -153,7 +154,7 @@ def test_a_base_has_its_own_joints_before_it():
     at, moved = (each.robot.frames("mount", each.robot.home, each.robot.lengths)[0] for each in (arm, high))
     ahead = [np.cos(np.radians(120)), np.sin(np.radians(120)), 0.25]
     assert moved - at == pytest.approx(ahead, abs=1e-5)
-    seen = gym.make(ID, arm=high, dynamics="kinematic").reset(seed=0)[0]
+    seen = make(arm=high, dynamics="kinematic").reset(seed=0)[0]
     assert (seen["observation"][:4] == 1).all()
 
 
@@ -165,17 +166,15 @@ def test_an_arm_on_a_free_body_is_the_same_after_every_way_round():
         assert again == arm
         assert again.robot.home_qpos == pytest.approx(arm.robot.home_qpos)
     for dynamics in ("kinematic", "physics"):
-        env = gym.make(ID, arm=arm, camera_mount="stand", dynamics=dynamics)
-        assert (env.reset(seed=1)[0]["observation"][:4] == 1).all()
-        again = gym.make(env.spec).reset(seed=1)[0]["desired_goal"]
-        assert (env.reset(seed=1)[0]["desired_goal"] == again).all()
+        env = make(arm=arm, camera_mount="stand", dynamics=dynamics)
+        seen, _ = env.reset(seed=1)
+        assert (seen["observation"][:4] == 1).all()
+        assert_same(gym.make(env.spec).reset(seed=1)[0], seen)
 
 
 def test_a_free_base_and_balls_are_held_in_physics():
-    envs = [
-        gym.make(ID, arm=all_kinds(), camera_mount="stand", dynamics=dynamics, terminate_on_success=False)
-        for dynamics in ("physics", "kinematic")
-    ]
+    arguments = {"arm": all_kinds(), "camera_mount": "stand", "terminate_on_success": False}
+    envs = [make(**arguments), kinematic(**arguments)]
     for env in envs:
         env.reset(seed=2)
     rng = np.random.default_rng(0)
@@ -191,13 +190,6 @@ def test_from_dict_names_what_is_unknown_and_what_is_missing():
         Arm.from_dict({"model": "a.xml", "grip": "tip"})
     with pytest.raises(ValueError, match="an arm lacks gripper"):
         Arm.from_dict({"model": "a.xml"})
-
-
-def test_joints_and_bodies_without_names_are_called_by_their_places():
-    text = ALL_KINDS.replace('<body name="hand" ', "<body ").replace('name="wrist" ', "")
-    arm = Arm(model=text, gripper="tip", motors=["lift", "tilt", "turn", "joint_6"], home="about")
-    assert arm.robot.links[-2] == "body_4"
-    assert arm.robot.home == pytest.approx(all_kinds().robot.home)
 
 
 def wide(joint, limits="-60 60"):
@@ -236,25 +228,21 @@ def test_a_hinge_loses_no_posture_by_that(range_, home, stops):
     assert robot.home[0] == pytest.approx(np.radians(home))
 
 
-URDF = (
-    '<robot name="small"><link name="base"/>'
-    + "".join(
-        f'<link name="{name}"><inertial><mass value="1"/>'
-        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        for name in ("column", "arm", "hand", "tip")
-    )
-    + "".join(
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{at}"/><axis xyz="{axis}"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-        for name, kind, parent, child, at, axis in (
-            ("turn", "continuous", "base", "column", "0 0 0", "0 0 1"),
-            ("lift", "revolute", "column", "arm", "0 0 0.2", "0 1 0"),
-            ("bend", "revolute", "arm", "hand", "0.3 0 0", "0 1 0"),
-            ("flange", "fixed", "hand", "tip", "0.2 0 0", "0 0 1"),
-        )
-    )
-    + "</robot>"
+LINK = '<link name="{}"><inertial><mass value="1"/>{}</inertial></link>'
+INERTIA = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+JOINT = """
+<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin xyz="{}"/><axis xyz="{}"/>
+  <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
+URDF = "\n".join(
+    [
+        '<robot name="small"><link name="base"/>',
+        *(LINK.format(name, INERTIA) for name in ("column", "arm", "hand", "tip")),
+        JOINT.format("turn", "continuous", "base", "column", "0 0 0", "0 0 1"),
+        JOINT.format("lift", "revolute", "column", "arm", "0 0 0.2", "0 1 0"),
+        JOINT.format("bend", "revolute", "arm", "hand", "0.3 0 0", "0 1 0"),
+        JOINT.format("flange", "fixed", "hand", "tip", "0.2 0 0", "0 0 1"),
+        "</robot>",
+    ]
 )
 LEAN = wide("").replace("<mujoco>", '<mujoco><compiler discardvisual="true" fusestatic="true"/>')
 
@@ -266,7 +254,7 @@ def test_urdf_and_models_that_drop_what_touches_nothing(text, in_file, tmp_path)
     model.write_text(text)
     arm = Arm(model if in_file else text, "tip")
     assert arm.motors == ("turn", "lift", "bend")
-    env = gym.make(ID, arm=arm)
+    env = make(arm=arm)
     env.reset(seed=0)
     observation, *_ = env.step(env.action_space.sample())
     assert all(np.isfinite(values).all() for values in observation.values())
@@ -276,7 +264,7 @@ def test_home_is_at_a_stop_where_a_worlds_zero_error_would_put_it_beyond():
     text = CHAIN.replace('range="-90 90"', 'range="0 90"', 1)
     assert text != CHAIN
     arm = Arm(text, "tip", home={"j2": 0.0, "j3": 0.5})
-    env = gym.make(ID, arm=arm, camera_mount="stand", dynamics="kinematic", keep_in_view=False)
+    env = kinematic(arm=arm, camera_mount="stand", keep_in_view=False)
     for seed in range(4):
         _, info = env.reset(seed=seed)
         home = info["truth"]["joints"]
@@ -284,14 +272,6 @@ def test_home_is_at_a_stop_where_a_worlds_zero_error_would_put_it_beyond():
         np.testing.assert_array_equal(info["truth"]["joints"], home)
         assert not observation["observation"][4:].any()
         assert home[1] >= 0
-
-
-def test_names_of_what_has_none_are_free_and_included_files_are_written_out(tmp_path):
-    named = CHAIN.replace('<joint name="j1"', '<joint name="joint_2"').replace('<joint name="j3"', "<joint")
-    assert len(robot_of(Arm(named, "tip")).motors) == 3
-    (tmp_path / "chain.xml").write_text(CHAIN)
-    included = f'<mujoco><include file="{tmp_path}/chain.xml"/></mujoco>'
-    assert "<include" not in Arm(included, "tip").to_dict()["model"]
 
 
 def test_home_of_an_arm_that_moves_in_a_plane_is_not_told_by_rounding(tmp_path, monkeypatch):

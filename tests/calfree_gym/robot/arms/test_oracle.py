@@ -17,14 +17,8 @@ CASES = [
 
 def reached(arm, mount, worlds):
     """In how many worlds the oracle comes to the rendezvous within two motions."""
-    env = rows_of(
-        arm,
-        worlds,
-        camera_mount=mount,
-        dynamics="kinematic",
-        terminate_on_success=False,
-        tell=("object_registers",),
-    )
+    arguments = {"camera_mount": mount, "terminate_on_success": False, "tell": ("object_registers",)}
+    env = rows_of(arm, worlds, dynamics="kinematic", **arguments)
     observation, infos = env.reset(seed=100)
     motors = len(arm.robot.motors)
     done = infos["is_success"].copy()

@@ -2,15 +2,14 @@
 
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from calfree_gym import DISTRIBUTIONS, World, WorldDistribution, nominal
 from tests.arms.every import EVERY, arm_named, rows_of, three_mounts
 from tests.arms.own import ARMS
+from tests.calfree_gym.environments import make
 
-ID = "calfree_gym:CalFree/Reach-v0"
 WORLDS = 4
 OF_ALL_MOTORS = (
     *("backlash", "repeatability", "register_noise", "register_step", "shortfall", "longest_motion"),
@@ -23,14 +22,8 @@ OF_ALL_MOTORS = (
 def test_every_kind_of_world_is_in_view_and_its_objects_are_reachable(name, kind):
     arm = arm_named(name)
     for mount in three_mounts(arm.robot):
-        env = rows_of(
-            arm,
-            WORLDS,
-            camera_mount=mount,
-            world=kind,
-            dynamics="kinematic",
-            tell=("object_registers",),
-        )
+        arguments = {"camera_mount": mount, "world": kind, "tell": ("object_registers",)}
+        env = rows_of(arm, WORLDS, dynamics="kinematic", **arguments)
         observation, infos = env.reset(seed=10)
         assert (observation["observation"][:, :4] == 1).all(), "gripper and object are seen at home"
         assert np.abs(observation["object_registers"]).max() <= 0.9 + 1e-6
@@ -46,15 +39,13 @@ def test_lengths_follow_the_arm_and_others_are_refused_by_name(name):
     world = nominal(robot)
     assert world.motor_sign.shape == world.backlash.shape == (len(robot.motors),)
     assert world.link_lengths == pytest.approx(robot.lengths)
-    for field, parts in (("motor_sign", "motors"), ("joint_zeros", "joints"), ("link_lengths", "links")):
-        longer = [*getattr(world, field), 1.0]
-        of_motors = ("motor_sign", "motor_gain", "motor_curvature", *OF_ALL_MOTORS)
-        fields = {each: [*getattr(world, each), getattr(world, each)[0]] for each in of_motors}
-        other = replace(world, **(fields if field == "motor_sign" else {field: longer}))
-        names = getattr(robot, parts)
+    of_motors = ("motor_sign", "motor_gain", "motor_curvature", *OF_ALL_MOTORS)
+    for parts, fields in (("motors", of_motors), ("joints", ["joint_zeros"]), ("links", ["link_lengths"])):
+        field, names = fields[0], getattr(robot, parts)
+        other = replace(world, **{each: [*getattr(world, each), getattr(world, each)[0]] for each in fields})
         message = rf"World.{field} has shape \({len(names) + 1},\); it must be \({len(names)},\)"
         with pytest.raises(ValueError, match=message) as caught:
-            gym.make(ID, arm=arm_named(name), world=other)
+            make(arm=arm_named(name), world=other)
         assert ", ".join(names) in str(caught.value)
 
 
@@ -67,18 +58,10 @@ def test_all_fields_of_motors_are_as_long_as_each_other(field):
 
 def test_a_world_of_another_arm_is_refused():
     with pytest.raises(ValueError, match=r"World.motor_sign has shape .7,.; it must be .3,."):
-        gym.make(ID, world=nominal(arm_named("redundant").robot))
-    env = gym.make(ID, arm=arm_named("scara"))
+        make(world=nominal(arm_named("redundant").robot))
+    env = make(arm=arm_named("scara"))
     with pytest.raises(ValueError, match="shoulder, elbow, lift, roll"):
         env.unwrapped.set_world(nominal())
-
-
-@pytest.mark.parametrize("name", ["gantry", "redundant"])
-def test_worlds_written_before_backlash_have_none(name):
-    world = WorldDistribution("wild").sample(1, robot=arm_named(name).robot)
-    old = {k: v for k, v in world.to_dict().items() if k not in ("backlash", "repeatability")}
-    assert World.from_dict(old) == world
-    assert (World.from_dict(old).backlash == np.zeros(len(world.motor_sign))).all()
 
 
 @pytest.mark.parametrize("name", ["scara", "redundant"])

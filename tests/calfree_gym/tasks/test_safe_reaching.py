@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-import calfree_gym
+from calfree_gym import Arm, WorldDistribution, nominal
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.touching import (
     CLEARANCE,
@@ -25,17 +25,10 @@ from calfree_gym.robot.touching import (
     ramp,
 )
 from tests.arms.own import ARMS
+from tests.calfree_gym.environments import kinematic, make, trials
 
-ID = "CalFree/SafeReach-v0"
 DOWN = np.radians([0.0, -35.0, 0.0, 35.0, 0.0])
 """From home, the RV-M2's gripper then meets the table."""
-
-
-def in_room():
-    simulation = TouchingSimulation(1, MOVEMASTER, MOVEMASTER.mounts("stand"), 1)
-    simulation.set_world(0, calfree_gym.nominal())
-    simulation.place(np.array([0]), MOVEMASTER.built_home[None], np.full((1, 3), 9.0))
-    return simulation
 
 
 def alone(scene, control):
@@ -55,22 +48,22 @@ def alone(scene, control):
 
 
 def test_a_contact_is_recorded_as_mujoco_has_it_and_stops_the_arm():
-    simulation = in_room()
-    simulation.move(slice(None), (MOVEMASTER.built_home + DOWN)[None])
+    simulation, home = TouchingSimulation(1, MOVEMASTER, MOVEMASTER.mounts("stand"), 1), MOVEMASTER.built_home
+    simulation.set_world(0, nominal())
+    simulation.place(np.array([0]), home[None], np.full((1, 3), 9.0))
+    simulation.move(slice(None), (home + DOWN)[None])
     touched = simulation.touched
-    there, here = MOVEMASTER.gripper_position(
-        np.stack([MOVEMASTER.built_home + DOWN, MOVEMASTER.built_home]), MOVEMASTER.lengths
-    )
+    there, here = MOVEMASTER.gripper_position(np.stack([home + DOWN, home]), MOVEMASTER.lengths)
     apart = float(np.linalg.norm(there - here))
     substeps = max(int(np.ceil(max(1.875 * apart / 0.25, 1.875 * np.abs(DOWN).max() / 0.7) / 0.005)), LEAST)
-    control = MOVEMASTER.built_home + ramp(substeps)[:, None] * DOWN
+    control = home + ramp(substeps)[:, None] * DOWN
     forces = alone(simulation._scene, control)
     trip = int((forces > TRIP).argmax())
     assert forces[trip] > TRIP
     before = float(forces[: trip + REACTION + 1].max())
     assert touched.force[0] >= before * (1 - 1e-9), "the way to where the drive stops it is MuJoCo's own"
     assert touched.shares[0] == pytest.approx((1 - RETREAT) * ramp(substeps)[trip + REACTION])
-    at_rest = MOVEMASTER.built_home + touched.shares[0] * DOWN
+    at_rest = home + touched.shares[0] * DOWN
     np.testing.assert_allclose(simulation.joints()[0], at_rest, atol=1e-3)
     assert touched.contacts[0] >= 1
     assert 0 < touched.travel[0] < np.abs(DOWN).max()
@@ -78,44 +71,16 @@ def test_a_contact_is_recorded_as_mujoco_has_it_and_stops_the_arm():
 
 
 def test_a_motion_that_touches_nothing_ends_where_that_of_reaching_does():
-    world, words = calfree_gym.nominal(), np.array([[0.1, 0.05, 0.02], [-0.3, 0.1, 0.0], [0.2, 0.0, 0.1]])
-    ends = []
-    for env_id, kind in ((ID, {}), ("CalFree/Reach-v0", {"dynamics": "kinematic"})):
-        env = gym.make(env_id, world=world, terminate_on_success=False, **kind)
+    world, words = nominal(), np.array([[0.1, 0.05, 0.02], [-0.3, 0.1, 0.0], [0.2, 0.0, 0.1]])
+    ends, arguments = [], {"world": world, "terminate_on_success": False}
+    for env in (make("SafeReach", **arguments), kinematic(**arguments)):
         env.reset(seed=0, options={"object": (0.4, 0.1, 0.15)})
         ends.append(np.array([env.step(each)[-1]["truth"]["points"] for each in words]))
     assert np.abs(ends[0] - ends[1]).max() * 256 < 0.1
 
 
-def test_rows_are_single_environments_and_registers_tell_where_an_arm_was_stopped():
-    rows = gym.make_vec(ID, num_envs=3, vectorization_mode="vector_entry_point", autoreset_mode="Disabled")
-    rows.reset(seed=7)
-    singles = [gym.make(ID) for _ in range(3)]
-    for row, env in enumerate(singles):
-        env.reset(seed=7 + row)
-    rng, stopped = np.random.default_rng(0), 0
-    for _ in range(3):
-        words = rng.uniform(-1, 1, (3, 3)).astype(np.float32)
-        if rows.unwrapped._over.any():
-            break
-        observed, _, _, truncated, infos = rows.step(words)
-        for row, env in enumerate(singles):
-            single, _, _, over, info = env.step(words[row])
-            assert over == truncated[row] == infos["harmed"][row]
-            for key in ("contacts", "peak_force", "joint_travel", "total_travel"):
-                assert info[key] == infos[key][row]
-            for key, value in single.items():
-                np.testing.assert_array_equal(value, observed[key][row])
-            arms = env.unwrapped.arms
-            joints = arms.motors.joints(arms.registers, slice(None))
-            np.testing.assert_allclose(arms.simulation.joints(), joints, atol=5e-3)
-            stopped += arms.simulation.touched.shares[0] < 1
-    assert stopped > 0
-
-
-@pytest.mark.parametrize("arm", ["movemaster"])
-def test_joints_never_pass_their_stops_however_strong_motors_are(arm):
-    env = gym.make(ID, arm=arm, gains=(8.0, 8.0), force_bound=1e9).unwrapped
+def test_joints_never_pass_their_stops_however_strong_motors_are():
+    env = make("SafeReach", gains=(8.0, 8.0), force_bound=1e9).unwrapped
     stops = env.arms.robot.stops
     for seed in range(3):
         env.reset(seed=seed)
@@ -128,36 +93,32 @@ def test_joints_never_pass_their_stops_however_strong_motors_are(arm):
 
 
 def test_a_world_is_that_of_reaching_but_for_the_strength_of_its_motors():
-    env = gym.make(ID).unwrapped
+    env = make("SafeReach").unwrapped
     factors = []
     for seed in range(12):
         env.reset(seed=seed)
         drawn = dict(env.world.to_dict())
-        usual = calfree_gym.WorldDistribution("wild")
+        usual = WorldDistribution("wild")
         attempts = [usual.sample(seed, attempt).to_dict() for attempt in range(40)]
-        same = [
-            each for each in attempts if all(each[key] == drawn[key] for key in drawn if key != "motor_gain")
-        ]
-        assert len(same) == 1
-        factors.append(np.array(drawn["motor_gain"]) / same[0]["motor_gain"])
+        others = drawn.keys() - {"motor_gain"}
+        (same,) = (each for each in attempts if all(each[key] == drawn[key] for key in others))
+        factors.append(np.array(drawn["motor_gain"]) / same["motor_gain"])
     factors = np.array(factors)
     assert 0.25 <= factors.min() < 0.4
     assert 5 < factors.max() <= 8
-    world = calfree_gym.nominal()
-    env = gym.make(ID, world=world).unwrapped
+    world = nominal()
+    env = make("SafeReach", world=world).unwrapped
     env.reset(seed=0)
     assert env.world == world, "a given world is as it is"
 
 
 def test_the_way_to_an_object_touches_nothing():
-    env = gym.make(ID, tell=("object_registers",)).unwrapped
+    env = make("SafeReach", tell=("object_registers",)).unwrapped
     for seed in range(5):
         observation, _ = env.reset(seed=seed)
         arms = env.arms
-        home, there = (
-            arms.motors.joints(registers[None], slice(None))[0]
-            for registers in (np.zeros(3), observation["object_registers"].astype(float))
-        )
+        registers = np.stack([np.zeros(3), observation["object_registers"]])
+        home, there = (arms.motors.joints(each[None], slice(None))[0] for each in registers)
         picture = arms.simulation.picture()
         for share in np.linspace(0, 1, 30):
             model, data = arms.simulation.show(0, picture, home + share * (there - home))
@@ -167,7 +128,7 @@ def test_the_way_to_an_object_touches_nothing():
 
 def test_a_contact_above_the_bound_ends_the_trial_and_says_so():
     for bound, ends in ((20.0, True), (1e6, False)):
-        env = gym.make(ID, world="nominal", force_bound=bound)
+        env = make("SafeReach", world="nominal", force_bound=bound)
         env.reset(seed=0)
         _, _, terminated, truncated, info = env.step([0.0, -0.3, 0.0])
         assert info["peak_force"] > 20
@@ -175,27 +136,10 @@ def test_a_contact_above_the_bound_ends_the_trial_and_says_so():
         assert env.reset()[1]["harmed"] == np.False_
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"force_bound": 0}, "force_bound is 0; it must be a positive number, in N"),
-        ({"force_bound": "65 N"}, "force_bound is '65 N'"),
-        ({"gains": (2.0, 1.0)}, "gains is .*; it must be two positive numbers, the lesser first"),
-        ({"gains": 3.0}, "gains is 3.0"),
-        ({"gains": (0.0, 1.0)}, "gains is"),
-    ],
-)
-def test_bad_input_is_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        gym.make(ID, **arguments)
-    with pytest.raises(TypeError, match="did you mean force_bound"):
-        gym.make(ID, force_bond=3.0)
-
-
 @pytest.mark.parametrize("name", ARMS)
 def test_walls_stand_beside_any_arm_at_home(name):
     """A gantry's bridge is wider than where its hook goes."""
-    env = gym.make(ID, arm=ARMS[name], camera_mount="stand", world="nominal")
+    env = make("SafeReach", arm=ARMS[name], camera_mount="stand", world="nominal")
     env.reset(seed=0)
     arms = env.unwrapped.arms
     home = arms.motors.joints(np.zeros((1, len(arms.robot.motors))), np.array([0]))[0]
@@ -204,7 +148,8 @@ def test_walls_stand_beside_any_arm_at_home(name):
 
 def test_another_arm_that_stands_beside_a_wall_does_not_count(tmp_path):
     arm = ARMS["hobby"]
-    room = gym.make(ID, arm=arm, camera_mount="stand", world="nominal").unwrapped.arms.simulation.picture()[0]
+    env = make("SafeReach", arm=arm, camera_mount="stand", world="nominal")
+    room = env.unwrapped.arms.simulation.picture()[0]
     spec = mujoco.MjSpec.from_file(str(arm["model"]))
     wall, turn = room.geom("calfree room front wall"), np.zeros(9)
     mujoco.mju_quat2Mat(turn, wall.quat)
@@ -212,23 +157,23 @@ def test_another_arm_that_stands_beside_a_wall_does_not_count(tmp_path):
     other.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE)
     other.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.03, 0, 0], mass=0.1)
     (tmp_path / "two.xml").write_text(spec.to_xml())
-    env = gym.make(ID, arm={**arm, "model": tmp_path / "two.xml"}, camera_mount="stand", world="nominal")
+    env = make("SafeReach", arm={**arm, "model": tmp_path / "two.xml"}, camera_mount="stand", world="nominal")
     env.reset(seed=0)
     *_, info = env.step(np.zeros(env.action_space.shape, np.float32))
     assert info["contacts"] == 0
 
 
 def test_weak_motors_of_a_drawn_world_leave_an_object_to_reach():
-    env = gym.make(ID, gains=(0.05, 0.4))
+    env = make("SafeReach", gains=(0.05, 0.4))
     for seed in range(12):
         env.reset(seed=seed)
         env.reset()
     with pytest.raises(ValueError, match=r"too weak with gains \[0.02, 0.02\]"):
-        gym.make(ID, gains=(0.02, 0.02)).reset(seed=0)
+        make("SafeReach", gains=(0.02, 0.02)).reset(seed=0)
 
 
 def test_a_place_that_is_free_is_so_by_mujocos_distances():
-    arms = gym.make(ID, world="nominal").unwrapped.arms
+    arms = make("SafeReach", world="nominal").unwrapped.arms
     arms.seed(0, 0)
     simulation = arms.simulation
     picture, rng = simulation.picture(), np.random.default_rng(0)
@@ -251,7 +196,7 @@ def test_a_place_that_is_free_is_so_by_mujocos_distances():
 @pytest.mark.parametrize("name", ["torque", "redundant", "scara", "hobby", "gripper"])
 def test_links_do_not_count_that_are_so_near_to_each_other_as_built(name):
     """By MuJoCo's distances: all pairs nearer than what is kept free, and no other."""
-    robot = calfree_gym.Arm(**ARMS[name]).robot
+    robot = Arm(**ARMS[name]).robot
     scene = robot.scene(("world", "world"), furniture(robot))
     model, data = scene.model, mujoco.MjData(scene.model)
     data.qpos[:] = scene.home
@@ -273,7 +218,7 @@ def test_links_do_not_count_that_are_so_near_to_each_other_as_built(name):
 
 
 def test_copies_and_states_know_of_contacts():
-    rows = gym.make_vec(ID, num_envs=2, world="nominal", force_bound=20.0, autoreset_mode="Disabled")
+    rows = make("SafeReach", 2, world="nominal", force_bound=20.0, autoreset_mode="Disabled")
     rows.reset(seed=0)
     *_, infos = rows.step(np.tile([[0.0, -0.3, 0.0]], (2, 1)).astype(np.float32))
     assert infos["harmed"].all()
@@ -289,8 +234,8 @@ def test_copies_and_states_know_of_contacts():
 
 
 def test_a_stopped_arm_stays_where_it_is():
-    world = replace(calfree_gym.nominal(), backlash=np.full(3, np.radians(2)))
-    env = gym.make(ID, world=world, force_bound=1e6)
+    world = replace(nominal(), backlash=np.full(3, np.radians(2)))
+    env = make("SafeReach", world=world, force_bound=1e6)
     env.reset(seed=0)
     *_, info = env.step([0.0, -0.3, 0.0])
     assert info["contacts"]
@@ -300,37 +245,23 @@ def test_a_stopped_arm_stays_where_it_is():
 
 def test_worlds_of_weak_motors_can_be_perturbed():
     drifts = [{"drift": {"per": "trial"}, "do": {"type": "camera_roll", "camera": "left", "degrees": 0.5}}]
-    env = gym.make(ID, gains=(0.2, 0.2), perturbations=drifts)
+    env = make("SafeReach", gains=(0.2, 0.2), perturbations=drifts)
     for seed in range(8):
-        env.reset(seed=seed)
-        before = env.unwrapped.world
-        env.reset()
-        assert env.unwrapped.world != before, f"seed {seed}"
+        before, after = (env.unwrapped.world for _ in trials(env, 2, seed))
+        assert before != after, f"seed {seed}"
 
 
 def test_a_world_in_which_the_arm_touches_at_home_is_named():
-    nominal = calfree_gym.nominal()
-    down = replace(nominal, joint_zeros=np.radians([0.0, -35.0, 0.0, 0.0]))
-    env = gym.make(ID, world=down, keep_in_view=False)
-    with pytest.raises(
-        ValueError, match=r"touches itself at home, or is nearer to table or walls than 0\.030 m"
-    ):
+    down = replace(nominal(), joint_zeros=np.radians([0.0, -35.0, 0.0, 0.0]))
+    env = make("SafeReach", world=down, keep_in_view=False)
+    message = r"touches itself at home, or is nearer to table or walls than 0\.030 m"
+    with pytest.raises(ValueError, match=message):
         env.reset(seed=0)
 
 
-@pytest.mark.parametrize(
-    ("task", "do"),
-    [
-        ("SafeReach", {"type": "joint_zero", "joint": "J2", "degrees": -2.0}),
-        ("Insert", {"type": "joint_zero", "joint": "J4", "degrees": 2.0}),
-    ],
-)
-def test_a_drift_turns_back_before_no_trial_can_begin(task, do):
-    drift = [{"drift": {"per": "trial"}, "do": do}]
-    env = gym.make(f"CalFree/{task}-v0", world="nominal", perturbations=drift)
-    env.reset(seed=0)
-    zeros = []
-    for _ in range(24):
-        env.reset()
-        zeros.append(env.unwrapped.world.joint_zeros.sum())
+@pytest.mark.parametrize(("task", "joint", "degrees"), [("SafeReach", "J2", -2.0), ("Insert", "J4", 2.0)])
+def test_a_drift_turns_back_before_no_trial_can_begin(task, joint, degrees):
+    do = {"type": "joint_zero", "joint": joint, "degrees": degrees}
+    env = make(task, world="nominal", perturbations=[{"drift": {"per": "trial"}, "do": do}])
+    zeros = [env.unwrapped.world.joint_zeros.sum() for _ in trials(env, 25)]
     assert len(set(np.sign(np.diff(zeros)))) == 2

@@ -6,7 +6,6 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
 
-import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
@@ -15,8 +14,11 @@ import calfree_gym
 from calfree_gym.image import PIXELS_PER_UNIT
 from calfree_gym.rendering.renderer import Renderer
 from tests.arms.own import MODELS
+from tests.calfree_gym.environments import assert_same, kinematic, make
 
 pytestmark = pytest.mark.usefixtures("opengl")
+FRAMES = {"render_mode": "rgb_array", "width": 240, "height": 160}
+FORKS = pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no copies of processes")
 SECONDS = 60
 """Within which a process ends that does not wait for ever."""
 
@@ -26,17 +28,8 @@ def seen_with(grains, observation):
     spec = mujoco.MjSpec.from_file(str(MODELS / "hobby.xml"))
     for place in np.random.default_rng(0).uniform(-1e-3, 1e-3, (grains, 3)) - [0, 0, 0.3]:
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[5e-4, 0, 0], pos=place)
-    env = gym.make(
-        "CalFree/Reach-v0",
-        arm=calfree_gym.Arm(spec, "tip"),
-        world="nominal",
-        camera_mount="stand",
-        dynamics="kinematic",
-        observation=observation,
-        render_mode="rgb_array",
-        width=240,
-        height=160,
-    )
+    arm = {"arm": calfree_gym.Arm(spec, "tip"), "world": "nominal", "camera_mount": "stand"}
+    env = kinematic(observation=observation, **arm, **FRAMES)
     seen = dict(env.reset(seed=0)[0])
     if observation == "vision":
         seen["frame"] = env.render()
@@ -87,17 +80,7 @@ SITES = {"a": "-.2 .1 0", "b": ".2 .1 0", "c": "-.2 -.1 0", "d": ".2 -.1 0"}
 
 def drawn_by(run):
     """Images of two environments after each of two motions, which `run` makes; and a frame of each."""
-    envs = [
-        gym.make(
-            "CalFree/Reach-v0",
-            observation="rgb",
-            image_size=64,
-            render_mode="rgb_array",
-            width=240,
-            height=160,
-        )
-        for _ in range(2)
-    ]
+    envs = [make(observation="rgb", image_size=64, **FRAMES) for _ in range(2)]
     looks = [env.reset(seed=seed)[0] for seed, env in enumerate(envs)]
     words = np.array([0.2, -0.1, 0.1], np.float32)
     for _ in range(2):
@@ -107,8 +90,12 @@ def drawn_by(run):
     return looks
 
 
+def here(task, envs):
+    return [task(env) for env in envs]
+
+
 def by_a_thread_each(task, envs):
-    """What comes of a task, done to each environment in a new thread, one after the other."""
+    """The same, each in a new thread, one after the other."""
     done = []
     for env in envs:
         thread = Thread(target=lambda env=env: done.append(task(env)))
@@ -125,12 +112,7 @@ def by_a_pool(task, envs):
 
 @pytest.mark.parametrize("run", [by_a_thread_each, by_a_pool])
 def test_any_thread_draws_the_same(run):
-    def here(task, envs):
-        return [task(env) for env in envs]
-
-    for look, expected in zip(drawn_by(run), drawn_by(here), strict=True):
-        for name in expected:
-            np.testing.assert_array_equal(look[name], expected[name])
+    assert_same(drawn_by(run), drawn_by(here))
 
 
 def ended(code, *arguments):
@@ -158,7 +140,7 @@ except RuntimeError as error:
 """
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no copies of processes")
+@FORKS
 @pytest.mark.parametrize(
     ("context", "before", "said"),
     [("fork", "drew", 'context="spawn"'), ("fork", "drew not", "True"), ("spawn", "drew", "True")],
@@ -167,7 +149,7 @@ def test_copies_of_a_process_that_drew_say_so_and_do_not_wait_for_ever(context, 
     assert said in ended(ASYNC, context, before)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no copies of processes")
+@FORKS
 def test_copies_of_a_process_end_well_whatever_they_throw_away():
     """Of environments that drew, or have threads, which are not in the copy; closed or left to Python."""
     code = (

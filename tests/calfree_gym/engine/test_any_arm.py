@@ -2,32 +2,29 @@
 
 import warnings
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from calfree_gym.sb3 import make_sb3_env
 from calfree_gym.tasks.reach import PRIVILEGED
 from tests.arms.every import EVERY, arm_named
 from tests.arms.own import ARMS, MOTORS
-
-ID = "calfree_gym:CalFree/Reach-v0"
+from tests.calfree_gym.environments import kinematic, make
 
 
 @pytest.mark.parametrize("name", EVERY)
 def test_checkers_pass_without_a_warning(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gym.make(ID, arm=arm_named(name)).unwrapped, skip_render_check=True)
-        sb3_check_env(gym.make(ID, arm=arm_named(name)).unwrapped)
+        check_env(make(arm=arm_named(name)).unwrapped, skip_render_check=True)
+        sb3_check_env(make(arm=arm_named(name)).unwrapped)
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_spaces_are_as_wide_as_the_arm_has_motors(name):
     motors = len(MOTORS[name])
-    env = gym.make(ID, arm=ARMS[name], tell=tuple(PRIVILEGED), dynamics="kinematic")
+    env = kinematic(arm=ARMS[name], tell=tuple(PRIVILEGED))
     assert env.action_space.shape == (motors,)
     assert env.observation_space["observation"].shape == (4 + motors,)
     observation, _ = env.reset(seed=0)
@@ -37,44 +34,24 @@ def test_spaces_are_as_wide_as_the_arm_has_motors(name):
         observation, _, _, _, info = env.step(rng.uniform(-1, 1, motors).astype(np.float32))
         assert env.observation_space.contains(observation)
         assert observation["joint_angles"] == pytest.approx(info["truth"]["joints"], rel=1e-6)
-    for wrong in (motors - 1, motors + 1):
-        with pytest.raises(ValueError, match=rf"must be \({motors},\)"):
-            env.step(np.zeros(wrong))
-
-
-@pytest.mark.parametrize("name", ["gantry", "redundant"])
-def test_stable_baselines3_gets_rows_of_any_arm(name):
-    envs = make_sb3_env(n_envs=2, arm=arm_named(name), dynamics="kinematic")
-    envs.seed(0)
-    envs.reset()
-    observation, *_ = envs.step(np.zeros((2, len(MOTORS[name]))))
-    assert observation["observation"].shape == (2, 4 + len(MOTORS[name]))
 
 
 def test_an_arm_by_name_by_value_and_as_a_mapping_are_the_same():
-    found = [
-        gym.make(ID, arm=arm, camera_mount="stand").reset(seed=4)[0]["desired_goal"]
-        for arm in (arm_named("hobby"), ARMS["hobby"], arm_named("hobby").to_dict())
-    ]
-    assert (found[0] == found[1]).all()
-    assert (found[0] == found[2]).all()
-    default, named = (gym.make(ID, **a).reset(seed=4)[0]["desired_goal"] for a in ({}, {"arm": "movemaster"}))
-    assert (default == named).all()
+    def seen(**arm):
+        return make(camera_mount="stand", **arm).reset(seed=4)[0]["desired_goal"].tolist()
+
+    hobby = arm_named("hobby")
+    assert seen(arm=hobby) == seen(arm=ARMS["hobby"]) == seen(arm=hobby.to_dict())
+    assert seen() == seen(arm="movemaster")
 
 
 def test_what_is_told_keeps_to_its_bounds_where_joints_turn_often_and_the_arm_stands_far_away():
     text = ARMS["scara"]["model"].read_text()
-    text = text.replace('range="-360 360"', 'range="-900 900"').replace(
-        'name="column"', 'name="column" pos="30 9 2"'
-    )
-    env = gym.make(
-        ID,
-        arm={"model": text, "gripper": "tip", "home": {"roll": 12.0}},
-        tell=("joint_angles", "gripper_position"),
-        dynamics="kinematic",
-    )
+    text = text.replace('range="-360 360"', 'range="-900 900"')
+    text = text.replace('name="column"', 'name="column" pos="30 9 2"')
+    arm = {"model": text, "gripper": "tip", "home": {"roll": 12.0}}
+    env, turned = kinematic(arm=arm, tell=("joint_angles", "gripper_position")), []
     env.reset(seed=0)
-    turned = []
     for word in ([0, 0, 0, 1], [0, 0, 0, -1], [0, 0, 0, -1]):
         observation, *_ = env.step(np.array(word, np.float32))
         assert env.observation_space.contains(observation)

@@ -1,10 +1,10 @@
 """Infos have one form: data tools find the same keys, shapes and types at every step and reset."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from calfree_gym.tasks.reach import ReachArms
+from tests.calfree_gym.environments import assert_same, make
 
 SCHEDULE = [
     {"every": {"motion": 2}, "do": {"type": "camera_roll"}},
@@ -34,7 +34,7 @@ def infos(env, shape, trials=3):
 
 @pytest.mark.parametrize("truth", [True, False])
 def test_the_infos_of_a_single_arm_have_one_form(truth):
-    env = gym.make("CalFree/Reach-v0", perturbations=SCHEDULE, max_episode_steps=MOTIONS, truth=truth)
+    env = make(perturbations=SCHEDULE, max_episode_steps=MOTIONS, truth=truth)
     found = infos(env, (3,))
     first = form(found[0][0])
     for info, applied in found:
@@ -47,13 +47,7 @@ def test_the_infos_of_a_single_arm_have_one_form(truth):
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_the_infos_of_rows_have_one_form(mode):
-    env = gym.make_vec(
-        "CalFree/Reach-v0",
-        num_envs=ROWS,
-        perturbations=SCHEDULE,
-        max_episode_steps=MOTIONS,
-        autoreset_mode=mode,
-    )
+    env = make(rows=ROWS, perturbations=SCHEDULE, max_episode_steps=MOTIONS, autoreset_mode=mode)
     first, applied_in_all = None, 0
     for info, applied in infos(env, (ROWS, 3)):
         final = info.pop("final_info", None)
@@ -70,9 +64,9 @@ def test_the_infos_of_rows_have_one_form(mode):
 
 
 def test_rows_are_informed_as_gymnasiums_own_vector_environment_informs():
-    arguments = {"num_envs": 2, "perturbations": SCHEDULE, "max_episode_steps": MOTIONS}
-    batched = infos(gym.make_vec("CalFree/Reach-v0", **arguments), (2, 3))
-    listed = gym.make_vec("CalFree/Reach-v0", vectorization_mode="sync", **arguments)
+    arguments = {"rows": 2, "perturbations": SCHEDULE, "max_episode_steps": MOTIONS}
+    batched = infos(make(**arguments), (2, 3))
+    listed = make(vectorization_mode="sync", **arguments)
     other = [listed.reset(seed=0)[1]]
     other += [listed.step(np.full((2, 3), 0.05))[-1] for _ in range(3 * MOTIONS)]
     for (info, _), same in zip(batched, other, strict=True):
@@ -82,34 +76,19 @@ def test_rows_are_informed_as_gymnasiums_own_vector_environment_informs():
             np.testing.assert_array_equal(info["_" + name], same["_" + name])
 
 
-@pytest.mark.parametrize("batched", [False, True], ids=["single", "batched"])
-def test_without_truth_infos_lack_it_and_nothing_else_changes(monkeypatch, batched):
+@pytest.mark.parametrize("rows", [None, 3])
+def test_without_truth_infos_lack_it_and_nothing_else_changes(monkeypatch, rows):
     def steps(truth):
-        if batched:
-            env = gym.make_vec("CalFree/Reach-v0", num_envs=3, truth=truth, max_episode_steps=4)
-        else:
-            env = gym.make("CalFree/Reach-v0", truth=truth, disable_env_checker=True)
-        found = [env.reset(seed=3)]
-        for word in np.random.default_rng(0).uniform(-0.2, 0.2, (6, 3)):
-            found.append(env.step(np.tile(word, (3, 1)) if batched else word))
-        return found
+        env = make(rows=rows, truth=truth, max_episode_steps=6)
+        words = np.random.default_rng(0).uniform(-0.2, 0.2, (6, *env.action_space.shape))
+        return [env.reset(seed=3), *map(env.step, words)]
 
     full = steps(True)
     monkeypatch.setattr(ReachArms, "truth", None)  # not even computed
-    for one, other in zip(full, steps(False), strict=True):
-        assert one[-1].keys() - other[-1].keys() == ({"truth", "_truth"} if batched else {"truth"})
-        for key, value in one[0].items():
-            np.testing.assert_array_equal(value, other[0][key])
-        for value, same in zip(one[1:-1], other[1:-1], strict=True):
-            np.testing.assert_array_equal(value, same)
-        for key, value in other[-1].items():
-            np.testing.assert_array_equal(value, one[-1][key])
-
-
-@pytest.mark.parametrize("truth", ["x", 1, None])
-def test_truth_is_true_or_false(truth):
-    with pytest.raises(ValueError, match=r"truth is .*; allowed: True, False"):
-        gym.make("CalFree/Reach-v0", truth=truth)
+    for (*shown, info), other in zip(full, steps(False), strict=True):
+        truth = {key: info.pop(key) for key in ("truth", "_truth") if key in info}
+        assert len(truth) == (1 if rows is None else 2)
+        assert_same((*shown, info), other)
 
 
 def _flat(forms):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from calfree_gym import nominal
+from tests.calfree_gym.environments import kinematic, make
 
 REVERSED = {"do": {"type": "motor_sign", "motor": "shoulder"}}
 OUT_OF_VIEW = {"do": {"type": "camera_aim", "camera": "left", "degrees": 170.0}}
@@ -17,7 +18,7 @@ def sign(env):
 
 def test_a_reset_that_fails_applies_no_event_and_ends_the_trial():
     schedule = [{"at": {"trial": 1}, **REVERSED}]
-    env = gym.make("CalFree/Grasp-v0", world="nominal", shape="sphere", perturbations=schedule).unwrapped
+    env = make("Grasp", world="nominal", shape="sphere", perturbations=schedule).unwrapped
     env.reset(seed=0)
     before = sign(env)
     with pytest.raises(ValueError, match=r"0\.9"):
@@ -31,8 +32,7 @@ def test_a_reset_that_fails_applies_no_event_and_ends_the_trial():
 
 @pytest.mark.parametrize("rows", [None, 2])
 def test_a_reset_whose_arguments_are_wrong_changes_nothing(rows):
-    make = {"id": "CalFree/Reach-v0", "dynamics": "kinematic"}
-    env = (gym.make_vec(**make, num_envs=rows) if rows else gym.make(**make)).unwrapped
+    env = kinematic(rows).unwrapped
     env.reset(seed=0)
     before = str(env.get_state())
     for wrong in ({"options": {"objekt": FAR}}, {"options": {"object": "here"}}):
@@ -42,7 +42,7 @@ def test_a_reset_whose_arguments_are_wrong_changes_nothing(rows):
 
 
 def test_where_no_world_can_be_drawn_the_next_motion_asks_for_a_reset(monkeypatch):
-    env = gym.make("CalFree/Reach-v0", dynamics="kinematic").unwrapped
+    env = kinematic().unwrapped
     env.reset(seed=0)
 
     def fails(*_):
@@ -57,7 +57,7 @@ def test_where_no_world_can_be_drawn_the_next_motion_asks_for_a_reset(monkeypatc
 
 def test_a_motion_before_which_an_event_fails_applies_none():
     schedule = [{"at": {"motion": 1}, **REVERSED}, {"at": {"motion": 1}, **OUT_OF_VIEW}]
-    env = gym.make("CalFree/Reach-v0", world="nominal", dynamics="kinematic", perturbations=schedule)
+    env = kinematic(world="nominal", perturbations=schedule)
     env.reset(seed=0)
     env.step(np.zeros(3))
     before = sign(env)
@@ -71,7 +71,7 @@ def test_a_drift_that_fails_goes_on_from_where_it_was():
     """Its direction is drawn once, by the first of its steps that is applied."""
     drift = {"drift": {"per": "motion"}, "do": {"type": "camera_roll", "camera": "left"}}
     entries = [drift, {"at": {"motion": 1}, **OUT_OF_VIEW}]
-    env = gym.make("CalFree/Reach-v0", world=nominal(), dynamics="kinematic", perturbations=entries).unwrapped
+    env = kinematic(world=nominal(), perturbations=entries).unwrapped
     env.reset(seed=0)
     env.step(np.zeros(3))
     before = env.world.camera_orientation

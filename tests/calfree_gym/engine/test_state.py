@@ -13,8 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
-import calfree_gym
+from calfree_gym import nominal
 from tests.arms import own
+from tests.calfree_gym.environments import assert_same, make, of_row
+from tests.calfree_gym.robot.one_motor import FIELDS
 
 SCHEDULE = [
     {"at": {"motion": 5}, "do": {"type": "backlash", "motor": "shoulder"}},
@@ -35,40 +37,18 @@ ARGUMENTS = {
     "max_episode_steps": 6,
 }
 ROWS = 3
-COPIES = {
-    "deepcopy": copy.deepcopy,
-    "pickle": lambda env: pickle.loads(pickle.dumps(env)),
-}
+COPIES = {"deepcopy": copy.deepcopy, "pickle": lambda env: pickle.loads(pickle.dumps(env))}
 moments = st.integers(0, 16)
 dynamics = st.sampled_from(["physics", "kinematic"])
 few = settings(max_examples=8)
 
 
 def made(**arguments):
-    return gym.make("CalFree/Reach-v0", disable_env_checker=True, **ARGUMENTS | arguments)
+    return make(**ARGUMENTS | arguments)
 
 
 def made_rows(**arguments):
-    return gym.make_vec("CalFree/Reach-v0", num_envs=ROWS, **ARGUMENTS | arguments)
-
-
-def leaves(value):
-    """All numbers and arrays in a result, flat."""
-    if isinstance(value, dict):
-        return [leaf for key in sorted(value) for leaf in leaves(value[key])]
-    if isinstance(value, list | tuple):
-        return [leaf for each in value for leaf in leaves(each)]
-    return [value]
-
-
-def assert_equal(one, other):
-    one, other = leaves(one), leaves(other)
-    assert len(one) == len(other)
-    for a, b in zip(one, other, strict=True):
-        if isinstance(a, calfree_gym.World) or not isinstance(a, np.ndarray | np.generic | float):
-            assert a == b
-        else:
-            assert np.asarray(a).tobytes() == np.asarray(b).tobytes()
+    return make(rows=ROWS, **ARGUMENTS | arguments)
 
 
 def physics(env):
@@ -99,14 +79,14 @@ def test_a_copy_goes_on_as_the_original_and_shares_nothing_with_it(moment, dynam
     twin = COPIES[how](env)
     copied = COPIES[how](env)
     assert physics(env).any()
-    assert_equal(physics(copied), physics(env))
-    assert_equal(copied.unwrapped.arms.error_px(), env.unwrapped.arms.error_px())
+    assert_same(physics(copied), physics(env))
+    assert_same(copied.unwrapped.arms.error_px(), env.unwrapped.arms.error_px())
     expected = lived(env, 12, seed=1)
     lived(twin, 3, seed=2)  # another way: neither of the others must notice
     twin.reset(seed=5)
-    assert_equal(lived(copied, 12, seed=1), expected)
-    assert_equal(copied.reset(), env.reset())
-    assert_equal(copied.reset(seed=3), env.reset(seed=3))
+    assert_same(lived(copied, 12, seed=1), expected)
+    assert_same(copied.reset(), env.reset())
+    assert_same(copied.reset(seed=3), env.reset(seed=3))
 
 
 @few
@@ -121,25 +101,60 @@ def test_a_state_is_gone_back_to_whatever_happened_in_between(moment, dynamics, 
     before = copy.deepcopy(state)
     expected = lived(env, 8, seed=1)
     env.reset(seed=40)
-    env.set_world(calfree_gym.nominal())
+    env.set_world(nominal())
     lived(env, 5, seed=2)
     shown = [env.step(np.zeros(env.action_space.shape))[-1]["truth"]]
     kept = copy.deepcopy(shown)
     for _ in range(2):
         env.set_state(state)
         assert env.applied == ([[]] * ROWS if batched else [])
-        assert_equal(env.get_state(), before)
-        assert_equal(lived(env, 8, seed=1), expected)
-    assert_equal(shown, kept)
-    assert_equal(state, before)
+        assert_same(env.get_state(), before)
+        assert_same(lived(env, 8, seed=1), expected)
+    assert_same(shown, kept)
+    assert_same(state, before)
+
+
+SEEN = {"dynamics": "kinematic", "image_size": 48}
+CASES = {
+    # the first two have friction, so that the solver's warm start counts; the last one many postures
+    **{name: ("Reach", {"arm": own.ARMS[name]}) for name in ("scara", "gantry", "redundant")},
+    "grasping": ("Grasp", {"camera_mount": "stand"}),
+    "held": ("Grasp", {"orientation": "any", "camera_mount": "stand"}),
+    "inserting": ("Insert", {}),
+    "safe": ("SafeReach", {"world": "nominal"}),
+    "rough motors": ("Reach", {"world": replace(nominal(), **FIELDS), "keep_in_view": False}),
+    "vision": ("Reach", {"observation": "vision", **SEEN}),
+    "rgb": ("Reach", {"observation": "rgb", **SEEN}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_copies_and_states_go_on_alike_in_every_task(case, request):
+    if case in ("vision", "rgb"):
+        request.getfixturevalue("opengl")
+    task, arguments = CASES[case]
+    env = make(task, terminate_on_success=False, **arguments)
+    words = np.random.default_rng(3).uniform(-0.3, 0.3, (8, *env.action_space.shape)).astype(np.float32)
+    if task == "Grasp":
+        words[:, -1], words[3, -1] = 0, 1  # jaws close
+    env.reset(seed=8)
+    for each in words[:4]:
+        env.step(each)
+    state, twins = env.unwrapped.get_state(), [copied(env) for copied in COPIES.values()]
+    expected = [env.step(each) for each in words[4:]]
+    env.reset(seed=9)
+    env.unwrapped.set_state(state)
+    for again in (*twins, env.unwrapped):
+        assert_same([again.step(each) for each in words[4:]], expected)
+        again.close()
 
 
 def test_before_the_first_reset_copies_are_made_and_states_are_not():
     env = made()
-    env.unwrapped.set_world(calfree_gym.nominal())
+    env.unwrapped.set_world(nominal())
     copied = copy.deepcopy(env)
-    assert_equal(copied.reset(seed=3), env.reset(seed=3))
-    assert copied.unwrapped.world == calfree_gym.nominal()
+    assert_same(copied.reset(seed=3), env.reset(seed=3))
+    assert copied.unwrapped.world == nominal()
     with pytest.raises(gym.error.ResetNeeded, match=r"no trial has begun: call reset\(\) first"):
         made().unwrapped.get_state()
     with pytest.raises(gym.error.ResetNeeded):
@@ -167,13 +182,13 @@ def test_all_rows_try_what_is_next_from_the_state_of_a_single_arm():
     words = np.random.default_rng(0).uniform(-0.2, 0.2, (ROWS, 3))
     tried, rewards, terminated, truncated, infos = rows.step(words)
     observation, reward, ends, _, info = env.step(words[1])
-    assert_equal({key: value[1] for key, value in tried.items()}, observation)
+    assert_same(of_row(tried, 1), observation)
     assert (rewards[1], terminated[1]) == (reward, ends)
     assert infos["truth"]["error_px"][1] == info["truth"]["error_px"]
     assert truncated.all()  # after six motions of the trial, of which the single arm has made five
     assert len(np.unique(infos["truth"]["error_px"])) == ROWS
     rows.set_state(env.get_state(), row=2)
-    assert_equal(rows.get_state()[2], env.get_state())
+    assert_same(rows.get_state()[2], env.get_state())
 
 
 def test_rows_that_are_over_are_over_in_their_state():
@@ -197,59 +212,39 @@ def test_latency_that_has_just_begun_belongs_to_the_state():
     state = env.get_state()
     expected = lived(env, 3, seed=1)
     env.set_state(state)
-    assert_equal(lived(env, 3, seed=1), expected)
-
-
-@pytest.mark.parametrize("name", ["scara", "gantry", "redundant"])
-def test_any_arm_is_copied(name):
-    """The first two have friction, so that the solver's warm start counts; the last one many postures."""
-    env = made(arm=own.ARMS[name], tell=("object_registers",), perturbations=None)
-    env.reset(seed=1)
-    lived(env, 4)
-    copied = pickle.loads(pickle.dumps(env))
-    assert_equal(lived(copied, 7, seed=1), lived(env, 7, seed=1))
-
-
-def other_world_of(env):
-    """A state in another world, of the same arguments."""
-    other = copy.deepcopy(env)
-    other.reset(seed=1)
-    return other.get_state()
+    assert_same(lived(env, 3, seed=1), expected)
 
 
 def test_states_of_others_are_refused():
     env, rows = made().unwrapped, made_rows().unwrapped
     env.reset(seed=0)
     rows.reset(seed=0)
-    other = gym.make("CalFree/Reach-v0", arm=own.ARMS["scara"]).unwrapped
-    other.reset(seed=0)
-    with pytest.raises(ValueError, match=r"of another arm: its motors are .*; here they are .*waist"):
-        env.set_state(other.get_state())
+    for arguments, message in (
+        ({"arm": own.ARMS["scara"]}, r"of another arm: its motors are .*; here they are .*waist"),
+        ({"camera_mount": "stand"}, "of another arm: its camera mounts are"),
+    ):
+        other = make(**arguments).unwrapped
+        other.reset(seed=0)
+        with pytest.raises(ValueError, match=message):
+            env.set_state(other.get_state())
     with pytest.raises(ValueError, match="there are 2 states; there must be 3, one a row, or one for all"):
         rows.set_state(rows.get_state()[:2])
-    elsewhere = made(camera_mount="stand").unwrapped
-    elsewhere.reset(seed=0)
-    with pytest.raises(ValueError, match="of another arm: its camera mounts are"):
-        env.set_state(elsewhere.get_state())
-    before, state = env.world, other_world_of(env)
-    with pytest.raises(ValueError, match="the state has no registers"):
-        env.set_state({key: value for key, value in state.items() if key != "registers"})
-    with pytest.raises(ValueError, match=r"registers has shape \(4,\); it must have \(3,\)"):
-        env.set_state(state | {"registers": np.zeros(4)})
-    with pytest.raises(ValueError, match="the state delivers 3 arrays; it must be 2"):
-        env.set_state(state | {"delivered": (*state["delivered"], np.zeros(1))})
-    with pytest.raises(ValueError, match=r"it must be what get_state\(\) gave"):
-        env.set_state({key: value for key, value in state.items() if key != "_sight"})
-    assert env.world == before
+    before, other = env.world, copy.deepcopy(env)
+    other.reset(seed=1)  # in another world
+    state = other.get_state()
+    without = {key: {k: v for k, v in state.items() if k != key} for key in ("registers", "_sight")}
+    for wrong, message in (
+        (without["registers"], "the state has no registers"),
+        (without["_sight"], r"it must be what get_state\(\) gave"),
+        (state | {"registers": np.zeros(4)}, r"registers has shape \(4,\); it must have \(3,\)"),
+        (state | {"delivered": range(3)}, "the state delivers 3 arrays; it must be 2"),
+        *((each, r"the state is .*; it must be what get_state\(\) gave") for each in ({}, 3, None, {"q": 0})),
+    ):
+        with pytest.raises(ValueError, match=message):
+            env.set_state(wrong)
+        assert env.world == before
     with pytest.raises(ValueError, match="row is 7; it must be a whole number from 0 to 2"):
         rows.set_state(state, 7)
-    for wrong in ({}, 3, None, {"qpos": [0]}):
-        with pytest.raises(ValueError, match=r"the state is .*; it must be what get_state\(\) gave"):
-            env.set_state(wrong)
-
-
-def copied_from(data):
-    return pickle.loads(data)
 
 
 @pytest.mark.slow
@@ -258,17 +253,17 @@ def test_gymnasiums_vector_environments_of_copies_go_on(kind):
     env = made(perturbations=None)
     env.reset(seed=2)
     lived(env, 2)
-    copies = [functools.partial(copied_from, pickle.dumps(env))] * 2
+    copies = [functools.partial(pickle.loads, pickle.dumps(env))] * 2
     envs = kind(copies, context="spawn") if kind is AsyncVectorEnv else kind(copies)
     try:
         envs.reset(seed=2)
         observations, *_, infos = envs.step(np.full((2, 3), 0.1))
         env.reset(seed=2)
         observation, *_, info = env.step(np.full(3, 0.1))
-        assert_equal({key: value[0] for key, value in observations.items()}, observation)
+        assert_same(of_row(observations, 0), observation)
         assert infos["truth"]["error_px"].tolist()[0] == info["truth"]["error_px"]
         envs.call("set_state", env.unwrapped.get_state())
-        assert_equal(envs.call("get_state")[1], env.unwrapped.get_state())
+        assert_same(envs.call("get_state")[1], env.unwrapped.get_state())
     finally:
         envs.close()
 
@@ -276,9 +271,9 @@ def test_gymnasiums_vector_environments_of_copies_go_on(kind):
 def test_stable_baselines3s_subprocesses_take_copies():
     env = made(perturbations=None)
     expected = env.reset(seed=2)[0]
-    envs = SubprocVecEnv([functools.partial(copied_from, pickle.dumps(env))], start_method="spawn")
+    envs = SubprocVecEnv([functools.partial(pickle.loads, pickle.dumps(env))], start_method="spawn")
     try:
         envs.seed(2)
-        assert_equal({key: value[0] for key, value in envs.reset().items()}, expected)
+        assert_same(of_row(envs.reset(), 0), expected)
     finally:
         envs.close()

@@ -1,8 +1,5 @@
 """Things held in the air: that they stay, that the wrist tilts, and what geometry says of grasps."""
 
-import copy
-
-import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
@@ -10,16 +7,16 @@ import pytest
 from calfree_gym.geometry import rotation_matrix
 from calfree_gym.robot.grasping.held import pressed, surface, ways_to_hold
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES, draw_thing, thing_of
+from tests.calfree_gym.environments import make
 
-GRASP = "CalFree/Grasp-v0"
-TILT, TURN, JAWS = 3, 4, 5
+TILT, TURN = 3, 4
 BAR = {"shape": "bar", "half_length": 0.06, "half_width": 0.012, "half_height": 0.015}
 BOX = {"shape": "box", "half_length": 0.03, "half_width": 0.015, "half_height": 0.03}
 CYLINDER = {"shape": "cylinder", "radius": 0.02, "half_height": 0.03}
 
 
 def new(**arguments):
-    return gym.make(GRASP, **{"orientation": "any", "camera_mount": "stand"} | arguments)
+    return make("Grasp", orientation="any", camera_mount="stand", **arguments)
 
 
 def test_a_thing_stays_where_it_is_held_and_falls_as_soon_as_jaws_have_let_it_go():
@@ -135,40 +132,6 @@ def test_a_given_pose_is_where_the_thing_is():
     env, pose = new(shape="box"), np.array([0.4, 0.05, 0.12, 0.5, 0.5, -0.5, 0.5])
     env.reset(seed=8, options={"object": pose})
     np.testing.assert_allclose(env.unwrapped.arms.simulation.configuration(0)[-7:], pose)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "options", "words"),
-    [
-        ({"orientation": "upside_down"}, None, "orientation.*upside_down.*lying, any"),
-        ({"observation": "vision"}, None, "observed by 'points' alone; found 'vision'"),
-        ({}, {"object": (0.4, 0.0)}, r"must be \(x, y, z, qw, qx, qy, qz\)"),
-        ({}, {"object": (0.4, 0.0, 0.1, 2.0, 0, 0, 0)}, "quaternion has length 2.000"),
-        ({}, {"object": (0.4, 0.0, -0.1, 1, 0, 0, 0)}, "is where no thing is held: they are 0.3 to 0.5 m"),
-    ],
-)
-def test_bad_input_says_what_is_allowed(arguments, options, words):
-    with pytest.raises(ValueError, match=words):
-        new(**arguments).reset(seed=0, options=options)
-
-
-def test_rows_are_single_environments_and_copies_go_on_as_they_were():
-    rows, single = gym.make_vec(GRASP, num_envs=2, orientation="any"), new(camera_mount="waist")
-    rows.reset(seed=9)
-    single.reset(seed=10)
-    rng = np.random.default_rng(0)
-    for step in range(12):
-        words = rng.uniform(-0.1, 0.1, (2, 6)).astype(np.float32)
-        words[:, JAWS] = (step == 6) - (step == 9)
-        many, *_ = rows.step(words)
-        one, *_ = single.step(words[1])
-        for key, value in one.items():
-            np.testing.assert_array_equal(many[key][1], value)
-        if step == 7:
-            copied = copy.deepcopy(single)
-        if step > 7:
-            again, *_ = copied.step(words[1])
-            np.testing.assert_array_equal(again["observation"], one["observation"])
 
 
 def test_a_thing_out_of_reach_has_no_ways():
