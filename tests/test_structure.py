@@ -17,6 +17,7 @@ LAYERS = {
         "image",
         "geometry",
         "streams",
+        "pool",
         "vision",
         "robot",
         "world",
