@@ -85,7 +85,7 @@ def unfit_life(
             is_at = f"share {by_share[i]:g} of {motions:,} motions is motion {event.at:,}"
             wrong[where] = f"{is_at}; allowed: lives of {_nearest(motions, rows, fits)}"
         else:
-            wrong[where] = f"motion {event.at:,}; allowed: {_nearest(event.at, rows, _above_0)}"
+            wrong[where] = f"motion {event.at:,}; allowed: {_nearest(event.at, rows)}"
     wrong |= {f"evaluation.{key}": what for key, what in _off_checkpoints(evaluation, rows)}
     return {where: f"its {rows} arms move together: {what}" for where, what in wrong.items()}
 
@@ -94,19 +94,14 @@ def _off_checkpoints(evaluation: EvaluationConfig | None, rows: int) -> Iterator
     if evaluation is None:
         return
     if evaluation.every is not None and evaluation.every % rows:
-        yield "every", f"found {evaluation.every:,}; allowed: {_nearest(evaluation.every, rows, _above_0)}"
+        yield "every", f"found {evaluation.every:,}; allowed: {_nearest(evaluation.every, rows)}"
     for at in evaluation.at or ():
         if at % rows:
-            near = _nearest(at, rows, _above_0)
-            yield "at", f"found {at:,}; allowed: {near}, or per_decade, which is rounded up"
+            yield "at", f"found {at:,}; allowed: {_nearest(at, rows)}, or per_decade, which is rounded up"
             return
 
 
-def _above_0(motions: int) -> bool:
-    return motions > 0
-
-
-def _nearest(motions: int, rows: int, fits: Callable[[int], bool]) -> str:
+def _nearest(motions: int, rows: int, fits: Callable[[int], bool] = lambda each: each > 0) -> str:
     """The nearest multiples of rows below and above that fit."""
     below = motions // rows * rows
     lower = next((each for each in range(below, below - _FAR * rows, -rows) if fits(each)), None)

@@ -9,8 +9,8 @@ from pathlib import Path
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.execution.expected import KeptTimes
-from experiments.execution.machines import Machines
 from experiments.execution.pending import (
+    Machines,
     begin,
     clear,
     discard,
