@@ -1,6 +1,6 @@
 """What an agent requires, so that it is given that and no more, and whether a life fits it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import agents
@@ -86,19 +86,13 @@ def unfit_life(
             wrong[where] = f"{is_at}; allowed: lives of {_nearest(motions, rows, fits)}"
         else:
             wrong[where] = f"motion {event.at:,}; allowed: {_nearest(event.at, rows)}"
-    wrong |= {f"evaluation.{key}": what for key, what in _off_checkpoints(evaluation, rows)}
+    every, checkpoints = (evaluation.every, evaluation.at) if evaluation else (None, None)
+    if every and every % rows:
+        wrong["evaluation.every"] = f"found {every:,}; allowed: {_nearest(every, rows)}"
+    if off := next((at for at in checkpoints or () if at % rows), None):
+        near = f"{_nearest(off, rows)}, or per_decade, which is rounded up"
+        wrong["evaluation.at"] = f"found {off:,}; allowed: {near}"
     return {where: f"its {rows} arms move together: {what}" for where, what in wrong.items()}
-
-
-def _off_checkpoints(evaluation: EvaluationConfig | None, rows: int) -> Iterator[tuple[str, str]]:
-    if evaluation is None:
-        return
-    if evaluation.every is not None and evaluation.every % rows:
-        yield "every", f"found {evaluation.every:,}; allowed: {_nearest(evaluation.every, rows)}"
-    for at in evaluation.at or ():
-        if at % rows:
-            yield "at", f"found {at:,}; allowed: {_nearest(at, rows)}, or per_decade, which is rounded up"
-            return
 
 
 def _nearest(motions: int, rows: int, fits: Callable[[int], bool] = lambda each: each > 0) -> str:

@@ -147,41 +147,33 @@ class TimeLeft:
     """
 
     def __init__(
-        self,
-        expected: dict[str, float],
-        at_once: int | None,
-        now: Callable[[], float] = time.monotonic,
+        self, expected: dict[str, float], at_once: int | None, now: Callable[[], float] = time.monotonic
     ):
         self._expected, self._at_once, self._now = expected, at_once, now
-        self._begun: dict[str, float] = {}
-        self._share: dict[str, float] = {}
+        self._begun: dict[str, tuple[float, float]] = {}
         self._over: list[tuple[float, float]] = []
 
-    def begins(self, run: str) -> None:
-        """A run begins."""
-        self._begun[run] = self._now()
-
     def has_made(self, run: str, share: float) -> None:
-        """A run that has begun has made this share of its work."""
-        self._share[run] = share
+        """A run has made this share of its work; it begins with the first call."""
+        since, _ = self._begun.get(run, (self._now(), 0.0))
+        self._begun[run] = since, share
 
     def ends(self, run: str, took: float | None) -> None:
         """A run is over, after so many seconds; None where that tells nothing of others."""
         expected = self._expected.pop(run)
         self._begun.pop(run, None)
-        self._share.pop(run, None)
         if took is not None:
             self._over.append((expected, took))
 
     def seconds(self) -> float:
         """Until all runs are over."""
-        shares = {run: self._share.get(run, 0.0) for run in self._expected}
-        under_way = [
-            (shares[run] * self._expected[run], self._now() - self._begun[run]) for run in self._begun
-        ]
-        pace = _pace([*self._over, *((done, took) for done, took in under_way if done)])
-        left = [(1 - shares[run]) * seconds for run, seconds in self._expected.items()]
-        return pace * _one_after_the_other(left, self._at_once or max(len(self._begun), 1))
+        made, left = [*self._over], []
+        for run, expected in self._expected.items():
+            since, share = self._begun.get(run, (0.0, 0.0))
+            left.append((1 - share) * expected)
+            if share:
+                made.append((share * expected, self._now() - since))
+        return _pace(made) * _one_after_the_other(left, self._at_once or max(len(self._begun), 1))
 
 
 def _pace(made: Iterable[tuple[float, float]]) -> float:

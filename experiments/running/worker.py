@@ -64,7 +64,7 @@ def run_lifetime(run: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[
         if (made := getattr(recorder, of)) != length:
             raise RuntimeError(f"{run.agent.name} made {made} {of}; it was given {length}")
         if checkpoints:
-            checkpoints.finish()
+            checkpoints.evaluate()
     outcome = {
         "privileged": list(privileged),
         "prior_knowledge": list(known),
@@ -128,12 +128,12 @@ class Checkpoints(Onlooker):
         """Evaluates where a scheduled checkpoint is reached."""
         if self.recorder.motions in self._scheduled:
             self._again = False
-            self._evaluate()
+            self.evaluate()
 
     def before_change(self) -> None:
         """Evaluates in the world as it still is."""
         if not self._again:
-            self._evaluate()
+            self.evaluate()
 
     def after_change(self) -> None:
         """Evaluates in the changed world; from a change that comes once, checkpoints are counted anew."""
@@ -142,12 +142,8 @@ class Checkpoints(Onlooker):
         if once and self._evaluation.begins_anew:
             self._schedule()
         if once or not self._again:
-            self._evaluate()
+            self.evaluate()
         self._again = not once
-
-    def finish(self) -> None:
-        """Evaluates at the end of the lifetime."""
-        self._evaluate()
 
     def _schedule(self) -> None:
         """Adds the checkpoints that are counted from now on."""
@@ -155,7 +151,7 @@ class Checkpoints(Onlooker):
         left = self.run.scenario.most_motions - now
         self._scheduled |= {now + offset for offset in self._evaluation.offsets(left, self.rows)}
 
-    def _evaluate(self) -> None:
+    def evaluate(self) -> None:
         """Makes the held-out trials, unless that has been done in this moment and world."""
         recorder = self.recorder
         self._scheduled.discard(recorder.motions)

@@ -163,8 +163,9 @@ class Tuner:
         try:
             self._about, *made = map(json.loads, lines)
             self._lived = {run: Lived(*found) for run, found in made}
-            assert self._about.keys() == about.keys()
-        except (AssertionError, AttributeError, TypeError, ValueError) as error:
+            if self._about.keys() != about.keys():
+                raise ValueError(f"found {lines[0]:.80}")
+        except (AttributeError, TypeError, ValueError) as error:
             raise ConfigError(f"{self._journal} is damaged: {error!r}; delete it to begin anew") from None
         write_whole(self._journal, "\n".join([*lines, ""]))
 
