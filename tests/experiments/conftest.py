@@ -32,7 +32,7 @@ def tiny_suite() -> dict[str, Any]:
                     "max_episode_steps": 20,
                 },
                 "motions": 90,
-                "perturbations": [{"at": {"motion": 50}, "do": AIM}],
+                "perturbations": [{"at": {"motion": 50}, "do": {**AIM}}],
             }
         ],
         "evaluation": {"every": 40, "trials": 2},
