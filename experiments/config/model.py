@@ -1,8 +1,16 @@
 """What all parts of a configuration have in common."""
 
-from typing import Annotated, Any
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
 
 from calfree_gym.errors import near_misses
 
@@ -10,18 +18,21 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 
 
 class Model(BaseModel):
-    """A frozen value that knows all its keys."""
+    """A frozen value that knows all its keys.
+
+    Attributes:
+        later: Keys that are written only where they are used: so the ids of runs, and what older results say,
+            stay as they were before there were these keys.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, ser_json_inf_nan="constants")
-
-
-class WithoutUnused(Model):
-    """One whose keys without a value are not written: a new key leaves the ids of runs as they are."""
+    later: ClassVar[frozenset[str]] = frozenset()
 
     @model_serializer(mode="wrap")
     def _without_unused(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
         values: dict[str, Any] = written(self)
-        return {key: value for key, value in values.items() if value is not None}
+        unused = {key for key in self.later if getattr(self, key) == type(self).model_fields[key].default}
+        return {key: value for key, value in values.items() if key not in unused}
 
 
 def one_of(found: str, allowed: tuple[str, ...]) -> str:
@@ -35,8 +46,19 @@ def one_of(found: str, allowed: tuple[str, ...]) -> str:
     raise ValueError(f"unknown{near_misses(found, allowed)}; allowed: {', '.join(allowed)}")
 
 
+def known(allowed: Callable[[], Iterable[str]]) -> AfterValidator:
+    """Says of a key that its value is one of these; see `one_of`."""
+    return AfterValidator(lambda found: one_of(found, tuple(allowed())))
+
+
 def distinct(values: list[str], key: str) -> None:
     """Raises ValueError where a value stands twice."""
     twice = sorted({value for value in values if values.count(value) > 1})
     if twice:
         raise ValueError(f"{key} {', '.join(twice)} stands twice; give each its own {key}")
+
+
+def distinctly_named(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Raises ValueError where two have the same name; returns them."""
+    distinct([each.name for each in values], "name")
+    return values

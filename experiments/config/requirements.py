@@ -1,6 +1,6 @@
 """What an agent requires, so that it is given that and no more, and whether a life fits it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import agents
@@ -85,28 +85,17 @@ def unfit_life(
             is_at = f"share {by_share[i]:g} of {motions:,} motions is motion {event.at:,}"
             wrong[where] = f"{is_at}; allowed: lives of {_nearest(motions, rows, fits)}"
         else:
-            wrong[where] = f"motion {event.at:,}; allowed: {_nearest(event.at, rows, _above_0)}"
-    wrong |= {f"evaluation.{key}": what for key, what in _off_checkpoints(evaluation, rows)}
+            wrong[where] = f"motion {event.at:,}; allowed: {_nearest(event.at, rows)}"
+    every, checkpoints = (evaluation.every, evaluation.at) if evaluation else (None, None)
+    if every and every % rows:
+        wrong["evaluation.every"] = f"found {every:,}; allowed: {_nearest(every, rows)}"
+    if off := next((at for at in checkpoints or () if at % rows), None):
+        near = f"{_nearest(off, rows)}, or per_decade, which is rounded up"
+        wrong["evaluation.at"] = f"found {off:,}; allowed: {near}"
     return {where: f"its {rows} arms move together: {what}" for where, what in wrong.items()}
 
 
-def _off_checkpoints(evaluation: EvaluationConfig | None, rows: int) -> Iterator[tuple[str, str]]:
-    if evaluation is None:
-        return
-    if evaluation.every is not None and evaluation.every % rows:
-        yield "every", f"found {evaluation.every:,}; allowed: {_nearest(evaluation.every, rows, _above_0)}"
-    for at in evaluation.at or ():
-        if at % rows:
-            near = _nearest(at, rows, _above_0)
-            yield "at", f"found {at:,}; allowed: {near}, or per_decade, which is rounded up"
-            return
-
-
-def _above_0(motions: int) -> bool:
-    return motions > 0
-
-
-def _nearest(motions: int, rows: int, fits: Callable[[int], bool]) -> str:
+def _nearest(motions: int, rows: int, fits: Callable[[int], bool] = lambda each: each > 0) -> str:
     """The nearest multiples of rows below and above that fit."""
     below = motions // rows * rows
     lower = next((each for each in range(below, below - _FAR * rows, -rows) if fits(each)), None)

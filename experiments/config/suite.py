@@ -1,17 +1,10 @@
 """What is compared with what: a suite, read from YAML into frozen models."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import (
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationInfo,
-    field_validator,
-    model_serializer,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 import agents
 from calfree_gym.errors import near_misses
@@ -25,7 +18,7 @@ from experiments.config.life import (
     most_motions,
     with_shares_as_motions,
 )
-from experiments.config.model import Model, Name, WithoutUnused, distinct, one_of
+from experiments.config.model import Model, Name, distinct, distinctly_named, known, one_of
 
 FIRST_OWN_TRIALS = 100
 """Of a lifetime counted in motions so many own trials are all kept; claims look at no others."""
@@ -150,7 +143,11 @@ class SweepConfig(Model):
         return ({"at": {"trial": 0}, "do": {**self.do, self.vary: value}},)
 
 
-class AgentConfig(WithoutUnused):
+def _names() -> Iterable[str]:
+    return dict.fromkeys(name for task in agents.tasks() for name in agents.names(task))
+
+
+class AgentConfig(Model):
     """An agent by name, or a name alone, with its settings.
 
     Attributes:
@@ -159,7 +156,9 @@ class AgentConfig(WithoutUnused):
         worlds: How many it meets, in place of the suite's: the first ones of the same seed.
     """
 
-    name: str
+    later = frozenset({"motions", "worlds"})
+
+    name: Annotated[str, known(_names)]
     label: Name
     settings: dict[str, Any] = Field(default_factory=dict)
     motions: int | None = Field(default=None, gt=0)
@@ -176,15 +175,7 @@ class AgentConfig(WithoutUnused):
             raise ValueError("it must be a name or a mapping")
         return data
 
-    @field_validator("name")
-    @classmethod
-    def _known_name(cls, value: str) -> str:
-        known = (name for task in agents.tasks() for name in agents.names(task))
-        return one_of(value, tuple(dict.fromkeys(known)))
 
-
-LATER = frozenset({"first_world", "required"})
-"""Keys of which older results know nothing."""
 FIGURES = ("held-out", "trials")
 """How names of a scenario's figures end."""
 
@@ -200,12 +191,16 @@ class Suite(Model):
         required: Numbers that the project asks of itself.
     """
 
+    later = frozenset({"first_world", "required"})
+
     name: Name
     question: str
     seed: int = Field(0, ge=0)
     first_world: int | None = Field(default=None, ge=0)
     worlds: int = Field(gt=0)
-    scenarios: tuple[ScenarioConfig, ...] = Field((), strict=False)
+    scenarios: Annotated[
+        tuple[ScenarioConfig, ...], Field(strict=False), AfterValidator(distinctly_named)
+    ] = ()
     sweeps: tuple[SweepConfig, ...] = Field((), strict=False, validate_default=True)
     evaluation: EvaluationConfig | None = Field(
         default=EvaluationConfig(every=1_000, trials=20), validate_default=True
@@ -213,18 +208,6 @@ class Suite(Model):
     agents: tuple[AgentConfig, ...] = Field(min_length=1, strict=False)
     claims: tuple[Claim, ...] = Field((), strict=False, validate_default=True)
     required: tuple[Requirement, ...] = Field(default=(), strict=False, validate_default=True)
-
-    @model_serializer(mode="wrap")
-    def _without_what_came_later(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """What results say of suites that do not use it stays as it was."""
-        values: dict[str, Any] = written(self)
-        return {k: value for k, value in values.items() if k not in LATER or value not in (None, [], ())}
-
-    @field_validator("scenarios")
-    @classmethod
-    def _distinct_scenarios(cls, value: tuple[ScenarioConfig, ...]) -> tuple[ScenarioConfig, ...]:
-        distinct([scenario.name for scenario in value], "name")
-        return value
 
     @field_validator("sweeps")
     @classmethod
@@ -295,8 +278,7 @@ class Suite(Model):
     @field_validator("claims")
     @classmethod
     def _claims_about_this_suite(cls, value: tuple[Claim, ...], info: ValidationInfo) -> tuple[Claim, ...]:
-        distinct([claim.name for claim in value], "name")
-        for i, claim in enumerate(value):
+        for i, claim in enumerate(distinctly_named(value)):
             for j, trials in claim.trials():
                 _check_about(trials, info.data, f"claims.{i}.criteria.{j} ({claim.name})")
         return value

@@ -9,7 +9,7 @@ from pathlib import Path
 from calfree_gym.errors import to_install
 from experiments.config.loading import load
 from experiments.errors import ConfigError
-from experiments.execution.machines import Machines, ThisMachine
+from experiments.execution.pending import Machines, ThisMachine
 from experiments.options import Parser, add_config, add_gone, whole
 from experiments.running.run import runs_of
 from experiments.running.versions import REPOSITORY
@@ -124,7 +124,7 @@ def add_status(parser: Parser) -> None:
 
 
 def _status(options: argparse.Namespace) -> int:
-    from experiments.execution.status import status
+    from experiments.execution.progress import status
     from experiments.reporting.tables import Table, show
 
     found = status(options.folder)

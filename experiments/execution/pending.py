@@ -1,4 +1,4 @@
-"""Runs that are to be made: each a folder, in which workers make it, and from which one move makes a result.
+"""Runs that are to be made, each a folder, in which machines make it, and from which one move makes a result.
 
 A pending run is a folder `OUT/runs/.attempts/ID` with `run.json` and `versions.json`. Each worker that makes
 it has a folder of its own in there. A finished one becomes `OUT/runs/ID` by one atomic rename, so that two
@@ -9,12 +9,15 @@ import os
 import shutil
 import socket
 import threading
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
+from typing import Protocol
 from uuid import uuid4
 
 from experiments.errors import ConfigError
-from experiments.running.process import lent_worker
+from experiments.running.process import end_idle_workers, lent_worker
 from experiments.running.results_folder import (
     LOG,
     RUN,
@@ -198,3 +201,56 @@ def _follow(folder: Path, here: dict[str, str]) -> int:
 def _is_wanted(folder: Path) -> bool:
     """Whether a worker should go on: its run is still pending, and no other worker was faster."""
     return (folder.parent / RUN).exists() and folder.exists() and not is_done(target_of(folder.parent))
+
+
+class Machines(Protocol):
+    """Let workers make pending runs, some at a time: each one is a call of `make`.
+
+    Only paths of pending runs go there and only exit codes come back; everything else stands in files, so
+    that all machines must see the results folder under the same path.
+    """
+
+    def start(self, pending: Sequence[Path]) -> None:
+        """Lets a worker begin with each run as soon as there is room for it."""
+
+    def ended(self, seconds: float) -> list[tuple[Path, int]]:
+        """Waits for a worker to end, at most so long.
+
+        Returns:
+            The pending run of each worker that has ended since, and its exit code: 0 where the run is in its
+            place, above 0 where it failed, below 0 where the worker was lost: killed by that signal, or gone
+            with its machine (`LOST`).
+
+        Raises:
+            ConfigError: The machines cannot be reached any more, or do not see the folder.
+            OSError: The folder cannot be written.
+        """
+
+    def close(self) -> None:
+        """Leaves the machines, where all runs have been withdrawn or are done; may be called twice."""
+
+
+class ThisMachine:
+    """See `Machines`.
+
+    Args:
+        jobs: How many runs to make at a time.
+    """
+
+    def __init__(self, jobs: int):
+        self._pool = ThreadPoolExecutor(jobs)
+        self._working: dict[Future[int], Path] = {}
+
+    def start(self, pending: Sequence[Path]) -> None:
+        """See `Machines`."""
+        self._working |= {self._pool.submit(make, str(each)): each for each in pending}
+
+    def ended(self, seconds: float) -> list[tuple[Path, int]]:
+        """See `Machines`."""
+        over, _ = wait(self._working, seconds, FIRST_COMPLETED)
+        return [(self._working.pop(future), future.result()) for future in over]
+
+    def close(self) -> None:
+        """See `Machines`: waits until the last worker has ended."""
+        self._pool.shutdown(cancel_futures=True)
+        end_idle_workers()

@@ -1,4 +1,4 @@
-"""How far the runs are, and how long they still take: a bar on a terminal, plain lines elsewhere."""
+"""How far the runs are, and how long they still take: a bar on a terminal, plain lines elsewhere; a table."""
 
 import os
 import re
@@ -9,12 +9,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+import pandas as pd
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from experiments.running.results_folder import LOG
+from experiments.execution.pending import newest_folder, pending_of
+from experiments.running.results_folder import (
+    FAILED,
+    LOG,
+    RUN,
+    at_work,
+    folder_of,
+    is_done,
+    read_json,
+    read_suite,
+)
+from experiments.running.run import Run, runs_of
 
 _DONE = re.compile(r"^(?:motions|trials) (\d+)/", re.MULTILINE)
 _TAIL = 10_000
@@ -135,41 +147,33 @@ class TimeLeft:
     """
 
     def __init__(
-        self,
-        expected: dict[str, float],
-        at_once: int | None,
-        now: Callable[[], float] = time.monotonic,
+        self, expected: dict[str, float], at_once: int | None, now: Callable[[], float] = time.monotonic
     ):
         self._expected, self._at_once, self._now = expected, at_once, now
-        self._begun: dict[str, float] = {}
-        self._share: dict[str, float] = {}
+        self._begun: dict[str, tuple[float, float]] = {}
         self._over: list[tuple[float, float]] = []
 
-    def begins(self, run: str) -> None:
-        """A run begins."""
-        self._begun[run] = self._now()
-
     def has_made(self, run: str, share: float) -> None:
-        """A run that has begun has made this share of its work."""
-        self._share[run] = share
+        """A run has made this share of its work; it begins with the first call."""
+        since, _ = self._begun.get(run, (self._now(), 0.0))
+        self._begun[run] = since, share
 
     def ends(self, run: str, took: float | None) -> None:
         """A run is over, after so many seconds; None where that tells nothing of others."""
         expected = self._expected.pop(run)
         self._begun.pop(run, None)
-        self._share.pop(run, None)
         if took is not None:
             self._over.append((expected, took))
 
     def seconds(self) -> float:
         """Until all runs are over."""
-        shares = {run: self._share.get(run, 0.0) for run in self._expected}
-        under_way = [
-            (shares[run] * self._expected[run], self._now() - self._begun[run]) for run in self._begun
-        ]
-        pace = _pace([*self._over, *((done, took) for done, took in under_way if done)])
-        left = [(1 - shares[run]) * seconds for run, seconds in self._expected.items()]
-        return pace * _one_after_the_other(left, self._at_once or max(len(self._begun), 1))
+        made, left = [*self._over], []
+        for run, expected in self._expected.items():
+            since, share = self._begun.get(run, (0.0, 0.0))
+            left.append((1 - share) * expected)
+            if share:
+                made.append((share * expected, self._now() - since))
+        return _pace(made) * _one_after_the_other(left, self._at_once or max(len(self._begun), 1))
 
 
 def _pace(made: Iterable[tuple[float, float]]) -> float:
@@ -191,3 +195,51 @@ def in_words(seconds: float) -> str:
     if seconds < 55:
         return f"{max(10 * round(seconds / 10), 10)} s"
     return f"{round(seconds / 60)} min" if seconds < 100 * 60 else f"{seconds / 3600:.1f} h"
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """The runs of a suite.
+
+    Attributes:
+        runs: One row a run: its id, its state, and details.
+        counts: How many runs are in which state, and whether a runner is at work.
+        command: What the user typed.
+        failed: Whether any run has failed.
+    """
+
+    runs: pd.DataFrame
+    counts: str
+    command: str
+    failed: bool
+
+
+def status(out: Path) -> Status:
+    """The state of all runs of the suite that was run in a folder last.
+
+    Raises:
+        ConfigError: No suite was run there.
+    """
+    suite, command = read_suite(out)
+    runner = at_work(out)
+    rows = [(run.id, *_state(run, out, runner)) for run in runs_of(suite)]
+    states = [state for _, state, _ in rows]
+    counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+    counts = f"{len(rows)} runs: {counts}; {'a runner is' if runner else 'no runner is'} at work"
+    return Status(pd.DataFrame(rows, columns=["run", "state", "detail"]), counts, command, "failed" in states)
+
+
+def _state(run: Run, out: Path, runner: bool) -> tuple[str, str]:
+    amount, of = run.work
+    folder = folder_of(out, run.id)
+    if is_done(folder):
+        return "done", f"{amount:,} {of}"
+    if (folder / FAILED).exists():
+        failure = read_json(folder / FAILED)
+        last = failure["log_tail"][-1] if failure["log_tail"] else "it printed nothing"
+        return "failed", f"exit code {failure['exit_code']}: {last} ({folder / LOG})"
+    begun = newest_folder(pending_of(out, run.id)) or folder
+    if not (begun / RUN).exists():
+        return "waiting", ""
+    made = f"{made_in(begun):,} of {amount:,} {of}"
+    return ("running", made) if runner else ("interrupted", f"after {made}; begins anew")

@@ -9,8 +9,8 @@ from pathlib import Path
 from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.execution.expected import KeptTimes
-from experiments.execution.machines import Machines
 from experiments.execution.pending import (
+    Machines,
     begin,
     clear,
     discard,
@@ -70,7 +70,6 @@ class Runner:
     def __post_init__(self) -> None:
         self._pending: dict[Path, Run] = {}
         self._losses: Counter[Path] = Counter()
-        self._begun: set[Path] = set()
 
     def run(self, command: str) -> list[str]:
         """Makes all runs that are not finished yet.
@@ -125,7 +124,8 @@ class Runner:
         if exit_code == 0:
             self._wait_for(target_of(pending))
             discard(pending)
-            self._end(pending, _seconds(target_of(pending)))
+            timings = target_of(pending) / TIMINGS
+            self._end(pending, read_json(timings)["wall_seconds"] if timings.exists() else None)
             return
         if exit_code < 0:
             self._losses[pending] += 1
@@ -162,15 +162,11 @@ class Runner:
     def _end(self, pending: Path, seconds: float | None = None) -> None:
         """A run is over, and has taken so long, if it has not failed."""
         self._left.ends(self._pending.pop(pending).id, seconds)
-        self._begun.discard(pending)
 
     def _show(self) -> None:
         at_work = []
         for pending, run in self._pending.items():
             if is_begun(pending) and (folder := newest_folder(pending)):
-                if pending not in self._begun:
-                    self._begun.add(pending)
-                    self._left.begins(run.id)
                 made, (amount, unit) = made_in(folder), run.work
                 self._left.has_made(run.id, made / amount)
                 at_work.append(AtWork(_in_words(run), made, amount, unit))
@@ -188,11 +184,6 @@ class Runner:
                 )
             list(folder.parent.iterdir())  # makes NFS look anew
             time.sleep(0.1)
-
-
-def _seconds(folder: Path) -> float | None:
-    """What a finished run says that it took."""
-    return read_json(folder / TIMINGS)["wall_seconds"] if (folder / TIMINGS).exists() else None
 
 
 def _in_words(run: Run) -> str:

@@ -1,5 +1,6 @@
 """The processes that make results: started in the same way on every machine."""
 
+import math
 import os
 import subprocess
 import sys
@@ -12,6 +13,8 @@ from experiments.running.versions import REPOSITORY
 
 ENDED = "\0ended "
 """In what a worker prints: before the exit code of a run that is over."""
+OVER_BUDGET = 75
+"""The exit code of a run whose CPU time ran out."""
 _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
 )
@@ -25,22 +28,39 @@ class Worker:
 
     def __init__(self, versions: Mapping[str, str]):
         self.versions = versions
-        self._process = start_module("experiments.running.worker", errors=subprocess.STDOUT)
-        self._input, self._output = pipes_of(self._process)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "experiments.running.worker"],
+            cwd=REPOSITORY,
+            env={**os.environ, **_ONE_THREAD, "PYTHONHASHSEED": "0"},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,  # so that an interrupt reaches its parent alone
+            text=True,
+            errors="replace",
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._input, self._output = self._process.stdin, self._process.stdout
 
     @property
     def is_alive(self) -> bool:
         """Whether it can make another run."""
         return self._process.poll() is None and not self._input.closed
 
-    def make(self, folder: Path, log: IO[str]) -> int:
+    def make(self, folder: Path, log: IO[str], cpu_seconds: float = math.inf) -> int:
         """Makes the run that `folder` describes, and writes what is printed, errors too.
+
+        Args:
+            folder: Where the run stands, and all that it makes will.
+            log: Gets what is printed.
+            cpu_seconds: That the copy may take.
 
         Returns:
             The exit code of the copy, or of the worker itself where that has ended.
         """
         with suppress(BrokenPipeError):
-            self._input.write(f"{folder.resolve()}\n")
+            self._input.write(f"{cpu_seconds} {folder.resolve()}\n")
             self._input.flush()
         for line in self._output:
             printed, ended, exit_code = line.partition(ENDED)
@@ -95,30 +115,3 @@ def end_idle_workers() -> None:
     with suppress(IndexError):
         while True:
             _idle.pop().end()
-
-
-def pipes_of(process: subprocess.Popen[str]) -> tuple[IO[str], IO[str]]:
-    """Where it reads, and where it writes."""
-    assert process.stdin is not None
-    assert process.stdout is not None
-    return process.stdin, process.stdout
-
-
-def start_module(module: str, errors: int | IO[str]) -> subprocess.Popen[str]:
-    """Starts a module in a fresh process with one thread, whose input and output are pipes.
-
-    Args:
-        module: By its dotted name; it watches its input, and ends where that ends.
-        errors: Where what it prints as errors goes, as `subprocess` takes it.
-    """
-    return subprocess.Popen(
-        [sys.executable, "-m", module],
-        cwd=REPOSITORY,
-        env={**os.environ, **_ONE_THREAD, "PYTHONHASHSEED": "0"},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=errors,
-        start_new_session=True,  # so that an interrupt reaches its parent alone
-        text=True,
-        errors="replace",
-    )

@@ -195,7 +195,7 @@ def changed(out: Path, suite: Suite) -> str:
     """In brackets, which keys differ from the configuration that was run there last, if it is known."""
     if not (out / SUITE).exists():
         return ""
-    then, now = _leaves(read_json(out / SUITE)["suite"]), _leaves(suite.model_dump(mode="json"))
+    then, now = leaves(read_json(out / SUITE)["suite"]), leaves(suite.model_dump(mode="json"))
     changed = [
         f"{key} was {then[key]!r}, is {now[key]!r}" for key in then if key in now and then[key] != now[key]
     ]
@@ -203,14 +203,15 @@ def changed(out: Path, suite: Suite) -> str:
     return f" ({_some([*changed, *gone])})" if changed or gone else ""
 
 
-def _leaves(value: Any, path: str = "") -> dict[str, Any]:
+def leaves(value: Any, path: str = "") -> dict[str, Any]:
+    """All that stands in mappings and lists, whatever they are in, by its path."""
     if isinstance(value, dict):
         pairs = value.items()
     elif isinstance(value, list):
         pairs = enumerate(value)  # type: ignore[assignment]
     else:
         return {path: value}
-    return {k: v for key, item in pairs for k, v in _leaves(item, f"{path}.{key}".lstrip(".")).items()}
+    return {k: v for key, item in pairs for k, v in leaves(item, f"{path}.{key}".lstrip(".")).items()}
 
 
 def _some(names: list[str]) -> str:

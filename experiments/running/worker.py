@@ -18,7 +18,7 @@ from experiments.config.requirements import requirements
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.running.cpu_time import CPU, CpuTimes, TimedPredictor
 from experiments.running.lifetime import LifetimeRecorder, Onlooker, RowsRecorder
-from experiments.running.process import ENDED
+from experiments.running.process import ENDED, OVER_BUDGET
 from experiments.running.records import Curves, TrialLog
 from experiments.running.results_folder import DONE, RUN, TIMINGS, write_json
 from experiments.running.run import LifetimeRun, SweepRun, parse_run
@@ -64,7 +64,7 @@ def run_lifetime(run: LifetimeRun, folder: Path, times: CpuTimes) -> tuple[dict[
         if (made := getattr(recorder, of)) != length:
             raise RuntimeError(f"{run.agent.name} made {made} {of}; it was given {length}")
         if checkpoints:
-            checkpoints.finish()
+            checkpoints.evaluate()
     outcome = {
         "privileged": list(privileged),
         "prior_knowledge": list(known),
@@ -128,12 +128,12 @@ class Checkpoints(Onlooker):
         """Evaluates where a scheduled checkpoint is reached."""
         if self.recorder.motions in self._scheduled:
             self._again = False
-            self._evaluate()
+            self.evaluate()
 
     def before_change(self) -> None:
         """Evaluates in the world as it still is."""
         if not self._again:
-            self._evaluate()
+            self.evaluate()
 
     def after_change(self) -> None:
         """Evaluates in the changed world; from a change that comes once, checkpoints are counted anew."""
@@ -142,12 +142,8 @@ class Checkpoints(Onlooker):
         if once and self._evaluation.begins_anew:
             self._schedule()
         if once or not self._again:
-            self._evaluate()
+            self.evaluate()
         self._again = not once
-
-    def finish(self) -> None:
-        """Evaluates at the end of the lifetime."""
-        self._evaluate()
 
     def _schedule(self) -> None:
         """Adds the checkpoints that are counted from now on."""
@@ -155,7 +151,7 @@ class Checkpoints(Onlooker):
         left = self.run.scenario.most_motions - now
         self._scheduled |= {now + offset for offset in self._evaluation.offsets(left, self.rows)}
 
-    def _evaluate(self) -> None:
+    def evaluate(self) -> None:
         """Makes the held-out trials, unless that has been done in this moment and world."""
         recorder = self.recorder
         self._scheduled.discard(recorder.motions)
@@ -221,13 +217,16 @@ def main(folder: Path) -> None:
     But for what it took, which stands in timings.json, a run leaves the same in each repetition.
     """
     run = parse_run((folder / RUN).read_text(encoding="utf-8"))
-    start, times = time.monotonic(), CpuTimes()
-    if isinstance(run, SweepRun):
-        outcome, learned = run_sweep(run, folder, times), 0
-    else:
-        outcome, learned = run_lifetime(run, folder, times)
-    wall = round(time.monotonic() - start, 1)
-    write_json(folder / TIMINGS, {"wall_seconds": wall, CPU: times.a_motion(learned)})
+    start, times, learned = time.monotonic(), CpuTimes(), 0
+    try:
+        if isinstance(run, SweepRun):
+            outcome = run_sweep(run, folder, times)
+        else:
+            outcome, learned = run_lifetime(run, folder, times)
+    finally:
+        wall, cpu = round(time.monotonic() - start, 1), time.process_time()
+        about = {"wall_seconds": wall, "cpu_seconds": cpu, CPU: times.a_motion(learned)}
+        write_json(folder / TIMINGS, about)
     write_json(folder / DONE, outcome)
 
 
@@ -237,8 +236,15 @@ def end_with_the_parent() -> None:
     os._exit(1)
 
 
+def end_after(cpu_seconds: float) -> None:
+    """Ends this process when it has taken so much CPU time."""
+    while (left := cpu_seconds - time.process_time()) > 0:
+        time.sleep(min(left, 1_000))  # it has one thread that works: CPU time does not pass faster
+    os._exit(OVER_BUDGET)
+
+
 def serve() -> None:
-    """Makes the runs whose folders stand on the lines of its input, each in a copy of this process.
+    """Makes the runs whose CPU times and folders stand on the lines of its input, each in a copy of itself.
 
     So what they need is imported once. Where copies of processes are not as good as fresh ones (macOS), or
     there are none (Windows), this process makes one run itself, and ends.
@@ -246,8 +252,10 @@ def serve() -> None:
     for line in sys.stdin:
         copy = os.fork() if sys.platform == "linux" else 0
         if not copy:
+            cpu_seconds, _, folder = line.rstrip("\n").partition(" ")
             threading.Thread(target=end_with_the_parent, daemon=True).start()
-            main(Path(line.rstrip("\n")))
+            threading.Thread(target=end_after, args=(float(cpu_seconds),), daemon=True).start()
+            main(Path(folder))
             sys.stdout.flush()
             os._exit(0)  # all is written; to take a copy apart takes longer than a short run
         _, status = os.waitpid(copy, 0)

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,12 @@ import optuna
 from experiments.errors import ConfigError
 from experiments.options import Parser, add_config, whole
 from experiments.reporting.tables import show
+from experiments.running.process import end_idle_workers
 from experiments.running.results_folder import locked, made_folder, write_whole
 from experiments.running.versions import REPOSITORY, commit, versions
 from experiments.tuning.config import TuningConfig, load_tuning
 from experiments.tuning.results import SETTINGS, settings_file, write_agent, write_tables
-from experiments.tuning.tuner import DefaultsFailError, LostError, Processes, Tuner
+from experiments.tuning.tuner import DefaultsFailError, Lifetimes, LostError, Tuner
 
 STUDIES = "studies"
 
@@ -59,18 +61,19 @@ def tune(config: TuningConfig, out: Path, names: list[str], jobs: int, write: bo
         raise ConfigError(f"--agent: {error}") from None
     made_folder(out / STUDIES)
     with locked(out):
-        processes = Processes()
         made_by = {**versions(("experiments/tuning",)), "optuna": optuna.__version__}
-        about = (made_by, commit())
-        tuners = [Tuner(config, agent, out / STUDIES, processes, *about, _say) for agent in agents]
+        lifetimes, by = Lifetimes(made_by), commit()
+        tuners = [Tuner(config, each, out / STUDIES, lifetimes.make, made_by, by, _say) for each in agents]
         pool = ThreadPoolExecutor(jobs)
+        tuned = [pool.submit(_tuned, tuner, out) for tuner in tuners]
         try:
-            found = list(pool.map(lambda tuner: _tuned(tuner, out), tuners))
-        except BaseException:
-            processes.stop()
-            raise
-        finally:
-            pool.shutdown(cancel_futures=True)
+            found = [each.result() for each in tuned]
+        finally:  # each agent whose worker was ended begins no other
+            pool.shutdown(wait=False, cancel_futures=True)
+            while not all(each.done() for each in tuned):
+                lifetimes.stop()
+                time.sleep(0.1)
+            end_idle_workers()
         show(write_tables(out, config))
     for each in found:
         if each and each["choice"] == "tuned":

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator
 
 import agents
 from experiments.config.life import EvaluationConfig
@@ -16,7 +16,7 @@ from experiments.config.loading import (
     read_yaml,
     unbuildable_environments,
 )
-from experiments.config.model import Model, distinct, one_of
+from experiments.config.model import Model, distinctly_named, known, one_of
 from experiments.config.requirements import requirements, unfit_life
 from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
 from experiments.running.run import world_seeds
@@ -82,16 +82,11 @@ class TunedAgentConfig(Model):
         choices: Of other settings.
     """
 
-    name: str
+    name: Annotated[str, known(agents.names)]
     scenario: str
     settings: dict[str, Any] = Field({})
     ranges: dict[str, RangeConfig] = Field({})
     choices: dict[str, list[Any]] = Field({}, validate_default=True)
-
-    @field_validator("name")
-    @classmethod
-    def _known_name(cls, value: str) -> str:
-        return one_of(value, agents.names())
 
     @field_validator("choices")
     @classmethod
@@ -148,21 +143,18 @@ class TuningConfig(Model):
     seed: int = Field(ge=0)
     tries: int = Field(20, gt=0)
     cpu_minutes: float = Field(20, gt=0)
-    scenarios: tuple[TuningScenarioConfig, ...] = Field(min_length=1, strict=False)
-    agents: tuple[TunedAgentConfig, ...] = Field(min_length=1, strict=False)
-
-    @field_validator("scenarios")
-    @classmethod
-    def _distinct_scenarios(cls, value: tuple[TuningScenarioConfig, ...]) -> tuple[TuningScenarioConfig, ...]:
-        distinct([scenario.name for scenario in value], "name")
-        return value
+    scenarios: Annotated[
+        tuple[TuningScenarioConfig, ...], Field(min_length=1, strict=False), AfterValidator(distinctly_named)
+    ]
+    agents: Annotated[
+        tuple[TunedAgentConfig, ...], Field(min_length=1, strict=False), AfterValidator(distinctly_named)
+    ]
 
     @field_validator("agents")
     @classmethod
     def _each_in_a_scenario(
         cls, value: tuple[TunedAgentConfig, ...], info: ValidationInfo
     ) -> tuple[TunedAgentConfig, ...]:
-        distinct([agent.name for agent in value], "name")
         if "scenarios" in info.data:
             names = tuple(scenario.name for scenario in info.data["scenarios"])
             for i, agent in enumerate(value):

@@ -1,8 +1,7 @@
-"""The tries of one agent, kept by Optuna in a journal: started again, it goes on where it was."""
+"""What is tried next for one agent, by Optuna: it follows from a seed, and what earlier tries came to."""
 
 import json
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,16 +12,12 @@ from optuna.distributions import (
     FloatDistribution,
     IntDistribution,
 )
-from optuna.storages import JournalStorage
-from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 from optuna.trial import Trial, TrialState
 
-from experiments.errors import ConfigError
 from experiments.tuning.config import RangeConfig, TunedAgentConfig
 
 DIGITS = 3
 """Of numbers that are tried: so the published ones are those that were used."""
-_ABOUT, _CHECKED, _FOUND = "about", "checked", "found"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,48 +44,27 @@ class Try:
 
 
 class Study:
-    """Says what to try next, and keeps what came of it.
-
-    The settings of try k follow from the seed, k and the results of earlier tries alone, so that a study that
-    was killed and started again makes the same tries.
+    """Says what to try next.
 
     Args:
-        journal: The file; the lock of its folder keeps other processes from it.
         agent: Whose settings are varied. Try 0 is that of the default ones.
-        about: What defines the tries, as JSON has it.
         seed: Of the sampler, a tree-structured Parzen estimator (Bergstra et al. 2011).
 
     Attributes:
-        about: As given when the study began.
-
-    Raises:
-        ConfigError: The journal is of other code or of another configuration, or damaged.
+        tries: All that have ended.
     """
 
-    def __init__(self, journal: Path, agent: TunedAgentConfig, about: dict[str, Any], seed: int):
+    def __init__(self, agent: TunedAgentConfig, seed: int):
         optuna.logging.set_verbosity(optuna.logging.WARNING)
+        self.tries: list[Try] = []
         self._defaults, self._choices, self._seed = agent.defaults(), agent.choices, seed
         self._distributions: dict[str, BaseDistribution] = {
             **{name: _numbers(found) for name, found in agent.ranges.items()},
             **{name: CategoricalDistribution(_texts(found)) for name, found in agent.choices.items()},
         }
-        try:
-            self._study = _opened(journal, agent.name)
-        except (KeyError, ValueError) as error:
-            raise ConfigError(f"{journal} is damaged: {error!r}; delete it to begin anew") from None
-        if _ABOUT not in self._study.user_attrs:
-            self._study.set_user_attr(_ABOUT, about)
-        self.about: dict[str, Any] = self._study.user_attrs[_ABOUT]
-        self._end_what_a_kill_left()
-
-    @property
-    def tries(self) -> list[Try]:
-        """All that were made, in their order; one that a kill cut short is none."""
-        return [
-            Try(**trial.user_attrs[_FOUND])
-            for trial in self._study.get_trials(deepcopy=False)
-            if _FOUND in trial.user_attrs
-        ]
+        self._study = optuna.create_study(pruner=optuna.pruners.MedianPruner())
+        texts = {name: json.dumps(self._defaults[name]) for name in self._choices}
+        self._study.enqueue_trial(self._defaults | texts)
 
     @property
     def best(self) -> Try | None:
@@ -101,45 +75,23 @@ class Study:
     def begin(self) -> tuple[Trial, dict[str, Any]]:
         """The next try, and its settings."""
         k = len(self.tries)
-        if k == 0 and not self._study.get_trials(deepcopy=False, states=(TrialState.WAITING,)):
-            texts = {name: json.dumps(self._defaults[name]) for name in self._choices}
-            self._study.enqueue_trial(self._defaults | texts)
         seed = np.random.SeedSequence(self._seed, spawn_key=(k,)).generate_state(1)[0]
         self._study.sampler = optuna.samplers.TPESampler(seed=int(seed))
         trial = self._study.ask(self._distributions)
-        return trial, self._defaults if k == 0 else self._settings(trial.params)
+        return trial, self._settings(trial.params) if k else self._defaults
 
     def end(self, trial: Trial, found: Try) -> None:
-        """Keeps what came of a try."""
-        trial.set_user_attr(_FOUND, asdict(found))
-        self._tell(trial.number, found)
+        """Says what came of a try."""
+        self.tries.append(found)
+        if found.objective is not None:
+            self._study.tell(trial, found.objective)
+        else:
+            out_of_time = found.state == "out of time"
+            self._study.tell(trial, state=TrialState.FAIL if out_of_time else TrialState.PRUNED)
 
     def earlier(self, settings: dict[str, Any]) -> Try | None:
         """The try of the same settings, if there was one: its result would come again."""
         return next((each for each in self.tries if each.settings == settings), None)
-
-    def checked(self, settings: dict[str, Any]) -> dict[str, Any] | None:
-        """What `keep_checked` kept of these settings."""
-        return self._study.user_attrs.get(f"{_CHECKED} {json.dumps(settings)}")
-
-    def keep_checked(self, settings: dict[str, Any], found: dict[str, Any]) -> None:
-        """Keeps what settings came to in other worlds."""
-        self._study.set_user_attr(f"{_CHECKED} {json.dumps(settings)}", found)
-
-    def _end_what_a_kill_left(self) -> None:
-        for left in self._study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
-            if _FOUND in left.user_attrs:
-                self._tell(left.number, Try(**left.user_attrs[_FOUND]))
-            else:
-                self._study.tell(left.number, state=TrialState.FAIL)
-
-    def _tell(self, number: int, found: Try) -> None:
-        if found.objective is not None:
-            self._study.tell(number, found.objective)
-        elif found.state == "out of time":
-            self._study.tell(number, state=TrialState.FAIL)
-        else:
-            self._study.tell(number, state=TrialState.PRUNED)
 
     def _settings(self, suggested: dict[str, Any]) -> dict[str, Any]:
         return {
@@ -150,30 +102,6 @@ class Study:
             else float(f"{value:.{DIGITS}g}")
             for name, value in suggested.items()
         }
-
-
-class _LockOfFolder(JournalFileSymlinkLock):
-    """Nothing to do: the folder has a lock, which, unlike Optuna's, does not outlast its process."""
-
-    def acquire(self) -> bool:
-        return True
-
-    def release(self) -> None:
-        pass
-
-
-def _opened(journal: Path, name: str) -> optuna.Study:
-    """The study in a file, whose last line a kill may have torn."""
-    if journal.exists():
-        whole, newline, _ = journal.read_bytes().rpartition(b"\n")
-        with journal.open("r+b") as file:
-            file.truncate(len(whole + newline))
-    return optuna.create_study(
-        storage=JournalStorage(JournalFileBackend(str(journal), lock_obj=_LockOfFolder(str(journal)))),
-        study_name=name,
-        pruner=optuna.pruners.MedianPruner(),
-        load_if_exists=True,
-    )
 
 
 def _numbers(found: RangeConfig) -> BaseDistribution:

@@ -1,89 +1,100 @@
 """Tuning one agent: tries within its budget, then the best beside the default settings in other worlds."""
 
-import subprocess
-import threading
-from collections.abc import Callable, Generator
+import json
+import math
+import os
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from experiments.errors import ConfigError
-from experiments.running.process import pipes_of, start_module
+from experiments.running.process import OVER_BUDGET, Worker, lent_worker
+from experiments.running.results_folder import RUN, TIMINGS, TRIALS, leaves, read_json, write_whole
 from experiments.running.run import LifetimeRun, runs_of
 from experiments.statistics import mean_estimate
 from experiments.tuning.config import TunedAgentConfig, TuningConfig
 from experiments.tuning.study import Study, Try
-from experiments.tuning.worker import OVER_BUDGET, Report, Request
-
-
-class OverBudgetError(Exception):
-    """CPU time ran out."""
 
 
 class LostError(Exception):
-    """A process was stopped, or died: nothing follows about its settings."""
+    """A worker was stopped, or died: nothing follows about its settings."""
 
 
-class Processes:
-    """Starts worker processes, several at a time from several threads, and ends them all where asked."""
+class Lived(NamedTuple):
+    """What a lifetime came to.
 
-    def __init__(self) -> None:
-        self._running: set[subprocess.Popen[str]] = set()
-        self._lock = threading.Lock()
-        self._stopped = False
+    Attributes:
+        value: See `motions_per_reach`; None where it failed, or its CPU time ran out.
+        error: What it failed with.
+        cpu_seconds: That it took.
+    """
 
-    def reports(
-        self, runs: tuple[LifetimeRun, ...], cpu_seconds: float | None, log: Path
-    ) -> Generator[Report, None, None]:
-        """Makes lifetimes in a fresh process with one thread; closed early, it ends the process.
+    value: float | None
+    error: str | None
+    cpu_seconds: float
+
+
+class Lifetimes:
+    """Lets workers make lifetimes, several at a time from several threads.
+
+    Args:
+        versions: Of which code and packages workers are made.
+    """
+
+    def __init__(self, versions: dict[str, str]) -> None:
+        self._versions = versions
+        self._at_work: set[Worker] = set()
+
+    def make(self, run: LifetimeRun, cpu_seconds: float, log: Path) -> Lived:
+        """Makes a lifetime, and keeps nothing else of it.
 
         Args:
-            runs: The lifetimes.
-            cpu_seconds: The CPU time that they may take; None: any.
-            log: What they print is appended to this file.
-
-        Yields:
-            A report after each lifetime.
+            run: The lifetime.
+            cpu_seconds: That it may take.
+            log: What it prints is appended to this file.
 
         Raises:
-            OverBudgetError: They took longer.
-            LostError: The process was stopped, or died.
+            LostError: The worker was stopped, or died.
         """
-        process = self._start(log)
-        told, tells = pipes_of(process)
-        try:
-            request = Request(runs=runs, cpu_seconds=cpu_seconds)
-            told.write(request.model_dump_json() + "\n")
-            told.flush()
-            for line in tells:
-                yield Report.model_validate_json(line)
-            code = process.wait()
+        with (
+            lent_worker(self._versions) as worker,
+            TemporaryDirectory(ignore_cleanup_errors=True) as name,
+            log.open("a+", encoding="utf-8") as printed,
+        ):
+            folder, begun = Path(name), printed.seek(0, os.SEEK_END)
+            write_whole(folder / RUN, run.model_dump_json())
+            self._at_work.add(worker)
+            code = worker.make(folder, printed, cpu_seconds)
+            self._at_work.discard(worker)
             if code == OVER_BUDGET:
-                raise OverBudgetError
-            if code:
+                return Lived(None, None, cpu_seconds)
+            if code not in (0, 1) or not (folder / TIMINGS).exists():
                 raise LostError(f"its process ended with exit code {code}; see {log}")
-        finally:
-            process.kill()
-            process.wait()
-            with self._lock:
-                self._running.discard(process)
+            used = read_json(folder / TIMINGS)["cpu_seconds"]
+            if code == 1:  # whatever an agent raises with these settings
+                printed.seek(begun)
+                return Lived(None, printed.read().strip().rpartition("\n")[2] or "it printed nothing", used)
+            return Lived(motions_per_reach(folder, run.scenario.env.max_episode_steps), None, used)
 
     def stop(self) -> None:
-        """Ends all processes, and starts no more."""
-        with self._lock:
-            self._stopped = True
-            for process in self._running:
-                process.kill()
+        """Ends all workers that are at work."""
+        for worker in list(self._at_work):
+            worker.kill()
 
-    def _start(self, log: Path) -> subprocess.Popen[str]:
-        with self._lock, log.open("a", encoding="utf-8") as file:
-            if self._stopped:
-                raise LostError("stopped")
-            process = start_module("experiments.tuning.worker", errors=file)
-            self._running.add(process)
-        return process
+
+def motions_per_reach(folder: Path, cap: int) -> float:
+    """Motions of a held-out reach, mean over all checkpoints of the lifetime in a folder.
+
+    A trial without a rendezvous counts as the cap. So it counts how much an agent knows in the end, how soon
+    it knew it, and what a change of the world costs it.
+    """
+    trials = map(json.loads, (folder / TRIALS).read_text(encoding="utf-8").splitlines())
+    held_out = [trial for trial in trials if trial["phase"] == "eval"]
+    return float(np.mean([trial["motions"] if trial["rendezvous"] else cap for trial in held_out]))
 
 
 class DefaultsFailError(Exception):
@@ -97,23 +108,27 @@ class Tuner:
     Attributes:
         name: The agent's.
 
+    Its journal holds, one a line, what defines the tries, and what each lifetime came to. All else follows
+    from these, so that a tuner that was killed and started again makes the same tries.
+
     Args:
         config: Worlds and budgets.
         agent: The agent.
-        folder: Keeps the journal and what processes print.
-        processes: Make the lifetimes.
-        versions: Of the code and the packages; a study of other ones is refused.
+        folder: Keeps the journal and what workers print.
+        make: See `Lifetimes.make`.
+        versions: Of the code and the packages; a journal of other ones is refused.
         commit: Is published.
         say: Shows a line.
 
     Raises:
-        ConfigError: The folder has a study of this agent by other code or of another configuration.
+        ConfigError: The folder has a journal of this agent by other code or of another configuration, or a
+            damaged one.
     """
 
     config: TuningConfig
     agent: TunedAgentConfig
     folder: Path
-    processes: Processes
+    make: Callable[[LifetimeRun, float, Path], Lived]
     versions: dict[str, str]
     commit: str
     say: Callable[[str], None]
@@ -124,20 +139,35 @@ class Tuner:
         self._scenario = config.scenario_of(agent)
         self._worst = float(self._scenario.env.max_episode_steps)
         self._log = self.folder / f"{agent.name}.txt"
-        journal = self.folder / f"{agent.name}.journal"
+        self._journal = self.folder / f"{agent.name}.journal"
+        self._study = Study(agent, config.seed)
         defined_by = {
             "agent": agent.model_dump(mode="json"),
             "scenario": self._scenario.model_dump(mode="json"),
             "seed": config.seed,
             "versions": self.versions,
         }
-        self._study = Study(journal, agent, {**defined_by, "commit": self.commit}, config.seed)
-        for key, now in defined_by.items():
-            if (then := self._study.about[key]) != now:
-                raise ConfigError(
-                    f"{journal} was made with {_difference(key, then, now)}: its tries are not comparable. "
-                    "Give another --out, or delete it"
-                )
+        self._go_on({**defined_by, "commit": self.commit})
+        then, now = leaves({key: self._about[key] for key in defined_by}), leaves(defined_by)
+        if other := [key for key in {**then, **now} if then.get(key) != now.get(key)]:
+            said = "; ".join(f"{key} {then.get(key)!r}, not {now.get(key)!r}" for key in other)
+            raise ConfigError(
+                f"{self._journal} was made with {said}: its tries are not comparable. "
+                "Give another --out, or delete it"
+            )
+
+    def _go_on(self, about: dict[str, Any]) -> None:
+        """Reads the journal, without a last line that a kill has torn, or begins one."""
+        text = self._journal.read_text(encoding="utf-8") if self._journal.exists() else ""
+        lines = text.rpartition("\n")[0].splitlines() or [json.dumps(about)]
+        try:
+            self._about, *made = map(json.loads, lines)
+            self._lived = {run: Lived(*found) for run, found in made}
+            if self._about.keys() != about.keys():
+                raise ValueError(f"found {lines[0]:.80}")
+        except (AttributeError, TypeError, ValueError) as error:
+            raise ConfigError(f"{self._journal} is damaged: {error!r}; delete it to begin anew") from None
+        write_whole(self._journal, "\n".join([*lines, ""]))
 
     def tune(self) -> dict[str, Any]:
         """Makes what is left of the tries and of the check.
@@ -147,9 +177,9 @@ class Tuner:
 
         Raises:
             DefaultsFailError: There is nothing to compare with.
-            LostError: A process was stopped, or died; what has finished is kept.
+            LostError: A worker was stopped, or died; what has finished is kept.
         """
-        if not self._study.tries:
+        if not self._lived:
             self.say(f"{self.name}: at most {self.config.tries} tries {self._size()}")
         while (stopped_by := self._stopped_by()) is None:
             self._try()
@@ -158,7 +188,7 @@ class Tuner:
         check = self._check(best) if best and best.settings != default.settings else None
         chosen = best if best and check and check["difference"]["high"] < 0 else default
         return {
-            **self._study.about,
+            **self._about,
             "tries": [asdict(each) for each in tries],
             "stopped_by": stopped_by,
             "cpu_minutes": sum(each.cpu_seconds for each in tries) / 60,
@@ -188,41 +218,46 @@ class Tuner:
     def _try(self) -> None:
         k, left = len(self._study.tries), 60 * self.config.cpu_minutes
         left -= sum(each.cpu_seconds for each in self._study.tries)
+        known = len(self._lived)
         trial, settings = self._study.begin()
         if earlier := self._study.earlier(settings):
             found = Try(settings, "repeated", earlier.objective, earlier.worlds, 0.0, earlier.error)
             for world, mean in enumerate(_means(earlier.worlds), start=1):
                 trial.report(mean, world)
         else:
-            found = self._lived(settings, left, trial)
+            found = self._tried(settings, left, trial)
             if found.state == "failed" and k == 0:
                 raise DefaultsFailError(f"with its default settings it fails: {found.error}")
         self._study.end(trial, found)
-        self.say(f"{self.name}: {self._described(k, found)}")
+        if earlier or len(self._lived) > known:
+            self.say(f"{self.name}: {self._described(k, found)}")
 
-    def _lived(self, settings: dict[str, Any], cpu_seconds: float, trial: Any) -> Try:
+    def _tried(self, settings: dict[str, Any], left: float, trial: Any) -> Try:
         """Makes lifetimes in one world after the other, unless earlier tries say that it is no use."""
         runs = self._runs(settings)[: self._scenario.worlds]
         worlds: list[float] = []
         used, state, error = 0.0, "complete", None
-        reports = self.processes.reports(runs, cpu_seconds, self._log)
-        try:
-            for report in reports:
-                used = report.cpu_seconds
-                if report.value is None:
-                    state, error = "failed", report.error
-                    break
-                worlds.append(report.value)
-                trial.report(float(np.mean(worlds)), len(worlds))
-                if len(worlds) < len(runs) and trial.should_prune():
-                    state = "pruned"
-                    break
-        except OverBudgetError:
-            used, state = cpu_seconds, "out of time"
-        finally:
-            reports.close()
+        for run in runs:
+            value, error, seconds = self._life(run, max(left - used, 0.0))
+            used += seconds
+            if value is None:
+                state = "failed" if error else "out of time"
+                break
+            worlds.append(value)
+            trial.report(float(np.mean(worlds)), len(worlds))
+            if len(worlds) < len(runs) and trial.should_prune():
+                state = "pruned"
+                break
         objective = {"complete": float(np.mean(worlds or [np.nan])), "failed": self._worst}.get(state)
         return Try(settings, state, objective, tuple(worlds), used, error)
+
+    def _life(self, run: LifetimeRun, cpu_seconds: float) -> Lived:
+        """What a lifetime came to, which is made unless it was made before."""
+        if run.id not in self._lived:
+            self._lived[run.id] = self.make(run, cpu_seconds, self._log)
+            with self._journal.open("a", encoding="utf-8") as journal:
+                journal.write(json.dumps([run.id, self._lived[run.id]]) + "\n")
+        return self._lived[run.id]
 
     def _runs(self, settings: dict[str, Any]) -> tuple[LifetimeRun, ...]:
         runs = runs_of(self.config.suite(self.agent, settings))
@@ -253,24 +288,14 @@ class Tuner:
         }
 
     def _in_other_worlds(self, settings: dict[str, Any]) -> dict[str, Any]:
-        if (found := self._study.checked(settings)) is None:
-            runs = self._runs(settings)[self._scenario.worlds :]
+        runs = self._runs(settings)[self._scenario.worlds :]
+        if any(run.id not in self._lived for run in runs):
             self.say(f"{self.name}: {settings} in {len(runs)} other worlds")
-            reports = list(self.processes.reports(runs, None, self._log))
-            values = [self._worst if report.value is None else report.value for report in reports]
-            found = {"worlds": values, "cpu_seconds": reports[-1].cpu_seconds}
-            self._study.keep_checked(settings, found)
-        return found
+        lived = [self._life(run, math.inf) for run in runs]
+        values = [self._worst if each.value is None else each.value for each in lived]
+        return {"worlds": values, "cpu_seconds": sum(each.cpu_seconds for each in lived)}
 
 
 def _means(worlds: tuple[float, ...]) -> list[float]:
     """The mean over the first worlds, for each number of them."""
     return [float(each) for each in np.cumsum(worlds) / np.arange(1, len(worlds) + 1)]
-
-
-def _difference(key: str, then: Any, now: Any) -> str:
-    """The innermost keys that differ."""
-    if isinstance(then, dict) and isinstance(now, dict):
-        keys = [name for name in {**then, **now} if then.get(name) != now.get(name)]
-        return "; ".join(_difference(f"{key}.{name}", then.get(name), now.get(name)) for name in keys)
-    return f"{key} {then!r}, not {now!r}"

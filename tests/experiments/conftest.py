@@ -9,6 +9,9 @@ import pytest
 import yaml
 
 from experiments.__main__ import main
+from experiments.config.loading import load
+from experiments.errors import ConfigError
+from tests.experiments.fakes import AIM
 
 
 def tiny_suite() -> dict[str, Any]:
@@ -29,12 +32,7 @@ def tiny_suite() -> dict[str, Any]:
                     "max_episode_steps": 20,
                 },
                 "motions": 90,
-                "perturbations": [
-                    {
-                        "at": {"motion": 50},
-                        "do": {"type": "camera_aim", "camera": "left", "degrees": 20},
-                    }
-                ],
+                "perturbations": [{"at": {"motion": 50}, "do": {**AIM}}],
             }
         ],
         "evaluation": {"every": 40, "trials": 2},
@@ -58,6 +56,18 @@ def write_config(tmp_path: Path) -> Callable[[Any], Path]:
         return path
 
     return write
+
+
+@pytest.fixture
+def refused(write_config: Callable[[Any], Path]) -> Callable[..., str]:
+    """Says what is wrong with a suite, given as data or text."""
+
+    def refused(data: Any, *overrides: str) -> str:
+        with pytest.raises(ConfigError) as error:
+            load(write_config(data), overrides)
+        return str(error.value)
+
+    return refused
 
 
 @pytest.fixture(scope="session")

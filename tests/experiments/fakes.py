@@ -1,10 +1,69 @@
-"""A tiny environment and agent whose every trial is known beforehand."""
+"""A tiny environment and agent whose every trial is known beforehand, and runs of suites given as data."""
 
+import json
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
 import numpy as np
+
+from experiments.config.suite import Suite
+from experiments.running import worker
+from experiments.running.cpu_time import CpuTimes
+from experiments.running.run import LifetimeRun, Run, runs_of
+
+AIM = {"type": "camera_aim", "camera": "left", "degrees": 20}
+
+
+def runs(data: dict[str, Any], **changes: Any) -> list[Run]:
+    """The runs of a suite as it stands in YAML."""
+    return runs_of(Suite.model_validate(data | changes))
+
+
+def ids(data: dict[str, Any], **changes: Any) -> list[str]:
+    return [run.id for run in runs(data, **changes)]
+
+
+def lived(run: Run, folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Makes a run in this process; returns what it says about itself, and its rows."""
+    if isinstance(run, LifetimeRun):
+        outcome, _ = worker.run_lifetime(run, folder, CpuTimes())
+    else:
+        outcome = worker.run_sweep(run, folder, CpuTimes())
+    return outcome, [json.loads(line) for line in (folder / "trials.jsonl").read_text().splitlines()]
+
+
+def watched(recorder_class: Any, recorders: list[Any]) -> Any:
+    """Makes recorders that keep the worlds that their agents meet; each is added to a list."""
+
+    class Watched(recorder_class):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            recorders.append(self)
+            self.worlds = [self.world]
+
+        def step(self, action: Any) -> Any:
+            result = super().step(action)
+            if self.world != self.worlds[-1]:
+                self.worlds.append(self.world)
+            return result
+
+    return Watched
+
+
+DROPPED = object()
+
+
+def spoil(data: Any, path: tuple[Any, ...], value: Any) -> None:
+    """Replaces a value of a configuration, or drops its key."""
+    *parents, last = path
+    for key in parents:
+        data = data[key]
+    if value is DROPPED:
+        del data[last]
+    else:
+        data[last] = value
 
 
 class CountdownEnv(gymnasium.Env[Any, Any]):

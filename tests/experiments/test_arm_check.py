@@ -12,6 +12,7 @@ from experiments.arm_check import ArmCheck
 from tests.arms.own import ARMS, MOTORS
 
 HOBBY = str(ARMS["hobby"]["model"])
+TIP = [HOBBY, "--gripper", "tip"]
 
 
 def tables_of(name, mount="waist"):
@@ -65,14 +66,14 @@ def test_what_both_cameras_see_is_what_the_environment_shows():
 
 def test_too_little_in_view_is_a_problem_and_ends_with_1(capsys, monkeypatch):
     monkeypatch.setattr("experiments.arm_check.least_in_view", lambda robot, mounts: 1.01)
-    assert main(["check-arm", HOBBY, "--gripper", "tip"]) == 1
+    assert main(["check-arm", *TIP]) == 1
     captured = capsys.readouterr()
     assert "problem: the nominal robot's cameras do not see enough on the 'waist' mount" in captured.err
 
 
 def test_a_picture_shows_the_arm_with_both_images(tmp_path, capsys):
     picture = tmp_path / "pictures" / "hobby.png"
-    assert main(["check-arm", HOBBY, "--gripper", "tip", "--out", str(picture)]) == 0
+    assert main(["check-arm", *TIP, "--out", str(picture)]) == 0
     image = cv2.imread(str(picture))
     assert image.shape == (720, 1080, 3)
     assert f"picture: {picture}" in capsys.readouterr().out
@@ -85,24 +86,15 @@ def test_a_picture_shows_the_arm_with_both_images(tmp_path, capsys):
     ("arguments", "said"),
     [
         (["nowhere.xml", "--gripper", "tip"], "nowhere.xml: there is no such MJCF file"),
-        (
-            [HOBBY, "--gripper", "tip", "--out", "arm.xyz"],
-            "arm.xyz: no image is written as '.xyz'; allowed: such",
-        ),
-        (
-            [HOBBY, "--gripper", "tip", "--out", "arm"],
-            "arm: no image is written as ''; allowed: such as arm.png",
-        ),
+        ([*TIP, "--out", "arm.xyz"], "arm.xyz: no image is written as '.xyz'; allowed: such"),
+        ([*TIP, "--out", "arm"], "arm: no image is written as ''; allowed: such as arm.png"),
         ([HOBBY, "--gripper", "tipp"], "did you mean tip?"),
-        ([HOBBY, "--gripper", "tip", "--motors", "turn"], "it must have 3 to 7"),
-        ([HOBBY, "--gripper", "tip", "--base", "stant"], "did you mean stand?"),
-        ([HOBBY, "--gripper", "tip", "--home", "up"], "no keyframe 'up'"),
-        (
-            [HOBBY, "--gripper", "tip", "--home-degrees", "elbow=200"],
-            "its range is 0 to 2.4 rad (0 to 137.51 degrees)",
-        ),
-        ([HOBBY, "--gripper", "tip", "--camera-mount", "nose"], "camera_mount is 'nose'"),
-        ([HOBBY, "--gripper", "tip", "--camera-mount", "hand", "nose"], "allowed: waist, stand, turret"),
+        ([*TIP, "--motors", "turn"], "it must have 3 to 7"),
+        ([*TIP, "--base", "stant"], "did you mean stand?"),
+        ([*TIP, "--home", "up"], "no keyframe 'up'"),
+        ([*TIP, "--home-degrees", "elbow=200"], "its range is 0 to 2.4 rad (0 to 137.51 degrees)"),
+        ([*TIP, "--camera-mount", "nose"], "camera_mount is 'nose'"),
+        ([*TIP, "--camera-mount", "hand", "nose"], "allowed: waist, stand, turret"),
     ],
 )
 def test_bad_input_is_one_line_and_ends_with_2(arguments, said, capsys):
@@ -117,5 +109,5 @@ def test_bad_input_is_one_line_and_ends_with_2(arguments, said, capsys):
 @pytest.mark.parametrize("written", ["elbow", "elbow=wide", "=5"])
 def test_degrees_that_are_none_are_a_usage_error(written, capsys):
     with pytest.raises(SystemExit, match="2"):
-        main(["check-arm", HOBBY, "--gripper", "tip", "--home-degrees", written])
+        main(["check-arm", *TIP, "--home-degrees", written])
     assert f"found {written!r}" in capsys.readouterr().err

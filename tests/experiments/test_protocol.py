@@ -111,9 +111,8 @@ def test_an_algorithm_of_stable_baselines3_is_run(rows):
     from calfree_gym.sb3 import as_sb3_env
 
     def make_agent(env, seed):
-        return PPO(
-            "MultiInputPolicy", as_sb3_env(env) if rows > 1 else env, n_steps=16, batch_size=16, seed=seed
-        )
+        env = as_sb3_env(env) if rows > 1 else env
+        return PPO("MultiInputPolicy", env, n_steps=16, batch_size=16, seed=seed)
 
     outcome = protocol.run(make_agent, "PPO", 16 * rows, 1, rows=rows, seeds=SEEDS[:1])
     assert outcome.motions == (16 * rows, 2 * 16 * rows)

@@ -48,10 +48,12 @@ def test_no_interval_of_successes_alone_is_a_point():
     assert 0.85 < found.low < 0.92
 
 
-def test_shares_in_fewer_than_20_worlds_have_no_interval():
-    few = mean_share(np.ones((19, 20)))
-    assert few.value == 1
-    assert not few.has_interval
+def test_numbers_of_fewer_than_20_worlds_have_no_interval():
+    few, middle = mean_share(np.ones((19, 20))), median_world(np.arange(19))
+    time = median_time(np.arange(19.0), np.ones(19, bool))
+    assert [few.value, middle.value, time.value] == [1, 9, 9]
+    assert not any(each.has_interval for each in (few, middle, time))
+    assert median_world(np.arange(20)).has_interval
 
 
 def test_trials_of_one_world_are_no_more_worlds():
@@ -81,12 +83,14 @@ def test_weights_are_those_of_the_bayesian_bootstrap():
     np.testing.assert_allclose(weights.mean(axis=0), expected, atol=0.01)
 
 
-def test_shares_of_curves_are_columns():
+def test_curves_are_columns():
     values = rng(4).uniform(0, 1, (20, 3))
     found = mean_shares(values)
     alone = mean_share(values[:, 1])
     assert [found[1].low, found[1].high] == pytest.approx([alone.low, alone.high])
     assert all(e.low <= e.value <= e.high for e in found)
+    assert medians(values)[1] == median_world(values[:, 1])
+    assert medians(np.ones((20, 1))) == [Estimate(1.0, 1.0, 1.0)]
 
 
 @pytest.mark.parametrize(
@@ -127,23 +131,12 @@ def test_a_world_that_fails_widens_nothing():
     assert found.high < 16
 
 
-def test_medians_of_fewer_than_20_worlds_have_no_interval():
-    assert not median_world(np.arange(19)).has_interval
-    assert median_world(np.arange(20)).has_interval
-
-
 def test_worlds_without_a_number_are_left_out():
     some = np.append(np.arange(15.0), [np.nan] * 5)
     assert median_world(some).value == 7
     assert median_world(some).has_interval
     assert not median_world(np.append([1.0, 2.0], [np.nan] * 18)).has_interval  # 3 of 4 samples
     assert np.isnan(median_world(np.full(20, np.nan)).value)
-
-
-def test_medians_of_curves_are_columns():
-    values = rng(4).uniform(0, 1, (20, 3))
-    assert medians(values)[1] == median_world(values[:, 1])
-    assert medians(np.ones((20, 1))) == [Estimate(1.0, 1.0, 1.0)]
 
 
 def test_most_worlds_lie_between_the_10th_and_the_90th_percentile():
@@ -208,8 +201,7 @@ def test_equal_shares_in_few_worlds_do_not_prove_equality():
 
 
 def test_a_bad_world_for_one_agent_alone_moves_no_median():
-    found = paired_motions(np.append(np.full(19, 3.0), 60.0), np.full(20, 2.0))
-    assert (found.value, found.low, found.high) == (1, 1, 1)
+    assert paired_motions(np.append(np.full(19, 3.0), 60.0), np.full(20, 2.0)) == Estimate(1, 1, 1)
 
 
 def test_worlds_with_fewer_motions_are_counted_and_equal_ones_half():
@@ -247,13 +239,6 @@ def test_a_median_that_was_not_reached_is_infinite():
     assert (never.value, never.low) == (np.inf, np.inf)
 
 
-def test_times_of_fewer_than_20_worlds_have_no_interval():
-    found = median_time(np.arange(19.0), np.ones(19, bool))
-    assert found.value == 9
-    assert not found.has_interval
-
-
 @pytest.mark.filterwarnings("error")
 def test_equal_times_are_one_time():
-    found = median_time(np.full(20, 50.0), np.ones(20, bool))
-    assert (found.value, found.low, found.high) == (50, 50, 50)
+    assert median_time(np.full(20, 50.0), np.ones(20, bool)) == Estimate(50, 50, 50)

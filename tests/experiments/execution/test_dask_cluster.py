@@ -73,17 +73,9 @@ def results(out):
 
 
 @pytest.mark.slow
-def test_workers_killed_at_some_moments_change_nothing(run, finished_once, cluster, tmp_path):
-    kill_workers(run, finished_once, cluster, tmp_path, kills=3)
-
-
-@pytest.mark.slow
-def test_workers_killed_at_twenty_moments_change_nothing(run, finished_once, cluster, tmp_path):
-    kill_workers(run, finished_once, cluster, tmp_path, kills=20)
-
-
-def kill_workers(run, finished_once, cluster, tmp_path, kills):
-    """Makes the suite anew until so many workers were killed, for each of which another one comes."""
+@pytest.mark.parametrize("kills", [3, 20])
+def test_workers_killed_at_some_moments_change_nothing(run, finished_once, cluster, tmp_path, kills):
+    """The suite is made anew until so many workers were killed, for each of which another one comes."""
     cluster.add(workers=2)
     rng, killed = random.Random(0), 0
     for number in range(10 + kills):

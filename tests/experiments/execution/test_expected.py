@@ -3,11 +3,10 @@
 import pandas as pd
 import pytest
 
-from experiments.config.suite import Suite
 from experiments.execution.expected import KEPT, KeptTimes
 from experiments.reporting.results_file import read_finished
 from experiments.running.finished import RESULTS
-from experiments.running.run import runs_of
+from tests.experiments.fakes import runs
 
 
 @pytest.mark.parametrize("suite", ["others", "rivals"])
@@ -20,6 +19,6 @@ def test_kept_runs_are_expected_to_take_what_they_took(suite, tmp_path):
 
 
 def test_without_kept_results_there_is_still_an_order(tmp_path, suite_data):
-    suite_data["agents"] = ["random", {"name": "unified_servo", "motions": 400}]
-    short, _, long, _ = map(KeptTimes(tmp_path).seconds, runs_of(Suite.model_validate(suite_data)))
+    agents = ["random", {"name": "unified_servo", "motions": 400}]
+    short, _, long, _ = map(KeptTimes(tmp_path).seconds, runs(suite_data, agents=agents))
     assert 0 < short < long

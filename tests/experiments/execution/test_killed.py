@@ -64,7 +64,9 @@ def workers(out):
     return found
 
 
-def kill_and_start_again(suite_data, write_config, tmp_path, kills):
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [3, 50])
+def test_killed_and_started_again_it_ends_with_the_same(suite_data, write_config, tmp_path, kills):
     suite_data["agents"] = [{"name": "unified_servo"}, {"name": "grid_table"}]
     suite_data["scenarios"][0]["motions"] = 300
     roll = {"do": {"type": "camera_roll"}, "vary": "degrees", "over": [-90, 0, 90]}
@@ -95,13 +97,3 @@ def kill_and_start_again(suite_data, write_config, tmp_path, kills):
     subprocess.run(command(config, out), cwd=REPOSITORY, check=True, capture_output=True)
     assert digests(out) == wanted
     assert not workers(tmp_path)
-
-
-@pytest.mark.slow
-def test_three_kills(suite_data, write_config, tmp_path):
-    kill_and_start_again(suite_data, write_config, tmp_path, kills=3)
-
-
-@pytest.mark.slow
-def test_fifty_kills(suite_data, write_config, tmp_path):
-    kill_and_start_again(suite_data, write_config, tmp_path, kills=50)

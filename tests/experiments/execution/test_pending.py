@@ -5,7 +5,6 @@ import time
 
 import pytest
 
-from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.execution import pending as module
 from experiments.execution.pending import (
@@ -21,14 +20,14 @@ from experiments.execution.pending import (
     write_pending,
 )
 from experiments.running.results_folder import DONE, LOG
-from experiments.running.run import runs_of
 from experiments.running.versions import versions
+from tests.experiments.fakes import runs
 
 
 @pytest.fixture
 def pending(suite_data, tmp_path):
     suite_data["scenarios"][0]["motions"] = 100_000
-    return write_pending(tmp_path, runs_of(Suite.model_validate(suite_data))[0], versions())
+    return write_pending(tmp_path, runs(suite_data)[0], versions())
 
 
 def test_a_run_is_begun_with_its_first_worker(pending, tmp_path):

@@ -42,7 +42,7 @@ def test_told_and_made_agree_where_all_runs_take_the_same_factor(seconds, at_onc
     while waiting or begun:
         while waiting and len(begun) < at_once:
             begun[waiting[0]] = now
-            left.begins(waiting.pop(0))
+            left.has_made(waiting.pop(0), 0.0)
         over = min(begun, key=lambda run: begun[run] + factor * expected[run])
         now = begun.pop(over) + factor * expected[over]
         left.ends(over, factor * expected[over])
@@ -59,7 +59,7 @@ def test_told_and_made_agree_where_all_runs_take_the_same_factor(seconds, at_onc
 def test_a_run_under_way_shows_the_pace():
     now = 0.0
     left = TimeLeft({"long": 100.0, "short": 10.0}, 1, lambda: now)
-    left.begins("long")
+    left.has_made("long", 0.0)
     now = 200.0
     assert left.seconds() == pytest.approx(110)  # nothing is known of this machine
     left.has_made("long", 0.5)

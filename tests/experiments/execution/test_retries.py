@@ -7,9 +7,8 @@ import pytest
 
 from experiments.config.suite import Suite
 from experiments.execution.pending import begin, newest_folder, place, target_of
-from experiments.execution.progress import Lines
+from experiments.execution.progress import Lines, status
 from experiments.execution.runner import Runner
-from experiments.execution.status import status
 from experiments.running.results_folder import DONE, LOG
 
 
@@ -42,10 +41,11 @@ class Told:
 
 @pytest.fixture
 def make(suite_data, tmp_path):
-    """Makes one run with an machines."""
+    """Makes one run, or those of another suite, with machines."""
+    alone = {"worlds": 1, "agents": [{"name": "random"}]}
 
-    def make(machines, **options):
-        suite = Suite.model_validate(suite_data | {"worlds": 1, "agents": [{"name": "random"}]})
+    def make(machines, changes=alone, **options):
+        suite = Suite.model_validate(suite_data | changes)
         return Runner(suite, tmp_path / "out", machines, Lines(), **options).run("run")
 
     return make
@@ -135,13 +135,10 @@ def test_the_second_of_two_workers_is_thrown_away(make, tmp_path):
     assert (folder / LOG).read_text() == machines.first
 
 
-def test_the_longest_runs_are_begun_first(suite_data, tmp_path, capsys):
+def test_the_longest_runs_are_begun_first(make, capsys):
     agents = ["random", {"name": "unified_servo", "motions": 9_000}, {"name": "paper_servo", "motions": 400}]
-    suite_data |= {"worlds": 2, "agents": agents}
     machines = Told(0)
-    assert (
-        Runner(Suite.model_validate(suite_data), tmp_path / "out", machines, Lines(), at_once=2).run("") == []
-    )
+    assert make(machines, {"worlds": 2, "agents": agents}, at_once=2) == []
     assert [each.name.split("-")[1] for each in machines.started[:2]] == ["unified_servo"] * 2
     assert machines.started[-1].name.split("-")[1] == "random"
     said = capsys.readouterr().out.splitlines()

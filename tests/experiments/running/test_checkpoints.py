@@ -1,16 +1,13 @@
 """Held-out trials around a perturbation: the same agent, in the old world and in the new one."""
 
-import json
+from zipfile import ZipFile
 
 import pytest
 
-from experiments.config.suite import Suite
 from experiments.running import worker
-from experiments.running.cpu_time import CpuTimes
-from experiments.running.run import runs_of
 from tests.agents.neural.quick import QUICK
+from tests.experiments.fakes import AIM, lived, runs
 
-AIM = {"type": "camera_aim", "camera": "left", "degrees": 20}
 PPO = {"name": "ppo", "settings": {**QUICK["ppo"], "rows": 4}, "motions": 160}
 SAC = {"name": "sac", "settings": {**QUICK["sac"], "learning_starts": 10}}
 
@@ -20,20 +17,17 @@ def live(suite_data, tmp_path, monkeypatch):
     """Makes the first run of the suite; returns its checkpoints, and the world and knowledge at each."""
 
     def make(agent, **changes):
-        suite_data["agents"], suite_data["worlds"] = [agent], 1
-        suite_data["evaluation"] = {"trials": 1, **changes}
         seen, evaluate = [], worker.evaluate
 
         def watched(timed, env, trials, seed):
             timed.agent.save(tmp_path / "agent")
-            seen.append((env.unwrapped.world, (tmp_path / "agent").read_bytes()))
+            with ZipFile(tmp_path / "agent") as saved:  # whose bytes tell the time, too
+                seen.append((env.unwrapped.world, {name: saved.read(name) for name in saved.namelist()}))
             return evaluate(timed, env, trials, seed)
 
         monkeypatch.setattr(worker, "evaluate", watched)
-        (spec,) = runs_of(Suite.model_validate(suite_data))
-        worker.run_lifetime(spec, tmp_path, CpuTimes())
-        rows = map(json.loads, (tmp_path / "trials.jsonl").read_text().splitlines())
-        held_out = [row for row in rows if row["phase"] == "eval"]
+        (spec,) = runs(suite_data, agents=[agent], worlds=1, evaluation={"trials": 1, **changes})
+        held_out = [row for row in lived(spec, tmp_path)[1] if row["phase"] == "eval"]
         return [(row["lifetime_motions"], row["motions_since_perturbation"]) for row in held_out], seen
 
     return make

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from experiments.config.suite import Suite
 from experiments.running.process import end_idle_workers, lent_worker
 from experiments.running.results_folder import DONE, RUN, TRIALS, write_whole
-from experiments.running.run import runs_of
+from tests.experiments.fakes import runs
 
 MADE_OF = {"code": "this"}
 
@@ -27,7 +26,7 @@ def _none_left():
 def folders(suite_data, tmp_path):
     """Of four runs: two agents in two worlds."""
     made = []
-    for run in runs_of(Suite.model_validate(suite_data)):
+    for run in runs(suite_data):
         made.append(tmp_path / run.id)
         made[-1].mkdir()
         write_whole(made[-1] / RUN, run.model_dump_json())
@@ -83,8 +82,7 @@ def wait_for(pid):
 @pytest.mark.parametrize("killed", ["copy", "worker"])
 def test_what_is_killed_is_lost_and_leaves_nothing_behind(folders, suite_data, killed):
     suite_data["scenarios"][0]["motions"] = 1_000_000
-    endless = runs_of(Suite.model_validate(suite_data))[0]
-    (folders[0] / RUN).write_text(endless.model_dump_json())
+    (folders[0] / RUN).write_text(runs(suite_data)[0].model_dump_json())
     found = []
 
     def kill():

@@ -1,21 +1,17 @@
 """Rows of one world as one lifetime: counted together, perturbed together, as every other agent is."""
 
-import hashlib
-import json
-
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.requirements import requirements, unfit_life
-from experiments.config.suite import AgentConfig, ScenarioConfig, Suite
+from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.evaluation import TrialRecord
 from experiments.running import worker
-from experiments.running.cpu_time import CpuTimes
 from experiments.running.lifetime import LifetimeRecorder, RowsRecorder
-from experiments.running.run import runs_of
 from tests.agents.neural.quick import QUICK
+from tests.experiments.fakes import lived, runs, watched
 
 ENV = EnvironmentConfig(id="CalFree/ReachDense-v0", world="wild", dynamics="kinematic", max_episode_steps=8)
 AIM = {"type": "camera_aim", "camera": "left"}  # by how much is drawn
@@ -30,36 +26,15 @@ def words(rows, seed=0):
     return np.random.default_rng(seed).uniform(-0.2, 0.2, (rows, 3)).astype(np.float32)
 
 
-def digest(world):
-    return hashlib.sha256(json.dumps(world.to_dict()).encode()).hexdigest()
-
-
 @pytest.mark.parametrize("at", [{"trial": 3}, {"motion": 28}], ids=str)
 def test_rows_meet_the_worlds_and_perturbations_of_a_servo(suite_data, tmp_path, monkeypatch, at):
     suite_data["agents"] = [PPO, {"name": "paper_servo"}]
     suite_data["scenarios"][0] |= {"motions": 88, "perturbations": [{"at": at, "do": AIM}]}
-    seen = {}
-
-    def watched(recorder_class):
-        class Watched(recorder_class):
-            def __init__(self, *arguments):
-                super().__init__(*arguments)
-                self.worlds = [digest(self.world)]
-
-            def step(self, action):
-                result = super().step(action)
-                if digest(self.world) != self.worlds[-1]:
-                    self.worlds.append(digest(self.world))
-                return result
-
-        return lambda *arguments: recorders.append(Watched(*arguments)) or recorders[-1]
-
-    recorders: list = []
-    monkeypatch.setattr(worker, "LifetimeRecorder", watched(LifetimeRecorder))
-    monkeypatch.setattr(worker, "RowsRecorder", watched(RowsRecorder))
-    for spec in runs_of(Suite.model_validate(suite_data)):
-        outcome, _ = worker.run_lifetime(spec, tmp_path, CpuTimes())
-        rows = [json.loads(line) for line in (tmp_path / "trials.jsonl").read_text().splitlines()]
+    seen, recorders = {}, []
+    for recorder in (LifetimeRecorder, RowsRecorder):
+        monkeypatch.setattr(worker, recorder.__name__, watched(recorder, recorders))
+    for spec in runs(suite_data):
+        outcome, rows = lived(spec, tmp_path)
         train = [row for row in rows if row["phase"] == "train"]
         assert [row["trial"] for row in train] == list(range(len(train)))
         assert len(train) >= 2

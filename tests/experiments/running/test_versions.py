@@ -29,22 +29,12 @@ def test_the_code_that_makes_a_run_is_all_hashed():
         assert path.startswith(WHAT_MAKES_A_RESULT), path
 
 
-def test_all_that_is_hashed_is_there():
-    for path in WHAT_MAKES_A_RESULT:
-        assert (REPOSITORY / path).exists(), path
-
-
 def test_an_edit_of_any_hashed_file_makes_results_foreign(tmp_path, monkeypatch):
     for root in WHAT_MAKES_A_RESULT:
-        target = tmp_path / root
-        if root.endswith(".py"):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes((REPOSITORY / root).read_bytes())
-        else:
-            for file in sources(REPOSITORY / root):
-                copy = tmp_path / file.relative_to(REPOSITORY)
-                copy.parent.mkdir(parents=True, exist_ok=True)
-                copy.write_bytes(file.read_bytes())
+        path = REPOSITORY / root
+        assert path.exists(), root
+        for file in [path] if path.is_file() else sources(path):
+            write(tmp_path / file.relative_to(REPOSITORY), file.read_bytes())
     monkeypatch.setattr(versions, "REPOSITORY", tmp_path)
     before = versions.versions()["code"]
     files = sources(tmp_path)
@@ -72,7 +62,7 @@ def repository(tmp_path, monkeypatch):
 
 def write(path, text):
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,12 @@
 """One run, made in this process: what is the same for every agent, and what evaluation changes."""
 
-import json
-
 import numpy as np
 import pytest
 
-from experiments.config.suite import Suite
 from experiments.running import worker
-from experiments.running.cpu_time import CpuTimes
 from experiments.running.lifetime import LifetimeRecorder
-from experiments.running.run import runs_of
 from tests.agents.neural.quick import QUICK
+from tests.experiments.fakes import lived, runs, watched
 
 AGENTS = [
     {"name": "random"},
@@ -21,43 +17,29 @@ AGENTS = [
 AIM = {"type": "camera_aim", "camera": "left"}  # by how much is drawn
 
 
-class Watched(LifetimeRecorder):
-    """Keeps the worlds and objects that its agent meets."""
-
-    def __init__(self, *arguments):
-        super().__init__(*arguments)
-        self.worlds = [self.world]
-        self.objects = []
-
-    def reset(self, **arguments):
-        observation, info = super().reset(**arguments)
-        if not (self.objects and np.array_equal(self.objects[-1], info["truth"]["object"])):
-            self.objects.append(info["truth"]["object"])
-        return observation, info
-
-    def step(self, action):
-        result = super().step(action)
-        if self.world != self.worlds[-1]:
-            self.worlds.append(self.world)
-        return result
-
-
 @pytest.fixture
 def run_all(suite_data, tmp_path, monkeypatch):
     """Makes every run of the suite, and returns its spec, its recorder and its rows."""
 
-    def make(data=suite_data):
-        runs = runs_of(Suite.model_validate(data))
+    class Watched(LifetimeRecorder):
+        """Keeps the objects that its agent meets, too."""
+
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            self.objects = []
+
+        def reset(self, **arguments):
+            observation, info = super().reset(**arguments)
+            if not (self.objects and np.array_equal(self.objects[-1], info["truth"]["object"])):
+                self.objects.append(info["truth"]["object"])
+            return observation, info
+
+    def make():
         recorders = []
-        monkeypatch.setattr(
-            worker, "LifetimeRecorder", lambda *a: recorders.append(Watched(*a)) or recorders[-1]
-        )
-        rows = []
-        for spec in runs:
-            worker.run_lifetime(spec, tmp_path, CpuTimes())
-            lines = (tmp_path / "trials.jsonl").read_text().splitlines()
-            rows.append([json.loads(line) for line in lines])
-        return list(zip(runs, recorders, rows, strict=True))
+        monkeypatch.setattr(worker, "LifetimeRecorder", watched(Watched, recorders))
+        specs = runs(suite_data)
+        rows = [lived(spec, tmp_path)[1] for spec in specs]
+        return list(zip(specs, recorders, rows, strict=True))
 
     return make
 
@@ -87,11 +69,11 @@ def test_checkpoints_are_the_same_for_agents_that_reset_at_once(suite_data, run_
     suite_data["scenarios"][0]["env"]["tolerance_px"] = 0.01  # never reached: trial 2 begins after 40 motions
     worlds, evaluate = [], worker.evaluate
 
-    def watched(agent, env, trials, seed):
+    def noted(agent, env, trials, seed):
         worlds.append(env.unwrapped.world)
         return evaluate(agent, env, trials, seed)
 
-    monkeypatch.setattr(worker, "evaluate", watched)
+    monkeypatch.setattr(worker, "evaluate", noted)
     recorders = run_all()
     for _, _, rows in recorders:
         held_out = [row for row in rows if row["phase"] == "eval" and row["trial"] == 0]

@@ -6,12 +6,11 @@ import math
 import pytest
 
 from experiments.tuning.config import TuningConfig
-from experiments.tuning.tuner import OverBudgetError, Tuner
-from experiments.tuning.worker import Report
+from experiments.tuning.tuner import Lived, Tuner
 
 
 class KnownLifetimes:
-    """In place of `Processes`: a lifetime comes to a function of its settings and its world, at a price.
+    """In place of `Lifetimes`: each comes to a function of its settings and its world, at a price.
 
     Attributes:
         made: Settings and index of the world of every lifetime.
@@ -21,16 +20,13 @@ class KnownLifetimes:
         self.objective, self.cpu_seconds = objective, cpu_seconds
         self.made = []
 
-    def reports(self, runs, cpu_seconds, log):
-        used = 0.0
-        for run in runs:
-            used += self.cpu_seconds
-            if cpu_seconds is not None and used > cpu_seconds:
-                raise OverBudgetError
-            found = self.objective(run.agent.settings, run.world)
-            self.made.append((run.agent.settings, run.world))
-            failed = found if isinstance(found, str) else None
-            yield Report(value=None if failed else found, error=failed, cpu_seconds=used)
+    def make(self, run, cpu_seconds, log):
+        price = self.cpu_seconds
+        if price > cpu_seconds:
+            return Lived(None, None, cpu_seconds)
+        found = self.objective(run.agent.settings, run.world)
+        self.made.append((run.agent.settings, run.world))
+        return Lived(None, found, price) if isinstance(found, str) else Lived(found, None, price)
 
 
 @pytest.fixture
@@ -55,13 +51,12 @@ def tuning_data(suite_data):
 def tune(tuning_data, tmp_path):
     """Tunes the agent with known lifetimes; returns what is published."""
 
-    def tune(processes, *, journal="studies", versions=None, **changed):
+    def tune(lifetimes, *, journal="studies", code="this", **changed):
         config = TuningConfig.model_validate(tuning_data | changed)
         folder = tmp_path / journal
         folder.mkdir(exist_ok=True)
-        versions = versions or {"code": "this"}
-        tuner = Tuner(config, config.agents[0], folder, processes, versions, "commit", lambda line: None)
-        return tuner.tune()
+        made_of = (lifetimes.make, {"code": code}, "commit")
+        return Tuner(config, config.agents[0], folder, *made_of, say=lambda line: None).tune()
 
     return tune
 

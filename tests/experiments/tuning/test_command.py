@@ -6,6 +6,7 @@ import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -14,20 +15,13 @@ from experiments.__main__ import main
 from experiments.running.run import runs_of
 from experiments.running.versions import REPOSITORY
 from experiments.tuning.config import TuningConfig
-from experiments.tuning.tuner import LostError, OverBudgetError, Processes
+from experiments.tuning.tuner import Lifetimes, Lived, LostError
 
 
 def command(config, out):
-    words = [sys.executable, "-m", "experiments", "tune", str(config), "--out", str(out)]
-    return [
-        *words,
-        "--set",
-        "tries=2",
-        "--set",
-        "scenarios.0.worlds=1",
-        "--set",
-        "scenarios.0.check_worlds=2",
-    ]
+    values = ("tries=2", "scenarios.0.worlds=1", "scenarios.0.check_worlds=2")
+    smaller = [word for value in values for word in ("--set", value)]
+    return [sys.executable, "-m", "experiments", "tune", str(config), "--out", str(out), *smaller]
 
 
 def start(config, out):
@@ -72,7 +66,8 @@ def test_killed_at_any_moment_it_ends_with_the_same(tuning_data, write_config, t
     whole = time.monotonic() - begun
     rng = random.Random(0)
     for k in range(8):
-        process, out = start(config, tmp_path / f"out{k}"), tmp_path / f"out{k}"
+        out = tmp_path / f"out{k}"
+        process = start(config, out)
         try:
             process.wait(rng.uniform(0.1, whole))
         except subprocess.TimeoutExpired:
@@ -85,23 +80,39 @@ def test_killed_at_any_moment_it_ends_with_the_same(tuning_data, write_config, t
 
 
 @pytest.fixture
-def runs(tuning_data):
-    """Lifetimes of minutes."""
+def endless(tuning_data):
+    """A lifetime of minutes."""
     tuning_data["scenarios"][0]["motions"] = 1_000_000
     config = TuningConfig.model_validate(tuning_data)
-    return tuple(runs_of(config.suite(config.agents[0], {})))
+    return runs_of(config.suite(config.agents[0], {}))[0]
 
 
-def test_a_process_ends_when_its_cpu_time_does(runs, tmp_path):
-    with pytest.raises(OverBudgetError):
-        list(Processes().reports(runs, 0.5, tmp_path / "log.txt"))
+def test_a_lifetime_ends_when_its_cpu_time_does(endless, tmp_path):
+    assert Lifetimes({}).make(endless, 0.5, tmp_path / "log.txt") == Lived(None, None, 0.5)
 
 
-def test_a_process_that_is_stopped_says_nothing_about_its_settings(runs, tmp_path):
-    processes = Processes()
-    processes.stop()
-    with pytest.raises(LostError):
-        list(processes.reports(runs, None, tmp_path / "log.txt"))
+def test_a_lifetime_that_is_stopped_says_nothing_about_its_settings(endless, tmp_path):
+    lifetimes, log = Lifetimes({}), tmp_path / "log.txt"
+
+    def stop_once_it_has_begun():
+        while not (log.exists() and log.read_text()):
+            time.sleep(0.01)
+        lifetimes.stop()
+
+    thread = threading.Thread(target=stop_once_it_has_begun)
+    thread.start()
+    with pytest.raises(LostError, match="exit code -9"):
+        lifetimes.make(endless, 1_000, log)
+    thread.join()
+
+
+def test_a_lifetime_that_fails_says_with_what(tuning_data, tmp_path):
+    config = TuningConfig.model_validate(tuning_data)
+    run = runs_of(config.suite(config.agents[0], {"damping": -1.0}))[0]
+    lived = Lifetimes({}).make(run, 60, tmp_path / "log.txt")
+    assert lived.value is None
+    assert lived.error.startswith("ValueError: agent 'jacobian_servo': damping is -1.0;")
+    assert 0 < lived.cpu_seconds < 60
 
 
 def test_user_errors_are_one_message(tuning_data, write_config, tmp_path, capsys):

@@ -11,6 +11,7 @@ from experiments.config.suite import Suite
 from experiments.errors import ConfigError
 from experiments.running.run import runs_of
 from experiments.tuning.config import load_tuning, seeds_of_suites
+from tests.experiments.fakes import spoil
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 RANGE = ("agents", 0, "ranges", "damping")
@@ -19,13 +20,6 @@ RANGE = ("agents", 0, "ranges", "damping")
 @pytest.fixture(scope="module")
 def shipped():
     return load_tuning(CONFIGS / "tuning.yaml")
-
-
-def spoil(data, path, value):
-    *parents, last = path
-    for key in parents:
-        data = data[key]
-    data[last] = value
 
 
 @pytest.mark.parametrize(

@@ -14,15 +14,15 @@ def settings_of(found):
 
 
 def test_a_minimum_that_is_known_is_found_and_chosen(tune):
-    processes = KnownLifetimes(quadratic)
-    found = tune(processes)
+    lifetimes = KnownLifetimes(quadratic)
+    found = tune(lifetimes)
     assert settings_of(found)[0] == {"damping": 0.05}  # as by default
     assert len(found["tries"]) == 20
     assert found["stopped_by"] == "20 tries"
     assert 0.15 < found["best"]["damping"] < 0.27
     assert found["choice"] == "tuned"
     assert found["settings"] == found["best"]
-    assert len(processes.made) <= 2 * 20 + 2 * 4
+    assert len(lifetimes.made) <= 2 * 20 + 2 * 4
     check = found["check"]
     assert check["default"] == [quadratic(found["default"], world) for world in (2, 3, 4, 5)]
     assert check["difference"]["high"] < 0
@@ -61,20 +61,20 @@ def test_the_budget_of_cpu_time_is_kept(tune):
 
 
 def test_what_takes_longer_than_it_was_expected_to_is_stopped_within(tune):
-    processes = KnownLifetimes(quadratic, cpu_seconds=10.0)
+    lifetimes = KnownLifetimes(quadratic, cpu_seconds=10.0)
 
     def dearer_later(settings, world):
-        processes.cpu_seconds = 10.0 if len(processes.made) < 4 else 60.0
+        lifetimes.cpu_seconds = 10.0 if len(lifetimes.made) < 4 else 60.0
         return quadratic(settings, world)
 
-    processes.objective = dearer_later
-    found = tune(processes, cpu_minutes=1.5)
+    lifetimes.objective = dearer_later
+    found = tune(lifetimes, cpu_minutes=1.5)
     assert found["tries"][-1]["state"] == "out of time"
     assert found["tries"][-1]["objective"] is None
     assert found["cpu_minutes"] == 1.5
     assert "ran out within try" in found["stopped_by"]
-    assert tune(processes, cpu_minutes=1.5) == found
-    assert len(tune(processes, cpu_minutes=10)["tries"]) > len(found["tries"])
+    assert tune(lifetimes, cpu_minutes=1.5) == found
+    assert len(tune(lifetimes, cpu_minutes=10)["tries"]) > len(found["tries"])
 
 
 def test_the_first_try_alone_is_too_dear(tune):
@@ -135,12 +135,12 @@ def test_an_agent_that_fails_with_its_default_settings_is_not_tuned(tune):
 def test_settings_that_come_again_cost_nothing(tune):
     choices = {"estimator": ["kalman", "rls"], "redundancy": ["weighted", "omit"]}
     agent = {"name": "jacobian_servo", "scenario": "aimed", "choices": choices}
-    processes = KnownLifetimes(lambda settings, world: 10.0 + (settings["estimator"] == "rls"))
-    found = tune(processes, agents=[agent])
+    lifetimes = KnownLifetimes(lambda settings, world: 10.0 + (settings["estimator"] == "rls"))
+    found = tune(lifetimes, agents=[agent])
     assert len(found["tries"]) == 20
     distinct = {json.dumps(settings) for settings in settings_of(found)}
     assert len(distinct) <= 4
-    made = [json.dumps(each) for each in processes.made]
+    made = [json.dumps(each) for each in lifetimes.made]
     assert len(made) == len(set(made))
     assert found["choice"] == "default"
     again = [each for each in found["tries"] if each["state"] == "repeated"]
@@ -153,7 +153,7 @@ def test_tries_of_other_code_or_of_another_configuration_are_refused(tune):
     with pytest.raises(
         ConfigError, match=r"versions\.code 'this', not 'other': its tries are not comparable"
     ):
-        tune(KnownLifetimes(quadratic), versions={"code": "other"})
+        tune(KnownLifetimes(quadratic), code="other")
     with pytest.raises(ConfigError, match="seed 7, not 8"):
         tune(KnownLifetimes(quadratic), seed=8)
     assert len(tune(KnownLifetimes(quadratic), tries=3)["tries"]) == 3
