@@ -140,7 +140,7 @@ def over_an_object(shape, *pose):
 def test_the_intermediate_position_is_one_gripper_length_before_the_object():
     """Where the gripper stands over the object, its place in both images is that of a true point."""
     env, at, _ = over_an_object("box", 0.4, 0.0)
-    env.arms._sight._measurement._noise[:] = 0
+    env.set_world(replace(env.world, point_noise=0.0))
     now = GraspObservation.of(env.step(np.zeros(5, np.float32))[0])
     along, seen = target("along_axis", now, 1.0)
     true, _ = env.arms._workspaces.cameras.project(at[None], np.array([0]))
