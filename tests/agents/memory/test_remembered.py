@@ -145,7 +145,7 @@ def test_it_drops_what_the_others_tell_and_stays_as_good():
     for _ in range(60):
         registers = rng.uniform(-0.7, 0.7, (10, 3))
         remembered.learn(seen_at(registers, noisy(rng, view(registers))))
-    assert len(remembered.gripper) < 200
+    assert len(remembered.gripper) < 125
     assert np.sqrt(np.square(off(remembered)).mean()) < 0.5 * IMAGE_UNIT
 
 
