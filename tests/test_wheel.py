@@ -159,7 +159,6 @@ def test_the_wheel_alone_runs_its_examples(example, said, python, tmp_path, open
 @pytest.mark.slow
 @pytest.mark.parametrize("block", BLOCKS)
 def test_the_wheel_alone_runs_what_the_documentation_shows(block, python, tmp_path):
-    assert len([line for line in block.splitlines() if line]) <= 10
     run(python, "-c", block + 'assert info["is_success"]', cwd=tmp_path)
 
 
