@@ -67,7 +67,7 @@ class JointSpaceServo(ProcedureAgent):
                 yield from trial.test(motor)
             words = trial.now.registers - before.registers
             turned = _angles(trial.now) - _angles(before)
-            tested = words != 0
+            tested = (words != 0) & (turned != 0)  # at a stop a joint may not turn
             turned_by_word[tested] = turned[tested] / words[tested]
             step = self._step(trial.jacobian / turned_by_word, trial.now.distance)
             yield from trial.move_in_view(step / turned_by_word)

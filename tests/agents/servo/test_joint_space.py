@@ -8,7 +8,9 @@ import pytest
 
 import agents
 from agents.base.observation import Observation
+from agents.base.prior_knowledge import PriorKnowledge
 from agents.servo.joint_space import JointSpaceServo
+from experiments.studies import priors
 from tests.agents.analytic import distance_jacobian
 from tests.agents.trials import carry_out, motions_of
 
@@ -118,3 +120,9 @@ def test_it_reaches_in_wild_worlds(reach, mount, worlds, least, most_motions):
     share, motions, _ = reach("joint_space_servo", worlds, mount, {"tell": ("joint_angles",)})
     assert share >= least
     assert motions <= most_motions
+
+
+def test_a_joint_that_a_word_does_not_turn_leaves_words_numbers():
+    """In this world motors stand at their stops."""
+    motions = priors.motions("joint_space_servo", 5008, 6, priors.ALTERATIONS[PriorKnowledge.ARM])
+    assert len(motions) == 6
