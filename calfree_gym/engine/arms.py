@@ -549,7 +549,7 @@ class Arms(ABC):
             self._take_from_pool(rows)
 
     def _take_from_pool(self, rows: NDArray[np.intp]) -> None:
-        """Puts rows into worlds of the pool: any, by the row's seed and trial. See `Config.pool`."""
+        """Puts rows into worlds of the pool: any, by the row's seed and trial."""
         size = self.config.pool
         assert size is not None
         if self._pool is None:

@@ -26,33 +26,23 @@ class KinematicSimulation(ReachSimulation):
         rows, robot, mounts, threads: See `Simulation`.
     """
 
-    of_world: ClassVar[tuple[str, ...]] = (
-        *ReachSimulation.of_world,
-        *("_lengths", "_focal", "_centres", "_axes"),
-    )
+    of_world: ClassVar[tuple[str, ...]] = (*ReachSimulation.of_world, "_centres", "_axes")
 
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, mounts, threads)
         self._fixed_to = mounts
-        self._lengths = np.tile(robot.lengths, (rows, 1))
         self._centres, self._axes = np.zeros((rows, 2, 3)), np.zeros((rows, 2, 3, 3))
-        self._focal = np.ones((rows, 2, 1))
         self._points = np.zeros((2, rows, 3))
         self._seen = np.zeros((2, rows, 2, 2)), np.zeros((2, rows, 2))
 
     def set_world(self, row: int, world: World) -> None:
         """See `Simulation`."""
         super().set_world(row, world)
-        self._lengths[row], self._focal[row, :, 0] = world.link_lengths, world.focal_length
         self._centres[row] = world.camera_position
         self._axes[row] = [rotation_matrix(each) for each in world.camera_orientation]
 
-    def move(self, rows: Rows, joints: Array) -> Array:
-        """See `ReachSimulation`."""
-        travel = self.travel(rows, joints)
-        write(self._all_ctrl, rows, self._ctrl, joints)
+    def _settle(self, rows: Rows, joints: Array) -> None:
         write(self._all_qpos, rows, self._qpos, joints)
-        return travel
 
     def refresh(self) -> None:
         """See `Simulation`."""

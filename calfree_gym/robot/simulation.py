@@ -48,6 +48,7 @@ class Simulation(OfWorlds, ABC):
     state_names: ClassVar[tuple[str, ...]] = ("_physics",)
     of_world: ClassVar[tuple[str, ...]] = (
         *("_camera_position", "_camera_orientation", "_intrinsic", "_body_position", "_occluders"),
+        *("_lengths", "_focal"),
     )
     way: list[Array] | None = None
 
@@ -60,6 +61,7 @@ class Simulation(OfWorlds, ABC):
         self._physics = self._batch.state  # all that MuJoCo integrates, the solver's warm start included
         self._occluder = self._model.geom(self.prefix + "occluder").id
         self._occluders = np.zeros((rows, 5))
+        self._lengths, self._focal = np.tile(robot.lengths, (rows, 1)), np.ones((rows, 2, 1))
         self._camera_position = self._batch.expand("cam_pos")
         self._camera_orientation = self._batch.expand("cam_quat")
         self._intrinsic = self._batch.expand("cam_intrinsic")
@@ -102,6 +104,7 @@ class Simulation(OfWorlds, ABC):
                 turn * [1, -1, -1, -1], world.camera_orientation[camera]
             )
             self._intrinsic[row, place, :2] = world.focal_length[camera] * (SENSOR_SIZE / IMAGE_SIZE)
+        self._lengths[row], self._focal[row, :, 0] = world.link_lengths, world.focal_length
         self._robot.stretch(self._body_position[row], world.link_lengths)
         self._occluders[row] = world.occluder
 
@@ -244,10 +247,14 @@ class ReachSimulation(Simulation):
         """
         travel = self.travel(rows, joints)
         write(self._all_ctrl, rows, self._ctrl, joints)
+        self._settle(rows, joints)
+        return travel
+
+    def _settle(self, rows: Rows, joints: Array) -> None:
+        """Lets the arms of `rows` follow their servos to joints at (n, j)."""
         self._disabled.fill(self._flags | _NO_SENSORS)  # only `refresh` needs them
         self._batch.step(None if isinstance(rows, slice) else rows, SUBSTEPS)
         self._disabled.fill(self._flags)
-        return travel
 
     def place_objects(self, rows: Rows, objects: Array) -> None:
         """Puts the objects of `rows` at (n, 3) in m."""

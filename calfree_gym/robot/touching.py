@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import mujoco
 import numpy as np
@@ -14,9 +14,6 @@ from calfree_gym.robot.arms.chain import HINGE, SLIDE, path_to
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.grasping.simulation import PEAK, smooth
 from calfree_gym.robot.simulation import ReachSimulation
-
-if TYPE_CHECKING:
-    from calfree_gym.world.value import World
 
 ROOM_BODY = "calfree room"
 """Name of the body that table and walls are fixed to."""
@@ -265,11 +262,9 @@ class TouchingSimulation(ReachSimulation):
     """
 
     state_names: ClassVar[tuple[str, ...]] = (*ReachSimulation.state_names, "_touched")
-    of_world: ClassVar[tuple[str, ...]] = (*ReachSimulation.of_world, "_lengths")
 
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, threads: int) -> None:
         super().__init__(rows, robot, mounts, threads, furniture(robot))
-        self._lengths = np.tile(robot.lengths, (rows, 1))
         self._touch = int(self._model.sensor(SENSOR).adr[0])
         self._joints = np.atleast_1d(np.arange(self._model.nq)[self._qpos])
         self._touched = np.zeros((rows, len(Touched._fields)))
@@ -277,11 +272,6 @@ class TouchingSimulation(ReachSimulation):
         model = self._picture[0]
         self._of_arm = of_arm(model, robot)
         keep_apart(model, of_room(model), CLEARANCE * robot.rig.scale)
-
-    def set_world(self, row: int, world: World) -> None:
-        """See `Simulation`."""
-        super().set_world(row, world)
-        self._lengths[row] = world.link_lengths
 
     def move(self, rows: Rows, joints: Array) -> Array:
         """See `ReachSimulation`; where the drive trips, the arm stops short. `touched` tells."""

@@ -1,10 +1,9 @@
 """Pools of worlds: every trial is as in an environment that is put into that world by hand."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-import calfree_gym  # noqa: F401
+from tests.calfree_gym.environments import assert_same, kinematic, make
 
 SIZE = 3
 KNOCKS = [
@@ -17,10 +16,8 @@ KNOCKS = [
 
 
 def made(task, **arguments):
-    kinematic = {"dynamics": "kinematic"} if task == "Reach" else {}
-    return gym.make(
-        f"CalFree/{task}-v0", max_episode_steps=3, terminate_on_success=False, **kinematic, **arguments
-    ).unwrapped
+    placed = {"dynamics": "kinematic"} if task == "Reach" else {}
+    return make(task, max_episode_steps=3, terminate_on_success=False, **placed, **arguments).unwrapped
 
 
 def drawn(task):
@@ -55,15 +52,12 @@ def test_a_trial_is_as_in_its_world_whatever_was_knocked_before(task, trials, kn
         words = rng.uniform(-0.2, 0.2, pool.action_space.shape).astype(np.float32)
         looks += [pool.step(words), by_hand.step(words)]
         for first, second in (looks[:2], looks[2:]):
-            for name in first[0]:
-                np.testing.assert_array_equal(first[0][name], second[0][name])
+            assert_same(first[0], second[0])
     assert set(seen) == set(range(SIZE)) or trials < 10
 
 
 def test_rows_take_worlds_as_single_environments_do():
-    rows = gym.make_vec(
-        "CalFree/Reach-v0", 4, dynamics="kinematic", redraw="trial", pool=SIZE, max_episode_steps=3
-    )
+    rows = kinematic(4, redraw="trial", pool=SIZE, max_episode_steps=3)
     single = [made("Reach", redraw="trial", pool=SIZE) for _ in range(4)]
     seen, _ = rows.reset(seed=5)
     taken = []
@@ -97,4 +91,4 @@ def test_what_cannot_be_a_pool_is_refused(arguments, message):
 
 def test_a_pool_has_worlds_of_one_distribution():
     with pytest.raises(ValueError, match="worlds of one distribution"):
-        gym.make_vec("CalFree/Reach-v0", 2, world=["wild", "coarse"], redraw="trial", pool=5)
+        make(rows=2, world=["wild", "coarse"], redraw="trial", pool=5)

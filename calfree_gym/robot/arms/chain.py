@@ -55,7 +55,8 @@ class Chain:
                     fixed, stretched = np.eye(4), {}
                 else:
                     fixed = fixed @ _still(model, joint, qpos)
-        self._steps.append(_Step(0, _Joint(0.0, fixed), stretched))
+        if stretched or not self._steps or (fixed != np.eye(4)).any():
+            self._steps.append(_Step(0, _Joint(0.0, fixed), stretched))
 
     def frames(self, joints: Array, stretch: Array) -> tuple[Array, Array]:
         """Position (..., 3) in m of the last body in the room, and its axes as columns (..., 3, 3).

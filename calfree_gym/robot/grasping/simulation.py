@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,9 +16,6 @@ from calfree_gym.robot.grasping.gripping_arm import JAWS, SENSORS, GrippingArm
 from calfree_gym.robot.grasping.shapes import Thing
 from calfree_gym.robot.simulation import Picture, Simulation, columns
 from calfree_gym.vision.cameras import pinhole
-
-if TYPE_CHECKING:
-    from calfree_gym.world.value import World
 
 CHUNK = 10
 """Substeps after which the guard looks at the forces."""
@@ -127,7 +124,6 @@ class GraspSimulation(Simulation):
     """
 
     state_names: ClassVar[tuple[str, ...]] = (*Simulation.state_names, "_pressing", "diverged")
-    of_world: ClassVar[tuple[str, ...]] = (*Simulation.of_world, "_focal", "_lengths")
     seen: ClassVar[tuple[str, ...]] = POINTS
     """What cameras see; `OBJECT` is the place of what the task is about."""
     told: ClassVar[slice] = slice(0, 2)
@@ -139,7 +135,6 @@ class GraspSimulation(Simulation):
         super().__init__(rows, robot, robot.scene(mounts), mounts, threads)
         model = self._model
         self._camera_places, self._camera_axes = self._batch.bind("cam_xpos"), self._batch.bind("cam_xmat")
-        self._focal = np.ones((rows, 2, 1))
         self._site = [model.site(name).id for name in self.seen]
         self._in_view, self._both = np.array(self._site), columns(np.array(self._cameras))
         self._jaw = int(model.joint(JAWS[0]).qposadr[0])
@@ -148,7 +143,6 @@ class GraspSimulation(Simulation):
         self._fields = {name: self._batch.expand(name) for name in self._bind_object(model)}
         self._weights = self._batch.bind("xfrc_applied")[:, self._body, 2]
         self._at_rest = self._physics[0].copy()
-        self._lengths = np.tile(robot.lengths, (rows, 1))
         self._pressing = np.zeros(rows)
         self.diverged = np.zeros(rows, bool)
 
@@ -160,12 +154,6 @@ class GraspSimulation(Simulation):
         self._pads = [model.geom(f"{name}_pad").id for name in JAWS]
         own = ("site_pos", "geom_friction", "geom_condim", "geom_contype", "geom_conaffinity")
         return (*_OF_GEOMS, *_OF_BODIES, *_OF_DOFS, *own)
-
-    def set_world(self, row: int, world: World) -> None:
-        """See `Simulation`."""
-        super().set_world(row, world)
-        self._focal[row, :, 0] = world.focal_length
-        self._lengths[row] = world.link_lengths
 
     def set_thing(self, row: int, thing: Thing, mass: float, friction: float) -> None:
         """Gives `row` a thing of this mass (kg), and this friction between it and the jaws."""
