@@ -46,7 +46,7 @@ docs: venv
 SUITES := quick paper arms unseen-arms body-schema others rivals learning robustness estimators vision grasp grasp-neural six-dimensions open-questions \
 	first-trials bad-observations later-trials re-aimed-table memory first-grasps
 STUDIES := coverage priors knowledge insert orientations safe_start
-ALONE := changes right_actions sensitivity speed  # they take all cores, or measure time
+ALONE := changes right_actions sensitivity speed training  # they take all cores, or measure time
 
 results: results-suites
 	printf '%s\n' $(STUDIES) | xargs -P $(JOBS) -I{} $(MAKE) benchmark-{}

@@ -45,7 +45,7 @@ def made(tmp_path):
 
 
 SIDE_BY_SIDE = ("coverage", "insert", "knowledge", "orientations", "priors", "safe_start")
-ALONE = ("changes", "right_actions", "sensitivity", "speed")
+ALONE = ("changes", "right_actions", "sensitivity", "speed", "training")
 
 
 def test_results_are_made_once_for_each_commit(made):

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields
 from numbers import Real
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import gymnasium
 from gymnasium.envs.registration import load_env_creator
@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import calfree_gym
 from calfree_gym import Arm
-from calfree_gym.engine.config import MOST_TOLERANCE
+from calfree_gym.engine.config import LARGEST_POOL, MOST_TOLERANCE
 from calfree_gym.errors import near_misses
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, digest_of, robot_of
 from calfree_gym.robot.arms.chain import SLIDE
@@ -96,7 +96,7 @@ OF_ALL = frozenset({"id", "max_episode_steps"})
 class EnvironmentConfig(Model):
     """The arguments of `gymnasium.make`."""
 
-    later = frozenset({"observation", "occlusion", "shape", "orientation", "clearance"})
+    later = frozenset({"observation", "occlusion", "shape", "orientation", "clearance", "pool"})
 
     id: Annotated[str, known(_ids)]
     world: Annotated[str, known(lambda: DISTRIBUTIONS)]
@@ -111,6 +111,7 @@ class EnvironmentConfig(Model):
     dynamics: Literal["physics", "kinematic"] = "physics"
     max_episode_steps: int = Field(60, gt=0)
     redraw: Literal["never", "trial"] = "never"
+    pool: int | None = Field(None, gt=0, le=LARGEST_POOL)
     terminate_on_success: bool = True
     keep_in_view: bool = True
 
@@ -130,6 +131,12 @@ class EnvironmentConfig(Model):
         for name in foreign:
             raise ValueError(f"{name} is {data[name]!r}; in {env_id} it is always {known[name]!r}")
         return {"tolerance_px": usual["tolerance_px"], **data}
+
+    @model_validator(mode="after")
+    def _pool_of_drawn_worlds(self) -> Self:
+        if self.pool is not None and self.redraw != "trial":
+            raise ValueError(f"pool is {self.pool}, so redraw must be 'trial'; it is {self.redraw!r}")
+        return self
 
     @field_validator("shape")
     @classmethod

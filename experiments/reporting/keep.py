@@ -47,9 +47,7 @@ def keep(out: Path, kept: Path) -> Path:
     (partial / PAGE).unlink()
     for figure in sorted((partial / "figures").iterdir()):
         if figure.suffix == ".png":
-            with Image.open(figure) as image:
-                small = fewer_colours(image)
-            small.save(figure, optimize=True)
+            keep_figure(figure, figure)
         else:
             figure.unlink()
     shutil.rmtree(old, ignore_errors=True)
@@ -58,6 +56,13 @@ def keep(out: Path, kept: Path) -> Path:
     partial.rename(target)
     shutil.rmtree(old, ignore_errors=True)
     return target
+
+
+def keep_figure(drawn: Path, target: Path) -> None:
+    """Copies a figure, in few colours."""
+    with Image.open(drawn) as image:
+        small = fewer_colours(image)
+    small.save(target, optimize=True)
 
 
 def fewer_colours(image: Image.Image) -> Image.Image:
@@ -88,10 +93,10 @@ def _refuse(finished: FinishedSuite, target: Path) -> None:
 
 
 def keep_benchmark(measured: Path, kept: Path) -> Path:
-    """Copies the JSON of `python -m experiments benchmark --out`, and writes its page.
+    """Copies what `python -m experiments benchmark --out` measured and drew, and writes its page.
 
     Args:
-        measured: The file NAME.json.
+        measured: The file NAME.json; a figure is NAME.png beside it.
         kept: Holds the folders of kept results; the file goes to that of its name.
 
     Returns:
@@ -110,5 +115,7 @@ def keep_benchmark(measured: Path, kept: Path) -> Path:
     target = folder / measured.name
     if target.resolve() != measured.resolve():
         shutil.copyfile(measured, target)
+        if (figure := measured.with_suffix(".png")).exists():
+            keep_figure(figure, target.with_suffix(".png"))
     write_page(target, folder / MARKDOWN)
     return folder

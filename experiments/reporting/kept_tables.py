@@ -157,13 +157,15 @@ def _filled(path: Path, text: str, table: Callable[[str], str]) -> str:
 
 
 def write_page(measured: Path, page: Path) -> None:
-    """Writes the tables of a kept JSON file as a page of Markdown to read.
+    """Writes the tables of a kept JSON file, and its figure, as a page of Markdown to read.
 
     Raises:
         ConfigError: The file is damaged.
     """
     tables, _, commit = read_kept(measured)
     parts = [f"# {measured.parent.name}", f"Code of commit {commit}."]
+    if (figure := measured.with_suffix(".png")).exists():
+        parts.append(f"![{measured.stem}]({figure.name})")
     for table in tables:
         parts += [f"## {table.title}", *tables_markdown([table])]
     write_whole(page, "\n\n".join(parts) + "\n")

@@ -1,6 +1,7 @@
 """Studies that no suite can be: `python -m experiments benchmark NAME`.
 
-Each module here is a study of its name, and has `tables()`, which yields tables as they are measured.
+Each module here is a study of its name, and has `tables()`, which yields tables as they are measured. One
+with `figure(tables)` has a figure of them, too.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 from calfree_gym.errors import near_misses
 from experiments.errors import ConfigError
 from experiments.options import Parser
-from experiments.reporting.tables import show
+from experiments.reporting.tables import Table, show
 from experiments.running.results_folder import made_folder, write_whole
 from experiments.running.versions import commit, versions
 
@@ -70,12 +71,23 @@ def _benchmark(options: argparse.Namespace) -> int:
     check_names(options.studies)
     if options.out:
         made_folder(options.out.parent)
-    text = json.dumps(measure(options), indent=2, default=lambda number: number.item())
+    measured = measure(options)
+    text = json.dumps(measured, indent=2, default=lambda number: number.item())
     if options.json:
         print(text)
     if options.out:
         write_whole(options.out, text)
+        _draw(options.studies, measured["tables"], options.out.parent)
     return 0
+
+
+def _draw(studies: Sequence[str], measured: Sequence[dict[str, Any]], folder: Path) -> None:
+    """Writes the figure of each study that has one as NAME.png."""
+    tables = [Table.from_dict(each) for each in measured]
+    for name in studies:
+        study = import_module(f"{__name__}.{name}")
+        if hasattr(study, "figure"):
+            study.figure(tables).savefig(folder / f"{name}.png", dpi=160)
 
 
 def measure(options: argparse.Namespace) -> dict[str, Any]:

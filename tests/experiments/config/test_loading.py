@@ -95,6 +95,8 @@ GRASP = {"id": "CalFree/Grasp-v0", "world": "wild", "shape": "bar"}
         (ENV, GRASP, "agents: found", "'unified_servo' cannot grasp, as 'aimed' asks; allowed: random, gr"),
         (ENV, GRASP | {"shape": "ball"}, "scenarios.0.env.shape", "'ball'"),
         (ENV, {"id": "CalFree/Insert-v0", "world": "wild"}, "agents: found", "'unified_servo' cannot insert"),
+        ((*ENV, "pool"), 8, "scenarios.0.env", "pool is 8, so redraw must be 'trial'; it is 'never'"),
+        ((*ENV, "pool"), 0, "scenarios.0.env.pool", "greater than 0"),
         ((*ENV, "redraw"), "always", "scenarios.0.env.redraw", "'never' or 'trial'"),
         (("agents",), [], "agents", "at least 1"),
         (

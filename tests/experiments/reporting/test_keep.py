@@ -188,6 +188,14 @@ def test_the_page_has_every_table_with_intervals_beside_numbers(measured, tmp_pa
     assert keep_benchmark(folder / "mine.json", tmp_path / "kept") == folder, "what is kept is written anew"
 
 
+def test_the_figure_of_a_study_is_kept_with_it(measured, tmp_path):
+    Image.new("RGB", (3, 2), "red").save(measured.with_suffix(".png"))
+    folder = keep_benchmark(measured, tmp_path / "kept")
+    with Image.open(folder / "mine.png") as kept:
+        assert kept.convert("RGB").getpixel((1, 1)) == (255, 0, 0)
+    assert "\n\n![mine](mine.png)\n\n## Rolled" in (folder / "report.md").read_text()
+
+
 def test_what_is_no_benchmark_is_refused(measured, tmp_path):
     kept = tmp_path / "kept"
     with pytest.raises(ConfigError, match=r"other\.json: there is no such file"):

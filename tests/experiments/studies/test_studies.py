@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import gymnasium as gym
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 import agents
 from calfree_gym.tasks.reach import PRIVILEGED
@@ -22,7 +23,14 @@ def two_studies(monkeypatch):
     def study(name):
         frame = pd.DataFrame({"agent": [name], "success": [0.5], "trials": pd.array([3])})
         table = Table(name, name.title(), frame, {"success": ".0%"})
-        return SimpleNamespace(tables=lambda: [table])
+        drawn = SimpleNamespace(figure=lambda tables: draw(tables)) if name == "priors" else SimpleNamespace()
+        drawn.tables = lambda: [table]
+        return drawn
+
+    def draw(tables):
+        figure = Figure()
+        figure.text(0, 0, tables[0].title)
+        return figure
 
     monkeypatch.setattr(studies, "import_module", lambda name: study(name.rpartition(".")[2]))
 
@@ -36,6 +44,7 @@ def test_studies_are_shown_and_kept(two_studies, tmp_path, capsys):
     assert [table["name"] for table in kept["tables"]] == ["priors", "insert"]
     assert kept["versions"]["mujoco"]
     assert kept["commit"]
+    assert [path.name for path in out.parent.glob("*.png")] == ["priors.png"], "one has a figure"
     assert main(["benchmark", "priors", "insert", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == kept
 
