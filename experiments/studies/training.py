@@ -90,18 +90,24 @@ def figure(found: Sequence[Table]) -> Figure:
 def _curve(which: tuple[str, int], minutes: Sequence[float], trials: int) -> list[dict[str, Any]]:
     """A row of each look at one run."""
     name, run = which
-    envs = gym.make_vec(DENSE, ROWS, autoreset_mode=AutoresetMode.SAME_STEP, truth=False, pool=POOL, **WORLDS)
+    envs: Any = gym.make_vec(
+        DENSE, ROWS, autoreset_mode=AutoresetMode.SAME_STEP, truth=False, pool=POOL, **WORLDS
+    )
     envs.reset(seed=run)
-    learner: Any = agents.make(name, envs, seed=run)
+    learner = agents.make(name, envs, seed=run)
     spent, rows = 0.0, []
     for until in minutes:
         since = time.process_time()
-        over = since + 60 * until - spent
-        learner.learn(10**9, callback=lambda _, over=over: time.process_time() < over)
+        left = 60 * until - spent
+        learner.learn(10**9, callback=partial(_goes_on, end=since + left))
         spent += time.process_time() - since
         rows.append(_row(f"{name}, run {run + 1}", until, learner.num_timesteps, learner, trials))
     envs.close()
     return rows
+
+
+def _goes_on(_: Any, end: float) -> bool:
+    return time.process_time() < end
 
 
 def _untrained(name: str) -> Predictor:

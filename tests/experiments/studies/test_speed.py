@@ -7,7 +7,7 @@ import pytest
 from experiments.__main__ import main
 from experiments.errors import ConfigError
 from experiments.studies import common, speed
-from experiments.studies.speed import Peer
+from experiments.studies.speed import Peer, motions, timing, waits
 
 
 @pytest.fixture
@@ -52,23 +52,46 @@ def test_peers_that_cannot_be_had(spec, said, capsys):
 
 
 @pytest.mark.slow
-def test_every_ratio_is_measured(simulated, monkeypatch):
-    monkeypatch.setattr(speed, "arms_of_tests", lambda: {"gantry": common.arms_of_tests()["gantry"]})
-    reaching, grasping, arms = (table.frame for table in speed.tables([simulated], rounds=1))
-    units = reaching["unit"].tolist()
-    assert units.count("environment steps") == 9
-    assert units.count("physics substeps") == units.count("simulated seconds") == 2
-    substeps, seconds = (
-        reaching[reaching["unit"] == unit].iloc[0] for unit in ("physics substeps", "simulated seconds")
-    )
-    assert seconds["ours a second"] / substeps["ours a second"] == pytest.approx(0.005)
-    assert seconds["other a second"] / substeps["other a second"] == pytest.approx(0.002)
-    jaws = ["jaws free"] * 2 + ["object held"] * 2 + ["jaws free"]
-    assert [row.split(", ")[-1] for row in grasping["row"]] == jaws
-    assert arms["row"].tolist() == ["256 rows / bare Batch, gantry"]
-    for found in (reaching, grasping, arms):
-        assert (found[["ratio", "ours a second", "other a second"]] > 0).all(axis=None)
+def test_everything_is_timed(simulated, monkeypatch):
+    own = common.arms_of_tests()
+    few = {name: own[name] for name in ("gantry", motions.SEVEN_MOTORS)}
+    for module in (motions, waits):
+        monkeypatch.setattr(module, "arms_of_tests", lambda: few)
+    monkeypatch.setattr(speed, "by_rows", lambda rounds: motions.by_rows(rounds, (1, 4)))
+    table, rows = speed.tables([simulated], rounds=1)
+    told = table.frame.set_index("ours / beside it")
+    second = told.loc["a simulated second of one arm / tiny_peer:Tiny-v0", "times as fast"]
+    step = told.loc["a step of one arm / tiny_peer:Tiny-v0", "times as fast"]
+    assert second == pytest.approx(step * (100 * 0.005) / (20 * 0.002))
+    assert not any("PPO until" in what for what in told.index), "it has no goals"
+    assert (told["times as fast"].dropna() > 0).all()
+    assert rows.frame["rows"].tolist() == [1, 4]
+    assert (rows.frame > 0).all(axis=None)
+    lines = [line.get_ydata() for line in speed.figure([table, rows]).axes[0].lines]
+    assert [len(line) for line in lines[:4]] == [2, 2, 2, 2]
 
 
 def test_grasping_is_timed_with_free_jaws_and_holding():
-    assert all(each.ratio > 0 for each in speed._grasping(1, rows=2, motions=2, bare_steps=20))
+    assert all(each.ratio > 0 for each in motions.grasping(1, rows=2, motions=2, bare_steps=20))
+
+
+def test_the_ratio_is_of_pairs_in_turns():
+    ours, other = iter((1.0, 2.0, 30.0)), iter((2.0, 8.0, 90.0))
+    line = timing.in_turns("", lambda: next(ours), lambda: next(other), 3)
+    assert (line.seconds, line.beside, line.ratio) == (2, 8, 3)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [
+        (2.34e-7, "0.2 µs"),
+        (9.94e-6, "9.9 µs"),
+        (0.00099949, "999 µs"),
+        (0.0099, "9.9 ms"),
+        (0.99951, "1.0 s"),
+        (75, "75 s"),
+        (None, ""),
+    ],
+)
+def test_times_are_written_in_the_unit_that_reads_best(seconds, said):
+    assert timing.written(seconds) == said
