@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import operator
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, NamedTuple
 
 import mujoco
@@ -12,6 +14,8 @@ import numpy as np
 from calfree_gym.geometry import Array, rotation_matrix
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_Point = tuple[Array | float, ...]
+"""Its coordinates: x, y and z, each (...)."""
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 
 
@@ -72,6 +76,19 @@ class Chain:
         frame = np.broadcast_to(frame, (*shape, 4, 4))
         return frame[..., :3, 3], frame[..., :3, :3]
 
+    def carried(self, point: Array, joints: Array, stretch: Array) -> Array:
+        """Where a point (3,) of the last body is in the room (..., 3), in m.
+
+        Args:
+            point: In the frame of the body.
+            joints: Of the motors (..., m).
+            stretch: Of the links (..., l).
+        """
+        at: _Point = tuple(point.tolist())
+        for step in reversed(self._steps):
+            at = step.carry(at, joints, stretch)
+        return np.stack(np.broadcast_arrays(*at), -1)
+
 
 def path_to(model: mujoco.MjModel, body: int) -> list[int]:
     """Ids of the bodies from a child of the world to `body`."""
@@ -101,6 +118,12 @@ class _Joint:
         moved = np.asarray(positions - self.reference)[..., None, None]
         return np.asarray(sum((function(moved) * by for function, by in self.terms), self.fixed))
 
+    def carry(self, at: _Point, positions: Array) -> list[_Point]:
+        """The terms of the sum that is where it takes a point."""
+        moved = positions - self.reference
+        changing = (_scaled(function(moved), _applied(by, at)) for function, by in self.terms)
+        return [_applied(self.fixed, at), *changing]
+
     def after(self, transform: Array) -> _Joint:
         """The same behind a fixed transform (4, 4)."""
         terms = tuple((function, transform @ by) for function, by in self.terms)
@@ -118,6 +141,34 @@ class _Step(NamedTuple):
         """The transforms (..., 4, 4)."""
         ways = (stretch[..., link, None, None] * by for link, by in self.links.items())
         return np.asarray(sum(ways, self.joint(joints[..., self.motor])))
+
+    def carry(self, at: _Point, joints: Array, stretch: Array) -> _Point:
+        """Where a point goes."""
+        terms = self.joint.carry(at, joints[..., self.motor])
+        terms += [_scaled(stretch[..., link], _applied(by, at)) for link, by in self.links.items()]
+        return tuple(map(_sum, zip(*terms, strict=True)))
+
+
+def _applied(transform: Array, at: _Point) -> _Point:
+    """A transform (4, 4) of a point; what is multiplied by 0 is not computed."""
+    return tuple(
+        _sum(entry * each for entry, each in zip(row, (*at, 1.0), strict=True) if entry)
+        for row in transform[:3].tolist()
+    )
+
+
+def _scaled(by: Array, at: _Point) -> _Point:
+    return tuple(0.0 if _is_zero(each) else by * each for each in at)
+
+
+def _sum(terms: Iterable[Array | float]) -> Array | float:
+    present = [term for term in terms if not _is_zero(term)]
+    return reduce(operator.add, present) if present else 0.0
+
+
+def _is_zero(number: Array | float) -> bool:
+    """Whether it is the number 0, and no array."""
+    return isinstance(number, float) and number == 0
 
 
 def _joint(model: mujoco.MjModel, joint: int) -> _Joint:

@@ -132,8 +132,7 @@ class ArmModel(Robot):
 
     def gripper_position(self, angles: Array, lengths: Array) -> Array:
         """See `Robot`."""
-        position, axes = self._frames(self.parts.holder, angles, lengths)
-        return position + axes @ self.parts.at
+        return self._chain(self.parts.holder).carried(self.parts.at, angles, lengths / self.lengths)
 
     def within(self, points: Array) -> Flags:
         """See `Robot`: all that `lowest` and `highest` bound."""
@@ -141,12 +140,12 @@ class ArmModel(Robot):
 
     def frames(self, body: str, angles: Array, lengths: Array) -> tuple[Array, Array]:
         """See `Robot`."""
-        return self._frames(self.parts.bodies.index(body), angles, lengths)
+        return self._chain(self.parts.bodies.index(body)).frames(angles, lengths / self.lengths)
 
-    def _frames(self, body: int, angles: Array, lengths: Array) -> tuple[Array, Array]:
+    def _chain(self, body: int) -> Chain:
         if body not in self._chains:
             self._chains[body] = Chain(self.model, body, self._motors, self._links, self.home_qpos)
-        return self._chains[body].frames(angles, lengths / self.lengths)
+        return self._chains[body]
 
     def scene(self, mounts: Mounts, furnish: Furnish | None = None) -> Scene:
         """See `Robot`."""
