@@ -65,12 +65,11 @@ def looking_at(position: Array, target: Array) -> Array:
     """
     backward = np.asarray(position, float) - target
     backward = backward / np.linalg.norm(backward)
-    right = np.cross([0.0, 0.0, 1.0], backward)
+    right = np.array([-backward[1], backward[0], 0.0])
     right = right / np.linalg.norm(right)
-    quaternion = np.empty(4)
-    axes = np.stack([right, np.cross(backward, right), backward], -1)
-    mujoco.mju_mat2Quat(quaternion, axes.ravel())
-    return quaternion
+    upward = np.empty(3)
+    mujoco.mju_cross(upward, backward, right)
+    return quaternion_of(np.array([right, upward, backward]).T)
 
 
 def in_frame(points: Array, origin: Array, axes: Array) -> Array:

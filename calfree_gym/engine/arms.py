@@ -311,12 +311,13 @@ class Arms(ABC):
         self.seed_streams(row, seed)
         self.motions[row] = self.trials[row] = self._motions_before[row] = 0
         choice = self._choices[row]
-        if isinstance(choice, World):
-            self.enter(row, choice)
-        elif self.config.pool is None:
-            self.enter(row, self._draw_world(choice, row, seed, 0))
-        else:
-            self._take_from_pool(np.array([row]))
+        with self._undivided([] if self._worlds[row] is None else [row]):
+            if isinstance(choice, World):
+                self.enter(row, choice)
+            elif self.config.pool is None:
+                self.enter(row, self._draw_world(choice, row, seed, 0))
+            else:
+                self._take_from_pool(np.array([row]))
 
     def seed_streams(self, row: int, seed: int) -> None:
         """Gives all that draws numbers in `row` its streams."""
@@ -353,8 +354,8 @@ class Arms(ABC):
             return draw(0)
         return first_in_view(
             draw,
-            self.robot,
-            self.mounts,
+            self._workspaces,
+            row,
             f"a {distribution.name} world",
             whole=True,
             also=self.also_in_view(row),

@@ -140,10 +140,10 @@ class MotorMap(OfWorlds):
         return np.where(self._swing[row] > 0, (low + high) / 2, found)
 
     def reaches(self, positions: Array, register: float, rows: Rows) -> Flags:
-        """Which positions (n, k, m) registers of at most this magnitude reach (n, k)."""
-        travel = positions - self._rest[rows][:, None]
-        ends = np.full_like(self._rest[rows], register)
-        there, back = self._travel(ends, rows)[:, None], self._travel(-ends, rows)[:, None]
+        """Which positions (n, m) registers of at most this magnitude reach (n,)."""
+        travel = positions - self._rest[rows]
+        ends = np.full_like(travel, register)
+        there, back = self._travel(ends, rows), self._travel(-ends, rows)
         furthest = np.where(travel * there > 0, there, back)  # a gear that ripples goes farther one way
         return np.all(np.abs(travel) <= np.abs(furthest), axis=-1)
 

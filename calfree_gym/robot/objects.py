@@ -15,7 +15,7 @@ from calfree_gym.robot.motors import MotorMap
 from calfree_gym.robot.rays import MARKS, shares_by_camera
 from calfree_gym.robot.simulation import Simulation
 from calfree_gym.robot.workspace import ATTEMPTS, CHECKED, Candidates, Workspaces, judging_draws
-from calfree_gym.streams import CounterStreams, Key, key
+from calfree_gym.streams import CounterStreams
 
 if TYPE_CHECKING:
     from calfree_gym.world.value import World
@@ -48,12 +48,9 @@ class LinesOfSight:
         """Which points (4,) are seen now: gripper left and right, object left and right."""
         return self.shares(row) >= self.LEAST_SHARE
 
-    def gripper_in_sight(self, row: int, motors: MotorMap, world: World) -> bool:
-        """Whether nothing hides the gripper at home in a world, into which the row is put."""
-        motors.set_world(row, world)
-        self._simulation.set_world(row, world)
-        home = motors.joints(np.zeros((1, motors.lowest.shape[1])), np.array([row]))[0]
-        return bool(self.shares(row, home, NOWHERE)[:2].min() == 1)
+    def gripper_in_sight(self, row: int, joints: Array) -> bool:
+        """Whether nothing hides the gripper with joints at (j,)."""
+        return bool(self.shares(row, joints, NOWHERE)[:2].min() == 1)
 
     def shares(self, row: int, joints: Array | None = None, object_: Array | None = None) -> Array:
         """Which share (4,) of each point's marks is in sight: gripper left and right, object left and right.
@@ -103,12 +100,11 @@ class ObjectDraws(OfWorlds):
         self._tolerance, self._keep_in_view = tolerance, keep_in_view
         rows, self._count = motors.lowest.shape
         self._apart = np.zeros((rows, 1))
-        self._keys: list[Key] = [(0, 0)] * rows
-        self._streams = CounterStreams()
+        self._streams = CounterStreams(rows, "objects")
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`."""
-        self._keys[row] = key(seed, "objects")
+        self._streams.seed(row, seed)
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the noise of `world`: no object starts where noise may show a rendezvous."""
@@ -132,7 +128,7 @@ class ObjectDraws(OfWorlds):
         for block in range(ATTEMPTS):
             draws = np.empty((len(open_), BLOCK, self._count))
             for i, row in enumerate(rows[open_]):
-                self._streams.go_to(self._keys[row], int(trials[row]), block)
+                self._streams.go_to(int(row), int(trials[row]), block)
                 self._streams.generator.random(out=draws[i])
             at, good = self._judged(draws, rows[open_])
             found = good.any(1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -180,8 +179,15 @@ class ReachArms(Arms):
 
     def also_in_view(self, row: int) -> Callable[[World], bool] | None:
         """See `Arms`: nothing hides the gripper at home."""
-        lines = self._lines
-        return None if lines is None else partial(lines.gripper_in_sight, row, self.motors)
+        if (lines := self._lines) is None:
+            return None
+        return lambda world: lines.gripper_in_sight(row, self.home_in(row, world))
+
+    def home_in(self, row: int, world: World) -> Array:
+        """Joint positions (j,) at home in a world, into which the row is put as far as this takes."""
+        self._workspaces.set_world(row, world)
+        self.simulation.set_world(row, world)
+        return self._workspaces.home(row)
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """See `Arms`: points (n, 3) in m."""
