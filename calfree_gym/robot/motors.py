@@ -26,24 +26,24 @@ from calfree_gym.streams import MotionNumbers
 if TYPE_CHECKING:
     from calfree_gym.world.value import World
 
-_BISECTIONS, _NEWTON_STEPS = 6, 4
-"""Of the curve's inverse: after these, Newton's steps are exact to rounding (guards)."""
+_GRID, _NEWTON_STEPS = 64, 4
+"""Of the curve's inverse: from the middle of one of so many parts, Newton's steps are exact to rounding
+(guards)."""
 _RIPPLE_BISECTIONS = 60
 """Of its inverse where the gear ripples, which Newton's steps may leave: exact to rounding (a guard)."""
 
 
 def curve_inverse(values: Array, curvature: Array) -> Array:
     """Registers in [-1, 1] at which r + curvature * r * (r**2 - 1) is `values`; beyond the ends, the end."""
-    values = np.clip(values, -1.0, 1.0)
-    low, high = np.full_like(values, -1.0), np.full_like(values, 1.0)
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        above = middle + curvature * middle * (middle**2 - 1) > values
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    register = (low + high) / 2
+    values = np.minimum(np.maximum(values, -1.0), 1.0)
+    ends = np.linspace(-1.0, 1.0, _GRID + 1)[1:-1, None]
+    part = (ends + curvature * ends * (ends**2 - 1) <= values[..., None, :]).sum(-2)
+    register = (2 * part + 1) / _GRID - 1
     for _ in range(_NEWTON_STEPS):
-        error = register + curvature * register * (register**2 - 1) - values
-        register = np.clip(register - error / (1 + curvature * (3 * register**2 - 1)), -1.0, 1.0)
+        square = register * register
+        error = register + curvature * register * (square - 1) - values
+        register = register - error / (1 + curvature * (3 * square - 1))
+        register = np.minimum(np.maximum(register, -1.0), 1.0)
     return register
 
 

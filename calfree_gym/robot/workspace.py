@@ -117,8 +117,8 @@ FARTHEST = 2.0
 0.4 m; of another arm, for its size."""
 CHECKED = 200
 """Candidates that decide whether a world is in view."""
-JUDGED_AT_ONCE = 1000
-"""Candidates are judged so many at a time, until `CHECKED` lie in the work space (a guard: it saves time)."""
+PLACED_AT_ONCE = 500
+"""Candidates are placed so many at a time, until `CHECKED` lie in the work space (a guard: it saves time)."""
 ATTEMPTS = 1000
 """Draws of worlds, or of blocks of candidate objects, before giving up."""
 
@@ -196,20 +196,29 @@ class Workspaces(OfWorlds):
 
     def candidates(self, draws: Array, rows: Indices) -> Candidates:
         """Turns uniform draws in [0, 1) (n, k, m), one a motor of the n `rows`, into candidates."""
-        robot = self.robot
-        positions = robot.postures(draws)
-        angles = self.motors.angles(positions, rows)
-        points = robot.gripper_position(angles, self._lengths[rows][:, None])
-        within = robot.within(points)
-        of, there, at_home = rows[np.nonzero(within)[0]], points[within], self._home
-        looks = [at_home[of], angles[within]] if self._moving else [at_home[of]]
-        each = len(looks)
-        images, judged = self.images(np.tile(there, (each, 1)), np.concatenate(looks), np.tile(of, each))
+        positions, angles, points, within = self._placed(draws, rows)
         reached, seen, apart = np.zeros_like(within), np.zeros_like(within), np.zeros(within.shape)
+        of = rows[within.nonzero()[0]]
         reached[within] = self.motors.reaches(positions[within], MAX_REGISTER, of)
-        seen[within] = judged.reshape(each, -1).all(0)
-        apart[within] = lengths(images[: len(of)] - self._gripper_images[of]).max(-1)
+        seen[within], images = self._seen(points[within], angles[within], of)
+        apart[within] = lengths(images - self._gripper_images[of]).max(-1)
         return Candidates(positions, points, within, reached, seen, apart)
+
+    def _placed(self, draws: Array, rows: Indices) -> tuple[Array, Array, Array, Flags]:
+        """Of draws as for `candidates`: positions, of all joints too, points, and which are within."""
+        positions = self.robot.postures(draws)
+        angles = self.motors.angles(positions, rows)
+        points = self.robot.gripper_position(angles, self._lengths[rows][:, None])
+        return positions, angles, points, self.robot.within(points)
+
+    def _seen(self, points: Array, angles: Array, rows: Indices) -> tuple[Flags, Array]:
+        """Whether both cameras see points (k, 3) from home and with joints at (k, j), and from home where."""
+        if not self._moving:
+            images, seen = self.images(points, self._home[rows], rows)
+            return seen, images
+        looks = np.concatenate([self._home[rows], angles])
+        images, seen = self.images(np.concatenate([points] * 2), looks, np.concatenate([rows] * 2))
+        return seen[: len(rows)] & seen[len(rows) :], images[: len(rows)]
 
     def registers_at(self, row: int, point: Array, near: Array | None = None) -> Array:
         """Registers (m,) that bring the gripper of `row` nearest to `point` (3,) in m.
@@ -246,14 +255,16 @@ class Workspaces(OfWorlds):
     def judged(self, row: int) -> tuple[Flags, Flags]:
         """Of the `CHECKED` candidates by which a world is judged: which are reached, and which also seen."""
         draws = judging_draws(self.robot.candidates, len(self.robot.motors))
-        judged = np.empty((0, 2), bool)
-        for first in range(0, draws.shape[1], JUDGED_AT_ONCE):
-            found = self.candidates(draws[:, first : first + JUDGED_AT_ONCE], np.array([row]))
-            reached = found.reached[found.within]
-            judged = np.vstack([judged, np.column_stack([reached, reached & found.seen[found.within]])])
-            if len(judged) >= CHECKED:
+        found: list[tuple[Array, ...]] = []
+        for first in range(0, draws.shape[1], PLACED_AT_ONCE):
+            *placed, within = self._placed(draws[:, first : first + PLACED_AT_ONCE], np.array([row]))
+            found.append(tuple(each[within] for each in placed))
+            if sum(len(points) for *_, points in found) >= CHECKED:
                 break
-        return judged[:CHECKED, 0], judged[:CHECKED, 1]
+        positions, angles, points = (np.concatenate(each)[:CHECKED] for each in zip(*found, strict=True))
+        rows = np.full(len(points), row)
+        reached = self.motors.reaches(positions, MAX_REGISTER, rows)
+        return reached, reached & self._seen(points, angles, rows)[0]
 
     def _inverse_of(self, row: int) -> InverseKinematics:
         one = slice(row, row + 1)
