@@ -75,8 +75,5 @@ def looking_at(position: Array, target: Array) -> Array:
 def in_frame(points: Array, origin: Array, axes: Array) -> Array:
     """Points (..., 3) as a frame has them that has this origin (..., 3), and axes as columns (..., 3, 3)."""
     way = points - origin
-    x, y, z = way[..., 0], way[..., 1], way[..., 2]
-    there = np.empty(np.broadcast_shapes(way.shape, axes.shape[:-1]))
-    for axis in range(3):
-        there[..., axis] = x * axes[..., 0, axis] + y * axes[..., 1, axis] + z * axes[..., 2, axis]
-    return there
+    x, y, z = way[..., :1], way[..., 1:2], way[..., 2:]
+    return np.asarray(x * axes[..., 0, :] + y * axes[..., 1, :] + z * axes[..., 2, :])

@@ -65,6 +65,7 @@ class MotorMap(OfWorlds):
 
     def __init__(self, rows: int, robot: Robot) -> None:
         self._robot = robot
+        self._ends = (robot.stops + np.stack([robot.stop_margin, -robot.stop_margin], -1)).T
         motors = len(robot.motors)
         self._rest = np.zeros((rows, motors))
         self._linear = np.ones((rows, motors))
@@ -80,8 +81,8 @@ class MotorMap(OfWorlds):
         """Gives `row` the motors of `world`."""
         robot, motors = self._robot, len(self._robot.motors)
         scale = world.motor_sign * world.motor_gain * robot.span
-        stops = robot.stops + np.stack([robot.stop_margin, -robot.stop_margin], -1)
-        self._rest[row] = np.clip(robot.home + world.joint_zeros[:motors], *stops.T)
+        rest = robot.home + world.joint_zeros[:motors]
+        self._rest[row] = np.minimum(np.maximum(rest, self._ends[0]), self._ends[1])
         self._curvature[row] = world.motor_curvature
         self._linear[row] = scale * (1 - world.motor_curvature)
         self._cubic[row] = scale * world.motor_curvature
@@ -89,7 +90,7 @@ class MotorMap(OfWorlds):
         period, self._phase[row], depth = world.gear_ripple.T
         self._rate[row], self._swing[row] = 2 * np.pi / period, depth * period / (2 * np.pi)
         self.note_worlds()
-        ends = self._inverse((stops.T - self._rest[row]) / scale, row)
+        ends = self._inverse((self._ends - self._rest[row]) / scale, row)
         self.lowest[row], self.highest[row] = ends.min(0), ends.max(0)
 
     def note_worlds(self) -> None:

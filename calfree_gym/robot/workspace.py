@@ -213,12 +213,9 @@ class Workspaces(OfWorlds):
 
     def _seen(self, points: Array, angles: Array, rows: Indices) -> tuple[Flags, Array]:
         """Whether both cameras see points (k, 3) from home and with joints at (k, j), and from home where."""
-        if not self._moving:
-            images, seen = self.images(points, self._home[rows], rows)
-            return seen, images
-        looks = np.concatenate([self._home[rows], angles])
-        images, seen = self.images(np.concatenate([points] * 2), looks, np.concatenate([rows] * 2))
-        return seen[: len(rows)] & seen[len(rows) :], images[: len(rows)]
+        home = np.broadcast_to(self._home[rows], angles.shape)
+        images, seen = self.images(points, np.stack([home, angles] if self._moving else [home]), rows)
+        return seen.all(0), images[0]
 
     def registers_at(self, row: int, point: Array, near: Array | None = None) -> Array:
         """Registers (m,) that bring the gripper of `row` nearest to `point` (3,) in m.
@@ -262,7 +259,7 @@ class Workspaces(OfWorlds):
             if sum(len(points) for *_, points in found) >= CHECKED:
                 break
         positions, angles, points = (np.concatenate(each)[:CHECKED] for each in zip(*found, strict=True))
-        rows = np.full(len(points), row)
+        rows = np.array([row])
         reached = self.motors.reaches(positions, MAX_REGISTER, rows)
         return reached, reached & self._seen(points, angles, rows)[0]
 
@@ -275,15 +272,15 @@ class Workspaces(OfWorlds):
         return InverseKinematics(gripper_at, self.motors.lowest[row], self.motors.highest[row])
 
     def images(self, points: Array, angles: Array, rows: Indices) -> tuple[Array, Flags]:
-        """Image points (k, 2, 2), unclipped, of points (k, 3) in the cameras of their rows (k,).
+        """Image points (..., k, 2, 2), unclipped, of points (k, 3) in the cameras of their rows (k,).
 
         Args:
             points: In the room, in m.
-            angles: Of all joints (k, j).
-            rows: The row of each point.
+            angles: Of all joints (..., k, j).
+            rows: The row of each point, or that of all.
 
         Returns:
-            Them, and which of them (k,) both cameras see, well inside.
+            Them, and which of them (..., k) both cameras see, well inside.
         """
         lengths = self._lengths[rows]
         images, shown = self.cameras.project(

@@ -100,14 +100,14 @@ class StereoCameras(OfWorlds):
         self._k1[row].reshape(of_points)[:] = world.lens_k1
 
     def project(self, points: Array, rows: NDArray[np.intp]) -> tuple[Array, Flags]:
-        """Image points (k, 2, 2), unclipped, of points (k, 1 or 2, 3) in the cameras of their rows (k,).
+        """Image points (..., k, 2, 2), unclipped, of points (..., k, 1 or 2, 3) in their rows' cameras.
 
         Args:
             points: In m, in the frame of the mount of both cameras, or of each.
-            rows: The row of each point.
+            rows: The row of each point (k,), or that of all (1,).
 
         Returns:
-            The image points left and right; and which of them (k, 2) the cameras show, if the image were
+            The image points left and right; and which of them (..., k, 2) the cameras show, if the image were
             large enough.
         """
         flat, depth = pinhole(points, self._position[rows], self._rotation[rows])

@@ -104,20 +104,19 @@ class World:
     object_friction: Array = field(default_factory=lambda: np.array(0.9))
 
     def __post_init__(self) -> None:
-        motors = np.size(self.motor_sign)
+        values, motors = vars(self), np.size(self.motor_sign)
         for name, shape in _shapes(motors).items():
-            given = getattr(self, name)
             try:
-                array = np.array(given, np.float64)
+                array = np.array(values[name], np.float64)
             except (TypeError, ValueError):
-                raise ValueError(f"World.{name} is {given!r}; it must be numbers") from None
+                raise ValueError(f"World.{name} is {values[name]!r}; it must be numbers") from None
             array += 0.0  # no negative zero
             if array.shape != shape:
                 array = _fitted(name, array, shape)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            array.setflags(write=False)
+            values[name] = array
         least, most = _bounds(motors, len(self.joint_zeros), len(self.link_lengths))
-        numbers = np.concatenate([getattr(self, name).ravel() for name in _SHAPES])
+        numbers = np.concatenate([values[name].ravel() for name in _SHAPES])
         if not ((numbers >= least) & (numbers <= most)).all():
             self._refuse()
         if (np.abs(self.motor_sign) != 1).any():
@@ -303,7 +302,9 @@ def _fitted(name: str, array: Array, shape: tuple[int | str, ...]) -> Array:
         ValueError: It does not fit.
     """
     if name in _OF_ALL_MOTORS and array.shape == shape[1:]:
-        return np.array(np.broadcast_to(array, [int(n) for n in shape]))
+        filled = np.empty([int(n) for n in shape])
+        filled[:] = array
+        return filled
     fits = (free in ("k", "l", length) for free, length in zip(shape, array.shape, strict=False))
     if array.ndim != len(shape) or not all(fits):
         written = str(shape).replace("'", "")
