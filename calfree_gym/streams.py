@@ -64,7 +64,7 @@ class MotionNumbers:
 
     def at(self, trials: NDArray[np.int64], motions: NDArray[np.int64]) -> NDArray[np.float64]:
         """The numbers (N, *shape) of the rows' present trial and motion of the trial (N,)."""
-        blocks, places = motions // self.BLOCK, motions % self.BLOCK
+        blocks, places = np.divmod(motions, self.BLOCK)
         wanted = trials * 2**32 + blocks
         if len(stale := (wanted != self._loaded).nonzero()[0]):
             self._load(stale, trials, blocks)

@@ -221,7 +221,7 @@ class Registers(OfWorlds):
     def move(self, rows: Rows, words: Array) -> Array:
         """Executes control words (n, m): positions (n, m) to which the motors' joints are sent."""
         lowest, highest = self._motors.lowest[rows], self._motors.highest[rows]
-        exact = self._exact and not (self.joints != self.executed).any()
+        exact = self._exact and not np.count_nonzero(self.joints != self.executed)  # faster than any
         before, sent = self.executed[rows], words
         if not exact:
             longest = self._longest[rows]
@@ -306,7 +306,9 @@ class MotorErrors(OfWorlds):
     @property
     def _exact(self) -> bool:
         """Whether all joints go where they are sent, and stand there."""
-        return not (self._errs or self._noise.any() or (self._joint != self._sent).any())
+        return not (
+            self._errs or np.count_nonzero(self._noise) or np.count_nonzero(self._joint != self._sent)
+        )
 
     def stopped(self, row: int, positions: Array, share: float) -> None:
         """The motors of `row` came no farther in the last motion than this share of their way.

@@ -19,6 +19,7 @@ from calfree_gym.engine.spaces import (
     Observation,
     action_space,
     image_distances,
+    joined,
     pixel_box,
     pixels_of,
     state_box,
@@ -283,12 +284,12 @@ def observation_space(
 def observations(arms: ReachArms) -> Observation:
     """What all rows deliver now, batched."""
     kind = arms.config.observation
-    registers = arms.told_registers().astype(np.float32)
+    registers = arms.told_registers()
     points, visible, *images = arms.delivered
     observed: Observation
     if kind in GOALS:
         goals = points.astype(np.float32).reshape(-1, 8)
-        state = np.concatenate([visible.astype(np.float32), registers], 1)
+        state = joined(visible, registers)
         observed = {"achieved_goal": goals[:, :4], "desired_goal": goals[:, 4:], "observation": state}
     else:
         (stereo,) = images
@@ -298,7 +299,7 @@ def observations(arms: ReachArms) -> Observation:
             what = "image" if kind == "rgb" else "depth"
             delivered = np.minimum(stereo, FARTHEST) if kind == "depth" else stereo.copy()
             observed = {f"{name}_{what}": delivered[:, i] for i, name in enumerate(CAMERAS)}
-        observed["observation"] = registers
+        observed["observation"] = registers.astype(np.float32)
     for name in arms.config.tell:
         observed[name] = PRIVILEGED[name].of(arms).astype(np.float32)
     return observed
