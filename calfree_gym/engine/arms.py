@@ -442,7 +442,7 @@ class Arms(ABC):
 
     def check_begun(self, rows: Rows = slice(None)) -> None:
         """Raises ResetNeeded where no trial has begun in some of these rows."""
-        if not self._begun[rows].all():
+        if not np.logical_and.reduce(self._begun[rows]):
             raise gym.error.ResetNeeded("no trial has begun: call reset() first")
 
     def move(self, rows: Rows, words: Array) -> tuple[Array, list[Applied]]:

@@ -66,7 +66,7 @@ def kept_apart(points: Floats, visible: Floats, tolerance: float) -> Floats:
         visible: Which of them are seen now (N, 4).
         tolerance: Of the rendezvous, in image units.
     """
-    if visible.all():
+    if np.logical_and.reduce(visible, axis=None):
         return points
     near = rendezvous(lengths(points[:, :2] - points[:, 2:]), NEAR * tolerance)
     if not (mistaken := near & ~visible.all(1)).any():
