@@ -215,7 +215,7 @@ class Workspaces(OfWorlds):
         """Whether both cameras see points (k, 3) from home and with joints at (k, j), and from home where."""
         home = np.broadcast_to(self._home[rows], angles.shape)
         images, seen = self.images(points, np.stack([home, angles] if self._moving else [home]), rows)
-        return seen.all(0), images[0]
+        return np.asarray(seen.all(0)), images[0]
 
     def registers_at(self, row: int, point: Array, near: Array | None = None) -> Array:
         """Registers (m,) that bring the gripper of `row` nearest to `point` (3,) in m.

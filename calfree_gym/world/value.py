@@ -287,11 +287,14 @@ def _shapes(motors: int) -> dict[str, tuple[int | str, ...]]:
 @lru_cache
 def _bounds(motors: int, joints: int, links: int) -> tuple[Array, Array]:
     """Least and largest values of all numbers of a world, field after field."""
-    of = {"m": motors, "k": joints, "l": links}
+    of: dict[int | str, int] = {"m": motors, "k": joints, "l": links}
     ends: tuple[list[Array], list[Array]] = [], []
     for name, shape in _SHAPES.items():
-        for found, end in zip(ends, _RANGES.get(name, _FINITE), strict=False):
-            found.append(np.broadcast_to(end, [of.get(str(n), n) for n in shape]).ravel())
+        least, most, _ = _RANGES.get(name, _FINITE)
+        for found, end in zip(ends, (least, most), strict=True):
+            found.append(
+                np.broadcast_to(np.asarray(end, float), [of[n] if n in of else int(n) for n in shape]).ravel()
+            )
     return np.concatenate(ends[0]), np.concatenate(ends[1])
 
 

@@ -15,8 +15,8 @@ def gripper_position(joints: Array, link_lengths: Array) -> Array:
     base, shoulder, upper_arm, forearm, hand = (link_lengths[..., i] for i in range(5))
     angles = np.empty((4, *joints.shape[:-1]))  # of the waist, and of each link to the horizontal
     angles[0], angles[1] = joints[..., 0], joints[..., 1]
-    np.add(angles[1], joints[..., 2], out=angles[2])
-    np.add(angles[2], joints[..., 3], out=angles[3])
+    angles[2] = angles[1] + joints[..., 2]
+    angles[3] = angles[2] + joints[..., 3]
     (c, *along), (s, *up) = np.cos(angles), np.sin(angles)
     radius = shoulder + upper_arm * along[0] + forearm * along[1] + hand * along[2]
     points = np.empty((*radius.shape, 3))
