@@ -65,19 +65,15 @@ def looking_at(position: Array, target: Array) -> Array:
     """
     backward = np.asarray(position, float) - target
     backward = backward / np.linalg.norm(backward)
-    right = np.cross([0.0, 0.0, 1.0], backward)
+    right = np.array([-backward[1], backward[0], 0.0])
     right = right / np.linalg.norm(right)
-    quaternion = np.empty(4)
-    axes = np.stack([right, np.cross(backward, right), backward], -1)
-    mujoco.mju_mat2Quat(quaternion, axes.ravel())
-    return quaternion
+    upward = np.empty(3)
+    mujoco.mju_cross(upward, backward, right)
+    return quaternion_of(np.array([right, upward, backward]).T)
 
 
 def in_frame(points: Array, origin: Array, axes: Array) -> Array:
     """Points (..., 3) as a frame has them that has this origin (..., 3), and axes as columns (..., 3, 3)."""
     way = points - origin
-    x, y, z = way[..., 0], way[..., 1], way[..., 2]
-    there = np.empty(np.broadcast_shapes(way.shape, axes.shape[:-1]))
-    for axis in range(3):
-        there[..., axis] = x * axes[..., 0, axis] + y * axes[..., 1, axis] + z * axes[..., 2, axis]
-    return there
+    x, y, z = way[..., :1], way[..., 1:2], way[..., 2:]
+    return np.asarray(x * axes[..., 0, :] + y * axes[..., 1, :] + z * axes[..., 2, :])

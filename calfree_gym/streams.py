@@ -10,10 +10,18 @@ from numpy.typing import NDArray
 
 Key = tuple[int, int]
 """Names the counter-based streams of one purpose under one seed."""
+_WORD = 2**32
 
 
 def _sequence(seed: int, name: str, *indices: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed, spawn_key=(zlib.crc32(name.encode()), *indices))
+    """The sequence of `seed` and the spawn key (name, *indices).
+
+    Where each is one word, these are given as NumPy puts them together, which takes a third of the time.
+    """
+    spawn_key = zlib.crc32(name.encode()), *indices
+    if max(seed, *spawn_key) < _WORD:
+        return np.random.SeedSequence(np.array([seed, 0, 0, 0, *spawn_key], np.uint32))
+    return np.random.SeedSequence(seed, spawn_key=spawn_key)
 
 
 def stream(seed: int, name: str, *indices: int) -> np.random.Generator:
@@ -25,12 +33,6 @@ def stream(seed: int, name: str, *indices: int) -> np.random.Generator:
         *indices: Which of them, such as the attempt.
     """
     return np.random.Generator(np.random.PCG64(_sequence(seed, name, *indices)))
-
-
-def key(seed: int, name: str) -> Key:
-    """The key of the counter-based streams that belong to `name` under `seed`."""
-    first, second = _sequence(seed, name).generate_state(2, np.uint64).tolist()
-    return first, second
 
 
 class MotionNumbers:
@@ -48,10 +50,8 @@ class MotionNumbers:
     BLOCK = 16
 
     def __init__(self, rows: int, name: str, shape: tuple[int, ...], normal: bool) -> None:
-        self._name = name
         self._normal = normal
-        self._keys: list[Key] = [(0, 0)] * rows
-        self._streams = CounterStreams()
+        self._streams = CounterStreams(rows, name)
         self._numbers = np.zeros((rows, self.BLOCK, *shape))
         self._loaded = np.full(rows, -1)
         self._by_motion = self._numbers.reshape(rows * self.BLOCK, *shape)
@@ -59,12 +59,12 @@ class MotionNumbers:
 
     def seed(self, row: int, seed: int) -> None:
         """Starts `row` anew from `seed`."""
-        self._keys[row] = key(seed, self._name)
+        self._streams.seed(row, seed)
         self._loaded[row] = -1
 
     def at(self, trials: NDArray[np.int64], motions: NDArray[np.int64]) -> NDArray[np.float64]:
         """The numbers (N, *shape) of the rows' present trial and motion of the trial (N,)."""
-        blocks, places = motions // self.BLOCK, motions % self.BLOCK
+        blocks, places = np.divmod(motions, self.BLOCK)
         wanted = trials * 2**32 + blocks
         if len(stale := (wanted != self._loaded).nonzero()[0]):
             self._load(stale, trials, blocks)
@@ -77,24 +77,38 @@ class MotionNumbers:
         for row, trial, block in zip(
             rows.tolist(), trials[rows].tolist(), blocks[rows].tolist(), strict=True
         ):
-            self._streams.go_to(self._keys[row], trial, block)
+            self._streams.go_to(row, trial, block)
             draw(out=self._numbers[row])
 
 
 class CounterStreams:
-    """Philox streams, found by key and counter in a microsecond: for numbers needed at every motion.
+    """Philox streams of N rows, found by counters in a microsecond: for numbers needed at every motion.
 
     Attributes:
         generator: Draws from the stream to which `go_to` went last.
+
+    Args:
+        rows: N.
+        name: What they are for.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rows: int, name: str) -> None:
+        self._name = name
+        self._seeds = [0] * rows
+        self._keys: list[Key | None] = [(0, 0)] * rows
         self._bits = np.random.Philox(key=[0, 0])
         self._state: Any = self._bits.state
         self._state["buffer"] = self._state["buffer"].tolist()  # lists are read faster than arrays
         self.generator = np.random.Generator(self._bits)
 
-    def go_to(self, stream_key: Key, first: int, second: int) -> None:
-        """Goes to the beginning of the stream of one key and two indices."""
-        self._state["state"] = {"key": stream_key, "counter": (0, 0, first, second)}
+    def seed(self, row: int, seed: int) -> None:
+        """Starts `row` anew from `seed`; its key is made when it is first needed."""
+        self._seeds[row], self._keys[row] = seed, None
+
+    def go_to(self, row: int, first: int, second: int) -> None:
+        """Goes to the beginning of the row's stream of two indices."""
+        if (key := self._keys[row]) is None:
+            words = _sequence(self._seeds[row], self._name).generate_state(2, np.uint64).tolist()
+            key = self._keys[row] = words[0], words[1]
+        self._state["state"] = {"key": key, "counter": (0, 0, first, second)}
         self._bits.state = self._state

@@ -126,6 +126,7 @@ class Arms(ABC):
         true_points: Where noise-free cameras see them now (N, p, 2), not clipped to the image.
         tolerance: Image distance within which the task is done, in image units.
         motions: Motions since reset with a seed (N,).
+        motions_of_trial: Of these, those of the present trial (N,).
         trials: Trials begun since reset with a seed (N,).
 
     Args:
@@ -145,7 +146,7 @@ class Arms(ABC):
     tracker_of: ClassVar[type[Tracker]]
     """What finds its points in images."""
     state_names: ClassVar[tuple[str, ...]] = (
-        *("_choices", "_seeds", "_worlds", "motions", "trials", "_motions_before"),
+        *("_choices", "_seeds", "_worlds", "motions", "trials", "motions_of_trial"),
         *("registers", "points", "visible", "true_points", "_begun"),
     )
     parts: ClassVar[tuple[str, ...]] = (
@@ -192,14 +193,14 @@ class Arms(ABC):
         self.true_points = np.zeros((rows, points, 2))
         self.motions = np.zeros(rows, np.int64)
         self.trials = np.zeros(rows, np.int64)
-        self._motions_before = np.zeros(rows, np.int64)
+        self.motions_of_trial = np.zeros(rows, np.int64)
         self._begun = np.zeros(rows, bool)
         self._seeds: list[int | None] = [None] * rows
         self._latency = Latency(rows)
         images = config.observation, config.image_size, self.tracker_of
         self._sight: Sight = sight_of(simulation, robot.rig, points, *images)
         self._moved = np.zeros(rows, bool)
-        self._all = np.arange(rows)
+        self._all, self._nowhere = np.arange(rows), np.zeros(rows, bool)
         self._pool: WorldPool | None = None
         self._draws = MotionNumbers(rows, "pool", (), normal=False)
 
@@ -263,7 +264,7 @@ class Arms(ABC):
 
     def cut_short(self, events: Events) -> NDArray[np.bool_]:
         """Where (N,) the trial cannot go on, by what `events` tells."""
-        return np.zeros(self.rows, bool)
+        return self._nowhere
 
     def in_sight(self) -> Flags | None:
         """Which points (N, p) nothing hides from a camera, where that matters."""
@@ -309,14 +310,15 @@ class Arms(ABC):
         """Starts `row` anew from `seed`: its world, where that is to be drawn, objects and noise."""
         self._begun[row] = False
         self.seed_streams(row, seed)
-        self.motions[row] = self.trials[row] = self._motions_before[row] = 0
+        self.motions[row] = self.trials[row] = self.motions_of_trial[row] = 0
         choice = self._choices[row]
-        if isinstance(choice, World):
-            self.enter(row, choice)
-        elif self.config.pool is None:
-            self.enter(row, self._draw_world(choice, row, seed, 0))
-        else:
-            self._take_from_pool(np.array([row]))
+        with self._undivided([] if self._worlds[row] is None else [row]):
+            if isinstance(choice, World):
+                self.enter(row, choice)
+            elif self.config.pool is None:
+                self.enter(row, self._draw_world(choice, row, seed, 0))
+            else:
+                self._take_from_pool(np.array([row]))
 
     def seed_streams(self, row: int, seed: int) -> None:
         """Gives all that draws numbers in `row` its streams."""
@@ -353,8 +355,8 @@ class Arms(ABC):
             return draw(0)
         return first_in_view(
             draw,
-            self.robot,
-            self.mounts,
+            self._workspaces,
+            row,
             f"a {distribution.name} world",
             whole=True,
             also=self.also_in_view(row),
@@ -392,7 +394,7 @@ class Arms(ABC):
             objects = self.next_objects(indices, objects)
         self._begun[rows] = True
         self.trials[rows] += 1
-        self._motions_before[rows] = self.motions[rows]
+        self.motions_of_trial[rows] = 0
         home = self._registers.home(rows)
         home = self._motor_errors.at_home(rows, home, self.trials, self.motions_of_trial)
         self.simulation.place(rows, self.motors.angles(home, rows), objects)
@@ -404,9 +406,11 @@ class Arms(ABC):
 
     def _apply_due(self, clock: str, counts: NDArray[np.int64], rows: NDArray[np.intp]) -> list[Applied]:
         """Applies the events that are due in `rows` by "motion" or "trial"; so many (N,) are over."""
+        if not (events := self._scheduler.events[clock]):
+            return []
         due = [
             (place, event, row)
-            for place, event in self._scheduler.events[clock]
+            for place, event in events
             for row in rows[event.is_due(counts[rows])].tolist()
         ]
         if not due:
@@ -438,7 +442,7 @@ class Arms(ABC):
 
     def check_begun(self, rows: Rows = slice(None)) -> None:
         """Raises ResetNeeded where no trial has begun in some of these rows."""
-        if not self._begun[rows].all():
+        if not np.logical_and.reduce(self._begun[rows]):
             raise gym.error.ResetNeeded("no trial has begun: call reset() first")
 
     def move(self, rows: Rows, words: Array) -> tuple[Array, list[Applied]]:
@@ -456,6 +460,7 @@ class Arms(ABC):
         applied = self._apply_due("motion", self.motions, self._all[rows])
         positions = self._registers.move(rows, words[..., : len(self.robot.motors)])
         self.motions[rows] += 1
+        self.motions_of_trial[rows] += 1
         positions = self._motor_errors.after_a_motion(rows, positions, self.trials, self.motions_of_trial)
         self._moved[rows] = True
         seconds = self.execute(rows, self.motors.angles(positions, rows), words)
@@ -490,11 +495,6 @@ class Arms(ABC):
     def told_registers(self) -> Array:
         """Registers (N, m) as the controller gets them."""
         return self._registers.told(self.trials, self.motions_of_trial)
-
-    @property
-    def motions_of_trial(self) -> NDArray[np.int64]:
-        """Motions of the present trial (N,)."""
-        return self.motions - self._motions_before
 
     def home_seconds(self) -> Array:
         """Robot time (N,) of the way home from here, in seconds."""

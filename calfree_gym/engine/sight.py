@@ -87,7 +87,7 @@ class Latency(OfWorlds):
     of_world: ClassVar[tuple[str, ...]] = ("_latency",)
 
     def __init__(self, rows: int) -> None:
-        self._latency = np.zeros(rows, np.int64)
+        self._latency, self._late = np.zeros(rows, np.int64), False
         self._beginning = np.zeros(rows, bool)
         self._queues: list[dict[int, tuple[NDArray[Any], ...]]] = [{} for _ in range(rows)]
 
@@ -97,6 +97,11 @@ class Latency(OfWorlds):
             self._queues[row].clear()
         self._beginning[row] |= world.latency > 0 and self._latency[row] == 0
         self._latency[row] = world.latency
+        self.note_worlds()
+
+    def note_worlds(self) -> None:
+        """See `OfWorlds`."""
+        self._late = bool(self._latency.any())
 
     def deliver(self, motions: NDArray[np.int64], *observed: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """What comes out of the queues, as many motions late as each world is.
@@ -105,7 +110,7 @@ class Latency(OfWorlds):
             motions: Of the trial (N,).
             observed: Arrays (N, ...).
         """
-        if not self._latency.any():
+        if not self._late:
             return observed
         late = tuple(each.copy() for each in observed)
         for row, (queue, motion) in enumerate(zip(self._queues, motions.tolist(), strict=True)):

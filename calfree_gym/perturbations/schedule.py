@@ -14,7 +14,7 @@ from calfree_gym.errors import check_choice, check_whole, near_misses
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.types import parse_perturbation
 from calfree_gym.robot.arms.robot import Mounts, Robot
-from calfree_gym.robot.workspace import cameras_at_home, first_in_view, in_view
+from calfree_gym.robot.workspace import Workspaces, cameras_at_home, first_in_view
 from calfree_gym.streams import stream
 from calfree_gym.world import World
 
@@ -265,6 +265,7 @@ class PerturbationScheduler:
         events = tuple(enumerate(parse_schedule(schedule)))
         self.events = {clock: [(i, event) for i, event in events if event.clock == clock] for clock in CLOCKS}
         self._robot, self._mounts, self._as_seen, self._can_begin = robot, mounts, as_seen, can_begin
+        self._judge = Workspaces(1, robot, mounts)
         for _, event in events:
             if not isinstance(event.perturbation, Undo):
                 event.perturbation.check_fits(robot)
@@ -336,8 +337,8 @@ class PerturbationScheduler:
             return perturbed(0), drawn
         found = first_in_view(
             perturbed,
-            self._robot,
-            self._mounts,
+            self._judge,
+            0,
             f"the world after {perturbation.to_dict()}",
             also=self._can_begin(row),
             also_asks="can a trial begin",
@@ -357,8 +358,8 @@ class PerturbationScheduler:
         if not self._keep_in_view:
             return True
         can_begin = self._can_begin(row)
-        seen = in_view(self._as_seen(world), self._robot, self._mounts)
-        return seen and (can_begin is None or can_begin(world))
+        self._judge.set_world(0, self._as_seen(world))
+        return self._judge.in_view(0) and (can_begin is None or can_begin(world))
 
     def _undo(self, undo: Undo, row: int, world: World) -> World:
         if undo.event not in self._undoable[row]:

@@ -26,24 +26,24 @@ from calfree_gym.streams import MotionNumbers
 if TYPE_CHECKING:
     from calfree_gym.world.value import World
 
-_BISECTIONS, _NEWTON_STEPS = 6, 4
-"""Of the curve's inverse: after these, Newton's steps are exact to rounding (guards)."""
+_GRID, _NEWTON_STEPS = 64, 4
+"""Of the curve's inverse: from the middle of one of so many parts, Newton's steps are exact to rounding
+(guards)."""
 _RIPPLE_BISECTIONS = 60
 """Of its inverse where the gear ripples, which Newton's steps may leave: exact to rounding (a guard)."""
 
 
 def curve_inverse(values: Array, curvature: Array) -> Array:
     """Registers in [-1, 1] at which r + curvature * r * (r**2 - 1) is `values`; beyond the ends, the end."""
-    values = np.clip(values, -1.0, 1.0)
-    low, high = np.full_like(values, -1.0), np.full_like(values, 1.0)
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        above = middle + curvature * middle * (middle**2 - 1) > values
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    register = (low + high) / 2
+    values = np.minimum(np.maximum(values, -1.0), 1.0)
+    ends = np.linspace(-1.0, 1.0, _GRID + 1)[1:-1, None]
+    part = (ends + curvature * ends * (ends**2 - 1) <= values[..., None, :]).sum(-2)
+    register = (2 * part + 1) / _GRID - 1
     for _ in range(_NEWTON_STEPS):
-        error = register + curvature * register * (register**2 - 1) - values
-        register = np.clip(register - error / (1 + curvature * (3 * register**2 - 1)), -1.0, 1.0)
+        square = register * register
+        error = register + curvature * register * (square - 1) - values
+        register = register - error / (1 + curvature * (3 * square - 1))
+        register = np.minimum(np.maximum(register, -1.0), 1.0)
     return register
 
 
@@ -65,6 +65,7 @@ class MotorMap(OfWorlds):
 
     def __init__(self, rows: int, robot: Robot) -> None:
         self._robot = robot
+        self._ends = (robot.stops + np.stack([robot.stop_margin, -robot.stop_margin], -1)).T
         motors = len(robot.motors)
         self._rest = np.zeros((rows, motors))
         self._linear = np.ones((rows, motors))
@@ -80,8 +81,8 @@ class MotorMap(OfWorlds):
         """Gives `row` the motors of `world`."""
         robot, motors = self._robot, len(self._robot.motors)
         scale = world.motor_sign * world.motor_gain * robot.span
-        stops = robot.stops + np.stack([robot.stop_margin, -robot.stop_margin], -1)
-        self._rest[row] = np.clip(robot.home + world.joint_zeros[:motors], *stops.T)
+        rest = robot.home + world.joint_zeros[:motors]
+        self._rest[row] = np.minimum(np.maximum(rest, self._ends[0]), self._ends[1])
         self._curvature[row] = world.motor_curvature
         self._linear[row] = scale * (1 - world.motor_curvature)
         self._cubic[row] = scale * world.motor_curvature
@@ -89,7 +90,7 @@ class MotorMap(OfWorlds):
         period, self._phase[row], depth = world.gear_ripple.T
         self._rate[row], self._swing[row] = 2 * np.pi / period, depth * period / (2 * np.pi)
         self.note_worlds()
-        ends = self._inverse((stops.T - self._rest[row]) / scale, row)
+        ends = self._inverse((self._ends - self._rest[row]) / scale, row)
         self.lowest[row], self.highest[row] = ends.min(0), ends.max(0)
 
     def note_worlds(self) -> None:
@@ -140,10 +141,10 @@ class MotorMap(OfWorlds):
         return np.where(self._swing[row] > 0, (low + high) / 2, found)
 
     def reaches(self, positions: Array, register: float, rows: Rows) -> Flags:
-        """Which positions (n, k, m) registers of at most this magnitude reach (n, k)."""
-        travel = positions - self._rest[rows][:, None]
-        ends = np.full_like(self._rest[rows], register)
-        there, back = self._travel(ends, rows)[:, None], self._travel(-ends, rows)[:, None]
+        """Which positions (n, m) registers of at most this magnitude reach (n,)."""
+        travel = positions - self._rest[rows]
+        ends = np.full_like(travel, register)
+        there, back = self._travel(ends, rows), self._travel(-ends, rows)
         furthest = np.where(travel * there > 0, there, back)  # a gear that ripples goes farther one way
         return np.all(np.abs(travel) <= np.abs(furthest), axis=-1)
 
@@ -220,7 +221,7 @@ class Registers(OfWorlds):
     def move(self, rows: Rows, words: Array) -> Array:
         """Executes control words (n, m): positions (n, m) to which the motors' joints are sent."""
         lowest, highest = self._motors.lowest[rows], self._motors.highest[rows]
-        exact = self._exact and not (self.joints != self.executed).any()
+        exact = self._exact and not np.count_nonzero(self.joints != self.executed)  # faster than any
         before, sent = self.executed[rows], words
         if not exact:
             longest = self._longest[rows]
@@ -305,7 +306,9 @@ class MotorErrors(OfWorlds):
     @property
     def _exact(self) -> bool:
         """Whether all joints go where they are sent, and stand there."""
-        return not (self._errs or self._noise.any() or (self._joint != self._sent).any())
+        return not (
+            self._errs or np.count_nonzero(self._noise) or np.count_nonzero(self._joint != self._sent)
+        )
 
     def stopped(self, row: int, positions: Array, share: float) -> None:
         """The motors of `row` came no farther in the last motion than this share of their way.

@@ -117,8 +117,8 @@ FARTHEST = 2.0
 0.4 m; of another arm, for its size."""
 CHECKED = 200
 """Candidates that decide whether a world is in view."""
-JUDGED_AT_ONCE = 1000
-"""Candidates are judged so many at a time, until `CHECKED` lie in the work space (a guard: it saves time)."""
+PLACED_AT_ONCE = 500
+"""Candidates are placed so many at a time, until `CHECKED` lie in the work space (a guard: it saves time)."""
 ATTEMPTS = 1000
 """Draws of worlds, or of blocks of candidate objects, before giving up."""
 
@@ -132,7 +132,7 @@ class Candidates(NamedTuple):
         positions: Of the motors' joints (n, k, m).
         points: Where the gripper is there, in the room, in m (n, k, 3).
         within: Which of them (n, k) lie in the work space.
-        reached: Which of them (n, k) registers within `MAX_REGISTER` reach.
+        reached: Which of those within (n, k) registers within `MAX_REGISTER` reach.
         seen: Which of those within (n, k) both cameras see, from home and with the gripper there.
         apart: Image distance (n, k) of those within from the gripper at home, in image units, in the
             camera that sees the larger one.
@@ -166,10 +166,11 @@ class Workspaces(OfWorlds):
         "_gripper_images",
         "_gripper_seen",
         "_inverse",
+        "_worlds",
     )
 
     def __init__(self, rows: int, robot: Robot, mounts: Mounts, points: int = 2) -> None:
-        self._robot, self._mounts = robot, mounts
+        self.robot, self.mounts = robot, mounts
         self._moving = mounts != (ROOM, ROOM)
         self.motors = MotorMap(rows, robot)
         self.cameras = StereoCameras(rows, points)
@@ -177,36 +178,44 @@ class Workspaces(OfWorlds):
         self._home = np.zeros((rows, len(robot.built_home)))
         self._gripper_images = np.zeros((rows, 2, 2))
         self._gripper_seen = np.zeros(rows, bool)
-        self._inverse = np.full(rows, None)
+        self._inverse, self._worlds = np.full(rows, None), np.full(rows, None)
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the arm and the cameras of `world`."""
+        if self._worlds[row] is world:
+            return
+        self._worlds[row] = world
         self.motors.set_world(row, world)
         self.cameras.set_world(row, world)
         self._lengths[row] = world.link_lengths
         self._inverse[row] = None
         one = np.array([row])
-        self._home[one] = self.motors.joints(np.zeros((1, len(self._robot.motors))), one)
-        gripper = self._robot.gripper_position(self._home[one], self._lengths[one])
+        self._home[one] = self.motors.joints(np.zeros((1, len(self.robot.motors))), one)
+        gripper = self.robot.gripper_position(self._home[one], self._lengths[one])
         self._gripper_images[one], self._gripper_seen[one] = self.images(gripper, self._home[one], one)
 
     def candidates(self, draws: Array, rows: Indices) -> Candidates:
         """Turns uniform draws in [0, 1) (n, k, m), one a motor of the n `rows`, into candidates."""
-        robot = self._robot
-        positions = robot.postures(draws)
+        positions, angles, points, within = self._placed(draws, rows)
+        reached, seen, apart = np.zeros_like(within), np.zeros_like(within), np.zeros(within.shape)
+        of = rows[within.nonzero()[0]]
+        reached[within] = self.motors.reaches(positions[within], MAX_REGISTER, of)
+        seen[within], images = self._seen(points[within], angles[within], of)
+        apart[within] = lengths(images - self._gripper_images[of]).max(-1)
+        return Candidates(positions, points, within, reached, seen, apart)
+
+    def _placed(self, draws: Array, rows: Indices) -> tuple[Array, Array, Array, Flags]:
+        """Of draws as for `candidates`: positions, of all joints too, points, and which are within."""
+        positions = self.robot.postures(draws)
         angles = self.motors.angles(positions, rows)
-        points = robot.gripper_position(angles, self._lengths[rows][:, None])
-        within = robot.within(points)
-        of, _ = np.nonzero(within)
-        images, judged = self.images(points[within], self._home[rows[of]], rows[of])
-        if self._moving:
-            judged &= self.images(points[within], angles[within], rows[of])[1]
-        seen, apart = np.zeros_like(within), np.zeros(within.shape)
-        seen[within] = judged
-        apart[within] = lengths(images - self._gripper_images[rows[of]]).max(-1)
-        return Candidates(
-            positions, points, within, self.motors.reaches(positions, MAX_REGISTER, rows), seen, apart
-        )
+        points = self.robot.gripper_position(angles, self._lengths[rows][:, None])
+        return positions, angles, points, self.robot.within(points)
+
+    def _seen(self, points: Array, angles: Array, rows: Indices) -> tuple[Flags, Array]:
+        """Whether both cameras see points (k, 3) from home and with joints at (k, j), and from home where."""
+        home = np.broadcast_to(self._home[rows], angles.shape)
+        images, seen = self.images(points, np.stack([home, angles] if self._moving else [home]), rows)
+        return np.asarray(seen.all(0)), images[0]
 
     def registers_at(self, row: int, point: Array, near: Array | None = None) -> Array:
         """Registers (m,) that bring the gripper of `row` nearest to `point` (3,) in m.
@@ -223,44 +232,59 @@ class Workspaces(OfWorlds):
             near = self.motors.registers(near, row)
         return inverse.registers_at(point, near)
 
+    def home(self, row: int) -> Array:
+        """Joint positions (j,) at home."""
+        return self._home[row].copy()
+
     def gripper_seen_at_home(self, row: int) -> bool:
         """Whether both cameras see the gripper at home."""
         return bool(self._gripper_seen[row])
 
+    def in_view(self, row: int, whole: bool = False) -> bool:
+        """See the function of this name, of the world of a row."""
+        if not self._gripper_seen[row]:
+            return False
+        reached, good = self.judged(row)
+        if len(good) < CHECKED or (whole and not reached.all()):
+            return False
+        return bool(good.mean() >= least_in_view(self.robot, self.mounts))
+
     def judged(self, row: int) -> tuple[Flags, Flags]:
         """Of the `CHECKED` candidates by which a world is judged: which are reached, and which also seen."""
-        draws = judging_draws(self._robot.candidates, len(self._robot.motors))
-        judged = np.empty((0, 2), bool)
-        for first in range(0, draws.shape[1], JUDGED_AT_ONCE):
-            found = self.candidates(draws[:, first : first + JUDGED_AT_ONCE], np.array([row]))
-            reached = found.reached[found.within]
-            judged = np.vstack([judged, np.column_stack([reached, reached & found.seen[found.within]])])
-            if len(judged) >= CHECKED:
+        draws = judging_draws(self.robot.candidates, len(self.robot.motors))
+        found: list[tuple[Array, ...]] = []
+        for first in range(0, draws.shape[1], PLACED_AT_ONCE):
+            *placed, within = self._placed(draws[:, first : first + PLACED_AT_ONCE], np.array([row]))
+            found.append(tuple(each[within] for each in placed))
+            if sum(len(points) for *_, points in found) >= CHECKED:
                 break
-        return judged[:CHECKED, 0], judged[:CHECKED, 1]
+        positions, angles, points = (np.concatenate(each)[:CHECKED] for each in zip(*found, strict=True))
+        rows = np.array([row])
+        reached = self.motors.reaches(positions, MAX_REGISTER, rows)
+        return reached, reached & self._seen(points, angles, rows)[0]
 
     def _inverse_of(self, row: int) -> InverseKinematics:
         one = slice(row, row + 1)
 
         def gripper_at(registers: Array) -> Array:
-            return self._robot.gripper_position(self.motors.joints(registers, one), self._lengths[row])
+            return self.robot.gripper_position(self.motors.joints(registers, one), self._lengths[row])
 
         return InverseKinematics(gripper_at, self.motors.lowest[row], self.motors.highest[row])
 
     def images(self, points: Array, angles: Array, rows: Indices) -> tuple[Array, Flags]:
-        """Image points (k, 2, 2), unclipped, of points (k, 3) in the cameras of their rows (k,).
+        """Image points (..., k, 2, 2), unclipped, of points (k, 3) in the cameras of their rows (k,).
 
         Args:
             points: In the room, in m.
-            angles: Of all joints (k, j).
-            rows: The row of each point.
+            angles: Of all joints (..., k, j).
+            rows: The row of each point, or that of all.
 
         Returns:
-            Them, and which of them (k,) both cameras see, well inside.
+            Them, and which of them (..., k) both cameras see, well inside.
         """
         lengths = self._lengths[rows]
         images, shown = self.cameras.project(
-            self._robot.into_mounts(points, angles, lengths, self._mounts), rows
+            self.robot.into_mounts(points, angles, lengths, self.mounts), rows
         )
         return images, np.asarray((shown & inside(images, BORDER_PX)).all(-1))
 
@@ -277,12 +301,7 @@ def in_view(world: World, robot: Robot, mounts: Mounts, whole: bool = False) -> 
     """
     workspace = Workspaces(1, robot, mounts)
     workspace.set_world(0, world)
-    if not workspace.gripper_seen_at_home(0):
-        return False
-    reached, good = workspace.judged(0)
-    if len(good) < CHECKED or (whole and not reached.all()):
-        return False
-    return bool(good.mean() >= least_in_view(robot, mounts))
+    return workspace.in_view(0, whole)
 
 
 def cameras_at_home(world: World, robot: Robot, mounts: Mounts) -> Array:
@@ -342,8 +361,8 @@ def least_in_view(robot: Robot, mounts: Mounts) -> float:
 
 def first_in_view(
     draw: Callable[[int], World],
-    robot: Robot,
-    mounts: Mounts,
+    workspaces: Workspaces,
+    row: int,
     what: str,
     whole: bool = False,
     also: Callable[[World], bool] | None = None,
@@ -352,16 +371,20 @@ def first_in_view(
 ) -> World:
     """The first of `draw(0)`, `draw(1)`, ... that is in view `as_seen`, and of which `also` says yes.
 
+    Each is judged in a row of work spaces, which is in the last one then.
+
     Raises:
         ValueError: None of `ATTEMPTS` draws of `what` is; where some were in view, names what `also_asks`.
     """
     seen = 0
     for attempt in range(ATTEMPTS):
         world = draw(attempt)
-        if in_view(as_seen(world), robot, mounts, whole):
+        workspaces.set_world(row, as_seen(world))
+        if workspaces.in_view(row, whole):
             if also is None or also(world):
                 return world
             seen += 1
+    robot, mounts = workspaces.robot, workspaces.mounts
     if seen:
         raise ValueError(
             f"{what} never serves on {robot.mount_name(mounts)}: of {ATTEMPTS} drawn worlds {seen} were in "

@@ -27,7 +27,6 @@ class ContactArms(Arms):
         """See `Arms`: the task can be done in enough places."""
 
         def serves(world: World) -> bool:
-            self.motors.set_world(row, world)
             self._workspaces.set_world(row, world)
             self.simulation.set_world(row, world)
             return self.serves(row, world)

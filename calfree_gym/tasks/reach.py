@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from calfree_gym.engine.spaces import (
     Observation,
     action_space,
     image_distances,
+    joined,
     pixel_box,
     pixels_of,
     state_box,
@@ -66,7 +66,7 @@ def kept_apart(points: Floats, visible: Floats, tolerance: float) -> Floats:
         visible: Which of them are seen now (N, 4).
         tolerance: Of the rendezvous, in image units.
     """
-    if visible.all():
+    if np.logical_and.reduce(visible, axis=None):
         return points
     near = rendezvous(lengths(points[:, :2] - points[:, 2:]), NEAR * tolerance)
     if not (mistaken := near & ~visible.all(1)).any():
@@ -180,8 +180,15 @@ class ReachArms(Arms):
 
     def also_in_view(self, row: int) -> Callable[[World], bool] | None:
         """See `Arms`: nothing hides the gripper at home."""
-        lines = self._lines
-        return None if lines is None else partial(lines.gripper_in_sight, row, self.motors)
+        if (lines := self._lines) is None:
+            return None
+        return lambda world: lines.gripper_in_sight(row, self.home_in(row, world))
+
+    def home_in(self, row: int, world: World) -> Array:
+        """Joint positions (j,) at home in a world, into which the row is put as far as this takes."""
+        self._workspaces.set_world(row, world)
+        self.simulation.set_world(row, world)
+        return self._workspaces.home(row)
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """See `Arms`: points (n, 3) in m."""
@@ -277,12 +284,12 @@ def observation_space(
 def observations(arms: ReachArms) -> Observation:
     """What all rows deliver now, batched."""
     kind = arms.config.observation
-    registers = arms.told_registers().astype(np.float32)
+    registers = arms.told_registers()
     points, visible, *images = arms.delivered
     observed: Observation
     if kind in GOALS:
         goals = points.astype(np.float32).reshape(-1, 8)
-        state = np.concatenate([visible.astype(np.float32), registers], 1)
+        state = joined(visible, registers)
         observed = {"achieved_goal": goals[:, :4], "desired_goal": goals[:, 4:], "observation": state}
     else:
         (stereo,) = images
@@ -292,7 +299,7 @@ def observations(arms: ReachArms) -> Observation:
             what = "image" if kind == "rgb" else "depth"
             delivered = np.minimum(stereo, FARTHEST) if kind == "depth" else stereo.copy()
             observed = {f"{name}_{what}": delivered[:, i] for i, name in enumerate(CAMERAS)}
-        observed["observation"] = registers
+        observed["observation"] = registers.astype(np.float32)
     for name in arms.config.tell:
         observed[name] = PRIVILEGED[name].of(arms).astype(np.float32)
     return observed

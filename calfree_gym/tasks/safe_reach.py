@@ -129,14 +129,7 @@ class SafeReachArms(ReachArms):
 
     def can_begin(self, row: int) -> Callable[[World], bool]:
         """See `Arms`: nothing is touched at home."""
-
-        def is_free(world: World) -> bool:
-            self.motors.set_world(row, world)
-            self.simulation.set_world(row, world)
-            home = self.motors.joints(np.zeros((1, len(self.robot.motors))), np.array([row]))[0]
-            return self.simulation.is_collision_free(row, home)
-
-        return is_free
+        return lambda world: self.simulation.is_collision_free(row, self.home_in(row, world))
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """See `Arms`.

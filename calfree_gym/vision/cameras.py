@@ -93,20 +93,21 @@ class StereoCameras(OfWorlds):
         """Gives `row` the cameras of `world`."""
         self._position[row] = world.camera_position
         self._rotation[row] = [rotation_matrix(q) for q in world.camera_orientation]
-        self._focal_px[row] = np.tile(world.focal_length, self._points)[:, None]
+        of_points = self._points, 2
+        self._focal_px[row].reshape(*of_points, 2)[:] = world.focal_length[:, None]
         self._focal[row] = self._focal_px[row] * IMAGE_UNIT
-        self._principal[row] = np.tile(world.principal_point * IMAGE_UNIT, (self._points, 1))
-        self._k1[row] = np.tile(world.lens_k1, self._points)
+        self._principal[row].reshape(*of_points, 2)[:] = world.principal_point * IMAGE_UNIT
+        self._k1[row].reshape(of_points)[:] = world.lens_k1
 
     def project(self, points: Array, rows: NDArray[np.intp]) -> tuple[Array, Flags]:
-        """Image points (k, 2, 2), unclipped, of points (k, 1 or 2, 3) in the cameras of their rows (k,).
+        """Image points (..., k, 2, 2), unclipped, of points (..., k, 1 or 2, 3) in their rows' cameras.
 
         Args:
             points: In m, in the frame of the mount of both cameras, or of each.
-            rows: The row of each point.
+            rows: The row of each point (k,), or that of all (1,).
 
         Returns:
-            The image points left and right; and which of them (k, 2) the cameras show, if the image were
+            The image points left and right; and which of them (..., k, 2) the cameras show, if the image were
             large enough.
         """
         flat, depth = pinhole(points, self._position[rows], self._rotation[rows])

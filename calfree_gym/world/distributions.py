@@ -90,7 +90,7 @@ def _wild(draw: Draw, robot: Robot) -> World:
         lens_k1=np.array([c["lens_k1"] for c in cameras]),
         link_lengths=built.link_lengths * draw("link_lengths").uniform(0.9, 1.1, len(robot.links)),
         joint_zeros=_zeros(draw("joint_zeros"), 10.0, robot),
-        motor_sign=draw("motor_sign").choice([-1.0, 1.0], motors),
+        motor_sign=np.where(draw("motor_sign").integers(2, size=motors), 1.0, -1.0),
         motor_gain=log_uniform(draw("motor_gain"), 0.5, 2.0, motors),
         motor_curvature=draw("motor_curvature").uniform(-0.3, 0.4, motors),
         point_noise=built.point_noise,

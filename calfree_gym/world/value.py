@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calfree_gym.geometry import Array
 from calfree_gym.robot.arms.robot import Robot
@@ -102,64 +104,41 @@ class World:
     object_friction: Array = field(default_factory=lambda: np.array(0.9))
 
     def __post_init__(self) -> None:
-        motors = np.size(self.motor_sign)
-        for entry in fields(self):
-            given = getattr(self, entry.name)
+        values, motors = vars(self), np.size(self.motor_sign)
+        for name, shape in _shapes(motors).items():
             try:
-                array = np.array(np.asarray(given, np.float64) + 0.0)  # no negative zero
+                array = np.array(values[name], np.float64)
             except (TypeError, ValueError):
-                raise ValueError(f"World.{entry.name} is {given!r}; it must be numbers") from None
-            shape = tuple(motors if size == "m" else size for size in _SHAPES[entry.name])
-            if entry.name in _OF_ALL_MOTORS and array.shape == shape[1:]:
-                array = np.tile(array, (motors,) + (1,) * array.ndim)
-            if array.ndim != len(shape) or any(
-                size not in ("k", "l", found) for size, found in zip(shape, array.shape, strict=True)
-            ):
-                raise ValueError(f"World.{entry.name} has shape {array.shape}; it must be {_written(shape)}")
-            if not np.isfinite(array).all():
-                raise ValueError(f"World.{entry.name} must be finite, found {array.tolist()}")
-            array.flags.writeable = False
-            object.__setattr__(self, entry.name, array)
-        self._check_ranges()
-
-    def _check_ranges(self) -> None:
-        for name in _POSITIVE:
-            if (getattr(self, name) <= 0).any():
-                raise ValueError(f"World.{name} must be positive, found {getattr(self, name)}")
+                raise ValueError(f"World.{name} is {values[name]!r}; it must be numbers") from None
+            array += 0.0  # no negative zero
+            if array.shape != shape:
+                array = _fitted(name, array, shape)
+            array.setflags(write=False)
+            values[name] = array
+        least, most = _bounds(motors, len(self.joint_zeros), len(self.link_lengths))
+        numbers = np.concatenate([values[name].ravel() for name in _SHAPES])
+        if not ((numbers >= least) & (numbers <= most)).all():
+            self._refuse()
         if (np.abs(self.motor_sign) != 1).any():
-            raise ValueError(f"World.motor_sign must be +1 or -1, found {self.motor_sign}")
-        if (np.abs(self.motor_curvature) > 0.45).any():
-            raise ValueError(f"World.motor_curvature must be within +-0.45, found {self.motor_curvature}")
-        for name in _NOT_NEGATIVE:
-            if (getattr(self, name) < 0).any():
-                raise ValueError(f"World.{name} must not be negative, found {getattr(self, name)}")
-        for name, (least, most) in _WITHIN.items():
-            if ((getattr(self, name) < least) | (getattr(self, name) > most)).any():
-                raise ValueError(
-                    f"World.{name} must be in [{least:g}, {most:g}], found {getattr(self, name)}"
-                )
-        if (self.longest_motion > 1).any():
-            raise ValueError(f"World.longest_motion must be in (0, 1], found {self.longest_motion}")
-        period, _, depth = self.gear_ripple.T
-        if not ((period >= 1e-3) & (period <= 1e3) & (depth >= 0) & (depth < 1)).all():
-            raise ValueError(
-                "World.gear_ripple must have periods (first) in [0.001, 1000] and depths (third) in [0, 1), "
-                f"found {self.gear_ripple.tolist()}"
-            )
-        if (self.occluder[3:] < 0).any():
-            raise ValueError(f"World.occluder has a negative radius or height: {self.occluder}")
-        if self.latency not in range(MAX_LATENCY + 1):
-            raise ValueError(
-                f"World.latency must be a whole number from 0 to {MAX_LATENCY}, found {self.latency}"
-            )
-        if self.texture % 1 or not 0 <= self.texture <= MAX_TEXTURE:
-            raise ValueError(
-                f"World.texture must be a whole number from 0 to {MAX_TEXTURE}, found {self.texture}"
-            )
+            raise ValueError(f"World.motor_sign {_RANGES['motor_sign'].told}, found {self.motor_sign}")
+        for name in ("latency", "texture"):
+            if getattr(self, name) % 1:
+                raise ValueError(f"World.{name} {_RANGES[name].told}, found {getattr(self, name)}")
         for name in ("camera_orientation", "light_direction"):
             norms = np.linalg.norm(getattr(self, name), axis=-1)
             if (np.abs(norms - 1) > 1e-6).any():
                 raise ValueError(f"World.{name} must have unit length, found {norms}")
+
+    def _refuse(self) -> NoReturn:
+        """Says which field is not finite, or out of its range."""
+        for name in _SHAPES:
+            if not np.isfinite(found := getattr(self, name)).all():
+                raise ValueError(f"World.{name} must be finite, found {found.tolist()}")
+        for name, (least, most, told) in _RANGES.items():
+            found = getattr(self, name)
+            if not ((found >= least) & (found <= most)).all():
+                raise ValueError(f"World.{name} {told}, found {found.tolist()}")
+        raise AssertionError
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, World):
@@ -210,11 +189,6 @@ class World:
                 )
 
 
-def _written(shape: tuple[int | str, ...]) -> str:
-    """A shape as Python writes it, with letters for lengths that are free."""
-    return str(shape).replace("'", "")
-
-
 _SHAPES: dict[str, tuple[int | str, ...]] = {
     "camera_position": (2, 3),
     "camera_orientation": (2, 4),
@@ -255,22 +229,87 @@ _OF_ALL_MOTORS = (
     *("word_gain", "dead_zone", "gear_ripple"),
 )
 """Fields of which one value may be given for all motors."""
-_POSITIVE = (
-    *("focal_length", "link_lengths", "motor_gain", "longest_motion", "exposure"),
-    *("object_mass", "object_friction"),
-)
-_NOT_NEGATIVE = (
-    "point_noise",
-    "backlash",
-    "repeatability",
-    "register_noise",
-    "register_step",
-    "light_strength",
-    "light_ambient",
-    "blur",
-    "image_noise",
-)
-_WITHIN = {
-    **{"point_outliers": (0.0, 1.0), "point_dropout": (0.0, 1.0)},
-    **{"shortfall": (0.0, MAX_SHORTFALL), "word_gain": (1e-3, 1e3), "dead_zone": (0.0, 1.0)},
+
+
+class _Range(NamedTuple):
+    """Least and largest values of a field, and how errors tell them."""
+
+    least: ArrayLike
+    most: ArrayLike
+    told: str
+
+
+_LARGEST, _SMALLEST = np.finfo(float).max, np.nextafter(0.0, 1.0)
+_FINITE = _Range(-_LARGEST, _LARGEST, "must be finite")
+_POSITIVE = _Range(_SMALLEST, _LARGEST, "must be positive")
+_NOT_NEGATIVE = _Range(0.0, _LARGEST, "must not be negative")
+_RANGES = {
+    "focal_length": _POSITIVE,
+    "link_lengths": _POSITIVE,
+    "motor_sign": _Range(-1.0, 1.0, "must be +1 or -1"),
+    "motor_gain": _POSITIVE,
+    "motor_curvature": _Range(-0.45, 0.45, "must be within +-0.45"),
+    "point_noise": _NOT_NEGATIVE,
+    "point_outliers": _Range(0.0, 1.0, "must be in [0, 1]"),
+    "point_dropout": _Range(0.0, 1.0, "must be in [0, 1]"),
+    "latency": _Range(0.0, MAX_LATENCY, f"must be a whole number from 0 to {MAX_LATENCY}"),
+    "backlash": _NOT_NEGATIVE,
+    "repeatability": _NOT_NEGATIVE,
+    "register_noise": _NOT_NEGATIVE,
+    "register_step": _NOT_NEGATIVE,
+    "shortfall": _Range(0.0, MAX_SHORTFALL, f"must be in [0, {MAX_SHORTFALL:g}]"),
+    "longest_motion": _Range(_SMALLEST, 1.0, "must be in (0, 1]"),
+    "word_gain": _Range(1e-3, 1e3, "must be in [0.001, 1000]"),
+    "dead_zone": _Range(0.0, 1.0, "must be in [0, 1]"),
+    "gear_ripple": _Range(
+        [1e-3, -_LARGEST, 0.0],
+        [1e3, _LARGEST, np.nextafter(1.0, 0.0)],
+        "must have periods (first) in [0.001, 1000] and depths (third) in [0, 1)",
+    ),
+    "light_strength": _NOT_NEGATIVE,
+    "light_ambient": _NOT_NEGATIVE,
+    "texture": _Range(0.0, MAX_TEXTURE, f"must be a whole number from 0 to {MAX_TEXTURE}"),
+    "exposure": _POSITIVE,
+    "blur": _NOT_NEGATIVE,
+    "image_noise": _NOT_NEGATIVE,
+    "occluder": _Range([*[-_LARGEST] * 3, 0.0, 0.0], _LARGEST, "has a negative radius or height"),
+    "object_mass": _POSITIVE,
+    "object_friction": _POSITIVE,
 }
+
+
+@lru_cache
+def _shapes(motors: int) -> dict[str, tuple[int | str, ...]]:
+    """Shapes of the fields with so many motors; letters stand for lengths that are free."""
+    return {name: tuple(motors if n == "m" else n for n in shape) for name, shape in _SHAPES.items()}
+
+
+@lru_cache
+def _bounds(motors: int, joints: int, links: int) -> tuple[Array, Array]:
+    """Least and largest values of all numbers of a world, field after field."""
+    of: dict[int | str, int] = {"m": motors, "k": joints, "l": links}
+    ends: tuple[list[Array], list[Array]] = [], []
+    for name, shape in _SHAPES.items():
+        least, most, _ = _RANGES.get(name, _FINITE)
+        for found, end in zip(ends, (least, most), strict=True):
+            found.append(
+                np.broadcast_to(np.asarray(end, float), [of[n] if n in of else int(n) for n in shape]).ravel()
+            )
+    return np.concatenate(ends[0]), np.concatenate(ends[1])
+
+
+def _fitted(name: str, array: Array, shape: tuple[int | str, ...]) -> Array:
+    """A field in its shape, of which lengths may be free, or which one value for all motors may have.
+
+    Raises:
+        ValueError: It does not fit.
+    """
+    if name in _OF_ALL_MOTORS and array.shape == shape[1:]:
+        filled = np.empty([int(n) for n in shape])
+        filled[:] = array
+        return filled
+    fits = (free in ("k", "l", length) for free, length in zip(shape, array.shape, strict=False))
+    if array.ndim != len(shape) or not all(fits):
+        written = str(shape).replace("'", "")
+        raise ValueError(f"World.{name} has shape {array.shape}; it must be {written}")
+    return array

@@ -70,7 +70,7 @@ def test_worlds_are_values():
         ({"register_noise": -1e-3}, "register_noise must not be negative"),
         ({"register_step": [0, 0, -1]}, "register_step must not be negative"),
         ({"shortfall": 0.91}, r"shortfall must be in \[0, 0.9\], found \[0.91"),
-        ({"longest_motion": 0}, "longest_motion must be positive"),
+        ({"longest_motion": 0}, r"longest_motion must be in \(0, 1\]"),
         ({"longest_motion": [1, 1, 1.1]}, r"longest_motion must be in \(0, 1\]"),
         ({"word_gain": 0}, r"word_gain must be in \[0.001, 1000\]"),
         ({"dead_zone": [0, 2, 0]}, r"dead_zone must be in \[0, 1\]"),
@@ -206,7 +206,7 @@ def test_registers_within_nine_tenths_reach_all_of_a_drawn_worlds_work_space(mou
     mounts = MOVEMASTER.mounts(mount)
     for seed in range(20):
         sample = partial(WorldDistribution("wild").sample, seed)
-        world = first_in_view(sample, MOVEMASTER, mounts, "a world", whole=True)
+        world = first_in_view(sample, Workspaces(1, MOVEMASTER, mounts), 0, "a world", whole=True)
         workspace = Workspaces(1, MOVEMASTER, mounts)
         workspace.set_world(0, world)
         found = workspace.candidates(np.random.default_rng(seed).random((1, 6000, 3)), np.array([0]))
@@ -218,7 +218,7 @@ def test_what_no_drawn_world_fulfils_is_named():
     sample, mounts = partial(WorldDistribution("wild").sample, 0), MOVEMASTER.mounts("waist")
     never = {"also": lambda _: False, "also_asks": "is it so"}
     with pytest.raises(ValueError, match=r"never serves .* of 1000 drawn worlds \d+ were .*none is it so"):
-        first_in_view(sample, MOVEMASTER, mounts, "a world", **never)
+        first_in_view(sample, Workspaces(1, MOVEMASTER, mounts), 0, "a world", **never)
 
 
 def test_coarse_worlds_are_the_papers_coarsely_calibrated_robot():

@@ -13,13 +13,13 @@ def gripper_position(joints: Array, link_lengths: Array) -> Array:
         link_lengths: In m (..., 5), as in `World`.
     """
     base, shoulder, upper_arm, forearm, hand = (link_lengths[..., i] for i in range(5))
-    waist = joints[..., 0]
-    upper = joints[..., 1]
-    fore = upper + joints[..., 2]
-    grip = fore + joints[..., 3]
-    radius = shoulder + upper_arm * np.cos(upper) + forearm * np.cos(fore) + hand * np.cos(grip)
+    angles = np.empty((4, *joints.shape[:-1]))  # of the waist, and of each link to the horizontal
+    angles[0], angles[1] = joints[..., 0], joints[..., 1]
+    angles[2] = angles[1] + joints[..., 2]
+    angles[3] = angles[2] + joints[..., 3]
+    (c, *along), (s, *up) = np.cos(angles), np.sin(angles)
+    radius = shoulder + upper_arm * along[0] + forearm * along[1] + hand * along[2]
     points = np.empty((*radius.shape, 3))
-    points[..., 0] = radius * np.cos(waist)
-    points[..., 1] = radius * np.sin(waist)
-    points[..., 2] = base + upper_arm * np.sin(upper) + forearm * np.sin(fore) + hand * np.sin(grip)
+    points[..., 0], points[..., 1] = radius * c, radius * s
+    points[..., 2] = base + upper_arm * up[0] + forearm * up[1] + hand * up[2]
     return points

@@ -136,7 +136,9 @@ class Movemaster(Robot):
             return super().into_mounts(points, angles, lengths, mounts)
         c, s = np.cos(angles[..., 0]), np.sin(angles[..., 0])
         x, y, z = (points[..., axis] for axis in range(3))
-        return np.stack([c * x + s * y, c * y - s * x, z], -1)[..., None, :]
+        there = np.empty((*np.broadcast_shapes(c.shape, z.shape), 1, 3))
+        there[..., 0, 0], there[..., 0, 1], there[..., 0, 2] = c * x + s * y, c * y - s * x, z
+        return there
 
     def scene(self, mounts: Mounts, furnish: Furnish | None = None) -> Scene:
         """See `Robot`."""

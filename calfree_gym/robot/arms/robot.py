@@ -144,10 +144,10 @@ class Robot(ABC):
         That is where they would be, had the room moved instead of the cameras since home as built. One for
         both cameras, where both are fixed to one body.
         """
-        moved = []
+        moved, shape = [], np.broadcast_shapes(points.shape[:-1], angles.shape[:-1])
         for body in dict.fromkeys(mounts):
             if body == ROOM:
-                moved.append(points)
+                moved.append(np.broadcast_to(points, (*shape, 3)))
                 continue
             (position, axes), (home, home_axes) = self.frames(body, angles, lengths), self.home_frame(body)
             moved.append(in_frame(in_frame(points, position, axes), -home @ home_axes, home_axes.T))

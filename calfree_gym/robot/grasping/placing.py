@@ -135,7 +135,7 @@ class Places:
         angles = self._motors.angles(positions[None], rows)[0]
         there = robot.gripper_position(angles, world.link_lengths)
         reached = np.abs(there - places).max(1) < EXACT
-        reached &= self._motors.reaches(positions[None], MAX_REGISTER, rows)[0]
+        reached &= self._motors.reaches(positions, MAX_REGISTER, rows)
         reached &= ((positions > lowest) & (positions < highest)).all(1)
         return angles, reached
 

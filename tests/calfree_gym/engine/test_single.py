@@ -88,6 +88,21 @@ def test_objects_do_not_depend_on_how_many_motions_came_before():
     np.testing.assert_array_equal(objects(0), objects(7))
 
 
+def test_objects_of_one_arm_are_those_of_arms_in_rows_in_whatever_world_a_trial_is():
+    env, rows, other = kinematic().unwrapped, kinematic(2).unwrapped, kinematic().unwrapped
+    other.reset(seed=9)
+    env.reset(seed=3)
+    rows.reset(seed=3)
+    own = env.world
+    for trial in range(24):
+        if trial in (5, 15):
+            world = other.world if trial == 5 else own
+            env.set_world(world)
+            rows.set_world(world, 0)
+        alone, together = (each.reset()[1]["truth"]["object"] for each in (env, rows))
+        np.testing.assert_array_equal(alone, together[0])
+
+
 @pytest.mark.parametrize("mount", MOUNTS)
 def test_every_trial_starts_at_home_with_all_points_seen_and_apart(mount):
     env = make(camera_mount=mount, tolerance_px=60.0).unwrapped

@@ -1,11 +1,17 @@
 """What fails changes nothing: no event is applied twice, and no trial goes on in another world."""
 
+from itertools import count
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
 from calfree_gym import nominal
-from tests.calfree_gym.environments import kinematic, make
+from calfree_gym.robot import workspace
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+from calfree_gym.robot.workspace import in_view
+from calfree_gym.world import WorldDistribution
+from tests.calfree_gym.environments import assert_same, kinematic, make
 
 REVERSED = {"do": {"type": "motor_sign", "motor": "shoulder"}}
 OUT_OF_VIEW = {"do": {"type": "camera_aim", "camera": "left", "degrees": 170.0}}
@@ -53,6 +59,19 @@ def test_where_no_world_can_be_drawn_the_next_motion_asks_for_a_reset(monkeypatc
         env.reset(seed=1)
     with pytest.raises(gym.error.ResetNeeded):
         env.step(np.zeros(3))
+
+
+def test_where_no_world_can_be_drawn_an_arm_stays_in_its_own(monkeypatch):
+    env = kinematic().unwrapped
+    env.reset(seed=0)
+    as_before = kinematic(world=env.world)
+    mounts, wild = env.arms.mounts, WorldDistribution("wild")
+    seed = next(s for s in count(1) if not in_view(wild.sample(s), MOVEMASTER, mounts, whole=True))
+    monkeypatch.setattr(workspace, "ATTEMPTS", 1)
+    with pytest.raises(ValueError, match="never in view"):
+        env.reset(seed=seed)
+    monkeypatch.undo()
+    assert_same(env.reset(), as_before.reset(seed=seed))
 
 
 def test_a_motion_before_which_an_event_fails_applies_none():

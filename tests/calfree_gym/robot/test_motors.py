@@ -100,6 +100,6 @@ def test_a_rippled_gears_inverse_stops_and_reach_are_those_of_brute_force(both, 
     home = motors.positions(np.zeros((1, 3)), ONE)
     candidates = np.repeat(home, len(dense), 0)
     candidates[:, MOTOR] = positions
-    reached = motors.reaches(candidates[None], reach, np.array([0]))[0]
+    reached = motors.reaches(candidates, reach, np.array([0]))
     edge = np.abs(np.abs(dense) - reach) < 1e-9
     assert (reached == (np.abs(dense) <= reach))[~edge].all()

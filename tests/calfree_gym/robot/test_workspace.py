@@ -17,8 +17,8 @@ def test_a_world_is_judged_by_the_first_of_all_candidates(monkeypatch, mount):
         spaces.set_world(0, WorldDistribution("wild").sample(seed))
         found = spaces.candidates(draws, np.array([0]))
         first = np.flatnonzero(found.within)[:CHECKED]
-        for at_once in (workspace.JUDGED_AT_ONCE, 1):
-            monkeypatch.setattr(workspace, "JUDGED_AT_ONCE", at_once * len(first))
+        for at_once in (workspace.PLACED_AT_ONCE, 1):
+            monkeypatch.setattr(workspace, "PLACED_AT_ONCE", at_once * len(first))
             reached, good = spaces.judged(0)
             np.testing.assert_array_equal(reached, found.reached[0, first])
             np.testing.assert_array_equal(good, found.reached[0, first] & found.seen[0, first])
