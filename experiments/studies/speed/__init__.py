@@ -27,6 +27,9 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 import agents
 from calfree_gym import Arm
+from calfree_gym.engine.sight import SHADOWS_FROM
+from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.rendering.renderer import current, drawing_context, gl_context
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.simulation import SUBSTEPS
 from calfree_gym.sb3 import make_sb3_env
@@ -38,6 +41,8 @@ GRASP = "calfree_gym:CalFree/Grasp-v0"
 ROUNDS = 60
 FLOORS = {("PandaReach-v3", 1): 5.0, ("PandaReach-v3", 256): 9.0}
 """The least ratio of physics substeps a second that the project asks of itself beside a peer, by our rows."""
+SMALL = 84
+"""Width and height in pixels of the images of `"pixels"`, as networks take them."""
 FREE, HELD = "jaws free", "object held"
 WORDS = {FREE: 0.1, HELD: 0.03}
 """The largest words: what is held is carried about, and not pressed on the table."""
@@ -63,7 +68,7 @@ class Ratio(NamedTuple):
 
     Attributes:
         name: What was compared with what.
-        unit: What is counted a second: "environment steps", "physics substeps" or "simulated seconds".
+        unit: What is counted a second: "environment steps", "looks", "physics substeps", "simulated seconds".
         ratio: Median over rounds of our rate by the other's, each pair timed in turn.
         required: The least that the project asks of itself, if it asks.
         ours, other: Counts a second, medians.
@@ -86,7 +91,7 @@ class Ratio(NamedTuple):
 
 
 def tables(peers: Sequence[str] = (), rounds: int = ROUNDS) -> Iterator[Table]:
-    """All ratios: reaching, peers beside it, grasping, and other arms.
+    """All ratios: reaching, looks, peers beside it, grasping, and other arms.
 
     Args:
         peers: As "PYTHON=ENV_ID".
@@ -103,6 +108,7 @@ def tables(peers: Sequence[str] = (), rounds: int = ROUNDS) -> Iterator[Table]:
         ratios = [_single(rounds, truth=False, required=0.88), _single(rounds, truth=True)]
         ratios += [_single(rounds, truth=False, sensors=False), _batched(rounds), _kinematic(rounds)]
         ratios += [_ppo("kinematic", 0.70, rounds), _ppo("physics", None, rounds)]
+        ratios += [_look("vision", IMAGE_SIZE, rounds), _look("pixels", SMALL, rounds)]
         for peer in others:
             for rows in (1, 256):
                 ratios += _beside(peer, rows, FLOORS.get((peer.env_id, rows)), rounds)
@@ -181,6 +187,44 @@ def _kinematic(rounds: int) -> Ratio:
     name = f"{rows:,} kinematic rows / bare Batch.forward(POS)"
     ours, made = stepping(rows, steps, dynamics="kinematic"), steps * rows
     return _ratio(name, 0.50, rate_of(ours, made), rate_of(bare, made), rounds)
+
+
+def _look(observation: str, size: int, rounds: int, rows: int = 64) -> Ratio:
+    """A look of many rows, kinematic, against bare `mjr_render`: as many pairs, alike in size and quality."""
+    image = {} if observation == "vision" else {"image_size": size}
+    envs: Any = gym.make_vec(REACH, rows, dynamics="kinematic", observation=observation, **image)
+    words = _there_and_back((2, *envs.action_space.shape), 0.1)
+    envs.reset(seed=0)
+
+    def ours() -> None:
+        for word in words:
+            envs.step(word)
+
+    pairs = 8
+    bare = _bare_pairs(*envs.unwrapped.arms._sight._renderer.picture, size, pairs)
+    bare()  # OpenGL compiles what it needs
+    name, looks = f"{rows} rows of {observation}, {size} px / pairs by bare mjr_render", rows * len(words)
+    return _ratio(name, None, rate_of(ours, looks), rate_of(bare, pairs), max(rounds // 6, 1), "looks")
+
+
+def _bare_pairs(model: mujoco.MjModel, data: mujoco.MjData, size: int, pairs: int) -> Callable[[], None]:
+    """Draws what both cameras see, in a GL context of its own."""
+    gl, camera, view = gl_context(size), mujoco.MjvCamera(), mujoco.MjrRect(0, 0, size, size)
+    options, scene = mujoco.MjvOption(), mujoco.MjvScene(model, 1_000)
+    camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+    scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = size >= SHADOWS_FROM
+    image, all_of_it = np.empty((size, size, 3), np.uint8), int(mujoco.mjtCatBit.mjCAT_ALL)
+    with current(gl):
+        context = drawing_context(model)
+
+    def bare() -> None:
+        with current(gl):
+            for camera.fixedcamid in list(range(len(CAMERAS))) * pairs:
+                mujoco.mjv_updateScene(model, data, options, None, camera, all_of_it, scene)
+                mujoco.mjr_render(view, scene, context)
+                mujoco.mjr_readPixels(image, None, view, context)
+
+    return bare
 
 
 def _ppo(dynamics: str, required: float | None, rounds: int) -> Ratio:
