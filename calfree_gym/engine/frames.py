@@ -16,7 +16,7 @@ from calfree_gym.engine.arms import Arms
 from calfree_gym.engine.config import check_size
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT
-from calfree_gym.rendering.renderer import Image
+from calfree_gym.rendering.renderer import Image, View
 from calfree_gym.rendering.stereo_images import FOR_PEOPLE, StereoImages
 from calfree_gym.robot.arms.movemaster import Movemaster
 from calfree_gym.robot.arms.robot import ROOM
@@ -80,8 +80,8 @@ class SceneFrame:
         mujoco.mj_kinematics(model, data)
         size = self._width - images.size, self._height
         finer = FINER * size[0], FINER * size[1]
-        scene = images.renderer.draw(_view(arms), *finer, (*SEEN, RIG_GROUP))[0][::-1]
-        return np.asarray(cv2.resize(scene, size, interpolation=cv2.INTER_AREA), np.uint8), left, right
+        ((scene, _),) = images.renderer.draw([View(_view(arms), *finer)], (*SEEN, RIG_GROUP))
+        return np.asarray(cv2.resize(scene[::-1], size, interpolation=cv2.INTER_AREA), np.uint8), left, right
 
     def camera_in_scene(self, camera: int) -> Array:
         """Where in the scene (x, y), in pixels, the left or the right camera's housing was drawn last."""

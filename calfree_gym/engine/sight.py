@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, ClassVar, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
 from calfree_gym.pool import OfWorlds
+from calfree_gym.rendering.renderer import Image
 from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.robot.arms.robot import Rig
 from calfree_gym.robot.simulation import Simulation
@@ -131,8 +132,12 @@ class Tracker(Protocol):
     def reset(self) -> None:
         """Forgets what was tracked before."""
 
-    def __call__(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Array, Flags]:
-        """Points (p, 2), and which of them were seen (p,)."""
+    def copy(self) -> Self:
+        """One that remembers the same, and goes on by itself."""
+
+    @staticmethod
+    def track(trackers: Any, pairs: Sequence[tuple[Image, Image]]) -> tuple[Array, Flags]:
+        """Points (n, p, 2), and which were seen (n, p), in pairs of images (n,), by a tracker each."""
 
 
 SHADOWS_FROM = 256
@@ -269,7 +274,8 @@ class TrackedSight(RenderedSight):
         super().__init__(simulation, rig, points, IMAGE_SIZE)
         self.images = ()
         rows = simulation.rows
-        self._trackers = [tracker() for _ in range(rows)]
+        first = tracker()
+        self._trackers = [first.copy() for _ in range(rows)]
         self._points, self._visible = np.zeros((rows, points, 2)), np.zeros((rows, points), bool)
 
     def begin_trial(self, rows: NDArray[np.intp]) -> None:
@@ -281,8 +287,10 @@ class TrackedSight(RenderedSight):
         """See `Sight`."""
         rows = np.flatnonzero(moved)
         self._render(rows, trials, motions)
-        for row in rows.tolist():
-            self._points[row], self._visible[row] = self._trackers[row](*self._images[row])
+        if len(rows):
+            trackers = [self._trackers[row] for row in rows]
+            pairs = [(self._images[row, 0], self._images[row, 1]) for row in rows]
+            self._points[rows], self._visible[rows] = trackers[0].track(trackers, pairs)
         return self._points.copy(), self._visible.copy()
 
 

@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import mujoco
@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 from calfree_gym.robot.simulation import keep_in_copies
 
 Image = NDArray[np.uint8]
+Picture = tuple[Image, NDArray[np.float32] | None]
+"""Upside down, its first row is the lowest, as OpenGL has it: colours (height, width, 3); and depths (height,
+width) along the camera's axis in m, where they are wanted."""
 
 SHADOW_MAP = 512
 """Width and height of the shadow map. Choice: 1024 costs a fifth more time, and shadows stay soft."""
@@ -29,6 +32,10 @@ shadow maps are larger by the square of it. Choice: they take 1.7 times as long.
 SPARE = 1_000
 """Room in a scene beyond geoms and sites, for tendons, skins and the like; where that is full, it is doubled.
 Choice."""
+NO_SHADOW_MAP = 2
+"""Width and height of a shadow map of which nothing is drawn: MuJoCo leaves a border of one pixel."""
+FREE_NAMES = 10_000
+"""OpenGL makes a texture of any name, a number; MuJoCo's own, a thousand at most, have the first ones."""
 BACKENDS = ("egl", "osmesa", "glfw")
 _lock = threading.RLock()
 _bound: list[Any] = []
@@ -125,6 +132,7 @@ def drawing_context(model: mujoco.MjModel) -> mujoco.MjrContext:
     try:
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+        mujoco.mjr_addAux(0, 1, 1, 0, context)
     except Exception as error:
         raise _missing(error) from error
     return context
@@ -157,6 +165,14 @@ def _context(backend: str, windowed: bool) -> Any:
     else:
         raise ValueError(f"MUJOCO_GL names no renderer; allowed: {', '.join(BACKENDS)}")
     return GLContext
+
+
+class View(NamedTuple):
+    """From where, and how large, a picture is: width and height are in pixels."""
+
+    camera: mujoco.MjvCamera
+    width: int
+    height: int
 
 
 class Renderer:
@@ -198,42 +214,50 @@ class Renderer:
         keep_in_copies(self)
 
     def draw(
-        self,
-        camera: mujoco.MjvCamera,
-        width: int,
-        height: int,
-        groups: Sequence[int],
-        shadows: bool = True,
-        depth: bool = False,
-    ) -> tuple[Image, NDArray[np.float32] | None]:
-        """A picture, upside down: its first row is the lowest, as OpenGL has it.
+        self, views: Sequence[View], groups: Sequence[int], shadows: bool = True, depth: bool = False
+    ) -> list[Picture]:
+        """Pictures of the model as it is now.
 
         Args:
-            camera: From where.
-            width: In pixels.
-            height: In pixels.
+            views: One a picture.
             groups: Of the geoms that are shown.
             shadows: Whether the lamp casts shadows.
             depth: Whether depths are wanted, too.
-
-        Returns:
-            Colours (height, width, 3); and the depths (height, width) along the camera's axis in m, or None.
         """
         self._options.geomgroup[:] = np.isin(range(mujoco.mjNGROUP), groups)
-        self._update(camera)
+        self._update(views[0].camera)
         if self._for_people:
             self._let_light_through()
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+        with current(self._gl):
+            first, *others = views
+            pictures = [self._draw(first, depth)]
+            with self._shadow_map_kept():
+                return pictures + [self._draw(view, depth) for view in others]
+
+    def _draw(self, view: View, depth: bool) -> Picture:
+        camera, width, height = view
+        if width > self._size[0] or height > self._size[1]:
+            self._size = max(width, self._size[0]), max(height, self._size[1])
+            mujoco.mjr_resizeOffscreen(*self._size, self._context)
+        mujoco.mjv_updateCamera(self.model, self.data, camera, self._scene)
         viewport = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(viewport, self._scene, self._context)
         image = np.empty((height, width, 3), np.uint8)
         buffer = np.empty((height, width), np.float32) if depth else None
-        with current(self._gl):
-            if width > self._size[0] or height > self._size[1]:
-                self._size = max(width, self._size[0]), max(height, self._size[1])
-                mujoco.mjr_resizeOffscreen(*self._size, self._context)
-            mujoco.mjr_render(viewport, self._scene, self._context)
-            mujoco.mjr_readPixels(image, buffer, viewport, self._context)
+        mujoco.mjr_readPixels(image, buffer, viewport, self._context)
         return image, None if buffer is None else self._metres(buffer)
+
+    @contextmanager
+    def _shadow_map_kept(self) -> Iterator[None]:
+        """Takes the shadow map from the picture before: MuJoCo draws the next one elsewhere, without size."""
+        context = self._context
+        kept = context.shadowFBO, context.shadowSize
+        context.shadowFBO, context.shadowSize = int(context.auxFBO[0]), NO_SHADOW_MAP
+        try:
+            yield
+        finally:
+            context.shadowFBO, context.shadowSize = kept
 
     def _update(self, camera: mujoco.MjvCamera) -> None:
         """Puts all that is shown into the scene, which grows until nothing is left out."""
@@ -252,10 +276,20 @@ class Renderer:
             if geom.rgba[3] < 1:
                 geom.category, geom.rgba[3] = int(mujoco.mjtCatBit.mjCAT_DECOR), geom.rgba[3] / 2
 
-    def upload_texture(self, texture: int) -> None:
-        """Tells OpenGL that the pixels of a texture of the model have changed."""
-        with current(self._gl):
-            mujoco.mjr_uploadTexture(self.model, self._context, texture)
+    def use_texture(self, texture: int, name: int, pixels: Image | None = None) -> None:
+        """Draws with another texture from now on.
+
+        Args:
+            texture: Of the model, whose place it takes.
+            name: OpenGL's: of one that was given pixels before, or any from `FREE_NAMES` on.
+            pixels: Its new ones (height, width, 3).
+        """
+        self._context.texture[texture] = name
+        if pixels is not None:
+            first = self.model.tex_adr[texture]
+            self.model.tex_data[first : first + pixels.size] = pixels.ravel()
+            with current(self._gl):
+                mujoco.mjr_uploadTexture(self.model, self._context, texture)
 
     def _metres(self, buffer: NDArray[np.float32]) -> NDArray[np.float32]:
         """Depths in m of a depth buffer."""

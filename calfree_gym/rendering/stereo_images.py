@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
-from calfree_gym.rendering.renderer import Image, Renderer
+from calfree_gym.rendering.renderer import FREE_NAMES, Image, Picture, Renderer, View
 from calfree_gym.robot.arms.robot import Rig
 from calfree_gym.robot.rays import SEEN
 from calfree_gym.robot.simulation import Simulation
@@ -36,8 +35,6 @@ LARGEST = 2.0
 MOST_SATURATED = 0.3
 """Marks are told from their background by saturation; theirs is 0.8 and more."""
 DARKEST, BRIGHTEST = 0.25, 0.9
-KEPT = 256
-"""Pictures that are kept: two a world, so that many rows can be rendered in turns."""
 STUDIO = -1
 """Number of the light covers before which people see an arm best; no world's."""
 _ROOM, _SQUARES = (211, 221, 233), ((248, 250, 251), (232, 236, 241))
@@ -102,8 +99,8 @@ class StereoImages:
         self._lamp = model.light(prefix + "lamp").id
         model.vis.map.shadowclip = LIT * rig.scale / model.stat.extent
         self._textures = [model.texture(name).id for name in simulation.covers]
-        self._built = model.tex_data.copy()
-        self._covered_by = 0
+        self._built = [pixels.copy() for pixels in map(self._pixels, self._textures)]
+        self._covers: dict[int, int] = {}
         self._worlds: list[World | None] = [None] * simulation.rows
         self._lenses: list[tuple[LensMap, ...]] = [()] * simulation.rows
 
@@ -124,17 +121,18 @@ class StereoImages:
             configuration: All that moves (q,), where it is to be other than now.
             light: Where it is to be another than the world's.
         """
-        left, right = (
-            lens.colours(self._pinhole(camera, lens, groups)[0])
-            for camera, lens in enumerate(self.prepare(row, world, configuration, light))
-        )
+        lenses = self.prepare(row, world, configuration, light)
+        pictures = self._pinholes(lenses, groups)
+        left, right = (lens.colours(image) for lens, (image, _) in zip(lenses, pictures, strict=True))
         return left, right
 
     def depths(self, row: int, world: World) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Depths (size, size) along each camera's axis in m; 0 where its lens shows nothing."""
+        lenses = self.prepare(row, world)
+        pictures = self._pinholes(lenses, SEEN, depth=True)
         left, right = (
-            lens.depths(self._pinhole(camera, lens, SEEN, depth=True)[1])  # type: ignore[arg-type]
-            for camera, lens in enumerate(self.prepare(row, world))
+            lens.depths(depths)  # type: ignore[arg-type]
+            for lens, (_, depths) in zip(lenses, pictures, strict=True)
         )
         return left, right
 
@@ -159,30 +157,42 @@ class StereoImages:
         model.vis.headlight.ambient[:] = light.ambient
         self._cover(light.texture)
 
-    def _pinhole(
-        self, camera: int, lens: LensMap, groups: Sequence[int], depth: bool = False
-    ) -> tuple[Image, NDArray[np.float32] | None]:
-        model, place = self.renderer.model, self._cameras[camera]
-        model.cam_intrinsic[place] = [model.cam_sensorsize[place, 0] / (2 * lens.half)] * 2 + [0, 0]
-        view = mujoco.MjvCamera()
-        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, place
-        return self.renderer.draw(view, lens.source, lens.source, groups, self._shadows, depth)
+    def _pinholes(
+        self, lenses: Sequence[LensMap], groups: Sequence[int], depth: bool = False
+    ) -> list[Picture]:
+        model, views = self.renderer.model, []
+        for place, lens in zip(self._cameras, lenses, strict=True):
+            model.cam_intrinsic[place] = [model.cam_sensorsize[place, 0] / (2 * lens.half)] * 2 + [0, 0]
+            camera = mujoco.MjvCamera()
+            camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, place
+            views.append(View(camera, lens.source, lens.source))
+        return self.renderer.draw(views, groups, self._shadows and not depth, depth)
 
     def _cover(self, number: int) -> None:
-        """Covers table and room with another picture."""
-        if number == self._covered_by:
-            return
-        self._covered_by, model = number, self.renderer.model
-        for i, place in enumerate(self._textures):
-            height, width = model.tex_height[place], model.tex_width[place]
-            pixels = slice(model.tex_adr[place], model.tex_adr[place] + 3 * height * width)
-            if number == STUDIO:
-                model.tex_data[pixels] = studio(height, width).ravel()
-            elif number:
-                model.tex_data[pixels] = texture(number + i, height, width).ravel()
-            else:
-                model.tex_data[pixels] = self._built[pixels]
-            self.renderer.upload_texture(place)
+        """Covers table and room with other pictures; OpenGL keeps those of a world a row, and of one more."""
+        kept = number in self._covers
+        full = len(self._covers) > self._simulation.rows
+        if kept or full:
+            slot = self._covers.pop(number if kept else next(iter(self._covers)))
+        else:
+            slot = len(self._covers)
+        self._covers[number] = slot  # the latest stands last
+        for i, texture in enumerate(self._textures):
+            name = FREE_NAMES + slot * len(self._textures) + i
+            self.renderer.use_texture(texture, name, None if kept else self._picture(number, i))
+
+    def _picture(self, number: int, i: int) -> Image:
+        """The pixels (height, width, 3) of the cover of the table, or of the room."""
+        height, width, _ = self._built[i].shape
+        if number == STUDIO:
+            return studio(height, width)
+        return texture(number + i, height, width) if number else self._built[i]
+
+    def _pixels(self, texture: int) -> Image:
+        model = self.renderer.model
+        shape = model.tex_height[texture], model.tex_width[texture], 3
+        first = model.tex_adr[texture]
+        return model.tex_data[first : first + np.prod(shape)].reshape(shape)
 
     def close(self) -> None:
         """Frees the GL context."""
@@ -248,7 +258,6 @@ class LensMap(NamedTuple):
         return np.asarray(cv2.remap(pinhole, self.nearest, _NO_SHARES, cv2.INTER_NEAREST), np.float32)
 
 
-@lru_cache(maxsize=KEPT)
 def texture(number: int, height: int, width: int) -> NDArray[np.uint8]:
     """Blotches of two colours (height, width, 3); the same number gives the same picture."""
     rng = np.random.default_rng(number)

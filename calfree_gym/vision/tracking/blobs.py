@@ -98,11 +98,13 @@ class Blob:
         corner: Left and upper border of its window, in pixels of the image.
         window: The image around it (h, w, 3).
         mask: 1 in its pixels, holes included, and 0 elsewhere (h, w).
+        image_size: Width and height of the image in px.
     """
 
     corner: tuple[int, int]
     window: Image
     mask: Image
+    image_size: tuple[int, int]
 
 
 def find_blobs(
@@ -177,7 +179,7 @@ def _full_blob(
     mask = _without_slivers(mask)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(mask, outlines, -1, 1, cv2.FILLED)
-    return Blob((x0, y0), window, mask)
+    return Blob((x0, y0), window, mask, (width, height))
 
 
 def _without_slivers(mask: Image) -> Image:

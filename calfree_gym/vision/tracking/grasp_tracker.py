@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from itertools import chain
 
 import cv2
@@ -15,7 +16,7 @@ from calfree_gym.vision.tracking.blobs import ColourTable, Image, find_blobs
 from calfree_gym.vision.tracking.gripper_fit import GripperFit, GripperLayout, fit_gripper
 from calfree_gym.vision.tracking.outlines import Array
 from calfree_gym.vision.tracking.parts import Part, completed, find_parts, whole
-from calfree_gym.vision.tracking.tracker import FrozenCameras, check_images, proportions
+from calfree_gym.vision.tracking.tracker import FrozenCameras, Pair, check_images, proportions
 
 POINTS = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
 """What is found, in the order of the points."""
@@ -84,16 +85,24 @@ class GraspTracker:
             ValueError: An image is no such array.
         """
         check_images(left, right)
+        return self._track((left, right), self._cameras((left, right), moved))
+
+    @staticmethod
+    def track(trackers: Sequence[GraspTracker], pairs: Sequence[Pair]) -> tuple[Array, NDArray[np.bool_]]:
+        """As `StereoTracker.track`: points (n, 18, 2) and flags (n, 18)."""
+        found = [each._track(pair, (False, False)) for each, pair in zip(trackers, pairs, strict=True)]
+        return np.array([points for points, _ in found]), np.array([seen for _, seen in found])
+
+    def _track(self, pair: Pair, frozen: tuple[bool, ...]) -> tuple[Array, NDArray[np.bool_]]:
         visible = np.zeros((len(POINTS), 2), bool)
         axes = np.zeros((2, 2))
-        frozen = self._cameras((left, right), moved)
-        for camera, image in enumerate((left, right)):
+        for camera, image in enumerate(pair):
             if frozen[camera]:
                 continue
             scale = np.array([image.shape[1], image.shape[0]]) / 2
             visible[:, camera], axes[camera] = self._look(image, camera, scale)
         self._place_ends(axes, visible)
-        points = self._points * np.array([proportions(image) for image in (left, right)])
+        points = self._points * np.array([proportions(image) for image in pair])
         return points.reshape(-1, 2), visible.ravel()
 
     def _look(self, image: Image, camera: int, scale: Array) -> tuple[NDArray[np.bool_], Array]:
@@ -114,10 +123,10 @@ class GraspTracker:
 
     def _parts(self, image: Image, camera: int) -> dict[str, list[Part]]:
         """What is seen of the marks in one camera's image."""
-        size, areas = (image.shape[1], image.shape[0]), self._areas[camera]
+        areas = self._areas[camera]
         parts = {}
         for name, blobs in find_blobs(image, self._table, self._table.names, LARGEST, filled=0.0).items():
-            found = find_parts(blobs, getattr(self.marks, name), size)
+            found = find_parts(blobs, getattr(self.marks, name))
             area, last = sum(part.area for part in found), areas.get(name, ())
             areas[name] = (*last[1 - LOOKS :], area)
             parts[name] = found if area >= LEAST_SEEN * max(last, default=0.0) else []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -22,6 +22,8 @@ NOISE_VARIANCE = 4.0
 SETTLED = 0.15
 """Pixels that a second look may change, per root of the blob's area. Choice: one in 25 along the outline.
 A blob whose outline blur or bright surroundings have moved is looked at once more."""
+
+_UNIT = np.eye(3, dtype=np.float32)
 
 Opacity = NDArray[np.float32]
 """Share of each pixel that the blob covers, (h, w)."""
@@ -61,36 +63,30 @@ def _once(colours: NDArray[np.float32], mask: Image) -> tuple[Opacity, float]:
     band = np.flatnonzero(cv2.bitwise_or(inside, outside) == 0)
     if least == 0 or not outside.any() or not len(band):
         return (inside > 0).astype(np.float32), 0.0
-    front, behind = _local_sums(colours, inside), _local_sums(colours, outside)
-    flat = colours.reshape(-1, 4)
+    front, behind = _local_means(colours, inside), _local_means(colours, outside)
+    flat = colours.reshape(-1, 4)[:, :3]
     near_out = np.flatnonzero(cv2.inRange(reach, BAND + 0.5, NEIGHBOURHOOD / 2 + BAND))
     near_in = np.flatnonzero(cv2.inRange(depth, least, NEIGHBOURHOOD / 2 + BAND))
-    spread = np.concatenate([_differences(flat, behind, near_out), _differences(flat, front, near_in)])
-    covariance = spread.T @ spread / len(spread) + NOISE_VARIANCE * np.eye(3, dtype=np.float32)
-    beyond = _differences(flat, behind, band)
-    step = beyond - _differences(flat, front, band)
-    weighted = step @ np.linalg.inv(covariance)
-    power = np.einsum("ij,ij->i", weighted, step)
-    part = np.einsum("ij,ij->i", weighted, beyond) / np.maximum(power, 1e-6)
+    spread = np.concatenate([flat[near_out] - behind[near_out], flat[near_in] - front[near_in]])
+    covariance = spread.T @ spread / len(spread) + NOISE_VARIANCE * _UNIT
+    behind = behind[band]
+    step = front[band] - behind
+    weighted = step @ cv2.invert(covariance)[1]
+    power = (weighted * step).sum(1)
+    part = (weighted * (flat[band] - behind)).sum(1) / np.maximum(power, 1e-6)
     shares = np.multiply(inside, np.float32(1 / 255))
     shares.reshape(-1)[band] = part.clip(0, 1)
-    return shares, float(np.sqrt(np.median(power)))
+    middle = len(band) // 2
+    return shares, float(np.partition(power, middle)[middle]) ** 0.5
 
 
-def _local_sums(colours: NDArray[np.float32], where: Image) -> NDArray[np.float32]:
-    """Sums (h * w, 4), weighted alike, of the colours `where` (h, w) around each pixel."""
+def _local_means(colours: NDArray[np.float32], where: Image) -> NDArray[np.float32]:
+    """Mean colours (h * w, 3) `where` (h, w) around each pixel; where there are none near, of all."""
     chosen = cv2.copyTo(colours, where)
     weak = 1e-4 * np.array(cv2.mean(colours, where), np.float32)
     size = (NEIGHBOURHOOD, NEIGHBOURHOOD)
-    return (cv2.blur(chosen, size, borderType=cv2.BORDER_CONSTANT) + weak).reshape(-1, 4)
-
-
-def _differences(
-    colours: NDArray[np.float32], sums: NDArray[np.float32], pixels: NDArray[np.intp]
-) -> NDArray[np.float32]:
-    """Colours (n, 3) of some pixels less the local means that `_local_sums` leads to."""
-    near = sums.take(pixels, 0)
-    return colours.take(pixels, 0)[:, :3] - near[:, :3] / near[:, 3:]
+    sums = (cv2.blur(chosen, size, borderType=cv2.BORDER_CONSTANT) + weak).reshape(-1, 4)
+    return sums[:, :3] / sums[:, 3:]
 
 
 Array = NDArray[np.float64]
@@ -116,7 +112,7 @@ def outline(shares: Opacity, centre: Array) -> Array:
     return centre + ((last + part) * STEP)[:, None] * _RAYS
 
 
-STRETCHES = (1.0, 1.15, 1.3)
+STRETCHES = (1.15, 1.3)
 """How much longer a ball may be away from the image's centre than across: a camera's wide angle does it."""
 TOLERANCE = (0.3, 0.04)
 """Largest distance of an outline from its circle, in px and in the outline's mean radius. Choice: on drawn
@@ -157,103 +153,123 @@ class Circle:
     roundness: float
 
 
-def fit_circle(points: Array, away: Array, largest: float) -> Circle:
-    """The circle on which most of an outline lies, and beyond which nothing lies.
+def fit_circles(points: Array, away: Array, largest: Array) -> list[Circle]:
+    """The circle on which most of each outline lies, and beyond which nothing lies.
 
     Where something hides a part of a ball, the rest of the blob's outline lies within the ball's.
 
     Args:
-        points: The outline (RAYS, 2), in px.
-        away: From the image's centre to the blob's (2,), in px.
-        largest: Largest radius, in px.
+        points: The outlines (n, RAYS, 2), in px.
+        away: From the image's centre to each blob's (n, 2), in px.
+        largest: Largest radii (n,), in px.
     """
-    middle = points.mean(0)
-    axis = away / max(float(np.hypot(*away)), 1e-9)
-    turn = np.array([axis, [-axis[1], axis[0]]])
-    turned = (points - middle) @ turn.T
-    size = float(np.hypot(*(points - middle).T).mean())
-    tolerance = TOLERANCE[0] + TOLERANCE[1] * size
-    fits = []
+    middle = points.mean(1)
+    axis = away / np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-9)[:, None]
+    x, y = np.moveaxis(points - middle[:, None], -1, 0)
+    cosine, sine = axis[:, :1], axis[:, 1:]
+    along, across = x * cosine + y * sine, y * cosine - x * sine
+    tolerance = TOLERANCE[0] + TOLERANCE[1] * np.hypot(x, y).mean(1)
+    best = _fit(along, across, largest, tolerance)
+    stretches, prices = np.ones(len(points)), best.cost.copy()
+    left = np.flatnonzero(best.cost > ENOUGH)
     for stretch in STRETCHES:
-        fit = _fit(turned / [stretch, 1.0], largest, tolerance)
-        fits.append((fit.cost + STRETCH_COST * (stretch > 1), stretch, fit))
-        if fit.cost <= ENOUGH:
-            break
-    _, stretch, fit = min(fits, key=lambda each: each[0])
-    centre = middle + (fit.centre * [stretch, 1.0]) @ turn
-    return Circle(centre, fit.radius, stretch, fit.beyond, 1 - fit.cost / RAYS)
+        fit = _fit(along[left] / stretch, across[left], largest[left], tolerance[left])
+        better = fit.cost + STRETCH_COST < prices[left]
+        which = left[better]
+        best.put(which, fit.of(better))
+        stretches[which], prices[which] = stretch, fit.cost[better] + STRETCH_COST
+        left = left[fit.cost > ENOUGH]
+    a, b = best.centre[:, 0] * stretches, best.centre[:, 1]
+    centre = middle + a[:, None] * axis + b[:, None] * np.stack([-axis[:, 1], axis[:, 0]], -1)
+    found = zip(centre, best.radius, stretches, best.beyond, 1 - best.cost / RAYS, strict=True)
+    return [Circle(*each) for each in found]
 
 
 class _Fit(NamedTuple):
-    """A circle, its cost in rays, and by how much the outline (RAYS,) is beyond it."""
+    """Circles (n,), their costs in rays, and by how much each outline (n, RAYS) is beyond its circle."""
 
     centre: Array
-    radius: float
-    cost: float
+    radius: Array
+    cost: Array
     beyond: Array
 
+    def of(self, which: NDArray[Any]) -> _Fit:
+        """Some of them."""
+        return _Fit(*(each[which] for each in self))
 
-def _fit(flat: Array, largest: float, tolerance: float) -> _Fit:
-    """The cheapest circle, by least squares where that will do, else sought through three points each."""
-    best = _refined(_near(flat, np.ones(RAYS, bool), tolerance), flat, tolerance)
-    if best.cost <= ENOUGH:
-        return best
-    centres, radii = _through(flat[_TRIPLES])
-    fits = radii <= largest
-    if not fits.any():
-        return best
-    centres, radii = centres[fits], radii[fits]
-    costs, beyond = _costs(flat, centres, radii, tolerance)
-    i = int(costs.argmin())
-    found = _refined(_Fit(centres[i], float(radii[i]), float(costs[i]), beyond[i]), flat, tolerance)
-    return found if found.cost < best.cost or best.radius > largest else best
+    def put(self, where: NDArray[Any], others: _Fit) -> None:
+        """Puts others in the places of some."""
+        for each, other in zip(self, others, strict=True):
+            each[where] = other
 
 
-def _refined(fit: _Fit, flat: Array, tolerance: float) -> _Fit:
-    """The circle nearest to all outline points that lie on a circle, found by going there and back."""
+def _fit(x: Array, y: Array, largest: Array, tolerance: Array) -> _Fit:
+    """The cheapest circles, by least squares where that will do, else sought through three points each.
+
+    Args:
+        x: The outlines (n, RAYS), in px.
+        y: Likewise.
+        largest: Largest radii (n,), in px.
+        tolerance: See `TOLERANCE` (n,), in px.
+    """
+    best = _refined(_near(x, y, np.ones(x.shape, bool), tolerance), x, y, tolerance)
+    hard = np.flatnonzero(best.cost > ENOUGH)
+    x, y, largest, tolerance = x[hard], y[hard], largest[hard], tolerance[hard]
+    centres, radii = _through(x[:, _TRIPLES], y[:, _TRIPLES])
+    costs, beyond = _costs(x[:, None], y[:, None], centres, radii, tolerance[:, None])
+    costs[radii > largest[:, None]] = np.inf
+    of, i = np.arange(len(hard)), costs.argmin(1)
+    found = _Fit(centres[of, i], radii[of, i], costs[of, i], beyond[of, i])
+    found = _refined(found, x, y, tolerance)
+    better = (found.cost < best.cost[hard]) | ((best.radius[hard] > largest) & np.isfinite(found.cost))
+    best.put(hard[better], found.of(better))
+    return best
+
+
+def _refined(fit: _Fit, x: Array, y: Array, tolerance: Array) -> _Fit:
+    """The circles nearest to all outline points that lie on a circle, found by going there and back."""
+    left = np.flatnonzero(np.isfinite(fit.cost))
     for _ in range(3):
-        on = np.abs(fit.beyond) <= tolerance
-        if on.all() or on.sum() < 4:
-            break
-        better = _near(flat, on, tolerance)
-        if better.cost > fit.cost:
-            break
-        fit = better
+        on = np.abs(fit.beyond[left]) <= tolerance[left, None]
+        count = on.sum(1)
+        some = (count < RAYS) & (count >= 4)
+        left = left[some]
+        nearer = _near(x[left], y[left], on[some], tolerance[left])
+        better = nearer.cost <= fit.cost[left]
+        left = left[better]
+        fit.put(left, nearer.of(better))
     return fit
 
 
-def _near(flat: Array, on: NDArray[np.bool_], tolerance: float) -> _Fit:
-    """The circle nearest to some outline points, by Kåsa's algebraic least squares."""
-    points = flat[on]
-    middle = points.mean(0)
-    x, y = (points - middle).T
-    design = np.stack([x, y, np.ones_like(x)], -1)
-    normal = design.T @ design + 1e-9 * np.eye(3)
-    a, b, c = np.linalg.solve(normal, design.T @ (x * x + y * y))
-    centre = middle + np.array([a, b]) / 2
-    radius = float(np.sqrt(max(c + (a * a + b * b) / 4, 1e-9)))
-    costs, beyond = _costs(flat, centre[None], np.array([radius]), tolerance)
-    return _Fit(centre, radius, float(costs[0]), beyond[0])
+def _near(x: Array, y: Array, on: NDArray[np.bool_], tolerance: Array) -> _Fit:
+    """The circles nearest to some points `on` (n, RAYS) outlines, by Kåsa's algebraic least squares."""
+    count = on.sum(1)
+    middle = np.stack([(x * on).sum(1), (y * on).sum(1)], -1) / count[:, None]
+    u, v = (x - middle[:, :1]) * on, (y - middle[:, 1:]) * on
+    squares = u * u + v * v
+    uu, uv, vv = (u * u).sum(1) + 1e-9, (u * v).sum(1), (v * v).sum(1) + 1e-9
+    uz, vz = (u * squares).sum(1), (v * squares).sum(1)
+    offset = np.stack([uz * vv - vz * uv, vz * uu - uz * uv], -1) / (2 * (uu * vv - uv * uv))[:, None]
+    radius = np.sqrt(squares.sum(1) / count + (offset * offset).sum(1))
+    centre = middle + offset
+    return _Fit(centre, radius, *_costs(x, y, centre, radius, tolerance))
 
 
-def _costs(flat: Array, centres: Array, radii: Array, tolerance: float) -> tuple[Array, Array]:
-    """For n circles: rays that they do not explain (n,), and distances (n, RAYS) of the outline beyond them.
+def _costs(x: Array, y: Array, centres: Array, radii: Array, tolerance: Array) -> tuple[Array, Array]:
+    """Rays that circles (...) do not explain (...), and distances (..., RAYS) of the outline beyond them.
 
     A point that sticks out counts up to three times: nothing in front of a ball can do that.
     """
-    x = flat[:, 0] - centres[:, :1]
-    y = flat[:, 1] - centres[:, 1:]
-    beyond = np.sqrt(x * x + y * y) - radii[:, None]
-    relative = (beyond / tolerance) ** 2
+    beyond = np.sqrt((x - centres[..., :1]) ** 2 + (y - centres[..., 1:]) ** 2) - radii[..., None]
+    relative = (beyond / tolerance[..., None]) ** 2
     return np.minimum(relative, np.where(beyond > 0, 3.0, 1.0)).sum(-1), beyond
 
 
-def _through(corners: Array) -> tuple[Array, Array]:
-    """Centres (n, 2) and radii (n,) of circles through three points each (n, 3, 2)."""
-    first = corners[:, 0]
-    b, c = corners[:, 1] - first, corners[:, 2] - first
-    twice = 2 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+def _through(x: Array, y: Array) -> tuple[Array, Array]:
+    """Centres (..., 2) and radii (...) of circles through three points (..., 3) each."""
+    bx, cx, by, cy = (each[..., i] - each[..., 0] for each in (x, y) for i in (1, 2))
+    twice = 2 * (bx * cy - by * cx)
     twice = np.where(np.abs(twice) < 1e-9, 1e-9, twice)
-    bb, cc = (b * b).sum(-1), (c * c).sum(-1)
-    offset = np.stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb], -1) / twice[:, None]
-    return first + offset, np.sqrt((offset * offset).sum(-1))
+    bb, cc = bx * bx + by * by, cx * cx + cy * cy
+    offset = np.stack([cy * bb - by * cc, bx * cc - cx * bb], -1) / twice[..., None]
+    return np.stack([x[..., 0], y[..., 0]], -1) + offset, np.hypot(offset[..., 0], offset[..., 1])

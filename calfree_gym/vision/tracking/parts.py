@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from calfree_gym.vision.marks import Mark
-from calfree_gym.vision.tracking.balls import BALL_SATURATION, LEAST_CONTRAST, covered, has_colour
+from calfree_gym.vision.tracking.balls import BALL_SATURATION, LEAST_CONTRAST, covered, have_colours
 from calfree_gym.vision.tracking.blobs import Blob, Image
-from calfree_gym.vision.tracking.outlines import Array, Circle, Opacity, fit_circle, opacity, outline
+from calfree_gym.vision.tracking.outlines import Array, Circle, Opacity, fit_circles, opacity, outline
 
 LEAST_RADIUS = 0.004
 """Of a disc as large as a part, as a share of the image's smaller side. Choice: 2 px in 512."""
@@ -64,7 +64,8 @@ class Part(NamedTuple):
             largest: Largest radius, in px.
         """
         corner = self.corner + 0.5
-        found = fit_circle(outline(self.shares, self.middle - corner), self.middle - centre, largest)
+        points = outline(self.shares, self.middle - corner)
+        (found,) = fit_circles(points[None], (self.middle - centre)[None], np.array([largest]))
         return replace(found, centre=found.centre + corner)
 
     def with_part(self, other: Part) -> Part:
@@ -85,15 +86,14 @@ class Part(NamedTuple):
         return corner, shares
 
 
-def find_parts(blobs: list[Blob], mark: Mark, size: tuple[int, int]) -> list[Part]:
+def find_parts(blobs: list[Blob], mark: Mark) -> list[Part]:
     """The parts of a mark's colour, the largest first.
 
     Args:
         blobs: Of that colour, roughly.
         mark: Its colour.
-        size: Width and height of the image in px.
     """
-    parts = (_measured(blob, mark, size) for blob in blobs)
+    parts = (_measured(blob, mark) for blob in blobs)
     return sorted((part for part in parts if part is not None), key=lambda part: -part.area)
 
 
@@ -109,12 +109,12 @@ def whole(parts: list[Part]) -> Part | None:
     return together
 
 
-def _measured(blob: Blob, mark: Mark, size: tuple[int, int]) -> Part | None:
+def _measured(blob: Blob, mark: Mark) -> Part | None:
     shares, contrast = opacity(blob.window, blob.mask)
     area = float(shares.sum())
-    if area < np.pi * (LEAST_RADIUS * min(size)) ** 2 or contrast < LEAST_CONTRAST:
+    if area < np.pi * (LEAST_RADIUS * min(blob.image_size)) ** 2 or contrast < LEAST_CONTRAST:
         return None
-    if not has_colour(covered(blob, shares), mark, BALL_SATURATION[0]):
+    if not have_colours(covered(blob, shares)[None], [mark], BALL_SATURATION[0])[0]:
         return None
     return Part.of(np.array(blob.corner, float), shares)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -19,12 +19,17 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 import agents
 from calfree_gym import Arm
+from calfree_gym.engine.sight import SHADOWS_FROM
+from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.rendering.renderer import current, drawing_context, gl_context
 from calfree_gym.sb3 import make_sb3_env
 from experiments.studies.common import REACH, arms_of_tests
-from experiments.studies.speed.motions import SEVEN_MOTORS, bare_model, stepping
+from experiments.studies.speed.motions import SEVEN_MOTORS, stepping
 from experiments.studies.speed.timing import Line, Timer, alone, in_turns, pinned, timer
 
 KINEMATIC: dict[str, Any] = {"dynamics": "kinematic", "truth": False}
+SMALL = 84
+"""Width and height in pixels of the images of `"pixels"`, as networks take them."""
 TRIAL, POOL = 20, 64
 """Motions of a trial, and worlds of the pool, where every trial is in another world."""
 DECIDING = "grid_table", "cooperstock_milios", "unified_servo", "memory", "body_schema"
@@ -105,26 +110,38 @@ def _trials(rows: int, **arguments: Any) -> Timer:
     return timer(move, 2 * TRIAL, time.process_time)
 
 
-def _looks(rounds: int, rows: int = 16) -> Iterator[Line]:
-    """Observations that are drawn, beside MuJoCo's renderer drawing the same arm twice."""
-    model = bare_model()
-    model.vis.global_.offwidth = model.vis.global_.offheight = 512
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    for observation, size in (("vision", 512), ("pixels", 84)):
-        envs = gym.make_vec(REACH, rows, dynamics="kinematic", observation=observation, image_size=size)
+def _looks(rounds: int, rows: int = 64) -> Iterator[Line]:
+    """A look of many rows beside pictures alone: as many pairs, alike in size and quality."""
+    for observation, size in (("vision", IMAGE_SIZE), ("pixels", SMALL)):
+        image: dict[str, Any] = {} if observation == "vision" else {"image_size": size}
+        envs: Any = gym.make_vec(REACH, rows, dynamics="kinematic", observation=observation, **image)
         envs.reset(seed=0)
-        words = np.zeros(envs.action_space.shape or (), np.float32)
-        with mujoco.Renderer(model, size, size) as renderer:
+        looking = timer(partial(envs.step, np.zeros(envs.action_space.shape, np.float32)), rows)
+        model, data = envs.unwrapped.arms._sight._renderer.picture
+        bare = _bare_pair(model, data, size)
+        bare()  # OpenGL compiles what it needs
+        what = f"a look of a row, {observation}, {size} px / mjr_render of a pair"
+        yield in_turns(what, looking, timer(bare, 1), rounds)
 
-            def pair(renderer: mujoco.Renderer = renderer) -> None:
-                for camera in range(2):
-                    renderer.update_scene(data, camera)
-                    renderer.render()
 
-            what = f"a look of a row, {observation}, {size} px / mujoco.Renderer, two pictures"
-            yield in_turns(what, timer(partial(envs.step, words), rows), timer(pair, 1), rounds)
-        envs.close()
+def _bare_pair(model: mujoco.MjModel, data: mujoco.MjData, size: int) -> Callable[[], None]:
+    """Draws what both cameras see, in a GL context of its own."""
+    gl, camera, view = gl_context(size), mujoco.MjvCamera(), mujoco.MjrRect(0, 0, size, size)
+    options, scene = mujoco.MjvOption(), mujoco.MjvScene(model, 1_000)
+    camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+    scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = size >= SHADOWS_FROM
+    image, all_of_it = np.empty((size, size, 3), np.uint8), int(mujoco.mjtCatBit.mjCAT_ALL)
+    with current(gl):
+        context = drawing_context(model)
+
+    def bare() -> None:
+        with current(gl):
+            for camera.fixedcamid in range(len(CAMERAS)):
+                mujoco.mjv_updateScene(model, data, options, None, camera, all_of_it, scene)
+                mujoco.mjr_render(view, scene, context)
+                mujoco.mjr_readPixels(image, None, view, context)
+
+    return bare
 
 
 def _decisions(rounds: int) -> Iterator[Line]:

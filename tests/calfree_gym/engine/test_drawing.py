@@ -12,7 +12,7 @@ import pytest
 
 import calfree_gym
 from calfree_gym.image import PIXELS_PER_UNIT
-from calfree_gym.rendering.renderer import Renderer
+from calfree_gym.rendering.renderer import Renderer, View
 from tests.arms.own import MODELS
 from tests.calfree_gym.environments import assert_same, kinematic, make
 
@@ -70,7 +70,7 @@ def test_a_scene_grows_for_whatever_there_is_to_draw(tmp_path, monkeypatch):
     mujoco.mj_forward(model, data)
     eye.type, eye.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, 0
     renderer = Renderer(model, data, 64)
-    red, green, _ = np.moveaxis(renderer.draw(eye, 64, 64, ())[0].astype(int), -1, 0)
+    red, green, _ = np.moveaxis(renderer.draw([View(eye, 64, 64)], ())[0][0].astype(int), -1, 0)
     renderer.close()
     assert np.count_nonzero(red > green + 50) > 20
 

@@ -8,15 +8,18 @@ from contextlib import nullcontext
 from dataclasses import replace
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 import pytest
 
 import calfree_gym
+from calfree_gym import nominal
 from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.rendering.renderer import View
 from calfree_gym.rendering.stereo_images import FOR_PEOPLE, LensMap, StereoImages
 from calfree_gym.robot.arms.scene import RADIUS
 from calfree_gym.robot.objects import LinesOfSight
-from calfree_gym.robot.rays import MARKS_GROUP
+from calfree_gym.robot.rays import MARKS_GROUP, SEEN
 from calfree_gym.vision.cameras import image_points
 from tests.arms.every import arm_named
 from tests.calfree_gym.environments import kinematic, make
@@ -137,6 +140,36 @@ def test_a_renderer_that_goes_leaves_others_their_pictures(images_of):
     other.colours(0, env.world)
     del other
     np.testing.assert_array_equal(images.colours(0, env.world), before)
+
+
+def test_worlds_in_turns_look_as_each_alone_and_covers_are_uploaded_once(images_of, monkeypatch):
+    env, uploaded = make(rows=3).unwrapped, []
+    env.reset(seed=0)
+    worlds = [replace(nominal(), texture=np.array(number)) for number in (0.0, 7.0, 0.0, 9.0, 11.0, 13.0)]
+    alone = [images_of(env, 64).colours(0, world) for world in worlds]
+    assert len({image[0].mean() for image in alone}) == 5
+    together, upload = images_of(env, 64), mujoco.mjr_uploadTexture
+    monkeypatch.setattr("mujoco.mjr_uploadTexture", lambda *which: uploaded.append(upload(*which)))
+    for turn in [worlds[:4]] * 2 + [worlds] * 2:  # the last are more than are kept
+        for world, image in zip(turn, alone, strict=False):
+            np.testing.assert_array_equal(together.colours(0, world), image)
+        if turn is not worlds:
+            assert len(uploaded) == 3 * len(env.arms.simulation.covers)
+
+
+def test_cameras_that_share_a_shadow_map_see_the_shadows_that_each_sees_alone(images_of):
+    env, views = make().unwrapped, []
+    env.reset(seed=0)
+    images = images_of(env)
+    images.prepare(0, env.world)
+    draw = images.renderer.draw
+    for place in range(2):
+        camera = mujoco.MjvCamera()
+        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, place
+        views.append(View(camera, 300, 300))
+    for view, (shared, _) in zip(views, draw(views, SEEN), strict=True):
+        np.testing.assert_array_equal(shared, draw([view], SEEN)[0][0])
+        assert (shared != draw([view], SEEN, shadows=False)[0][0]).mean() > 0.01
 
 
 def test_frame_shows_the_scene_and_both_images(opengl):
