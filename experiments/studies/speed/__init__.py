@@ -191,7 +191,7 @@ def _kinematic(rounds: int) -> Ratio:
 
 def _look(observation: str, size: int, rounds: int, rows: int = 64) -> Ratio:
     """A look of many rows, kinematic, against bare `mjr_render`: as many pairs, alike in size and quality."""
-    image = {} if observation == "vision" else {"image_size": size}
+    image: dict[str, Any] = {} if observation == "vision" else {"image_size": size}
     envs: Any = gym.make_vec(REACH, rows, dynamics="kinematic", observation=observation, **image)
     words = _there_and_back((2, *envs.action_space.shape), 0.1)
     envs.reset(seed=0)
@@ -201,7 +201,8 @@ def _look(observation: str, size: int, rounds: int, rows: int = 64) -> Ratio:
             envs.step(word)
 
     pairs = 8
-    bare = _bare_pairs(*envs.unwrapped.arms._sight._renderer.picture, size, pairs)
+    model, data = envs.unwrapped.arms._sight._renderer.picture
+    bare = _bare_pairs(model, data, size, pairs)
     bare()  # OpenGL compiles what it needs
     name, looks = f"{rows} rows of {observation}, {size} px / pairs by bare mjr_render", rows * len(words)
     return _ratio(name, None, rate_of(ours, looks), rate_of(bare, pairs), max(rounds // 6, 1), "looks")
