@@ -35,6 +35,8 @@ LARGEST = 2.0
 MOST_SATURATED = 0.3
 """Marks are told from their background by saturation; theirs is 0.8 and more."""
 DARKEST, BRIGHTEST = 0.25, 0.9
+KEPT = 256
+"""Worlds, at most, whose covers OpenGL keeps. Choice: some 100 MB."""
 STUDIO = -1
 """Number of the light covers before which people see an arm best; no world's."""
 _ROOM, _SQUARES = (211, 221, 233), ((248, 250, 251), (232, 236, 241))
@@ -169,9 +171,9 @@ class StereoImages:
         return self.renderer.draw(views, groups, self._shadows and not depth, depth)
 
     def _cover(self, number: int) -> None:
-        """Covers table and room with other pictures; OpenGL keeps those of a world a row, and of one more."""
+        """Covers table and room with other pictures; OpenGL keeps the latest, of a world a row and one more."""
         kept = number in self._covers
-        full = len(self._covers) > self._simulation.rows
+        full = len(self._covers) > min(self._simulation.rows, KEPT)
         if kept or full:
             slot = self._covers.pop(number if kept else next(iter(self._covers)))
         else:

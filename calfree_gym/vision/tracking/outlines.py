@@ -83,10 +83,11 @@ def _once(colours: NDArray[np.float32], mask: Image) -> tuple[Opacity, float]:
 def _local_means(colours: NDArray[np.float32], where: Image) -> NDArray[np.float32]:
     """Mean colours (h * w, 3) `where` (h, w) around each pixel; where there are none near, of all."""
     chosen = cv2.copyTo(colours, where)
-    weak = 1e-4 * np.array(cv2.mean(colours, where), np.float32)
+    weak = 1e-4 * np.array(cv2.mean(colours, where))
     size = (NEIGHBOURHOOD, NEIGHBOURHOOD)
-    sums = (cv2.blur(chosen, size, borderType=cv2.BORDER_CONSTANT) + weak).reshape(-1, 4)
-    return sums[:, :3] / sums[:, 3:]
+    sums = cv2.blur(chosen, size, borderType=cv2.BORDER_CONSTANT) + weak.astype(np.float32)
+    sums = sums.reshape(-1, 4)
+    return np.asarray(sums[:, :3] / sums[:, 3:], np.float32)
 
 
 Array = NDArray[np.float64]

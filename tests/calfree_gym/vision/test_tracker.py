@@ -139,6 +139,22 @@ def test_what_is_returned_is_the_callers():
     np.testing.assert_array_equal(again, kept)
 
 
+def test_trackers_together_find_what_each_finds_alone():
+    """Whole balls and hidden ones, near and far, and none."""
+    looks = [
+        (plain(HERE), plain([])),
+        (plain([(*ball, 4.0) for ball in HERE]), plain([(*ball, 14.0) for ball in HERE])),
+        (plain([("object", 70, 108, 14.0), *HERE[:2]]), plain([*HERE[:2], ("object", 70, 108, 12.0)])),
+    ]
+    alone, together = ([StereoTracker() for _ in looks] for _ in range(2))
+    for turn in range(len(looks)):
+        pairs = looks[turn:] + looks[:turn]
+        expected = [tracker(*pair) for tracker, pair in zip(alone, pairs, strict=True)]
+        points, visible = StereoTracker.track(together, pairs)
+        np.testing.assert_array_equal(points, [each[0] for each in expected])
+        np.testing.assert_array_equal(visible, [each[1] for each in expected])
+
+
 def test_of_two_things_of_a_colour_the_one_of_the_tracked_size_is_the_mark():
     ball, decoy = ("object", 200, 40, 7), ("object", 60, 200, 16)
     jumped, near = ("object", 60, 190, 7), ("object", 190, 60, 16)
