@@ -171,7 +171,7 @@ class StereoImages:
         return self.renderer.draw(views, groups, self._shadows and not depth, depth)
 
     def _cover(self, number: int) -> None:
-        """Covers table and room with other pictures; OpenGL keeps the latest, of a world a row and one more."""
+        """Covers table and room with other pictures; OpenGL keeps the latest: a world a row, and one more."""
         kept = number in self._covers
         full = len(self._covers) > min(self._simulation.rows, KEPT)
         if kept or full:
