@@ -26,8 +26,8 @@ is seen in photographs that show no tag."""
 CELL = 40 / 6
 """In mm. Choice: a tag of 40 mm has 37 px at 0.6 m, where a webcam with 640 px sees 60 degrees."""
 SPACING = 21.0
-"""Between the middles of the gripper's tags: 140 mm. Computed: at the rendezvous, with each print tilted by 45
-degrees at most, the object's hides a tag of the gripper in 1 % of directions; in 44 % at 110 mm."""
+"""Between the middles of the gripper's tags: 140 mm. Computed: at the rendezvous, both prints tilted by up to
+45 degrees, the object's hides a tag of the gripper in 1 % of directions; in 44 % at 110 mm."""
 SQUARE: Array = 3.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
 """Corners of a tag (4, 2) about its middle, y down, in ArUco's order."""
 _APART = np.array([SPACING / 2, 0])
@@ -53,7 +53,7 @@ def print_tags(path: str | Path, paper: str = "A4") -> None:
 
     Args:
         path: Of the file.
-        paper: One of `PAPERS`.
+        paper: `"A4"` or `"Letter"`.
 
     Raises:
         OSError: The file cannot be written.
