@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.image import CAMERAS, lengths_px
-from calfree_gym.vision import Marks, StereoTracker
+from calfree_gym.vision import StereoTracker, TagTracker
 
 Array = NDArray[Any]
 BEYOND = 0.1
@@ -65,7 +65,9 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
             their last axis round, `frame[..., ::-1]`. Of a camera that gives none, None.
         place_object: Has the next object placed, where both cameras see it; called before each trial, and
             waited for as long as it takes.
-        marks: The colours of your balls, as `python -m calfree_gym.vision pick` learns them from a picture.
+        tracker: Finds gripper and object in the pictures. The default finds balls in the simulator's colours,
+            `StereoTracker(Marks.load(...))` those that `python -m calfree_gym.vision pick` has learned from a
+            picture, `TagTracker()` printed tags.
         tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px.
         most_motions: A trial is cut off after so many.
         greatest_motion: No register is asked to change by more at once; words are clipped, and the way home
@@ -79,7 +81,7 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         go_to: Callable[[Array], Array],
         take_pictures: Callable[[], tuple[Array, Array]],
         place_object: Callable[[], None],
-        marks: Marks | None = None,
+        tracker: StereoTracker | TagTracker | None = None,
         tolerance_px: float = 4.0,
         most_motions: int = 60,
         greatest_motion: float = 1.0,
@@ -97,7 +99,7 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
             achieved_goal=numbers(4), desired_goal=numbers(4), observation=numbers(4 + motors)
         )
         self._go_to, self._take_pictures, self._place_object = go_to, take_pictures, place_object
-        self._tracker = StereoTracker(marks)
+        self._tracker = tracker or StereoTracker()
         self._tolerance_px, self._most_motions = tolerance_px, most_motions
         self._greatest_motion, self._patience = greatest_motion, patience
         self._registers, self._motions, self._begun = np.zeros(motors), 0, False

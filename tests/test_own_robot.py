@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from calfree_gym.vision import TagTracker
+from tests.calfree_gym.vision.drawings import background
+from tests.calfree_gym.vision.printed_tags import random_frame
 from tests.test_examples import output
 
 spec = importlib.util.spec_from_file_location(
@@ -63,6 +66,16 @@ def moved(env, motions=200, size=0.1):
 
 def test_it_is_an_environment():
     check_env(made()[1], skip_render_check=True)
+
+
+def test_another_tracker_finds_the_points():
+    pictures = [random_frame(np.random.default_rng(i), background)[0] for i in range(2)]
+    arm, env = made(tracker=TagTracker())
+    arm.gives["take_pictures"] = lambda: pictures
+    observation, _ = env.reset()
+    assert observation["observation"][:4].all()
+    found = np.concatenate([observation["achieved_goal"], observation["desired_goal"]])
+    np.testing.assert_allclose(found, TagTracker()(*pictures)[0].ravel(), atol=1e-6)
 
 
 FIVE = "allowed: 5 finite numbers within -1 to 1"

@@ -1,7 +1,7 @@
 """The stereo cameras, the measurement of image points, and trackers that find them in images.
 
-`StereoTracker` with its `Marks`, and `GraspTracker` with its `GraspMarks`, need OpenCV, which is loaded when
-they are asked for.
+`StereoTracker` with its `Marks`, `TagTracker`, and `GraspTracker` with its `GraspMarks` need OpenCV, which is
+loaded when they are asked for.
 """
 
 from importlib import import_module
@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from calfree_gym.vision.marks import GraspMarks, Mark, Marks
     from calfree_gym.vision.tracking.grasp_tracker import GraspTracker
+    from calfree_gym.vision.tracking.tag_tracker import TagTracker
     from calfree_gym.vision.tracking.tracker import StereoTracker
 
-__all__ = ["GraspMarks", "GraspTracker", "Mark", "Marks", "StereoTracker"]
+__all__ = ["GraspMarks", "GraspTracker", "Mark", "Marks", "StereoTracker", "TagTracker"]
 
 _HOMES = {
     "GraspMarks": "calfree_gym.vision.marks",
@@ -20,6 +21,7 @@ _HOMES = {
     "Mark": "calfree_gym.vision.marks",
     "Marks": "calfree_gym.vision.marks",
     "StereoTracker": "calfree_gym.vision.tracking.tracker",
+    "TagTracker": "calfree_gym.vision.tracking.tag_tracker",
 }
 
 

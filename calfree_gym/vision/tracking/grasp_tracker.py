@@ -16,7 +16,7 @@ from calfree_gym.vision.tracking.blobs import ColourTable, Image, find_blobs
 from calfree_gym.vision.tracking.gripper_fit import GripperFit, GripperLayout, fit_gripper
 from calfree_gym.vision.tracking.outlines import Array
 from calfree_gym.vision.tracking.parts import Part, completed, find_parts, whole
-from calfree_gym.vision.tracking.tracker import FrozenCameras, Pair, check_images, proportions
+from calfree_gym.vision.tracking.stereo import FrozenCameras, Pair, check_images, proportions
 
 POINTS = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
 """What is found, in the order of the points."""

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import copy
-import warnings
-import zlib
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,41 +13,8 @@ from calfree_gym.vision.marks import MARK_NAMES, Marks
 from calfree_gym.vision.tracking.balls import Ball, measure_balls
 from calfree_gym.vision.tracking.blobs import ColourTable, Image, find_blobs
 from calfree_gym.vision.tracking.outlines import Array
+from calfree_gym.vision.tracking.stereo import Found, Pair, PointTracker
 
-
-class FrozenCameras:
-    """Tells which cameras have frozen, and warns once when one does.
-
-    A live camera has noise. So one has frozen whose image is the last one, to the byte, although motors have
-    moved; and it has until another image comes.
-    """
-
-    def __init__(self) -> None:
-        self._last: list[int | None] = [None for _ in CAMERAS]
-        self._frozen = [False for _ in CAMERAS]
-
-    def __call__(self, images: tuple[Image, ...], moved: bool) -> tuple[bool, ...]:
-        """Whether each camera has frozen.
-
-        Args:
-            images: One a camera.
-            moved: Whether motors have moved since the last ones.
-        """
-        for camera, image in enumerate(images):
-            last, self._last[camera] = self._last[camera], zlib.crc32(image.tobytes())
-            before, again = self._frozen[camera], last == self._last[camera]
-            self._frozen[camera] = again and (before or bool(moved))
-            if self._frozen[camera] and not before:
-                warnings.warn(
-                    f"the {CAMERAS[camera]} camera has frozen: motors have moved, and its image is the last "
-                    "one to the byte. Its points count as not seen until another image comes",
-                    stacklevel=3,
-                )
-        return tuple(self._frozen)
-
-
-LEAST_SIZE = 16
-"""Width and height of an image in px. Choice: a ball of the least radius is a tenth of it."""
 LARGEST_RATIO = 2.0
 """Of the two gripper balls' radii. Choice: they are 100 mm apart, and cameras at least 200 mm away."""
 
@@ -59,9 +23,6 @@ SHARES = (1.0, 0.5)
 photographs with drawn balls: 97.9 % are found, by the first alone 96.7 %, and no more false ones; from 0.4 to
 0.6 it is alike."""
 
-
-Pair = tuple[Image, Image]
-"""What the left and the right camera see."""
 Balls = dict[str, list[Ball]]
 """What may be each mark, by its name."""
 
@@ -142,8 +103,8 @@ class BallFinder:
         return float(merit * (0.5 + 0.4 * np.exp(-(growth**2)) + 0.1 * np.exp(-way / 0.1)))
 
 
-class StereoTracker:
-    """Finds the gripper point and the object point in pairs of images.
+class StereoTracker(PointTracker):
+    """Finds the gripper point and the object point in pairs of images, by coloured balls.
 
     Args:
         marks: Colours of the balls.
@@ -155,45 +116,22 @@ class StereoTracker:
         self.marks = marks or Marks()
         finder = BallFinder(self.marks)
         self._finders = [finder.copy() for _ in CAMERAS]
-        self._cameras = FrozenCameras()
-        self.reset()
+        super().__init__()
 
     def reset(self) -> None:
-        """Forgets what was seen: what was never seen stands at the centre. A frozen camera stays frozen."""
+        """See `PointTracker`."""
+        super().reset()
         for finder in self._finders:
             finder.reset()
-        self._points = np.zeros((4, 2))
 
     def copy(self) -> StereoTracker:
-        """One that remembers the same, and goes on by itself."""
-        other = copy.copy(self)
+        """See `PointTracker`."""
+        other = super().copy()
         other._finders = [finder.copy() for finder in self._finders]
-        other._cameras = copy.deepcopy(self._cameras)
-        other._points = self._points.copy()
         return other
 
-    def __call__(self, left: Image, right: Image, moved: bool = False) -> tuple[Array, NDArray[np.bool_]]:
-        """The points in a pair of images, and which of them are seen.
-
-        Args:
-            left: RGB (h, w, 3), uint8, of any size. OpenCV gives BGR: turn its last axis round.
-            right: As `left`; it may have another size.
-            moved: Whether motors have moved since the last images. A live camera has noise: one whose image
-                is the last one, to the byte, has frozen then: its points are not seen, and a warning says so.
-
-        Returns:
-            Image points (4, 2): gripper left and right, object left and right; and flags (4,). They are
-            (x, y) from the middle, x right and y down, in halves of the image's longer side. A point that is
-            not seen stands where it was seen last, at first at the centre.
-
-        Raises:
-            ValueError: An image is no such array.
-        """
-        check_images(left, right)
-        frozen = self._cameras((left, right), moved)
-        live = [image for image, gone in zip((left, right), frozen, strict=True) if not gone]
-        found = iter(self._finders[0].candidates(live))
-        return self._place((left, right), [None if gone else next(found) for gone in frozen])
+    def _find(self, camera: int, image: Image) -> Found:
+        return _points_of(self._finders[camera](image))
 
     @staticmethod
     def track(trackers: Sequence[StereoTracker], pairs: Sequence[Pair]) -> tuple[Array, NDArray[np.bool_]]:
@@ -206,26 +144,22 @@ class StereoTracker:
         Returns:
             Points (n, 4, 2) and flags (n, 4).
         """
-        found = trackers[0]._finders[0].candidates([image for pair in pairs for image in pair])
+        balls = iter(trackers[0]._finders[0].candidates([image for pair in pairs for image in pair]))
         placed = [
-            tracker._place(pair, found[2 * i : 2 * i + 2])
-            for i, (tracker, pair) in enumerate(zip(trackers, pairs, strict=True))
+            tracker._placed(
+                pair,
+                [
+                    _points_of(finder.choose(next(balls), max(image.shape[:2])))
+                    for finder, image in zip(tracker._finders, pair, strict=True)
+                ],
+            )
+            for tracker, pair in zip(trackers, pairs, strict=True)
         ]
         return np.array([points for points, _ in placed]), np.array([seen for _, seen in placed])
 
-    def _place(self, pair: Pair, found: Sequence[Balls | None]) -> tuple[Array, NDArray[np.bool_]]:
-        """The points, and which of them are seen, by the balls that were found; None where a camera froze."""
-        visible = np.zeros(4, bool)
-        for camera, (image, candidates) in enumerate(zip(pair, found, strict=True)):
-            if candidates is None:
-                continue
-            balls = self._finders[camera].choose(candidates, max(image.shape[:2]))
-            for row, point in ((camera, gripper_point(balls)), (2 + camera, object_point(balls))):
-                if point is not None:
-                    height, width = image.shape[:2]
-                    self._points[row] = (2 * point / [width, height] - 1) * proportions(image)
-                    visible[row] = True
-        return self._points.copy(), visible
+
+def _points_of(balls: dict[str, Ball]) -> Found:
+    return gripper_point(balls), object_point(balls)
 
 
 def gripper_point(balls: dict[str, Ball]) -> Array | None:
@@ -243,29 +177,3 @@ def gripper_point(balls: dict[str, Ball]) -> Array | None:
 def object_point(balls: dict[str, Ball]) -> Array | None:
     """Image in px (2,) of the object's ball, if it is seen."""
     return balls["object"].centre if "object" in balls else None
-
-
-def proportions(image: Image) -> Array:
-    """Width and height (2,) of an image, by the longer of both: so lengths are alike along both axes."""
-    height, width = image.shape[:2]
-    return np.array([width, height]) / max(width, height)
-
-
-def check_images(left: Any, right: Any) -> None:
-    """Raises ValueError where an image is no uint8 array (h, w, 3), or too small."""
-    for name, image in zip(CAMERAS, (left, right), strict=True):
-        _check_image(name, image)
-
-
-def _check_image(name: str, image: Any) -> None:
-    if not isinstance(image, np.ndarray):
-        raise ValueError(f"the {name} image is a {type(image).__name__}; it must be a uint8 array (h, w, 3)")
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise ValueError(
-            f"the {name} image has shape {image.shape} and type {image.dtype}; it must be (h, w, 3), uint8"
-        )
-    if min(image.shape[:2]) < LEAST_SIZE:
-        raise ValueError(
-            f"the {name} image is {image.shape[1]} × {image.shape[0]} px; it must be {LEAST_SIZE} × "
-            f"{LEAST_SIZE} or more"
-        )

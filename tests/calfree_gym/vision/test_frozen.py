@@ -7,8 +7,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from calfree_gym.vision import GraspTracker, StereoTracker
+from calfree_gym.vision import GraspTracker, StereoTracker, TagTracker
 from tests.calfree_gym.environments import kinematic
+from tests.calfree_gym.vision.drawings import background
+from tests.calfree_gym.vision.printed_tags import random_frame
 from tests.calfree_gym.vision.test_grasp_tracker import LAYOUT, LEFT, RIGHT, drawn
 from tests.calfree_gym.vision.test_tracker import HERE, plain
 
@@ -20,9 +22,10 @@ def noisy(image, seed):
 
 BALLS = StereoTracker, plain(HERE), plain(HERE)
 GRIPPER = partial(GraspTracker, layout=LAYOUT), drawn(**LEFT), drawn(**RIGHT)
+TAGS = TagTracker, *(random_frame(np.random.default_rng([4, i]), background)[0] for i in range(2))
 
 
-@pytest.fixture(params=[BALLS, GRIPPER], ids=["balls", "gripper"])
+@pytest.fixture(params=[BALLS, GRIPPER, TAGS], ids=["balls", "gripper", "tags"])
 def case(request):
     """A tracker, and what the left and the right camera look at."""
     tracker, *scenes = request.param

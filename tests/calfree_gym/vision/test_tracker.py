@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calfree_gym.vision import TagTracker
 from calfree_gym.vision.marks import MARK_NAMES, Mark, Marks
 from calfree_gym.vision.tracking.balls import Ball
 from calfree_gym.vision.tracking.blobs import ColourTable
@@ -202,6 +203,7 @@ def test_images_of_another_channel_order_are_lost_points_and_no_error():
     assert not visible.any()
 
 
+@pytest.mark.parametrize("kind", [StereoTracker, TagTracker])
 @settings(max_examples=20)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -210,12 +212,12 @@ def test_images_of_another_channel_order_are_lost_points_and_no_error():
     levels=st.sampled_from([1, 2, 3, 256]),
     blur=st.sampled_from([0, 3, 9]),
 )
-def test_no_image_raises_and_every_point_is_in_its_image(seed, height, width, levels, blur):
+def test_no_image_raises_and_every_point_is_in_its_image(kind, seed, height, width, levels, blur):
     rng = np.random.default_rng(seed)
     image = (rng.integers(0, levels, (height, width, 3)) * (255 // max(levels - 1, 1))).astype(np.uint8)
     if blur:
         image = cv2.blur(image, (blur, blur))
-    points, visible = StereoTracker()(image, image[: height // 2 + 8])
+    points, visible = kind()(image, image[: height // 2 + 8])
     assert points.shape == (4, 2)
     assert points.dtype == np.float64
     assert visible.dtype == bool
