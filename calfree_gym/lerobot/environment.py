@@ -31,8 +31,8 @@ from calfree_gym.picture_reach import Array, Look, PictureReach, Pictures, Track
 from calfree_gym.vision import Marks
 
 SLOWLY = 0.25
-"""Share of the speed with which the arm goes to a home where it does not stand. Choice: nobody knows what is on
-the way."""
+"""Share of the speed with which the arm goes to a home where it does not stand. Choice: nobody knows what is
+on the way."""
 
 
 @dataclass(frozen=True)
@@ -229,6 +229,11 @@ class LeRobotReachEnv(PictureReach):
         self._set_home(home)
         self._learned[agent] = agent.num_timesteps
 
+    @property
+    def doing(self) -> str:
+        """What happens now: "standing", "streaming", "settling" or "looking"."""
+        return self._motors.doing
+
     def close(self) -> None:
         """Ends, and leaves the arm where it is: its motors keep their torque."""
         super().close()
@@ -248,13 +253,12 @@ class LeRobotReachEnv(PictureReach):
         self.home, self._new_home = home, True
 
     def _go_home(self) -> None:
+        speed = self._speed * (SLOWLY if self._new_home else 1.0)
         for _ in range(PATIENCE):
-            if not self._go_to(
-                np.zeros_like(self.registers), self._speed * (SLOWLY if self._new_home else 1)
-            ):
+            if not self._go_to(np.zeros_like(self.registers), speed):
                 self._new_home = False
                 return
-        raise self._error(f"on the way home {'; '.join(self._wrong().values())}")
+        raise self._error(f"on the way home motor {', '.join(self._back)} stays back")
 
     def _move(self, words: Array) -> None:
         self._moved = bool(words.any())
@@ -270,8 +274,8 @@ class LeRobotReachEnv(PictureReach):
 
     def _pictures(self) -> Pictures:
         self._motors.doing = "looking"
-        settled = self._motors.clock()
-        while (pictures := self._frames.newer_than(settled, self._motors.clock())) is None:
+        self._frames.settle(self._motors.clock())
+        while (pictures := self._frames.newer(self._motors.clock())) is None:
             self._motors.tick(self._motors.goal)
         return pictures
 

@@ -1,5 +1,6 @@
 """Which pictures are newer than a motion: LeRobot gives no time stamps, but a new frame is a new object."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,6 +19,9 @@ FROZEN_S = 1.0
 class Frames:
     """The latest frames of two cameras, and since when each is there.
 
+    Attributes:
+        pictures: What was looked at last, by the names of cameras.
+
     Args:
         cameras: Their names.
     """
@@ -27,6 +31,8 @@ class Frames:
         self.pictures: dict[str, Array] = {}
         self._frames: dict[str, Any] = {}
         self._since: dict[str, float] = {}
+        self._old: dict[str, Any] = {}
+        self._settled = -math.inf
 
     def note(self, now: float, observation: dict[str, Any]) -> None:
         """Takes in what was observed at a time, in s.
@@ -40,24 +46,28 @@ class Frames:
             elif now - self._since[name] > FROZEN_S:
                 raise _frozen(name)
 
-    def newer_than(self, moment: float, now: float) -> tuple[Array, ...] | None:
-        """Both pictures (h, w, 3), where all that they show is later than a moment; else None.
+    def settle(self, now: float) -> None:
+        """The arm stands still from now on: what is to be looked at must be newer."""
+        self._settled, self._old = now, dict(self._frames)
 
-        A frame that is the last picture again, to the byte, is no new one: a live camera has noise.
+    def newer(self, now: float) -> tuple[Array, ...] | None:
+        """Both pictures (h, w, 3), where all that they show is later than the arm has settled; else None.
+
+        A frame that is the old one again, to the byte, is no new one: a live camera has noise.
 
         Raises:
             ArmError: They ought to have come; names the camera that has frozen.
         """
-        if min(self._since.values()) <= moment + LATENCY_S:
+        if min(self._since.values()) <= self._settled + LATENCY_S:
             return None
         pictures = {name: np.asarray(frame) for name, frame in self._frames.items()}
-        copies = [name for name, each in pictures.items() if np.array_equal(each, self.pictures.get(name))]
-        if copies:
-            if now - moment > LATENCY_S + FROZEN_S:
-                raise _frozen(copies[0])
-            return None
-        self.pictures = pictures
-        return tuple(pictures.values())
+        copies = [name for name, each in pictures.items() if np.array_equal(each, self._old[name])]
+        if not copies:
+            self.pictures = pictures
+            return tuple(pictures.values())
+        if now - self._settled > LATENCY_S + FROZEN_S:
+            raise _frozen(copies[0])
+        return None
 
 
 def _frozen(name: str) -> ArmError:

@@ -20,7 +20,7 @@ class Torque:
 
     def __init__(self, robot: Any) -> None:
         self._robot = robot
-        self._config = getattr(robot, "config", None)
+        self._config: Any = getattr(robot, "config", None)
         self._known = hasattr(self._config, "disable_torque_on_disconnect")
         if self._known:
             self._config.disable_torque_on_disconnect = False

@@ -110,10 +110,9 @@ class FakeSO101:
         self.config = Config()
         self._connected, self._power = False, power
         self.plant, self.world = Plant(), World.drawn(seed)
-        self.world.put_into(self.plant.model)
         self.bus = Bus(self.plant, self.world)
         self._rng = np.random.default_rng([seed, 54])
-        self._scene, self._time = Scene(self.plant.model), 0.0
+        self._scene, self._time = Scene(self.world), 0.0
         made = zip(("left", "right"), (0.06, 0.12), (0.0, 0.013), self.world.k1, strict=True)
         self.cameras = {name: Webcam(name, [seed, i], *rest) for i, (name, *rest) in enumerate(made)}
         self.hidden, self.swapped, self.mixed = set(), False, 0.0
@@ -162,7 +161,7 @@ class FakeSO101:
         self._asked("send_action")
         self.sleep(0.002)
         goals = {key.removesuffix(".pos"): value for key, value in action.items() if key.endswith(".pos")}
-        if self.config.max_relative_target is not None:
+        if getattr(self.config, "max_relative_target", None) is not None:
             most, at = self.config.max_relative_target, self.bus.sync_read("Present_Position")
             goals = {name: at[name] + min(max(goal - at[name], -most), most) for name, goal in goals.items()}
         self.bus.send({name: int(goal * 4095 / 360 + sum(LIMITS) / 2) for name, goal in goals.items()})
@@ -250,7 +249,6 @@ class FakeSO101:
                 self.world.knocked(camera, self._rng, metres, degrees)
                 if np.abs(self.world.images(self.grip())).max() < IN_VIEW:
                     break
-        self.world.put_into(self.plant.model)
 
     def shift_zero(self, motor, degrees=10.0):
         """A motor's horn slips: at the same ticks its joint stands elsewhere."""

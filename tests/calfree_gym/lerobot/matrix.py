@@ -21,7 +21,7 @@ from tests.calfree_gym.lerobot.so101 import MOTORS
 FIRST, AFTER = 10, 5
 """Reaches before anything changes, and after each change."""
 ASKED = {"unified_servo": (12, 3), "safe_start": (35, 5)}
-"""The first reach's motions, and the true distance in mm, in the median at most; of other agents `(12, 5)`."""
+"""The first reach's motions and the true distance in mm, in the median at most; of others `(12, 5)`."""
 
 
 def life(agent, seed, marks=None):

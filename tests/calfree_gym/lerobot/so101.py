@@ -116,7 +116,7 @@ class Plant:
         joints = [self.model.joint(name) for name in MOTORS]
         self._at = np.array([joint.qposadr[0] for joint in joints])
         self._dof = np.array([joint.dofadr[0] for joint in joints])
-        self._friction = self.model.dof_frictionloss.copy()
+        self._damping = self.model.dof_damping.copy()
         self.data.qpos[self._at] = HOME
         self.targets, self._setpoints = HOME.copy(), HOME.copy()
         self.powered, self.jammed = True, set()
@@ -124,8 +124,8 @@ class Plant:
 
     def step(self, count=1):
         """Lets `STEP` seconds go by, so many times."""
-        self.model.dof_frictionloss[:] = self._friction
-        self.model.dof_frictionloss[self._dof[sorted(self.jammed)]] = 50.0
+        self.model.dof_damping[:] = self._damping
+        self.model.dof_damping[self._dof[sorted(self.jammed)]] = 500.0
         for _ in range(count):
             ahead = self.targets - self._setpoints
             self._setpoints += np.clip(ahead, -SPEED * STEP, SPEED * STEP)

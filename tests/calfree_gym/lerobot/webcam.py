@@ -1,12 +1,14 @@
 """A cheap webcam on the bench's virtual clock: late, with dropped and repeated frames."""
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import cv2
 import mujoco
 import numpy as np
 
 from calfree_gym.rendering.renderer import Renderer
+from tests.calfree_gym.lerobot.so101 import BALLS, model
 
 WIDTH, HEIGHT, RATE = 640, 480, 30.0
 LOST = 0.05
@@ -131,28 +133,30 @@ class Webcam:
 
 
 class Scene:
-    """Draws what cameras of a model see, through a lens, before sensors add their own."""
+    """Draws what cameras of a world see, through a lens, before sensors add their own.
 
-    def __init__(self, model):
-        self._model, self._data = model, mujoco.MjData(model)
-        self._renderer = None
+    Args:
+        world: Where the cameras are.
+    """
+
+    def __init__(self, world):
+        self._world = world
         self._maps = {}
 
     def light(self, camera, k1, state):
         """What reaches a camera's sensor (HEIGHT, WIDTH, 3), in grey levels."""
-        self._data.qpos[:], self._data.mocap_pos[:] = state.qpos, state.mocap
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
-        if self._renderer is None:
-            self._renderer = Renderer(self._model, self._data, WIDTH)
+        drawing = renderer()
+        model, data = drawing.model, drawing.data
+        self._world.put_into(model)
+        data.qpos[:], data.mocap_pos[:] = state.qpos, state.mocap
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
+        for mark in BALLS:
+            model.geom(mark).rgba[3] = mark not in state.hidden
         view = mujoco.MjvCamera()
-        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self._model.camera(camera).id
-        colours = self._model.geom_rgba.copy()
-        for mark in state.hidden:
-            self._model.geom(mark).rgba[3] = 0
-        image, _ = self._renderer.draw(view, WIDTH, HEIGHT, (0,), shadows=False)
-        self._model.geom_rgba[:] = colours
-        focal = HEIGHT / 2 / np.tan(np.radians(self._model.camera(camera).fovy[0]) / 2)
+        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(camera).id
+        image, _ = drawing.draw(view, WIDTH, HEIGHT, (0,), shadows=False)
+        focal = HEIGHT / 2 / np.tan(np.radians(model.camera(camera).fovy[0]) / 2)
         maps = self._lens(k1, focal)
         bent = cv2.remap(image[::-1], *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return cv2.GaussianBlur(bent, (0, 0), BLUR_PX).astype(np.float32)
@@ -166,3 +170,10 @@ class Scene:
             maps = (x * bend * focal + WIDTH / 2, y * bend * focal + HEIGHT / 2)
             self._maps[k1, focal] = tuple(each.astype(np.float32) for each in maps)
         return self._maps[k1, focal]
+
+
+@cache
+def renderer():
+    """One for all benches: what draws is not what moves."""
+    drawn = model()
+    return Renderer(drawn, mujoco.MjData(drawn), WIDTH)

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from tests.calfree_gym.lerobot.so101 import HOME, MOTORS
-from tests.calfree_gym.lerobot.webcam import HEIGHT, WIDTH
 
+ASPECT = 4 / 3
 CAMERAS = {"left": (0.55, 0.42, 0.42), "right": (0.6, -0.36, 0.36)}
 TARGET = (0.24, 0.0, 0.13)
 SPREAD = 0.55
@@ -59,7 +59,7 @@ class World:
         """Where a point (3,) in m is in both images (2, 2), as shares of their halves; lenses apart."""
         seen = np.einsum("cij,ci->cj", self.axes, point - self.positions)
         slopes = np.tan(np.radians(self.fovy) / 2)[:, None]
-        return seen[:, :2] / -seen[:, 2:] / slopes / [WIDTH / HEIGHT, 1]
+        return seen[:, :2] / -seen[:, 2:] / slopes / [ASPECT, 1]
 
 
 def looking(at, target, roll):
