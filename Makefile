@@ -3,7 +3,7 @@ BIN := .venv/bin
 STAMP := .venv/up-to-date
 JOBS ?= 2
 
-.PHONY: venv lint test test-all mutants arms compare docs results results-suites results-tables
+.PHONY: venv lint test test-all mutants arms real compare docs results results-suites results-tables
 .NOTPARALLEL:
 
 venv: $(STAMP)
@@ -38,6 +38,20 @@ mutants: venv
 # Other people's arms for slow tests and benchmarks, into build/arms.
 arms: venv
 	$(BIN)/python -m tests.arms.fetched
+
+# The bench of a real arm on LeRobot's own classes, which want Python 3.12 on, and older packages than ours. They
+# use but names of torch, for which there is a stub.
+REAL := build/real
+PYTHON312 ?=
+
+real:
+	for each in $(PYTHON312) python3.12 python3.13 python3.14 python3 $(HOME)/.pyenv/versions/3.1[2-9].*/bin/python; do \
+		if $$each -c 'import sys, venv; sys.exit(sys.version_info < (3, 12))' 2> /dev/null; then found=$$each; break; fi; \
+	done; \
+	test -n "$$found" || { echo 'no Python from 3.12 on runs here: make real PYTHON312=...' >&2; exit 1; }; \
+	test -x $(REAL)/bin/python || $$found -m venv $(REAL)
+	$(REAL)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r constraints-real.txt
+	PYTHONPATH=tests/calfree_gym/lerobot/stub $(REAL)/bin/python -m pytest tests/calfree_gym/lerobot -m 'not slow'
 
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

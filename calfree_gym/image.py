@@ -1,5 +1,8 @@
 """Images and their units: image points lie in [-1, 1], x right, y down; ±1 is the image's border.
 
+Points are in halves of the image's longer side, so that lengths are alike along both axes: of 640 × 480
+pixels, y ends at ±0.75. Where images end is told by the bounds of an environment's `achieved_goal`.
+
 Also which numbers are equal but for rounding: kernels of linear algebra differ in the last bits, and nothing
 may be chosen by these.
 """

@@ -13,12 +13,11 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
-from calfree_gym.image import CAMERAS, lengths_px
-from calfree_gym.vision import StereoTracker, TagTracker
+from calfree_gym.image import CAMERAS
+from calfree_gym.picture_reach import Array, PictureReach, Tracker, numbers
+from calfree_gym.vision import Marks
 
-Array = NDArray[Any]
 BEYOND = 0.1
 """How far noise may take registers beyond -1 and 1, at most (choice)."""
 ENOUGH = 20
@@ -49,7 +48,7 @@ class RegisterErrors(NamedTuple):
     shortfall: Array
 
 
-class OwnRobot(gym.Env[dict[str, Array], Array]):
+class OwnRobot(PictureReach):
     """Reaching, as agents know it: control words in, image points and registers out.
 
     All functions are called in one thread, which is not the main one. Where one gives what is not allowed,
@@ -65,9 +64,9 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
             their last axis round, `frame[..., ::-1]`. Of a camera that gives none, None.
         place_object: Has the next object placed, where both cameras see it; called before each trial, and
             waited for as long as it takes.
-        tracker: Finds gripper and object in the pictures. The default finds balls in the simulator's colours,
-            `StereoTracker(Marks.load(...))` those that `python -m calfree_gym.vision pick` has learned from a
-            picture, `TagTracker()` printed tags.
+        marks: What gripper and object are seen by: the colours of your balls, as `python -m calfree_gym.vision
+            pick` learns them from a picture (`Marks`, or their file), or a tracker, such as `TagTracker()` for
+            printed tags.
         tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px.
         most_motions: A trial is cut off after so many.
         greatest_motion: No register is asked to change by more at once; words are clipped, and the way home
@@ -81,7 +80,7 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         go_to: Callable[[Array], Array],
         take_pictures: Callable[[], tuple[Array, Array]],
         place_object: Callable[[], None],
-        tracker: StereoTracker | TagTracker | None = None,
+        marks: Marks | str | Tracker | None = None,
         tolerance_px: float = 4.0,
         most_motions: int = 60,
         greatest_motion: float = 1.0,
@@ -90,22 +89,12 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         for name, value, most in (("greatest_motion", greatest_motion, 1), ("patience", patience, 1e6)):
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most:
                 raise ValueError(f"{name} is {value!r}; it must be a number above 0, at most {most:g}")
-
-        def numbers(size: int) -> gym.spaces.Box[Any]:
-            return gym.spaces.Box(-1.0, 1.0, (size,), np.float32)
-
-        self.action_space = numbers(motors)
-        self.observation_space = gym.spaces.Dict(
-            achieved_goal=numbers(4), desired_goal=numbers(4), observation=numbers(4 + motors)
-        )
+        super().__init__(motors, marks, tolerance_px, most_motions)
         self._go_to, self._take_pictures, self._place_object = go_to, take_pictures, place_object
-        self._tracker = tracker or StereoTracker()
-        self._tolerance_px, self._most_motions = tolerance_px, most_motions
         self._greatest_motion, self._patience = greatest_motion, patience
-        self._registers, self._motions, self._begun = np.zeros(motors), 0, False
         self._told: list[tuple[Array, Array, Array]] = []
         self._calls: SimpleQueue[tuple[Future[Any], Callable[..., Any], tuple[Any, ...]]] = SimpleQueue()
-        self._hangs, self._moved = "", False
+        self._hangs = ""
         Thread(target=self._work, daemon=True).start()
 
     def reset(
@@ -116,13 +105,9 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
         self._begun = False
         self._call(self._place_object, patience=None)
         self._pictures()
-        for _ in range(max(1, math.ceil(np.abs(self._registers).max() / self._greatest_motion))):
-            self._go_by(-self._registers)
-        self._motions = 0
-        self._tracker.reset()
-        observation, reached = self._look()
-        self._begun = True
-        return observation, {"is_success": reached}
+        for _ in range(max(1, math.ceil(np.abs(self.registers).max() / self._greatest_motion))):
+            self._go_by(-self.registers)
+        return self._first_look()
 
     def step(self, action: Array) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
         """One motion: control words (m,) are added to the registers.
@@ -133,17 +118,11 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
             LostCameraError: A camera gives no picture.
             TimeoutError: A function hangs.
         """
-        if not self._begun:
-            raise gym.error.ResetNeeded("call reset first: no trial has begun, or there was an error since")
-        words = np.clip(_numbers("the action holds", action, len(self._registers)), -1, 1)
-        self._begun = False
+        return super().step(action)
+
+    def _move(self, words: Array) -> None:
         asked, before = self._go_by(words)
-        self._told.append((asked - before, self._registers - asked, self._registers))
-        self._motions += 1
-        observation, reached = self._look()
-        self._begun = True
-        reward = 0.0 if reached else -1.0
-        return observation, reward, reached, self._motions >= self._most_motions, {"is_success": reached}
+        self._told.append((asked - before, self.registers - asked, self.registers))
 
     @property
     def register_errors(self) -> RegisterErrors | None:
@@ -152,28 +131,13 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
 
     def _go_by(self, words: Array) -> tuple[Array, Array]:
         """Changes registers by (clipped) words; those that were asked for, and those before."""
-        before, most = self._registers, self._greatest_motion
+        before, most = self.registers, self._greatest_motion
         asked = np.clip(before + np.clip(words, -most, most), -1, 1)
         told = self._call(self._go_to, asked.copy(), patience=self._patience)
-        self._registers = _numbers("go_to told", told, len(before), 1 + BEYOND)
-        wanted, executed = asked - before, self._registers - before
+        self.registers = numbers("go_to told", told, len(before), 1 + BEYOND)
+        wanted, executed = asked - before, self.registers - before
         self._moved = bool((2 * executed * wanted > wanted**2).any())  # more than half of a word
         return asked, before
-
-    def _look(self) -> tuple[dict[str, Array], bool]:
-        """The observation, and whether gripper and object are seen at one place in both images.
-
-        A camera that shows the same picture again, though motors have moved, is frozen.
-        """
-        points, seen = self._tracker(*self._pictures(), moved=self._moved)
-        observation = {
-            "achieved_goal": points[:2].ravel(),  # gripper, left and right
-            "desired_goal": points[2:].ravel(),  # object
-            "observation": np.concatenate([seen, np.clip(self._registers, -1, 1)]),
-        }
-        near = lengths_px(points[:2] - points[2:]) <= self._tolerance_px
-        floats = {name: values.astype(np.float32) for name, values in observation.items()}
-        return floats, bool(seen.all() and near.all())
 
     def _pictures(self) -> list[Array]:
         try:
@@ -214,18 +178,6 @@ class OwnRobot(gym.Env[dict[str, Array], Array]):
                 result.set_result(function(*arguments))
             except BaseException as error:
                 result.set_exception(error)
-
-
-def _numbers(what: str, found: Any, count: int, most: float = math.inf) -> Array:
-    """What was found, where it is `count` numbers of an absolute value of at most `most`."""
-    try:
-        values = np.asarray(found)
-    except ValueError:  # lists of several lengths
-        values = np.array(None)
-    right = values.dtype.kind in "fiu" and values.shape == (count,) and np.isfinite(values).all()
-    if not right or np.abs(values).max() > most:
-        raise ValueError(f"{what} {found!r:.200}; allowed: {count} finite numbers within -1 to 1")
-    return values.astype(float)
 
 
 def _register_errors(words: Array, missed: Array, told: Array) -> RegisterErrors:

@@ -70,7 +70,7 @@ def test_it_is_an_environment():
 
 def test_another_tracker_finds_the_points():
     pictures = [random_frame(np.random.default_rng(i), background)[0] for i in range(2)]
-    arm, env = made(tracker=TagTracker())
+    arm, env = made(marks=TagTracker())
     arm.gives["take_pictures"] = lambda: pictures
     observation, _ = env.reset()
     assert observation["observation"][:4].all()

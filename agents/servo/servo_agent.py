@@ -85,6 +85,8 @@ class ServoAgent(ProcedureAgent):
         self.prior_knowledge = servo.prior_knowledge
         self.slopes: Slopes | None = None
         self.filter = ObservationFilter()
+        goals = [env.observation_space[key] for key in ("achieved_goal", "desired_goal")]  # type: ignore[index]
+        self._edges = np.concatenate([goal.high for goal in goals], dtype=float).reshape(POINTS, 2)
 
     @classmethod
     def settings(cls, given: Settings) -> Settings:
@@ -101,7 +103,7 @@ class ServoAgent(ProcedureAgent):
 
     def new_findings(self) -> Findings:
         estimator = self.servo.new_estimator(self.motors, self.slopes)
-        return Findings(estimator, self.filter.for_next_trial())
+        return Findings(estimator, self.filter.for_next_trial(), edges=self._edges)
 
     def procedure(self, first: Observation, findings: Findings[Any]) -> Procedure:
         return self.servo(first, findings)

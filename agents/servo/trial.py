@@ -33,6 +33,7 @@ class Findings(Generic[E]):
         gave_up: Why no further motion is known, or nothing.
         given_up: Whether what was known at the trial's beginning has been given up.
         tried_again: Whether stops were forgotten, to see if motors still stop there.
+        edges: Where images end (4, 2), in image units, for each point.
     """
 
     estimator: E
@@ -42,6 +43,7 @@ class Findings(Generic[E]):
     gave_up: str = ""
     given_up: bool = False
     tried_again: bool = False
+    edges: Array = field(default_factory=lambda: np.ones((POINTS, 2)))
 
     AT_STOPS: ClassVar[str] = "no motor that would bring the gripper nearer moves any farther"
 
@@ -327,7 +329,7 @@ class Steps:
         self._last_px = np.inf
         self._step_px = step_px
         self._step_word = step_word
-        self._border = border
+        self._border = border * trial.findings.edges
         self._doubting = doubting
 
     def make(self, words: Array) -> Motions:

@@ -176,7 +176,8 @@ class Reach:
         """
         self._findings.try_again(self.stops)
         estimator: Estimator = TestMotions(len(self.now.registers))
-        findings = Findings(estimator, self.filter, self._trusted, self.stops)
+        edges = self._findings.edges
+        findings = Findings(estimator, self.filter, self._trusted, self.stops, edges=edges)
         self._findings.given_up = True
         yield from PaperServo()(self.now, findings)
 
@@ -272,7 +273,7 @@ class Reach:
     def _within_images(self, words: Array) -> Array:
         """Words (m,), shorter where they are expected to lead points out of the images."""
         farthest = np.abs(self.now.points).reshape(2, 2, 2).max(0)  # of gripper and object, in each image
-        limits = np.tile(np.maximum(self._servo.border, farthest), (2, 1))
+        limits = np.maximum(self._servo.border * self._findings.edges, np.tile(farthest, (2, 1)))
         for _ in range(self.HALVINGS):
             if (np.abs(self.points.at(self.now.registers + words).points) <= limits).all():
                 break

@@ -238,7 +238,8 @@ class SafeStart(ServoAgent):
 
     def new_findings(self) -> SafeFindings:
         findings = super().new_findings()
-        return SafeFindings(findings.estimator, findings.filter, units=self.units, tested=self.tested)
+        own = {"units": self.units, "tested": self.tested}
+        return SafeFindings(findings.estimator, findings.filter, edges=findings.edges, **own)
 
     def procedure(self, first: Observation, findings: Any) -> Procedure:
         now = yield from findings.filter.first(first)

@@ -141,23 +141,25 @@ def numbers(*shape, most=1.0):
     return arrays(float, shape, elements=st.floats(-most, most))
 
 
-def steps_in(jacobian, points):
-    """Steps of a trial in which J (8, 3) is known and points (4, 2) are seen."""
-    findings = Findings(TestMotions(3, Slopes.of(jacobian)))
+def steps_in(jacobian, points, edges=(1.0, 1.0)):
+    """Steps of a trial in which J (8, 3) is known, points (4, 2) are seen, and images end at edges (2,)."""
+    findings = Findings(TestMotions(3, Slopes.of(jacobian)), edges=np.tile(edges, (4, 1)))
     trial = ServoTrial(Observation(points, np.ones(4, bool), np.zeros(3)), findings, 0.04, 16.0)
     return Steps(trial, STEP_PX, STEP_WORD, BORDER)
 
 
 @settings(max_examples=100)
-@given(numbers(8, 3, most=3.0), numbers(4, 2, most=0.8), numbers(3))
-def test_a_step_keeps_its_direction_and_all_bounds(jacobian, points, words):
-    made = steps_in(jacobian, points).bounded(words)
+@given(numbers(8, 3, most=3.0), numbers(4, 2, most=0.8), numbers(3), st.sampled_from([1.0, 0.75]))
+def test_a_step_keeps_its_direction_and_all_bounds(jacobian, points, words, height):
+    edges = np.array([1.0, height])
+    points = points * edges
+    made = steps_in(jacobian, points, edges).bounded(words)
     moved = (jacobian @ made).reshape(4, 2)
     np.testing.assert_allclose(np.cross(made, words), 0, atol=1e-12)
     assert made @ words >= 0
     assert np.abs(made).max() <= STEP_WORD + 1e-12
     assert lengths_px(moved).max() <= STEP_PX + 1e-6
-    out = np.abs(points + moved) > BORDER + 1e-9
+    out = np.abs(points + moved) > BORDER * edges + 1e-9
     assert not out.any() or np.linalg.norm(made) <= Steps.LEAST_SHARE * np.linalg.norm(words) + 1e-12
 
 

@@ -27,10 +27,11 @@ def arm_of(motors, rng, idle=0, goal=0.3):
     return arm
 
 
-def lived(arm, motions, start=None, servo=None, known=None):
+def lived(arm, motions, start=None, servo=None, known=None, edges=1.0):
     """Words (n, m) and image distances in pixels (n + 1,) of one trial, and what was found out."""
     servo = servo or UnifiedServo()
-    findings = Findings(known or servo.new_estimator(len(arm.registers), start))
+    estimator = known or servo.new_estimator(len(arm.registers), start)
+    findings = Findings(estimator, edges=np.full((4, 2), edges))
     running = servo(arm.observed(), findings)
     words, made, distances = next(running), [], [arm.observed().distance_px]
     for _ in range(motions):
@@ -184,6 +185,17 @@ def test_words_are_short_that_would_lead_points_out_of_the_images():
     within, anywhere = np.reshape(farthest, (2, 20))
     assert np.count_nonzero(within <= anywhere) >= 18
     assert np.count_nonzero(within < anywhere - 0.1) >= 5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_border_is_a_share_of_where_images_end(seed):
+    def words(border, edges):
+        arm = arm_of(3, np.random.default_rng(seed))
+        arm.home[2:] = 0.6
+        return lived(arm, 8, servo=UnifiedServo(border=border, probe_px=150.0), edges=edges)[0]
+
+    np.testing.assert_array_equal(words(1.0, 0.5), words(0.5, 1.0))
+    assert (words(1.0, 0.5) != words(1.0, 1.0)).any()
 
 
 def test_a_word_is_a_step_alone_where_that_is_expected_to_do():

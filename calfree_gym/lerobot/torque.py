@@ -1,0 +1,39 @@
+"""Keeps the torque of motors on, whatever becomes of this process, until somebody supports the arm."""
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+ASK = "Support the arm, for its motors lose their torque now; then press Enter: "
+
+
+class Torque:
+    """Sees to it that LeRobot does not switch torque off: its robots do where they are disconnected.
+
+    They are where a `with` block ends, and where Python forgets them (`Robot.__del__`), as it does at the end
+    of a process. So the setting that says so is taken back at once, and not where something has gone wrong: a
+    process may be killed at any time.
+
+    Args:
+        robot: Of LeRobot.
+    """
+
+    def __init__(self, robot: Any) -> None:
+        self._robot = robot
+        self._config: Any = getattr(robot, "config", None)
+        self._known = hasattr(self._config, "disable_torque_on_disconnect")
+        if self._known:
+            self._config.disable_torque_on_disconnect = False
+        else:
+            warnings.warn(
+                "the robot's config has no disable_torque_on_disconnect: its motors may lose their torque, "
+                "and the arm fall, where this process ends. Support it then",
+                stacklevel=4,
+            )
+
+    def release(self, confirm: Callable[[str], Any]) -> None:
+        """Disconnects the robot, without torque, once it is confirmed that somebody supports the arm."""
+        confirm(ASK)
+        if self._known:
+            self._config.disable_torque_on_disconnect = True
+        self._robot.disconnect()

@@ -1,0 +1,174 @@
+"""Reaching with a robot that gives pictures and registers, and nothing else."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.image import lengths_px
+from calfree_gym.vision import Marks, StereoTracker
+
+Array = NDArray[Any]
+Pictures = Sequence[NDArray[np.uint8]]
+"""Of both cameras, left and right: RGB (h, w, 3)."""
+SQUARE = ((1.0, 1.0), (1.0, 1.0))
+"""Halves of the width and the height of both images, in image units, where they are square."""
+
+
+class Tracker(Protocol):
+    """Finds gripper and object in pairs of pictures, as `calfree_gym.vision.StereoTracker` does."""
+
+    def __call__(self, left: Any, right: Any, moved: bool = False) -> tuple[Array, NDArray[np.bool_]]:
+        """Points (4, 2) and flags (4,)."""
+
+    def reset(self) -> None:
+        """Forgets what was seen."""
+
+
+class Look(NamedTuple):
+    """What is seen after a motion.
+
+    Attributes:
+        pictures: Of both cameras.
+        points: Image points (4, 2): gripper left and right, object left and right.
+        visible: Which of them are seen (4,).
+    """
+
+    pictures: Pictures
+    points: Array
+    visible: NDArray[np.bool_]
+
+    @property
+    def px(self) -> float:
+        """The image distance in the worse camera, where the longer side of an image is 512 px."""
+        return float(lengths_px(self.points[:2] - self.points[2:]).max())
+
+
+class PictureReach(gym.Env[dict[str, Array], Array]):
+    """Reaching, as agents know it: control words in, image points and registers out.
+
+    A subclass brings motors to registers and takes pictures; its `reset` ends with `_first_look`.
+
+    Attributes:
+        registers: Where motors stand (m,): 0 at home, within -1 to 1.
+        motions: Of this trial.
+        look: What was seen last; None before.
+
+    Args:
+        motors: How many, m.
+        marks: What the gripper and the object are seen by: `Marks`, a file of them, or a tracker.
+        tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px.
+        max_motions: A trial is cut off after so many.
+        edges: Halves (2, 2) of the width and the height of both images, in image units.
+    """
+
+    def __init__(
+        self,
+        motors: int,
+        marks: Marks | str | Path | Tracker | None,
+        tolerance_px: float,
+        max_motions: int,
+        edges: Any = SQUARE,
+    ) -> None:
+        ends = np.ravel(edges).astype(np.float32)
+        points = gym.spaces.Box(-ends, ends)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (motors,), np.float32)
+        self.observation_space = gym.spaces.Dict(
+            achieved_goal=points,
+            desired_goal=points,
+            observation=gym.spaces.Box(-1.0, 1.0, (4 + motors,), np.float32),
+        )
+        self.registers, self.motions = np.zeros(motors), 0
+        self.look: Look | None = None
+        self._tracker = tracker_of(marks)
+        self._tolerance_px, self._max_motions = tolerance_px, max_motions
+        self._begun, self._moved = False, False
+
+    @abstractmethod
+    def _move(self, words: Array) -> None:
+        """Makes a motion of these words (m,), and notes registers and whether motors have moved."""
+
+    @abstractmethod
+    def _pictures(self) -> Pictures:
+        """What both cameras see now."""
+
+    def step(self, action: Array) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
+        """One motion: control words (m,) are added to the registers.
+
+        Raises:
+            gymnasium.error.ResetNeeded: No trial has begun, or there was an error since.
+            ValueError: The words are no numbers (m,).
+        """
+        if not self._begun:
+            raise gym.error.ResetNeeded("call reset first: no trial has begun, or there was an error since")
+        words = np.clip(numbers("the action holds", action, len(self.registers)), -1, 1)
+        self._begun = False
+        self._move(words)
+        self.motions += 1
+        observation, reached = self._observe()
+        self._begun = True
+        reward = 0.0 if reached else -1.0
+        return observation, reward, reached, self.motions >= self._max_motions, {"is_success": reached}
+
+    def _first_look(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """What a trial begins with."""
+        self.motions = 0
+        self._tracker.reset()
+        observation, reached = self._observe()
+        self._begun = True
+        return observation, {"is_success": reached}
+
+    def _observe(self) -> tuple[dict[str, Array], bool]:
+        """The observation, and whether gripper and object are seen at one place in both images."""
+        self.look = look = self._seen()
+        observation = {
+            "achieved_goal": look.points[:2].ravel(),  # gripper, left and right
+            "desired_goal": look.points[2:].ravel(),  # object
+            "observation": np.concatenate([look.visible, np.clip(self.registers, -1, 1)]),
+        }
+        floats = {name: values.astype(np.float32) for name, values in observation.items()}
+        return floats, bool(look.visible.all() and look.px <= self._tolerance_px)
+
+    def _seen(self) -> Look:
+        """Looks. A camera that shows the same picture again, though motors have moved, is frozen."""
+        pictures = self._pictures()
+        return Look(pictures, *self._tracker(*pictures, moved=self._moved))
+
+
+def tracker_of(marks: Marks | str | Path | Tracker | None) -> Tracker:
+    """The tracker that finds these marks.
+
+    Raises:
+        OSError: They are a file that cannot be read.
+        ValueError: They are none.
+    """
+    if isinstance(marks, str | Path):
+        marks = Marks.load(marks)
+    if marks is None or isinstance(marks, Marks):
+        return StereoTracker(marks)
+    if callable(marks) and hasattr(marks, "reset"):
+        return marks
+    raise ValueError(f"marks is {marks!r}; allowed: Marks, a file of them, a tracker such as StereoTracker")
+
+
+def numbers(what: str, found: Any, count: int, most: float = math.inf) -> Array:
+    """What was found, where it is `count` numbers of an absolute value of at most `most`.
+
+    Raises:
+        ValueError: It is not.
+    """
+    try:
+        values = np.asarray(found)
+    except ValueError:  # lists of several lengths
+        values = np.array(None)
+    right = values.dtype.kind in "fiu" and values.shape == (count,) and np.isfinite(values).all()
+    if not right or np.abs(values).max() > most:
+        raise ValueError(f"{what} {found!r:.200}; allowed: {count} finite numbers within -1 to 1")
+    return values.astype(float)

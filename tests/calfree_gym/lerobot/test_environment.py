@@ -1,0 +1,220 @@
+"""The environment over a robot: what it sends, looks at, and refuses before anything moves."""
+
+import re
+
+import numpy as np
+import pytest
+
+import agents
+from calfree_gym.lerobot import LeRobotReachEnv
+from calfree_gym.lerobot.motors import AHEAD, RATE
+from calfree_gym.vision import Marks, StereoTracker
+from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
+from tests.calfree_gym.lerobot.so101 import MOTORS
+
+WORDS = np.array([0.4, 0.2, -0.3, 0.1, 0.3], np.float32)
+
+
+@pytest.mark.parametrize("speed", [20.0, 60.0])
+def test_goals_go_ahead_in_small_steps(bench, speed):
+    bench = bench(speed=speed)
+    bench.env.reset()
+    bench.actions.clear()
+    bench.env.step(WORDS)
+    sent = np.array([[action[f"{name}.pos"] for name in MOTORS[:5]] for action in bench.actions])
+    assert np.abs(np.diff(sent, axis=0)).max() <= speed / RATE + 1e-9
+    np.testing.assert_allclose(sent[-1] - bench.env.home, 45 * WORDS, atol=1e-5)
+    assert np.abs(np.diff(sent, axis=0)).max() > 0.8 * speed / RATE, "and no smaller ones than they may be"
+
+
+def test_no_goal_is_far_ahead_of_the_arm_even_where_it_does_not_follow(bench):
+    ahead = []
+    bench = bench(on_tick=lambda *_: ahead.append(np.abs(bench.robot.goals_ahead()[:5]).max()))
+    bench.env.reset()
+    bench.robot.jam("shoulder_pan")
+    bench.env.step(WORDS)
+    assert 2 < max(ahead) < AHEAD + 0.2
+
+
+def test_what_is_looked_at_was_exposed_after_the_arm_had_settled(bench):
+    """Against the simulated exposures: the cameras' pipelines are 60 and 120 ms long."""
+    bench = bench()
+    env, cameras = bench.env, bench.robot.cameras.values()
+    env.reset()
+    settled = []
+    seen = env._frames.settle
+    env._frames.settle = lambda now: (settled.append(now), seen(now))
+    for sign in (1, -1, 1, -1):
+        env.step(sign * WORDS)
+        for camera in cameras:
+            latest = max(camera.looked)
+            assert latest[0] > settled[-1] - 0.01
+            assert latest[1] < 0.05, "rad/s"
+
+
+def test_a_run_repeats_bit_by_bit(bench):
+    def run():
+        env = bench(seed=3).env
+        first, _ = env.reset()
+        return [first, *(env.step(sign * WORDS)[0] for sign in (1, -1))]
+
+    for one, other in zip(run(), run(), strict=True):
+        for key in one:
+            np.testing.assert_array_equal(one[key], other[key])
+
+
+def test_images_end_where_the_space_says_and_points_are_in_halves_of_the_longer_side(bench):
+    env = bench().env
+    np.testing.assert_allclose(env.observation_space["achieved_goal"].high, [1, 0.75, 1, 0.75])
+    observation, _ = env.reset()
+    assert env.observation_space.contains(observation)
+    servo = agents.make("unified_servo", env)
+    np.testing.assert_allclose(servo.new_findings().edges, [[1, 0.75]] * 4)
+
+
+class Percent(FakeSO101):
+    """Whose positions are no degrees."""
+
+    def __init__(self):
+        super().__init__()
+        self.config.use_degrees = False
+
+
+class Wheels(FakeSO101):
+    name = "lekiwi"
+    action_features = property(lambda self: {"arm_elbow_flex.pos": float, "x.vel": float})
+
+
+class Clipped(FakeSO101):
+    def __init__(self, most):
+        super().__init__()
+        self.config.max_relative_target = most
+
+
+class Wrapping(FakeSO101):
+    """One of whose horns was screwed on so that its encoder wraps near home."""
+
+    def __init__(self):
+        super().__init__()
+        self.world.zeros[2] += 100 - self.bus.ticks()[2]
+
+
+class Absent(FakeSO101):
+    def connect(self, calibrate=True):
+        raise ConnectionError("Could not connect on port '/dev/ttyACM7'. Try running `lerobot-find-port`")
+
+
+def test_what_cannot_be_is_refused_before_anything_moves():
+    cases = [
+        (
+            FakeSO101(),
+            {"cameras": ("left", "rigth")},
+            "no camera 'rigth' (did you mean right?); it has left, right",
+        ),
+        (FakeSO101(), {"cameras": ("left", "left")}, "each must be named once"),
+        (FakeSO101(), {"cameras": ("left",)}, "it must be the names of two of left, right"),
+        (FakeSO101(), {"motors": ["elbow"]}, "no motor 'elbow' (did you mean elbow_flex?)"),
+        (FakeSO101(), {"motors": []}, "the motors are none"),
+        (FakeSO101(), {"unit": 0}, "unit is 0; it must be a number above 0"),
+        (FakeSO101(), {"speed": "fast"}, "speed is 'fast'"),
+        (FakeSO101(), {"tolerance_px": float("nan")}, "tolerance_px is nan"),
+        (FakeSO101(), {"max_motions": 0}, "max_motions is 0"),
+        (FakeSO101(), {"marks": 3}, "marks is 3; allowed: Marks"),
+        (FakeSO101(), {"home": {"elbow_flex": 0}}, "it must map each of shoulder_pan"),
+        (FakeSO101(), {"home": dict.fromkeys(MOTORS[:5], "up")}, "home holds ['up'"),
+        (FakeSO101(), {"unit": 170}, "smaller unit"),
+        (Percent(), {}, "use_degrees=False; it must be True"),
+        (Wheels(), {}, "the robot lekiwi takes actions x.vel; only positions (.pos) are allowed"),
+        (Clipped(10), {}, "max_relative_target=10; it must be None, or 8.0 or more, as a float"),
+        (Clipped(5.0), {}, "max_relative_target=5.0"),
+    ]
+    for robot, arguments, said in cases:
+        stood = robot.plant.targets.copy()
+        with pytest.raises(ValueError, match=re.escape(said)):
+            LeRobotReachEnv(robot, **({"cameras": ("left", "right")} | arguments))
+        np.testing.assert_array_equal(robot.plant.targets, stood)
+    with pytest.raises(ConnectionError, match="lerobot-find-port"):
+        LeRobotReachEnv(Absent(), ("left", "right"))
+    with pytest.raises(FileNotFoundError):
+        LeRobotReachEnv(FakeSO101(), ("left", "right"), marks="none.yaml")
+
+
+def test_a_motor_whose_encoder_wraps_is_named_with_the_remedy():
+    robot = Wrapping()
+    with pytest.raises(
+        ValueError, match=r"motor elbow_flex is at 100 ticks at home; .* -412 and 612"
+    ) as raised:
+        LeRobotReachEnv(robot, ("left", "right"))
+    remedy = re.search(r"robot\.bus\.set_half_turn_homings\(\[.*?\]\)", str(raised.value))[0]
+    eval(remedy, {"robot": robot})
+    LeRobotReachEnv(robot, ("left", "right"))
+
+
+def test_marks_are_colours_a_file_or_a_tracker(bench, tmp_path):
+    Marks().save(tmp_path / "marks.yaml")
+    for marks in (Marks(), tmp_path / "marks.yaml", str(tmp_path / "marks.yaml"), StereoTracker()):
+        assert bench(marks=marks).env.reset()[0]["observation"][:4].all()
+
+
+class Counting:
+    """Learns how many motions it has made."""
+
+    num_timesteps = 0
+
+    def __init__(self, env):
+        self.env = env
+
+    def learn(self, total_timesteps, callback):
+        self.env.reset()
+        go_on = True
+        while go_on:
+            self.env.step(np.zeros(5))
+            self.num_timesteps += 1
+            go_on = callback(self)
+
+    def save(self, path):
+        path.write(b"%d" % self.num_timesteps)
+
+    def load(self, path):
+        self.num_timesteps = int(path.read())
+
+
+def test_knowledge_is_saved_with_home_and_the_next_day_the_arm_goes_there_slowly(bench, tmp_path):
+    today = bench(max_motions=2)
+    agent = Counting(today.env)
+    assert [reach.motions for reach in today.env.reaches(agent, 2)] == [2, 2]
+    today.env.save(agent, tmp_path / "knowledge")
+    home = today.robot.bus.ticks()[:5]
+
+    other = bench(max_motions=2)
+    robot, env = other.robot, other.env
+    robot.send_action(
+        {f"{name}.pos": at + 20 for name, at in robot.bus.sync_read("Present_Position").items()}
+    )
+    robot.sleep(2)
+    robot.bus.set_half_turn_homings(["wrist_roll"])  # calibrated anew meanwhile
+    env = LeRobotReachEnv(robot, ("left", "right"), max_motions=2, place_object=robot.place_object)
+    known = Counting(env)
+    known.num_timesteps = 4
+    with pytest.raises(ValueError, match="learned in 4 motions from a home that is not known here; load it"):
+        next(env.reaches(known, 1))
+    env.load(known, tmp_path / "knowledge")
+    began = robot.clock()
+    env.reset()
+    assert robot.clock() - began > 20 / (0.25 * 60), "slowly"
+    assert np.abs(robot.bus.ticks()[:4] - home[:4]).max() <= 2 + 512 * 2 / 45
+    assert known.num_timesteps == 4
+    assert next(env.reaches(known, 1)).motions == 2
+
+
+def test_a_file_of_knowledge_that_does_not_fit_is_refused(bench, tmp_path):
+    env = bench().env
+    agent = Counting(env)
+    env.save(agent, tmp_path / "knowledge")
+    with pytest.raises(ValueError, match=re.escape("(['shoulder_pan',")):
+        bench(unit=30).env.load(agent, tmp_path / "knowledge")
+    (tmp_path / "other").write_text("no knowledge")
+    with pytest.raises(ValueError, match="is no file that the environment's save has written"):
+        env.load(agent, tmp_path / "other")
+    with pytest.raises(FileNotFoundError):
+        env.load(agent, tmp_path / "missing")
