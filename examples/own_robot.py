@@ -64,9 +64,9 @@ class OwnRobot(PictureReach):
             their last axis round, `frame[..., ::-1]`. Of a camera that gives none, None.
         place_object: Has the next object placed, where both cameras see it; called before each trial, and
             waited for as long as it takes.
-        marks: What gripper and object are seen by: the colours of your balls, as `python -m calfree_gym.vision
-            pick` learns them from a picture (`Marks`, or their file), or a tracker, such as `TagTracker()` for
-            printed tags.
+        marks: What gripper and object are seen by: the colours of your balls, which `python -m
+            calfree_gym.vision pick` learns from a picture (`Marks`, or their file); or a tracker, such as
+            `TagTracker()` for printed tags.
         tolerance_px: Image distance of the rendezvous, where the longer side of an image is 512 px.
         most_motions: A trial is cut off after so many.
         greatest_motion: No register is asked to change by more at once; words are clipped, and the way home

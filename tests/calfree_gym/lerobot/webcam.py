@@ -7,7 +7,7 @@ import cv2
 import mujoco
 import numpy as np
 
-from calfree_gym.rendering.renderer import Renderer
+from calfree_gym.rendering.renderer import Renderer, View
 from tests.calfree_gym.lerobot.so101 import BALLS, model
 
 WIDTH, HEIGHT, RATE = 640, 480, 30.0
@@ -155,7 +155,7 @@ class Scene:
             model.geom(mark).rgba[3] = mark not in state.hidden
         view = mujoco.MjvCamera()
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(camera).id
-        image, _ = drawing.draw(view, WIDTH, HEIGHT, (0,), shadows=False)
+        ((image, _),) = drawing.draw([View(view, WIDTH, HEIGHT)], (0,), shadows=False)
         focal = HEIGHT / 2 / np.tan(np.radians(model.camera(camera).fovy[0]) / 2)
         maps = self._lens(k1, focal)
         bent = cv2.remap(image[::-1], *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
