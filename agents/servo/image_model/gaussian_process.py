@@ -304,15 +304,14 @@ class GaussianProcess:
             bent = flat / self.SPREAD**2 - moved[..., :, None] * moved[..., None, :]
             cross[..., :before, 1:] = first[..., None] * bent
         white = whitening @ cross[..., None, :, :]
-        told = white.swapaxes(-1, -2) @ white  # of the value and its slopes
+        told = (white.swapaxes(-1, -2) @ white)[..., _IMAGES[len(whitening)], :, :]  # of value and slopes
         seen = white_seen @ white
-        of_images = _IMAGES[len(whitening)]
         return Expected(
             points=seen[..., 0],
-            variances=np.maximum(self._most - told[..., of_images, 0, 0], 0.0),
+            variances=np.maximum(self._most - told[..., 0, 0], 0.0),
             slopes=seen[..., 1:],
-            slope_variances=(flat - told[..., 1:, 1:])[..., of_images, :, :],
-            variance_slopes=-2 * told[..., of_images, 0, 1:],
+            slope_variances=flat - told[..., 1:, 1:],
+            variance_slopes=-2 * told[..., 0, 1:],
         )
 
     def variance(self, place: Array) -> float:

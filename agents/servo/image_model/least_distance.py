@@ -8,7 +8,7 @@ import numpy as np
 
 from calfree_gym.image import rounded
 
-from ...base.observation import POINTS, Array
+from ...base.observation import POINTS, Array, Flags
 from ..perception import Gating
 from .gaussian_process import Expected
 from .smooth_points import SmoothPoints
@@ -16,7 +16,8 @@ from .smooth_points import SmoothPoints
 NEAREST = 1e-4
 """Weight of a word's square, in square image units (a guard: it decides among equals)."""
 PLACES, SHORTEST = 20, 1 / 32
-"""Places that are tried on the way, and the share of a Gauss-Newton step that is too short (guards)."""
+"""Places that are tried on the way, half as many on each way from elsewhere, and the share of a Gauss-Newton
+step that is too short (guards)."""
 ENOUGH = 0.99
 """It is found where a Gauss-Newton step leaves, or is expected to leave, this share of the square (a
 guard)."""
@@ -77,7 +78,7 @@ class Seeker:
         self._counts = seen.astype(float)
         apart = now.apart
         certain = 2 * Gating.AGREE**2 * float(apart.variances @ self._counts) / POINTS
-        self._too_much = max(LEFT**2 * self._left(apart), certain)
+        self._too_much = max(LEFT**2 * float(self._left(apart)), certain)
 
     def seek(self) -> LeastDistance:
         """From here; where that ends far off, also from other places: the first end that is near.
@@ -85,10 +86,11 @@ class Seeker:
         First from where the gripper was seen nearest to the object, then from anywhere. If none is, an end
         that may do is better than one that surely leaves too much.
         """
-        (found,) = self._ends(self._here[None])
+        (found,) = self._ends(self._here[None], PLACES)
         if not found.far:
             return found
-        ends = [found, *self._ends(np.array(list(islice(self._starts(), STARTS))))]
+        starts = np.array(list(islice(self._starts(), STARTS)))
+        ends = [found, *self._ends(starts, PLACES // 2)]
         near = (each for each in ends if not each.far)
         return next(near, min(ends, key=lambda each: (each.hopeless, rounded(each.square))))
 
@@ -99,15 +101,15 @@ class Seeker:
         while True:
             yield random.uniform(self._lowest, self._highest)
 
-    def _ends(self, registers: Array) -> list[LeastDistance]:
+    def _ends(self, registers: Array, places: int) -> list[LeastDistance]:
         """Where Gauss-Newton steps end that begin at registers (k, m), all at the same time.
 
-        A step that does not help is halved.
+        Each tries so many places at most. A step that does not help is halved.
         """
         ends = registers.copy(), *self._there(registers)
         shares = np.ones(len(registers))
         going = np.ones(len(registers), bool)
-        for _ in range(PLACES):
+        for _ in range(places):
             here, squares, _, steps, gains = ends
             going &= gains > (1 - ENOUGH) * squares
             rows = np.flatnonzero(going)
@@ -117,21 +119,23 @@ class Seeker:
             nearer = np.minimum(np.maximum(nearer, self._lowest), self._highest)
             there = nearer, *self._there(nearer)
             better = there[1] < squares[rows]
-            shares[rows] = np.where(better, 1.0, shares[rows] / 2)
+            shares[rows] = np.where(better, np.minimum(2 * shares[rows], 1.0), shares[rows] / 2)
             going[rows] = np.where(better, there[1] <= ENOUGH * squares[rows], shares[rows] > SHORTEST)
+            moved = rows[better]
             for kept, new in zip(ends, there, strict=True):
-                kept[rows[better]] = new[better]
+                kept[moved] = new[better]
         registers, squares, sure, *_ = ends
-        far = squares > self._too_much
-        unseen = not self._counts.all()
-        rows = zip(registers, squares.tolist(), (far | unseen).tolist(), (far & sure).tolist(), strict=True)
-        return [LeastDistance(*each) for each in rows]
+        far, seen = squares > self._too_much, bool(self._counts.all())
+        found = zip(registers, squares.tolist(), far.tolist(), (far & sure).tolist(), strict=True)
+        return [
+            LeastDistance(place, square, far or not seen, hopeless) for place, square, far, hopeless in found
+        ]
 
     def _left(self, apart: Expected) -> Array:
         """The square of the distance (...), in the images that count."""
         return np.einsum("...pc,...pc->...p", apart.points, apart.points) @ self._counts
 
-    def _there(self, registers: Array) -> tuple[Array, Array, Array, Array]:
+    def _there(self, registers: Array) -> tuple[Array, Flags, Array, Array]:
         """What is expected at registers (k, m), and where to go from there.
 
         Returns:
