@@ -26,8 +26,8 @@ from .fitting import Known
 
 NEAREST = 1e-5
 """Weight of a register's square, in square image units (a guard: it decides among equals)."""
-SEEN, DRAWN, STEPS = 3, 10, 40
-"""It seeks from so many places where the gripper was seen, and drawn ones, by so many steps each (guards)."""
+SEEN, DRAWN, PLACES = 3, 10, 40
+"""It seeks from so many places where the gripper was seen, and drawn ones; each tries so many (guards)."""
 NOISES = 4.0
 """What is seen otherwise than expected counts as noise up to so many times that. Choice."""
 LONGEST = 0.2
@@ -54,6 +54,11 @@ class Meeting(NamedTuple):
     left_px: float
     deviation_px: float
 
+    @property
+    def near(self) -> bool:
+        """Whether it does."""
+        return self.left_px < NEAR_PX and self.deviation_px < SURE_PX
+
 
 class MeetingSeeker:
     """Seeks it by Levenberg-Marquardt between the stops, from several places.
@@ -70,71 +75,76 @@ class MeetingSeeker:
         self._known, self._home, self._now, self._stops = known, home, now.registers, stops
         self._offset = np.zeros(POINTS)
         if now.registers.any():
-            offset = now.distance - self._distance(self._views(now.registers))
+            offset = now.distance - self._distances(self._views(now.registers[None]))[0]
             if camera_lengths_px(offset).max() > NOISES * noise_px:
                 self._offset = offset
 
     def seek(self) -> Meeting:
-        """From here, from where the gripper was seen near, from drawn places, until an end is near."""
-        random, best = np.random.default_rng(0), None
+        """From here; else from where the gripper was seen near and from drawn places: the first near end."""
+        (found,) = self._ends(self._now[None])
+        if found.near:
+            return found
         lowest, highest = self._stops.lowest, self._stops.highest
         seen = self._known.seen
-        near = np.square(seen.sensors - self._home).sum(1)
-        near = rounded(near).argsort(kind="stable")[:SEEN]
-        drawn = random.uniform(lowest, highest, (DRAWN, len(lowest)))
-        for start in np.concatenate([self._now[None], seen.registers[near], drawn]):
-            found = self._from(np.clip(start, lowest, highest))
-            if best is None or rounded(found.deviation_px) < rounded(best.deviation_px):
-                best = found
-            if best.left_px < NEAR_PX and best.deviation_px < SURE_PX:
-                break
-        assert best is not None
-        return best
+        near = rounded(np.square(seen.sensors - self._home).sum(1)).argsort(kind="stable")[:SEEN]
+        drawn = np.random.default_rng(0).uniform(lowest, highest, (DRAWN, len(lowest)))
+        ends = [found, *self._ends(np.concatenate([seen.registers[near], drawn]))]
+        return next(
+            (each for each in ends if each.near), min(ends, key=lambda each: rounded(each.deviation_px))
+        )
 
     def _views(self, registers: Array) -> Views:
         return self._known.views_at(registers, self._home)
 
-    def _distance(self, views: Views) -> Array:
-        return np.asarray(views.points[0, :2] - views.points[0, 2:]).reshape(POINTS) + self._offset
+    def _distances(self, views: Views) -> Array:
+        """Image distances (k, 4)."""
+        return (views.points[:, :2] - views.points[:, 2:]).reshape(-1, POINTS) + self._offset
 
-    def _from(self, registers: Array) -> Meeting:
-        lowest, highest, motors = self._stops.lowest, self._stops.highest, len(registers)
+    def _ends(self, registers: Array) -> list[Meeting]:
+        """Where steps end that begin at registers (k, m), all at the same time."""
+        lowest, highest, unit = self._stops.lowest, self._stops.highest, np.eye(registers.shape[1])
+        registers = np.clip(registers, lowest, highest)
+        ends = registers, *self._there(registers)
+        dampings, going = np.full(len(registers), _DAMPING), np.ones(len(registers), bool)
+        for _ in range(PLACES):
+            rows = np.flatnonzero(going)
+            if not len(rows):
+                break
+            here, squares, slopes, curved = (each[rows] for each in ends)
+            free = np.where(slopes > 0, here > lowest, here < highest)
+            damped = curved + dampings[rows, None, None] * unit
+            damped = np.where(free[:, :, None] & free[:, None], damped, unit)
+            inverses = np.linalg.pinv(damped, hermitian=True)  # also where rounding hides the damping
+            steps = -(inverses @ (slopes * free)[..., None])[..., 0]
+            steps *= LONGEST / np.maximum(np.abs(steps).max(1, keepdims=True), LONGEST)
+            nearer = np.clip(here + steps, lowest, highest)
+            there = nearer, *self._there(nearer)
+            better = there[1] < squares
+            less, more = np.maximum(dampings[rows] * _LESS, _LEAST), dampings[rows] * _MORE
+            dampings[rows] = np.where(better, less, more)
+            going[rows] = np.where(better, there[1] <= ENOUGH * squares, more < _MOST)
+            for kept, new in zip(ends, there, strict=True):
+                kept[rows[better]] = new[better]
+        return self._meetings(ends[0])
+
+    def _there(self, registers: Array) -> tuple[Array, Array, Array]:
+        """What is to be least at registers (k, m): squares (k,), half their slopes (k, m) and (k, m, m)."""
         views = self._views(registers)
-        apart = self._distance(views)
-        cost = float(apart @ apart + NEAREST * registers @ registers)
-        damping, unit = _DAMPING, np.eye(motors)
-        for _ in range(STEPS):
-            by_registers = views.by_registers()[0]
-            jacobian = (by_registers[:2] - by_registers[2:]).reshape(POINTS, -1)
-            slope = jacobian.T @ apart + NEAREST * registers
-            free = np.where(slope > 0, registers > lowest, registers < highest)
-            curved = jacobian.T @ jacobian + NEAREST * unit
-            gained = 0.0
-            while gained <= 0 and damping < _MOST:
-                step = np.zeros(motors)
-                try:
-                    step[free] = -np.linalg.solve((curved + damping * unit)[np.ix_(free, free)], slope[free])
-                except np.linalg.LinAlgError:  # images so large that the damping is lost in rounding
-                    damping *= _MORE
-                    continue
-                step *= min(1.0, LONGEST / max(float(np.abs(step).max()), LONGEST))
-                there = np.clip(registers + step, lowest, highest)
-                further = self._views(there)
-                apart_there = self._distance(further)
-                gained = cost - float(apart_there @ apart_there + NEAREST * there @ there)
-                damping = damping * _MORE if gained <= 0 else max(damping * _LESS, _LEAST)
-            if gained <= 0:
-                break
-            registers, views, apart, cost = there, further, apart_there, cost - gained
-            if cost > ENOUGH * (cost + gained):
-                break
-        by_numbers = views.by_numbers()[0]
-        by = (by_numbers[:2] - by_numbers[2:]).reshape(POINTS, -1)
-        unsure = np.einsum("cx,xy,cy->", by, self._known.covariance, by)
-        left, deviation = (
-            float(np.sqrt(square / 2)) / IMAGE_UNIT for square in (apart @ apart, apart @ apart + unsure)
-        )
-        return Meeting(registers, left, deviation)
+        apart, by = self._distances(views), views.by_registers()
+        jacobians = (by[:, :2] - by[:, 2:]).reshape(len(registers), POINTS, -1)
+        squares = np.square(apart).sum(1) + NEAREST * np.square(registers).sum(1)
+        slopes = (apart[:, None] @ jacobians)[:, 0] + NEAREST * registers
+        return squares, slopes, jacobians.swapaxes(1, 2) @ jacobians + NEAREST * np.eye(registers.shape[1])
+
+    def _meetings(self, registers: Array) -> list[Meeting]:
+        """What is expected at registers (k, m)."""
+        views = self._views(registers)
+        apart, by = self._distances(views), views.by_numbers()
+        by = (by[:, :2] - by[:, 2:]).reshape(len(registers), POINTS, -1)
+        squares = np.square(apart).sum(1)
+        unsure = np.einsum("kcx,kcx->k", by @ self._known.covariance, by)
+        left, deviations = (np.sqrt(each / 2) / IMAGE_UNIT for each in (squares, squares + unsure))
+        return [Meeting(*each) for each in zip(registers, left.tolist(), deviations.tolist(), strict=True)]
 
 
 Going = Generator[Array, Observation, tuple[Observation, bool]]

@@ -4,8 +4,9 @@ Every joint turns about an axis, slides along one, or both: a twist, as far as i
 is said of the arm.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -101,39 +102,44 @@ PARALLEL = 1e-12
 """Added to the square of the sine between two rays (a guard: it is divided by)."""
 
 
-def projected(cameras: Array, places: Array) -> Array:
-    """Image points (..., 2) of places (..., 3) in the room, by cameras' numbers (..., 8)."""
-    before = turned(rotation(cameras[..., TURN]), places - cameras[..., PLACE])
-    flat = before[..., :2] / np.maximum(before[..., 2:], NEAREST)
-    return np.asarray(np.exp(cameras[..., :1]) * flat * (1 + cameras[..., 1:2] * _squared(flat)))
+class Projection:
+    """What cameras see of places.
 
+    Attributes:
+        points: Image points (..., 2).
 
-def by_place(cameras: Array, places: Array) -> Array:
-    """Derivatives of image points by places (..., 2, 3)."""
-    turn = rotation(cameras[..., TURN])
-    return np.asarray(_by_before(cameras, turned(turn, places - cameras[..., PLACE])) @ turn)
+    Args:
+        cameras: Their numbers (..., 8).
+        places: In the room (..., 3).
+    """
 
+    def __init__(self, cameras: Array, places: Array) -> None:
+        self._cameras, self._focal = cameras, np.exp(cameras[..., :1])
+        self._turns, self._jacobians = rotation_and_jacobian(cameras[..., TURN])
+        self._before = turned(self._turns, places - cameras[..., PLACE])
+        self._flat = self._before[..., :2] / np.maximum(self._before[..., 2:], NEAREST)
+        self._by_lens = self._focal * self._flat * _squared(self._flat)
+        self.points = self._focal * self._flat + cameras[..., 1:2] * self._by_lens
 
-def by_camera(cameras: Array, places: Array) -> Array:
-    """By cameras' numbers (..., 2, 8)."""
-    turn, jacobian = rotation_and_jacobian(cameras[..., TURN])
-    before = turned(turn, places - cameras[..., PLACE])
-    flat = before[..., :2] / np.maximum(before[..., 2:], NEAREST)
-    by_lens = np.exp(cameras[..., :1]) * flat * _squared(flat)
-    by_focal = np.exp(cameras[..., :1]) * flat + cameras[..., 1:2] * by_lens
-    by_before = _by_before(cameras, before)
-    by_turn = -by_before @ cross_matrix(before) @ jacobian
-    return np.concatenate([by_focal[..., None], by_lens[..., None], by_turn, -by_before @ turn], -1)
+    def by_place(self) -> Array:
+        """Derivatives of image points by places (..., 2, 3)."""
+        return self._by_before @ self._turns
 
+    def by_camera(self) -> Array:
+        """By cameras' numbers (..., 2, 8)."""
+        by_turn = -self._by_before @ cross_matrix(self._before) @ self._jacobians
+        parts = self.points[..., None], self._by_lens[..., None], by_turn, -self.by_place()
+        return np.concatenate(parts, -1)
 
-def _by_before(cameras: Array, before: Array) -> Array:
-    """Derivatives of image points (..., 2, 3) by where points are before their cameras (..., 3)."""
-    depths = np.maximum(before[..., 2:], NEAREST)
-    flat = before[..., :2] / depths
-    of_flat = np.zeros((*before.shape[:-1], 2, 3))
-    of_flat[..., 0, 0] = of_flat[..., 1, 1] = 1 / depths[..., 0]
-    of_flat[..., 2] = -flat / depths * (before[..., 2:] > NEAREST)
-    return np.asarray(np.exp(cameras[..., :1, None]) * (_lens_derivatives(cameras, flat) @ of_flat))
+    @cached_property
+    def _by_before(self) -> Array:
+        """By where places are before their cameras (..., 2, 3)."""
+        before, flat = self._before, self._flat
+        of_flat = np.zeros((*before.shape[:-1], 2, 3))
+        of_flat[..., 0, 0] = of_flat[..., 1, 1] = 1
+        of_flat[..., 2] = -flat * (before[..., 2:] > NEAREST)
+        of_flat *= (self._focal / np.maximum(before[..., 2:], NEAREST))[..., None]
+        return np.asarray(_lens_derivatives(self._cameras, flat) @ of_flat)
 
 
 class Triangulation:
@@ -321,79 +327,53 @@ class Views:
         self._object = [np.broadcast_to(self._seen_from_home.places, places)]
         for turn, shift in moves[: max(chain.mounts)]:  # as a camera sees it that ever more joints move
             self._object.append(turned(turn.swapaxes(-1, -2), self._object[-1] - shift))
-        self.points = np.empty((*several, count, POINTS, 2))
-        for point, camera, place in self._seen(self._gripper, self._object):
-            self.points[..., point, :] = projected(self._camera(camera), place)
+        seen = [self._gripper[motors - mount] for mount in chain.mounts]
+        seen += [self._object[mount] for mount in chain.mounts]
+        self._projection = Projection(self._cameras[..., None, [0, 1, 0, 1], :], np.stack(seen, -2))
+        self.points = self._projection.points
 
     def by_registers(self) -> Array:
         """Derivatives of the points by registers (..., n, 4, 2, m)."""
-        motors = self._chain.motors
-        still = np.zeros((*self.points.shape[:-2], 3, motors))
-        columns = [slice(joint, joint + 1) for joint in range(motors)]
-        of_places = self._of_places(still, still, Twists.by_registers, columns)
-        return self._of_points(*of_places)
+        return self._by_joints(Twists.by_registers, self._chain.motors)[0]
 
     def by_numbers(self) -> Array:
         """By all numbers (..., n, 4, 2, p)."""
         chain = self._chain
-        gripper = np.zeros((*self.points.shape[:-2], 3, chain.size))
-        object_ = np.zeros_like(gripper)
-        gripper[..., chain.gripper] = np.eye(GRIPPER)
-        object_[..., chain.cameras] = self._seen_from_home.derivatives()
-        columns = [chain.joint(joint) for joint in range(chain.motors)]
-        by_all = self._of_points(*self._of_places(gripper, object_, Twists.by_numbers, columns))
-        for point, camera, place in self._seen(self._gripper, self._object):
-            by_all[..., point, :, chain.camera(camera)] += by_camera(self._camera(camera), place)
+        by_all, by_place = self._by_joints(Twists.by_numbers, chain.size)
+        by_all[..., :2, :, chain.gripper] = by_place[..., :2, :, :]
+        by_home = self._seen_from_home.derivatives()[..., None, :, :]
+        by_all[..., 2:, :, chain.cameras] = by_place[..., 2:, :, :] @ by_home
+        by_camera = self._projection.by_camera()
+        for point in range(POINTS):
+            by_all[..., point, :, chain.camera(point % len(CAMERAS))] += by_camera[..., point, :, :]
         return by_all
 
-    def _of_places(
-        self,
-        gripper: Array,
-        object_: Array,
-        of_joints: Callable[[Twists, Array], Array],
-        columns: list[slice],
-    ) -> tuple[list[Array], list[Array]]:
-        """Derivatives (..., n, 3, k) of gripper and object, moved by no joint, by one, by two and so on.
+    def _by_joints(self, of_joints: Callable[[Twists, Array], Array], size: int) -> tuple[Array, Array]:
+        """Derivatives of the points by joints, from each image back to where no joint has moved the point.
 
         Args:
-            gripper: Those of the gripper where no joint has moved it.
-            object_: Those of the object.
-            of_joints: Those by the joints themselves (joints, ..., n, 3, of each), where they move points.
-            columns: Which of k these are.
+            of_joints: Those of places by the joints that move them (joints, ..., n, 3, of each).
+            size: k; the first of them are of the joints, one after the other.
+
+        Returns:
+            Derivatives (..., n, 4, 2, k), and those by where no joint has moved the points (..., n, 4, 2, 3).
         """
         turns, shifts, behind = self._twists.turns, self._twists.shifts, len(self._object) - 1
-        of_gripper, of_object = [gripper], [object_]
-        by_joints = of_joints(self._twists, np.stack(self._gripper[:0:-1]) - shifts)
-        for joint in reversed(range(len(columns))):
-            gripper = turns[joint] @ gripper
-            gripper[..., columns[joint]] += by_joints[joint]
-            of_gripper.append(gripper)
+        by_place = self._projection.by_place()
+        by_all = np.zeros((*self.points.shape, size))
+        of_gripper = of_joints(self._twists, np.stack(self._gripper[:0:-1]) - shifts)
         if behind:
             moving = Twists(self._joints[:behind], self._registers[:behind])
-            by_joints = of_joints(moving, np.stack(self._object[:behind]) - shifts[:behind])
-        for joint in range(behind):
-            back = turns[joint].swapaxes(-1, -2)
-            object_ = back @ object_
-            object_[..., columns[joint]] -= back @ by_joints[joint]
-            of_object.append(object_)
-        return of_gripper, of_object
-
-    def _of_points(self, of_gripper: list[Array], of_object: list[Array]) -> Array:
-        """Derivatives of the points (..., n, 4, 2, k), from those of the places."""
-        derivatives = np.empty((*self.points.shape, of_gripper[0].shape[-1]))
-        places = self._seen(self._gripper, self._object)
-        for (point, camera, place), (_, _, of_place) in zip(
-            places, self._seen(of_gripper, of_object), strict=True
-        ):
-            derivatives[..., point, :, :] = by_place(self._camera(camera), place) @ of_place
-        return derivatives
-
-    def _seen(self, gripper: list[Array], object_: list[Array]) -> Iterator[tuple[int, int, Array]]:
-        """Point, camera, and what of a list belongs to the joints that move the one before the other."""
+            of_object = of_joints(moving, np.stack(self._object[:behind]) - shifts[:behind])
+        each, motors = of_gripper.shape[-1], self._chain.motors
+        columns = [slice(each * joint, each * (joint + 1)) for joint in range(motors)]
         for camera, mount in enumerate(self._chain.mounts):
-            yield camera, camera, gripper[self._chain.motors - mount]
-            yield len(CAMERAS) + camera, camera, object_[mount]
-
-    def _camera(self, camera: int) -> Array:
-        """Its numbers (..., 1, 8)."""
-        return self._cameras[..., camera, None, :]
+            gripper, object_ = by_place[..., camera, :, :], by_place[..., len(CAMERAS) + camera, :, :]
+            for joint in range(mount, motors):
+                by_all[..., camera, :, columns[joint]] = gripper @ of_gripper[joint]
+                gripper = gripper @ turns[joint]
+            for joint in reversed(range(mount)):
+                object_ = object_ @ turns[joint].swapaxes(-1, -2)
+                by_all[..., len(CAMERAS) + camera, :, columns[joint]] = -object_ @ of_object[joint]
+            by_place[..., camera, :, :], by_place[..., len(CAMERAS) + camera, :, :] = gripper, object_
+        return by_all, by_place

@@ -299,8 +299,8 @@ class Known:
         return float(np.quantile(np.linalg.norm(off.reshape(-1, 2), axis=1), self.EXPLAINED)) / IMAGE_UNIT
 
     def views_at(self, registers: Array, home: Array) -> Views:
-        """Views at registers (m,) alone, of an object that is seen from home at `home` (4,)."""
-        return Views(self.chain, self.fitted.numbers, registers[None], home[None])
+        """Views at registers (n, m), of an object that is seen from home at `home` (4,)."""
+        return Views(self.chain, self.fitted.numbers, registers, home[None])
 
     def expected(self, registers: Array, home: Array) -> tuple[Array, Array]:
         """What should be seen at registers (m,), of an object that is seen from home at `home` (4,).
@@ -308,12 +308,12 @@ class Known:
         Returns:
             Points (4, 2) in image units, and standard deviations (4,) of their coordinates in pixels.
         """
-        views = self.views_at(registers, home)
+        views = self.views_at(registers[None], home)
         return views.points[0], np.sqrt(self._variances(views)[0]) / IMAGE_UNIT
 
     def jacobian(self, registers: Array, home: Array) -> Array:
         """How points change with registers (8, m) there (m,), of an object that home shows at `home` (4,)."""
-        return self.views_at(registers, home).by_registers()[0].reshape(2 * POINTS, -1)
+        return self.views_at(registers[None], home).by_registers()[0].reshape(2 * POINTS, -1)
 
     def contradicted(self, pairs: Pairs, least: int = LEAST) -> Flags:
         """Which cameras (2,) see something else than they should, in so many looks at least."""

@@ -55,14 +55,14 @@ _IMAGES = {1: np.array([0, 0]), 2: np.array([0, 1])}
 
 
 class Expected(NamedTuple):
-    """What should be seen of some points at one place.
+    """What should be seen of some points at one place, or at several, where these have more axes.
 
     Attributes:
-        points: Their image points (p, 2), in image units.
-        variances: Of their coordinates (p,).
-        slopes: Of the points by registers (p, 2, m).
-        slope_variances: Covariances of such slopes (p, m, m).
-        variance_slopes: Derivatives of `variances` by registers (p, m).
+        points: Their image points (..., p, 2), in image units.
+        variances: Of their coordinates (..., p).
+        slopes: Of the points by registers (..., p, 2, m).
+        slope_variances: Covariances of such slopes (..., p, m, m).
+        variance_slopes: Derivatives of `variances` by registers (..., p, m).
     """
 
     points: Array
@@ -288,30 +288,30 @@ class GaussianProcess:
         """Covariances with looks (n,) of what is added everywhere."""
         return np.asarray(self.OFFSET**2 + self.shared * (np.arange(len(self.looks.places)) >= self.earlier))
 
-    def at(self, place: Array) -> Expected:
-        """What should be seen at a place (d,)."""
+    def at(self, places: Array) -> Expected:
+        """What should be seen at places (..., d): one, or several at once."""
         motors, before = self.motors, self.known_slopes
         lengths, whitening, white_seen, flat = self._best
-        towards = (place - self.looks.places) / lengths
-        near = np.exp(np.einsum("nd,nd->n", towards, towards) / -2) * self.SPREAD**2
-        slants = towards[:, :motors] / lengths[:motors]
-        cross = np.empty((len(near), 1 + motors))
-        cross[:, 0] = near + self._everywhere
-        np.multiply(slants, -near[:, None], out=cross[:, 1:])
+        towards = (places[..., None, :] - self.looks.places) / lengths
+        near = np.exp(np.einsum("...nd,...nd->...n", towards, towards) / -2) * self.SPREAD**2
+        slants = towards[..., :motors] / lengths[:motors]
+        cross = np.empty((*near.shape, 1 + motors))
+        cross[..., 0] = near + self._everywhere
+        np.multiply(slants, -near[..., None], out=cross[..., 1:])
         if before:
-            first, moved = near[:before], slants[0]
-            cross[:before, 0] = first * moved
-            cross[:before, 1:] = first[:, None] * (flat / self.SPREAD**2 - moved[:, None] * moved)
-        white = whitening @ cross
-        told = white.swapaxes(1, 2) @ white  # of the value and its slopes
+            first, moved = near[..., :before], slants[..., 0, :]
+            cross[..., :before, 0] = first * moved
+            bent = flat / self.SPREAD**2 - moved[..., :, None] * moved[..., None, :]
+            cross[..., :before, 1:] = first[..., None] * bent
+        white = whitening @ cross[..., None, :, :]
+        told = (white.swapaxes(-1, -2) @ white)[..., _IMAGES[len(whitening)], :, :]  # of value and slopes
         seen = white_seen @ white
-        of_images = _IMAGES[len(told)]
         return Expected(
-            points=seen[:, :, 0],
-            variances=np.maximum(self._most - told[of_images, 0, 0], 0.0),
-            slopes=seen[:, :, 1:],
-            slope_variances=(flat - told[:, 1:, 1:])[of_images],
-            variance_slopes=-2 * told[of_images, 0, 1:],
+            points=seen[..., 0],
+            variances=np.maximum(self._most - told[..., 0, 0], 0.0),
+            slopes=seen[..., 1:],
+            slope_variances=flat - told[..., 1:, 1:],
+            variance_slopes=-2 * told[..., 0, 1:],
         )
 
     def variance(self, place: Array) -> float:

@@ -8,15 +8,16 @@ import numpy as np
 
 from calfree_gym.image import rounded
 
-from ...base.observation import POINTS, Array
+from ...base.observation import POINTS, Array, Flags
 from ..perception import Gating
 from .gaussian_process import Expected
 from .smooth_points import SmoothPoints
 
 NEAREST = 1e-4
 """Weight of a word's square, in square image units (a guard: it decides among equals)."""
-ITERATIONS, HALVINGS = 20, 5
-"""Gauss-Newton steps on the way, and how often one is halved (guards)."""
+PLACES, SHORTEST = 20, 1 / 32
+"""Places that are tried on the way, half as many on each way from elsewhere, and the share of a Gauss-Newton
+step that is too short (guards)."""
 ENOUGH = 0.99
 """It is found where a Gauss-Newton step leaves, or is expected to leave, this share of the square (a
 guard)."""
@@ -71,25 +72,27 @@ class Seeker:
         self._here = here
         self._lowest, self._highest = lowest, highest
         self._caution = caution
+        self._unit = np.eye(len(here))
         now = points.at(here)
         seen = np.maximum(now.gripper.variances, now.object.variances) < NEVER_SEEN**2
         self._counts = seen.astype(float)
         apart = now.apart
         certain = 2 * Gating.AGREE**2 * float(apart.variances @ self._counts) / POINTS
-        self._too_much = max(LEFT**2 * self._left(apart), certain)
+        self._too_much = max(LEFT**2 * float(self._left(apart)), certain)
 
     def seek(self) -> LeastDistance:
-        """From here; where that ends far off, also from other places, until an end is near.
+        """From here; where that ends far off, also from other places: the first end that is near.
 
         First from where the gripper was seen nearest to the object, then from anywhere. If none is, an end
         that may do is better than one that surely leaves too much.
         """
-        found = self._from(self._here)
-        for start in islice(self._starts(), STARTS):
-            if not found.far:
-                break
-            found = min(found, self._from(start), key=lambda each: (each.hopeless, rounded(each.square)))
-        return found
+        (found,) = self._ends(self._here[None], PLACES)
+        if not found.far:
+            return found
+        starts = np.array(list(islice(self._starts(), STARTS)))
+        ends = [found, *self._ends(starts, PLACES // 2)]
+        near = (each for each in ends if not each.far)
+        return next(near, min(ends, key=lambda each: (each.hopeless, rounded(each.square))))
 
     def _starts(self) -> Iterator[Array]:
         """Registers (m,) to begin at."""
@@ -98,56 +101,60 @@ class Seeker:
         while True:
             yield random.uniform(self._lowest, self._highest)
 
-    def _from(self, registers: Array) -> LeastDistance:
-        there, square = self._expected(registers)
-        for _ in range(ITERATIONS):
-            towards, less = self._step(registers, there)
-            if less < (1 - ENOUGH) * square:
-                break
-            for halving in range(HALVINGS):
-                nearer = registers + towards / 2**halving
-                nearer = np.minimum(np.maximum(nearer, self._lowest), self._highest)
-                expected, less = self._expected(nearer)
-                if less < square:
-                    break
-            else:
-                break
-            enough = less > ENOUGH * square
-            registers, there, square = nearer, expected, less
-            if enough:
-                break
-        far = square > self._too_much
-        sure = self._left(there) > Gating.AGREE**2 * 2 * float(there.variances @ self._counts)
-        unseen = not self._counts.all()
-        return LeastDistance(registers, square, far or unseen, far and sure)
+    def _ends(self, registers: Array, places: int) -> list[LeastDistance]:
+        """Where Gauss-Newton steps end that begin at registers (k, m), all at the same time.
 
-    def _left(self, apart: Expected) -> float:
-        """The square of the distance, in the images that count."""
-        return float(self._counts @ np.einsum("pc,pc->p", apart.points, apart.points))
+        Each tries so many places at most. A step that does not help is halved.
+        """
+        ends = registers.copy(), *self._there(registers)
+        shares = np.ones(len(registers))
+        going = np.ones(len(registers), bool)
+        for _ in range(places):
+            here, squares, _, steps, gains = ends
+            going &= gains > (1 - ENOUGH) * squares
+            rows = np.flatnonzero(going)
+            if not len(rows):
+                break
+            nearer = here[rows] + shares[rows, None] * steps[rows]
+            nearer = np.minimum(np.maximum(nearer, self._lowest), self._highest)
+            there = nearer, *self._there(nearer)
+            better = there[1] < squares[rows]
+            shares[rows] = np.where(better, np.minimum(2 * shares[rows], 1.0), shares[rows] / 2)
+            going[rows] = np.where(better, there[1] <= ENOUGH * squares[rows], shares[rows] > SHORTEST)
+            moved = rows[better]
+            for kept, new in zip(ends, there, strict=True):
+                kept[moved] = new[better]
+        registers, squares, sure, *_ = ends
+        far, seen = squares > self._too_much, bool(self._counts.all())
+        found = zip(registers, squares.tolist(), far.tolist(), (far & sure).tolist(), strict=True)
+        return [
+            LeastDistance(place, square, far or not seen, hopeless) for place, square, far, hopeless in found
+        ]
 
-    def _expected(self, registers: Array) -> tuple[Expected, float]:
-        """How far gripper and object should be apart at registers (m,), and the square that counts."""
-        apart, words = self._points.at(registers).apart, registers - self._here
-        unsure = 2 * self._caution * float(self._counts @ apart.variances)
-        return apart, self._left(apart) + unsure + NEAREST * float(words @ words)
+    def _left(self, apart: Expected) -> Array:
+        """The square of the distance (...), in the images that count."""
+        return np.einsum("...pc,...pc->...p", apart.points, apart.points) @ self._counts
 
-    def _step(self, registers: Array, there: Expected) -> tuple[Array, float]:
-        """A Gauss-Newton step (m,) of the motors that do not press against their stops.
+    def _there(self, registers: Array) -> tuple[Array, Flags, Array, Array]:
+        """What is expected at registers (k, m), and where to go from there.
 
         Returns:
-            It, and by how much it is expected to make the square less.
+            The squares that count (k,), and whether something is surely left of them (k,); Gauss-Newton steps
+            (k, m) of the motors that do not press against their stops, and by how much these are expected to
+            make the squares less (k,).
         """
-        motors = len(registers)
-        jacobian = (there.slopes * self._counts[:, None, None]).reshape(4, motors)
-        slope = there.points.reshape(4) @ jacobian + self._caution * (self._counts @ there.variance_slopes)
-        slope += NEAREST * (registers - self._here)
-        unsure = (self._counts @ there.slope_variances.reshape(2, -1)).reshape(motors, motors)
-        curved = jacobian.T @ jacobian + 2 * self._caution * unsure
-        curved.flat[:: motors + 1] += NEAREST
-        free = np.where(slope > 0, registers > self._lowest, registers < self._highest)
-        if free.all():
-            step = -np.linalg.solve(curved, slope)
-        else:
-            step = np.zeros(motors)
-            step[free] = -np.linalg.solve(curved[np.ix_(free, free)], slope[free])
-        return step, float(-slope @ step)
+        count, motors = registers.shape
+        apart, words = self._points.at(registers).apart, registers - self._here
+        left, unsure = self._left(apart), 2 * apart.variances @ self._counts
+        squares = left + self._caution * unsure + NEAREST * np.einsum("km,km->k", words, words)
+        jacobian = (apart.slopes * self._counts[:, None, None]).reshape(count, 4, motors)
+        slopes = (apart.points.reshape(count, 1, 4) @ jacobian)[:, 0] + NEAREST * words
+        slopes += self._caution * (self._counts @ apart.variance_slopes)
+        of_unsure = self._counts @ apart.slope_variances.reshape(count, 2, motors**2)
+        curved = jacobian.swapaxes(1, 2) @ jacobian + NEAREST * self._unit
+        curved += 2 * self._caution * of_unsure.reshape(count, motors, motors)
+        free = np.where(slopes > 0, registers > self._lowest, registers < self._highest)
+        slopes = slopes * free
+        curved = np.where(free[:, :, None] & free[:, None], curved, self._unit)
+        steps = -np.linalg.solve(curved, slopes[..., None])[..., 0]
+        return squares, left > Gating.AGREE**2 * unsure, steps, -np.einsum("km,km->k", slopes, steps)

@@ -19,7 +19,7 @@ GRIPPER, OBJECT = slice(0, 2), slice(2, 4)
 
 
 class ExpectedPoints(NamedTuple):
-    """What should be seen at one place.
+    """What should be seen at one place; of several at once only `apart`.
 
     Attributes:
         gripper: Of the gripper.
@@ -163,14 +163,16 @@ class SmoothPoints:
     def _forget(self) -> None:
         """Knows nothing but slopes from before."""
         self.home = np.zeros((2, 2))
-        self._expected: dict[bytes, ExpectedPoints] = {}
+        self._expected: dict[tuple[tuple[int, ...], bytes], ExpectedPoints] = {}
         for known in ("before", "gripper", "object"):  # made when first asked for
             vars(self).pop(known, None)
         self._seen: list[Observation] = []
 
     def _place(self, registers: Array) -> Array:
-        """Where the object depends on (m + 4,)."""
-        return np.concatenate([registers, self.home.ravel()])
+        """What the object depends on (..., m + 4)."""
+        place = np.empty((*registers.shape[:-1], self.motors + 4))
+        place[..., : self.motors], place[..., self.motors :] = registers, self.home.ravel()
+        return place
 
     def look(self, observation: Observation, noise_px: float) -> None:
         """Takes in the points of an observation that are visible in it.
@@ -270,8 +272,8 @@ class SmoothPoints:
         return np.concatenate([self.gripper.unsure(registers), self.object.unsure(place)])
 
     def at(self, registers: Array) -> ExpectedPoints:
-        """What should be seen at registers (m,)."""
-        key = registers.tobytes()
+        """What should be seen at registers (m,), or at several at once (k, m)."""
+        key = registers.shape, registers.tobytes()
         if key not in self._expected:
             expected = self.object.at(self._place(registers))
             self._expected[key] = ExpectedPoints(

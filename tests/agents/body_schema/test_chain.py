@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from agents.body_schema.chain import JointChain, Triangulation, Views, projected, rotation
+from agents.body_schema.chain import JointChain, Projection, Triangulation, Views, rotation
 from agents.body_schema.fitting import composed
 from tests.agents.body_schema.chains import Arm
 
@@ -78,7 +78,7 @@ def test_what_two_cameras_see_is_where_they_see_it(offset):
     arm = Arm("redundant.xml", "tool")
     cameras = arm.numbers[arm.chain.cameras].reshape(2, 8)
     place = arm.numbers[arm.chain.gripper] + offset
-    sensors = np.concatenate([projected(camera, place) for camera in cameras])
+    sensors = np.concatenate([Projection(camera, place).points for camera in cameras])
     np.testing.assert_allclose(Triangulation(cameras, sensors[None]).places[0], place, atol=1e-4)
 
 

@@ -69,6 +69,6 @@ def test_what_is_unknown_is_no_worse_than_a_place_known_not_to_do():
 
 def test_the_more_cautious_stays_nearer_to_what_it_has_seen():
     seen = [[a, 0.0] for a in np.linspace(-0.7, 0.7, 8)] + [[0.0, 0.1], [0.0, -0.1]]
-    points = looked(summed, summed((0.6, 0.0)), seen)
+    points = looked(summed, summed((0.6, 0.0)), np.array(seen))
     bold, cautious = (Seeker(points, np.zeros(2), -FREE, FREE, each).seek() for each in (0.01, 1.0))
     assert abs(cautious.registers[1]) < 0.5 * abs(bold.registers[1])

@@ -73,6 +73,15 @@ def test_slopes_and_those_of_the_variances_are_derivatives(scene, rng):
         np.testing.assert_allclose(found, np.transpose(slopes), atol=0.02)
 
 
+def test_several_places_at_once_are_each_as_alone(scene, rng):
+    points, at, seen, start = scene
+    known = looked(points, at, start, seen)
+    several = rng.uniform(-0.4, 0.4, (5, MOTORS))
+    together, alone = known.at(several).apart, [known.at(each).apart for each in several]
+    for found, expected in zip(together, zip(*alone, strict=True), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
 def test_what_is_expected_is_what_a_gaussian_would_be_given_all_that_was_seen(scene, rng, monkeypatch):
     """Against one joint Gaussian of looks, slopes from before and a new place, conditioned by brute force."""
     length = 1.3
