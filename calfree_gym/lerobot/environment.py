@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -151,23 +152,25 @@ class LeRobotReachEnv(PictureReach):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Goes home, has the object placed, and looks.
+        """Goes home, has the object placed, and looks; where a mark is not seen, has it placed anew.
 
         Raises:
-            ArmError: The arm cannot go on; or a mark is not seen, after three looks.
+            ArmError: The arm cannot go on; or a mark is not seen wherever the object was placed, three times.
         """
         super().reset(seed=seed)
         self._tolerated, self._places, self._stopped = Tolerated(), SeenPlaces(), {}
         self.over = False
         with self._holding():
             self._go_home()
-            self._place_object()
             for _ in range(PATIENCE):
-                first = self._first_look()
-                if not (wrong := self._wrong()):
-                    self._first, self._began = self._now, self._motors.clock()
-                    return first
-            raise self._error("; ".join(wrong.values()))
+                self._place_object()
+                for _ in range(PATIENCE):
+                    first = self._first_look()
+                    if not (wrong := "; ".join(self._wrong().values())):
+                        self._first, self._began = self._now, self._motors.clock()
+                        return first
+                warnings.warn(f"{wrong}: place the object anew", stacklevel=2)
+            raise self._error(wrong)
 
     def step(self, action: Array) -> tuple[dict[str, Array], float, bool, bool, dict[str, Any]]:
         """See `PictureReach`.

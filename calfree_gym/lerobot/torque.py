@@ -22,9 +22,8 @@ class Torque:
         self._robot = robot
         self._config: Any = getattr(robot, "config", None)
         self._known = hasattr(self._config, "disable_torque_on_disconnect")
-        if self._known:
-            self._config.disable_torque_on_disconnect = False
-        else:
+        self._switch_off(False)
+        if not self._known:
             warnings.warn(
                 "the robot's config has no disable_torque_on_disconnect: its motors may lose their torque, "
                 "and the arm fall, where this process ends. Support it then",
@@ -34,6 +33,9 @@ class Torque:
     def release(self, confirm: Callable[[str], Any]) -> None:
         """Disconnects the robot, without torque, once it is confirmed that somebody supports the arm."""
         confirm(ASK)
-        if self._known:
-            self._config.disable_torque_on_disconnect = True
+        self._switch_off(True)
         self._robot.disconnect()
+
+    def _switch_off(self, off: bool) -> None:
+        if self._known:
+            self._config.disable_torque_on_disconnect = off

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from tests.calfree_gym.lerobot.so101 import HOME, MOTORS, STEP, TICK, Plant
+from tests.calfree_gym.lerobot.so101 import BALL, HOME, MOTORS, STEP, TICK, Plant
 from tests.calfree_gym.lerobot.webcam import HEIGHT, WIDTH, Scene, State, Webcam
 from tests.calfree_gym.lerobot.worlds import IN_VIEW, SPREAD, World
 
@@ -111,7 +111,7 @@ class FakeSO101:
         self._connected, self._power = False, power
         self.plant, self.world = Plant(), World.drawn(seed)
         self.bus = Bus(self.plant, self.world)
-        self._rng = np.random.default_rng([seed, 54])
+        self._places, self._knocks, self._mixing = (np.random.default_rng([seed, n]) for n in (54, 55, 56))
         self._scene, self._time = Scene(self.world), 0.0
         made = zip(("left", "right"), (0.06, 0.12), (0.0, 0.013), self.world.k1, strict=True)
         self.cameras = {name: Webcam(name, [seed, i], *rest) for i, (name, *rest) in enumerate(made)}
@@ -175,7 +175,7 @@ class FakeSO101:
         frames = {}
         for name, camera in self.cameras.items():
             (other,) = (each for each in self.cameras.values() if each is not camera)
-            wrong = self.swapped or self._rng.random() < self.mixed
+            wrong = self.swapped or self._mixing.random() < self.mixed
             frames[name] = camera.latest(self._time, other if wrong else None, self._scene)
         return frames
 
@@ -208,7 +208,7 @@ class FakeSO101:
         home = self.plant.data
         for _ in range(2000):
             angles = HOME.copy()
-            angles[:5] += self._rng.uniform(-SPREAD, SPREAD, 5) * np.pi / 4
+            angles[:5] += self._places.uniform(-SPREAD, SPREAD, 5) * np.pi / 4
             posed = self.plant.posed(angles)
             point = posed.site("grip").xpos.copy()
             away = np.linalg.norm(point - home.site("grip").xpos) > 0.03
@@ -216,39 +216,45 @@ class FakeSO101:
                 away
                 and point[2] > 0.03
                 and not posed.ncon
-                and self._seen(posed, point)
-                and self._seen(home, point)
+                and self._see(posed, point)
+                and self._see(home, point)
             ):
                 home.mocap_pos[0] = point
                 self.sleep(0.6)
                 return
         raise RuntimeError("there is no place for the object")
 
-    def _seen(self, data, point):
-        """Whether both cameras see all balls, the object's at a point, as the arm stands in these data."""
-        balls = np.array([point, *(data.geom(name).xpos for name in ("gripper_1", "gripper_2"))])
-        return all(
-            np.abs(self.world.images(ball)).max() < IN_VIEW
-            and all(self._open(data, at, ball) for at in self.world.positions)
-            for ball in balls
-        ) and all(apart(at, balls) > 2.5 * 0.01 for at in self.world.positions)
+    def _see(self, data, *points):
+        """Whether both cameras see the gripper's balls, and one at these points, the arm as in data."""
+        balls = np.array([*points, *(data.geom(name).xpos for name in ("gripper_1", "gripper_2"))])
+        inside = all(np.abs(self.world.images(ball)).max() < IN_VIEW for ball in balls)
+        return inside and all(
+            apart(at, balls) > 2.5 * BALL and all(self._open(data, at, ball) for ball in balls)
+            for at in self.world.positions
+        )
 
     def _open(self, data, at, ball):
-        """Whether no part of the arm stands between a camera and a ball."""
-        way, geom = ball - at, np.zeros(1, np.int32)
-        length = float(np.linalg.norm(way))
-        hit = mujoco.mj_ray(self.plant.model, data, at, way / length, None, 1, -1, geom, None)
-        return not 0 <= hit < length - 0.015
+        """Whether no part of the arm stands between a camera and a ball, its edges included."""
+        return all(
+            not 0 <= self._hit(data, at, ball + edge) < np.linalg.norm(ball - at) - 1.5 * BALL
+            for edge in 0.8 * BALL * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+        )
+
+    def _hit(self, data, at, point):
+        """How far from a camera something stands on the way to a point, in m; -1 where nothing does."""
+        way = point - at
+        geom = np.zeros(1, np.int32)
+        return mujoco.mj_ray(self.plant.model, data, at, way / np.linalg.norm(way), None, 1, -1, geom, None)
 
     def knock(self, metres=0.03, degrees=5.0):
-        """Moves both cameras by so much; the gripper stays in view of home."""
-        for camera in range(2):
-            before = self.world.positions.copy(), self.world.axes.copy()
-            for _ in range(100):
-                self.world.positions, self.world.axes = (each.copy() for each in before)
-                self.world.knocked(camera, self._rng, metres, degrees)
-                if np.abs(self.world.images(self.grip())).max() < IN_VIEW:
-                    break
+        """Moves both cameras by so much; from home they still see the gripper."""
+        before = self.world.positions, self.world.axes
+        while True:
+            self.world.positions, self.world.axes = (each.copy() for each in before)
+            for camera in range(2):
+                self.world.knocked(camera, self._knocks, metres, degrees)
+            if self._see(self.plant.data):
+                return
 
     def shift_zero(self, motor, degrees=10.0):
         """A motor's horn slips: at the same ticks its joint stands elsewhere."""
@@ -278,8 +284,8 @@ class FakeSO101:
 
 
 def apart(at, balls):
-    """How far balls (3, 3) are from each other's lines of sight, seen from a camera, at least; in m."""
+    """How far balls (n, 3) are from each other's lines of sight, seen from a camera, at least; in m."""
     ways = balls - at
     depths = np.linalg.norm(ways, axis=1)
     gaps = (ways / depths[:, None])[:, None] - (ways / depths[:, None])[None]
-    return (np.linalg.norm(gaps, axis=-1) * depths)[np.triu_indices(3, 1)].min()
+    return (np.linalg.norm(gaps, axis=-1) * depths)[np.triu_indices(len(balls), 1)].min()

@@ -13,6 +13,8 @@ STEP = 0.004
 HOME = np.radians([0.0, -35.0, 35.0, 55.0, 0.0, 20.0])
 """Where the arm stands at first: bent, its gripper above the table."""
 BALLS = {"gripper_1": (0.95, 0.05, 0.65), "gripper_2": (0.05, 0.05, 0.95), "object": (0.05, 0.95, 0.05)}
+BALL = 0.01
+"""Radius of a ball in m."""
 KP, TORQUE, SPEED, PLAY = 17.8, 2.9, 5.0, np.radians(0.5)
 """N m a rad; N m, at 12 V; rad/s without load; rad either way."""
 
@@ -32,7 +34,7 @@ MJCF = """
       <joint range="-{play} {play}" damping="0.01" frictionloss="0" armature="0.01"/>
     </default>
     <default class="ball">
-      <geom type="sphere" size="0.01" contype="0" mass="0.004"/>
+      <geom type="sphere" size="{ball}" contype="0" mass="0.004"/>
     </default>
     <position kp="{kp}" kv="0.3" forcerange="-{torque} {torque}"/>
   </default>
@@ -93,7 +95,7 @@ def model() -> mujoco.MjModel:
     """The arm on its table, with two cameras and three balls."""
     actuators = "".join(f'<position joint="{name}"/>' for name in MOTORS)
     compiled = mujoco.MjModel.from_xml_string(
-        MJCF.format(step=STEP, play=PLAY, kp=KP, torque=TORQUE, actuators=actuators)
+        MJCF.format(step=STEP, play=PLAY, ball=BALL, kp=KP, torque=TORQUE, actuators=actuators)
     )
     for name, colour in BALLS.items():
         compiled.geom(name).rgba[:3] = colour

@@ -10,7 +10,7 @@ import pytest
 from calfree_gym.lerobot import ArmError
 from calfree_gym.lerobot.frames import FROZEN_S
 from calfree_gym.lerobot.motors import AHEAD
-from tests.calfree_gym.lerobot.fake_so101 import NO_PACKET, OVERLOAD
+from tests.calfree_gym.lerobot.fake_so101 import NO_PACKET, OVERLOAD, FakeSO101
 
 WORDS = np.array([0.2, 0.15, -0.2, 0.1, 0.1], np.float32)
 """A motion there and back loses nothing from view."""
@@ -197,10 +197,24 @@ def test_pictures_of_the_other_camera_show_nothing(bench):
 
 def test_a_mark_that_is_not_seen_from_home_is_told_before_anything_moves(bench):
     bench = bench()
+    bench.env.reset()
+    bench.actions.clear()
     hidden(bench.robot)
-    with pytest.raises(ArmError, match="object in camera left is not seen; the object in camera right"):
+    said = "object in camera left is not seen; the object in camera right is not seen"
+    with pytest.warns(UserWarning, match=f"{said}: place"), pytest.raises(ArmError, match=said):
         bench.env.reset()
-    assert bench.env.motions == 0
+    assert len({tuple(action.values()) for action in bench.actions}) == 1
+
+
+def test_an_object_that_is_not_seen_is_placed_anew(bench):
+    def place():
+        robot.hidden = {"object"} - robot.hidden
+        robot.place_object()
+
+    robot = FakeSO101()
+    with pytest.warns(UserWarning, match="place the object anew"):
+        observation, _ = bench(robot=robot, place_object=place).env.reset()
+    assert observation["observation"][:4].all()
 
 
 def test_a_motor_that_does_not_go_home_is_told(bench):

@@ -8,9 +8,9 @@ import numpy as np
 from tests.calfree_gym.lerobot.so101 import HOME, MOTORS
 
 ASPECT = 4 / 3
-CAMERAS = {"left": (0.66, 0.3, 0.42), "right": (0.68, -0.26, 0.36)}
-"""In front of the arm, 35 and 30 degrees to its sides: from farther aside one ball of the gripper hides the
-other, where the wrist has turned."""
+CAMERAS = {"left": (0.55, 0.42, 0.52), "right": (0.6, -0.36, 0.48)}
+"""To both sides of the arm, and high: from the front its hand hides the object; from lower, one of its balls
+hides the other where the wrist has turned."""
 TARGET = (0.24, 0.0, 0.13)
 SPREAD = 0.55
 """Objects are where the gripper is with joints so many times 45 degrees from home, at most."""
