@@ -96,7 +96,8 @@ def _check_names(what: str, names: Sequence[str], there: Sequence[str]) -> None:
 
 def check_positive(name: str, value: object, most: float = math.inf) -> None:
     """Raises ValueError where an argument is no number above 0, of at most `most`."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not 0 < value <= most or value == math.inf:
+    number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+    if not 0 < number <= most or number == math.inf:
         raise ValueError(
             f"{name} is {value!r}; it must be a number above 0{f', at most {most:g}' * (most < math.inf)}"
         )
