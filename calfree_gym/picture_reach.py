@@ -80,10 +80,9 @@ class PictureReach(gym.Env[dict[str, Array], Array]):
         ends = np.ravel(edges).astype(np.float32)
         points = gym.spaces.Box(-ends, ends)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (motors,), np.float32)
-        self.observation_space = gym.spaces.Dict(
-            achieved_goal=points,
-            desired_goal=points,
-            observation=gym.spaces.Box(-1.0, 1.0, (4 + motors,), np.float32),
+        state = gym.spaces.Box(-1.0, 1.0, (4 + motors,), np.float32)
+        self.observation_space = gym.spaces.Dict(  # type: ignore[assignment]
+            achieved_goal=points, desired_goal=points, observation=state
         )
         self.registers, self.motions = np.zeros(motors), 0
         self.look: Look | None = None
@@ -138,8 +137,8 @@ class PictureReach(gym.Env[dict[str, Array], Array]):
 
     def _seen(self) -> Look:
         """Looks. A camera that shows the same picture again, though motors have moved, is frozen."""
-        pictures = self._pictures()
-        return Look(pictures, *self._tracker(*pictures, moved=self._moved))
+        left, right = self._pictures()
+        return Look((left, right), *self._tracker(left, right, moved=self._moved))
 
 
 def tracker_of(marks: Marks | str | Path | Tracker | None) -> Tracker:

@@ -289,7 +289,8 @@ class LeRobotReachEnv(PictureReach):
         for name, picture, other in zip(self._frames.cameras, pictures, self._others, strict=True):
             if not other:
                 self._own[name] = picture
-        points, visible = self._tracker(*self._own.values())
+        left, right = self._own.values()
+        points, visible = self._tracker(left, right)
         self._now = Look(pictures, points, visible & ~np.tile(self._others, 2))
         for mark, seen in zip(self._marks, self._now.visible, strict=True):
             if seen:
