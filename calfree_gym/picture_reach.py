@@ -80,10 +80,9 @@ class PictureReach(gym.Env[dict[str, Array], Array]):
         ends = np.ravel(edges).astype(np.float32)
         points = gym.spaces.Box(-ends, ends)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (motors,), np.float32)
-        self.observation_space: gym.Space[Any] = gym.spaces.Dict(
-            achieved_goal=points,
-            desired_goal=points,
-            observation=gym.spaces.Box(-1.0, 1.0, (4 + motors,), np.float32),
+        state = gym.spaces.Box(-1.0, 1.0, (4 + motors,), np.float32)
+        self.observation_space = gym.spaces.Dict(  # type: ignore[assignment]
+            achieved_goal=points, desired_goal=points, observation=state
         )
         self.registers, self.motions = np.zeros(motors), 0
         self.look: Look | None = None

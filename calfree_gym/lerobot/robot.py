@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
@@ -96,8 +95,12 @@ def _check_names(what: str, names: Sequence[str], there: Sequence[str]) -> None:
 
 def check_positive(name: str, value: object, most: float = math.inf) -> None:
     """Raises ValueError where an argument is no number above 0, of at most `most`."""
-    number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
-    if not 0 < number <= most or number == math.inf:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not 0 < value <= most
+        or value == math.inf
+    ):
         raise ValueError(
             f"{name} is {value!r}; it must be a number above 0{f', at most {most:g}' * (most < math.inf)}"
         )

@@ -238,13 +238,8 @@ class SafeStart(ServoAgent):
 
     def new_findings(self) -> SafeFindings:
         findings = super().new_findings()
-        return SafeFindings(
-            findings.estimator,
-            findings.filter,
-            edges=findings.edges,
-            units=self.units,
-            tested=self.tested,
-        )
+        known = findings.estimator, findings.filter
+        return SafeFindings(*known, edges=findings.edges, units=self.units, tested=self.tested)
 
     def procedure(self, first: Observation, findings: Any) -> Procedure:
         now = yield from findings.filter.first(first)

@@ -19,6 +19,10 @@ NO_PACKET = ConnectionError(GONE + "[TxRxResult] There is no status packet!")
 OVERLOAD = RuntimeError("Failed to write 'Goal_Position' on id_=3. [RxPacketError] Overload error!")
 
 
+AWAY = (0.0, 0.0, -1.0)
+"""Where the object is while it is in somebody's hand."""
+
+
 @dataclass
 class Config:
     """As LeRobot's `SO101FollowerConfig`."""
@@ -110,7 +114,7 @@ class FakeSO101:
         self.config = Config()
         self._connected, self._power = False, power
         self.plant, self.world = Plant(), World.drawn(seed)
-        self.bus = Bus(self.plant, self.world)
+        self.bus, self._home = Bus(self.plant, self.world), HOME
         self._places, self._knocks, self._mixing = (np.random.default_rng([seed, n]) for n in (54, 55, 56))
         self._scene, self._time = Scene(self.world), 0.0
         made = zip(("left", "right"), (0.06, 0.12), (0.0, 0.013), self.world.k1, strict=True)
@@ -206,6 +210,8 @@ class FakeSO101:
     def place_object(self):
         """Puts the object where the gripper can be, and both cameras see all balls, then and from home."""
         home = self.plant.data
+        home.mocap_pos[0] = AWAY
+        self.sleep(STEP)
         for _ in range(2000):
             angles = HOME.copy()
             angles[:5] += self._places.uniform(-SPREAD, SPREAD, 5) * np.pi / 4
@@ -249,19 +255,30 @@ class FakeSO101:
     def knock(self, metres=0.03, degrees=5.0):
         """Moves both cameras by so much; from home they still see the gripper."""
         before = self.world.positions, self.world.axes
+        self.plant.data.mocap_pos[0] = AWAY
         while True:
             self.world.positions, self.world.axes = (each.copy() for each in before)
             for camera in range(2):
                 self.world.knocked(camera, self._knocks, metres, degrees)
-            if self._see(self.plant.data):
+            if self._see(self.plant.posed(self._home)):
                 return
 
-    def shift_zero(self, motor, degrees=10.0):
-        """A motor's horn slips: at the same ticks its joint stands elsewhere."""
-        i = MOTORS.index(motor)
-        self.world.zeros[i] += np.radians(degrees) / TICK
-        self.plant.targets[i] -= self.world.signs[i] * np.radians(degrees)
-        self.sleep(1.0)
+    def shift_zero(self, degrees=10.0):
+        """A motor's horn slips, of the first four: at the same ticks its joint stands elsewhere.
+
+        From home cameras still see the gripper.
+        """
+        self.plant.data.mocap_pos[0] = AWAY
+        for i, sign in self._knocks.permutation([(i, sign) for i in range(4) for sign in (-1, 1)]):
+            home = self._home.copy()
+            home[i] += sign * np.radians(degrees)
+            if self._see(self.plant.posed(home)):
+                self._home = home
+                self.world.zeros[i] -= self.world.signs[i] * sign * np.radians(degrees) / TICK
+                self.plant.targets[i] += sign * np.radians(degrees)
+                self.sleep(1.0)
+                return
+        raise RuntimeError("from home the gripper is seen nowhere else")
 
     def grip(self):
         """The gripper point (3,) in m."""
