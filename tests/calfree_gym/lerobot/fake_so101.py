@@ -19,6 +19,8 @@ NO_PACKET = ConnectionError(GONE + "[TxRxResult] There is no status packet!")
 OVERLOAD = RuntimeError("Failed to write 'Goal_Position' on id_=3. [RxPacketError] Overload error!")
 
 
+SAG = np.radians([0.0, 1.5, 2.0, 0.5, 0.0, 0.0])
+"""How far joints sink at home, at most."""
 AWAY = (0.0, 0.0, -1.0)
 """Where the object is while it is in somebody's hand."""
 
@@ -239,6 +241,10 @@ class FakeSO101:
             for at in self.world.positions
         )
 
+    def _seen_from(self, home):
+        """Whether both cameras see the gripper from home (6,), and where the arm sags there."""
+        return all(self._see(self.plant.posed(home + share * SAG)) for share in (0, 0.5, 1))
+
     def _open(self, data, at, ball):
         """Whether no part of the arm stands between a camera and a ball, its edges included."""
         return all(
@@ -260,7 +266,7 @@ class FakeSO101:
             self.world.positions, self.world.axes = (each.copy() for each in before)
             for camera in range(2):
                 self.world.knocked(camera, self._knocks, metres, degrees)
-            if self._see(self.plant.posed(self._home)):
+            if self._seen_from(self._home):
                 return
 
     def shift_zero(self, degrees=10.0):
@@ -272,7 +278,7 @@ class FakeSO101:
         for i, sign in self._knocks.permutation([(i, sign) for i in range(4) for sign in (-1, 1)]):
             home = self._home.copy()
             home[i] += sign * np.radians(degrees)
-            if self._see(self.plant.posed(home)):
+            if self._seen_from(home):
                 self._home = home
                 self.world.zeros[i] -= self.world.signs[i] * sign * np.radians(degrees) / TICK
                 self.plant.targets[i] += sign * np.radians(degrees)

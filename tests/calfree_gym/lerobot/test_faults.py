@@ -47,7 +47,7 @@ def overload(robot):
 
 
 def interrupted(robot):
-    raise KeyboardInterrupt
+    raise KeyboardInterrupt("Ctrl-C")
 
 
 def broken(robot):
@@ -98,7 +98,7 @@ def test_dropped_frames_are_ignored(bench, moment):
         (copies, ArmError, "camera left has shown no new picture for 1 s"),
         (no_packet, ArmError, "There is no status packet!"),
         (overload, ArmError, "Overload error!"),
-        (interrupted, KeyboardInterrupt, ""),
+        (interrupted, KeyboardInterrupt, "Ctrl-C"),
         (broken, ZeroDivisionError, "in a function of the user's"),
     ],
 )
