@@ -3,6 +3,8 @@
 import pytest
 
 from calfree_gym.cli.robots import lerobot_robot
+from tests.calfree_gym.cli.bench import calfree
+from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
 
 pytest.importorskip("lerobot", reason="LeRobot is not installed")
 
@@ -37,3 +39,19 @@ def test_they_describe_lerobots_follower_with_two_cameras():
 def test_flags_that_lerobot_does_not_take_are_refused(flags, said):
     with pytest.raises(ValueError, match=said):
         lerobot_robot(flags)
+
+
+def test_check_keeps_nothing_in_lerobots_own_follower_but_what_lerobot_keeps(
+    opengl, monkeypatch, tmp_path, capsys
+):
+    from tests.calfree_gym.lerobot.follower import follower
+
+    bench = FakeSO101(power=tmp_path / "power")
+    robot = follower(bench, monkeypatch)
+    robot.place_object = bench.place_object
+    robot.connect(calibrate=False)
+    kept, stood = list(robot.bus.kept), bench.plant.targets.copy()
+    assert calfree(["check", f"--out={tmp_path}"], robot, supports=False) == 0, capsys.readouterr().out
+    assert robot.bus.kept == kept
+    assert (bench.plant.targets == stood).all()
+    assert (tmp_path / "power").read_text() == "on"
