@@ -9,9 +9,11 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from calfree_gym.cli.check import check
 from calfree_gym.cli.reach import Run, reach
@@ -47,22 +49,38 @@ def main(
         what was given cannot be: nothing has moved then; 130 after Ctrl-C.
     """
     options, flags = _parsed(arguments)
-    try:
-        if options.command == "marks":
-            print_tags(options.out, options.paper)
-            print(f"{options.out}: print it at 100 %, and check its ruler")
-            return 0
-        if options.command == "pick":
-            return run_pick(options)
-        return _with_robot(options, flags, make_robot, ask)
-    except ArmError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except (ValueError, OSError, ImportError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = _warn
+        try:
+            return _run(options, flags, make_robot, ask)
+        except ArmError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 1
+        except (ValueError, OSError, ImportError) as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            return INTERRUPTED
+
+
+def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"warning: {message}", file=sys.stderr)
+
+
+def _run(
+    options: argparse.Namespace,
+    flags: Sequence[str],
+    make_robot: Callable[[Sequence[str]], Robot],
+    ask: Ask,
+) -> int:
+    if options.command == "marks":
+        print_tags(options.out, options.paper)
+        print(f"{options.out}: print it at 100 %, and check its ruler")
+        return 0
+    if options.command == "pick":
+        return run_pick(options)
+    return _with_robot(options, flags, make_robot, ask)
 
 
 def _with_robot(

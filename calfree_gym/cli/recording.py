@@ -95,10 +95,9 @@ class Recording:
 def in_words(number: int, reach: Reach) -> str:
     """One line about a reach."""
     outcome = "reached" if reach.reached else "not reached"
+    motions = f"{reach.motions} motion{'s' * (reach.motions > 1)}"
     back = f"; stayed back: {', '.join(reach.stopped)}" if reach.stopped else ""
-    return (
-        f"reach {number}: {outcome}, {reach.motions} motions, {reach.px:.1f} px, {reach.seconds:.0f} s{back}"
-    )
+    return f"reach {number}: {outcome}, {motions}, {reach.px:.1f} px, {reach.seconds:.0f} s{back}"
 
 
 def _events(agent: Any) -> Sequence[Any]:

@@ -1,6 +1,7 @@
 """`calfree check`, `watch`, `marks` and `pick`, on the bench: nothing moves."""
 
 import urllib.request
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -54,6 +55,12 @@ def test_check_names_what_is_wrong(robot, power, tmp_path, capsys):
     assert "WRONG: camera right has shown one picture 5 times: it is frozen" in told
     del robot
     assert power.read_text() == "on", "nobody supports the arm"
+
+
+def test_warnings_are_told_in_words(robot, tmp_path, capsys):
+    robot.config = SimpleNamespace()
+    calfree(["check", f"--out={tmp_path}"], robot)
+    assert "\nwarning: the robot's config has no" in f"\n{capsys.readouterr().err}"
 
 
 def interrupted(robot, looks):
