@@ -51,7 +51,8 @@ real:
 	test -n "$$found" || { echo 'no Python from 3.12 on runs here: make real PYTHON312=...' >&2; exit 1; }; \
 	test -x $(REAL)/bin/python || $$found -m venv $(REAL)
 	$(REAL)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r constraints-real.txt
-	PYTHONPATH=tests/calfree_gym/lerobot/stub $(REAL)/bin/python -m pytest tests/calfree_gym/lerobot -m 'not slow'
+	PYTHONPATH=tests/calfree_gym/lerobot/stub $(REAL)/bin/python -m pytest tests/calfree_gym/lerobot \
+		tests/calfree_gym/cli -m 'not slow'
 
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

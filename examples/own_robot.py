@@ -56,8 +56,9 @@ class OwnRobot(PictureReach):
 
     Args:
         motors: How many.
-        go_to: Sends the motors to registers (m,), waits until the arm stands still, and tells the registers
-            (m,) at which it stands, as it measures them: others than those asked for where it met a stop.
+        go_to: Sends the motors to registers (m,), waits until the arm stands still, and tells these
+            registers; of a motor that stopped well short of them, where it stands. Sag and play are no stop:
+            where motors tell every degree that they sag, words seem not to be executed, and the arm sinks.
             Registers are what a motor is set to, in units of your own: 0 at home, within -1 to 1. Nobody
             needs to know what they mean.
         take_pictures: What both cameras see now: two RGB images (h, w, 3), uint8. OpenCV's are BGR: turn

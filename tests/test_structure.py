@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 LAYERS = {
     "calfree_gym": "errors wrappers image geometry streams pool vision robot world perturbations rendering "
-    "engine tasks calfree_gym envs sb3 picture_reach lerobot",
+    "engine tasks calfree_gym envs sb3 picture_reach lerobot cli",
     "agents": "base neural servo calibrated knowledge memory body_schema grasp reference registry moved "
     "agents",
     "experiments": "errors options config evaluation experiments running statistics reporting execution "
@@ -39,6 +39,7 @@ PUBLIC_FOR_CALIBRATED = {
 }
 """What the calibrated robots may know besides: how the robot was built."""
 MOST_LINES = 600
+EXTRA = "to_install('agents')"
 
 
 def modules(package):
@@ -132,6 +133,17 @@ def test_agents_import_the_listed_public_modules_of_the_black_box_and_the_lists_
     assert used_by_calibrated >= PUBLIC_FOR_CALIBRATED
 
 
+def test_the_black_box_names_agents_in_one_place_which_loads_them_where_a_command_needs_them():
+    """`calfree reach`; all else of it needs none."""
+    naming = {
+        name
+        for name, path in modules("calfree_gym").items()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8").replace(EXTRA, "None")))
+        if isinstance(node, ast.Constant) and node.value in ("agents", "calfree_agents")
+    }
+    assert naming == {"calfree_gym.cli.loading"}
+
+
 @pytest.mark.parametrize("folder", [*LAYERS, "tests", "examples", "docs"])
 def test_no_file_is_longer_than_can_be_read_at_once(folder):
     for path in (ROOT / folder).rglob("*.py"):
@@ -149,15 +161,19 @@ def test_no_file_is_longer_than_can_be_read_at_once(folder):
             {"torch", "OpenGL", "matplotlib"},
         ),
         (
+            "from calfree_gym.cli import main; main(['marks', '--out=/dev/null'])",
+            {"agents", "calfree_agents", "torch", "lerobot", "OpenGL", "matplotlib", "scipy"},
+        ),
+        (
             "import gymnasium, agents; from calfree_gym.tasks.reach import PRIVILEGED;"
             "e = gymnasium.make('calfree_gym:CalFree/Reach-v0', tell=tuple(PRIVILEGED));"
             "[agents.make(name, e).learn(3) for name in agents.names() if name not in agents.NEURAL]",
             {"torch", "OpenGL", "matplotlib", "stable_baselines3", "scipy"},
         ),
     ],
-    ids=["import", "environment", "classical agents"],
+    ids=["import", "environment", "command", "classical agents"],
 )
 def test_what_is_not_needed_is_not_loaded(statement, unwanted):
     code = f"{statement}\nimport sys; print(sorted({unwanted!r} & sys.modules.keys()))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert done.stdout.splitlines()[-1] == "[]"

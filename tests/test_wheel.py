@@ -73,6 +73,7 @@ for name in calfree_agents.names():
     print(name)
 """
 
+LOADS = "from calfree_gym.cli.loading import agents_package; print(agents_package().__name__)"
 BOTH_NAMES = """
 import gymnasium as gym, numpy as np, torch
 import agents, calfree_agents
@@ -154,6 +155,13 @@ def test_the_wheel_alone_runs_every_classical_agent_and_says_what_neural_ones_ne
 )
 def test_the_wheel_alone_runs_its_examples(example, said, python, tmp_path, opengl):
     assert said in run(python, "-m", *f"calfree_gym.examples.{example}".split(), cwd=tmp_path)
+
+
+@pytest.mark.slow
+def test_the_wheel_alone_has_the_command(python, tmp_path):
+    calfree = python.with_name("calfree")
+    assert "print it at 100 %" in run(calfree, "marks", "--paper=Letter", cwd=tmp_path)
+    assert run(python, "-c", LOADS, cwd=tmp_path) == "calfree_agents\n"
 
 
 @pytest.mark.slow

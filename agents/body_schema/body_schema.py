@@ -1,7 +1,7 @@
 """Learns what its body is, over any servo: robotics calls that a body schema (Hoffmann et al. 2010)."""
 
 import copy
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -20,7 +20,7 @@ from ..memory.pairs import Pairs
 from ..servo.servo_agent import Servo, ServoAgent
 from ..servo.slopes import Slopes
 from ..servo.trial import Findings, back
-from .body import Body
+from .body import Body, BodyEvent
 from .chain import Views
 from .fitting import Known
 
@@ -278,6 +278,11 @@ class BodySchema(ServoAgent):
             self.body.learn(self._pairs(findings))
         if len(self.body.events) > changes:
             self.stops = Stops(np.zeros(self.motors))
+
+    @property
+    def events(self) -> Sequence[BodyEvent]:
+        """The changes of the world that it has recognised, the latest last."""
+        return self.body.events
 
     @property
     def kind(self) -> str:

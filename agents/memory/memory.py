@@ -1,6 +1,6 @@
 """Remembers every look, over any servo, and sees that the world has changed (paper, sections 4 and 5)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -20,7 +20,7 @@ from ..servo.servo_agent import Servo
 from ..servo.slopes import Slopes
 from ..servo.trial import Findings, jump
 from ..servo.unified import UnifiedServo
-from .adaptive_memory import AdaptiveMemory
+from .adaptive_memory import AdaptiveMemory, WorldEvent
 from .remembered import Remembered
 
 
@@ -108,6 +108,11 @@ class Memory(KnowledgeAgent):
             self._rests = self._given_up
         if findings.trusted:
             self.adaptation.learn(findings.trusted, findings.filter.noise.px)
+
+    @property
+    def events(self) -> Sequence[WorldEvent]:
+        """The changes of the world that it has recognised, the latest last."""
+        return self.adaptation.events
 
     @property
     def kind(self) -> str:

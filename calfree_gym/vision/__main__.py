@@ -4,6 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from calfree_gym.vision.marks import MARK_NAMES
 from calfree_gym.vision.pick import pick
@@ -14,7 +15,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command; 0 where it did what was asked, 1 where the tracker does not find the mark, else 2."""
     options = _parser().parse_args(arguments)
     try:
-        return _pick(options)
+        return run_pick(options)
     except (ValueError, OSError, ImportError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -22,7 +23,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m calfree_gym.vision", description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
+    add_pick(parser.add_subparsers(dest="command", required=True))
+    return parser
+
+
+def add_pick(commands: Any) -> None:
+    """Adds the command `pick` to an argument parser's commands; `run_pick` runs it."""
     command = commands.add_parser("pick", help="learn a mark's colour from a box in a picture")
     command.add_argument("image", type=Path, help="picture that shows the mark")
     command.add_argument(
@@ -37,10 +43,14 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--out", type=Path, default=Path("marks.yaml"), help="file of marks (default: marks.yaml)"
     )
-    return parser
 
 
-def _pick(options: argparse.Namespace) -> int:
+def run_pick(options: argparse.Namespace) -> int:
+    """Learns a mark, and tells it; 1 where the tracker does not find it, else 0.
+
+    Raises:
+        ImportError, OSError, ValueError: See `pick`.
+    """
     learned = pick(options.image, options.box, options.mark, options.out)
     mark = learned.mark
     print(
