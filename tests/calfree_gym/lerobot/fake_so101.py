@@ -19,8 +19,8 @@ NO_PACKET = ConnectionError(GONE + "[TxRxResult] There is no status packet!")
 OVERLOAD = RuntimeError("Failed to write 'Goal_Position' on id_=3. [RxPacketError] Overload error!")
 
 
-SAG = np.radians([0.0, 1.5, 2.0, 0.5, 0.0, 0.0])
-"""How far joints sink at home, at most."""
+SAG = np.radians([0.3, 2.2, 3.2, 0.6, 0.0, 0.0])
+"""How far joints sink at home, at most: home is where the arm has sunk to, and it sinks below that."""
 AWAY = (0.0, 0.0, -1.0)
 """Where the object is while it is in somebody's hand."""
 
@@ -115,9 +115,13 @@ class FakeSO101:
     def __init__(self, seed=0, power=None):
         self.config = Config()
         self._connected, self._power = False, power
-        self.plant, self.world = Plant(), World.drawn(seed)
-        self.bus, self._home = Bus(self.plant, self.world), HOME
-        self._places, self._knocks, self._mixing = (np.random.default_rng([seed, n]) for n in (54, 55, 56))
+        drawn, self._places, self._knocks, self._mixing = (
+            np.random.default_rng([seed, n]) for n in (53, 54, 55, 56)
+        )
+        self.plant, self.world, self._home = Plant(), World.drawn(drawn), HOME
+        while not self._seen_from(HOME):
+            self.world = World.drawn(drawn)
+        self.bus = Bus(self.plant, self.world)
         self._scene, self._time = Scene(self.world), 0.0
         made = zip(("left", "right"), (0.06, 0.12), (0.0, 0.013), self.world.k1, strict=True)
         self.cameras = {name: Webcam(name, [seed, i], *rest) for i, (name, *rest) in enumerate(made)}

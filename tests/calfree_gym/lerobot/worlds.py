@@ -30,8 +30,7 @@ class World:
     signs: np.ndarray
 
     @classmethod
-    def drawn(cls, seed):
-        rng = np.random.default_rng([seed, 53])
+    def drawn(cls, rng):
         target = TARGET + rng.normal(0, 0.015, 3)
         positions = np.array([*CAMERAS.values()]) + rng.normal(0, 0.03, (2, 3))
         rolls = zip(positions, rng.normal(0, 0.1, 2), strict=True)
