@@ -73,7 +73,10 @@ def reach(robot: Robot, run: Run, ask: Ask) -> int:
         )
     agent = agents_package().make(run.agent, env)
     if run.load is not None:
-        env.load(agent, run.load)
+        try:
+            env.load(agent, run.load)
+        except ValueError as caught:
+            raise ValueError(f"--load {run.load}: {caught}") from caught
     run.out.mkdir(parents=True, exist_ok=True)
     recording.begin(env, agent)
     error = ""
