@@ -1,8 +1,4 @@
-"""`calfree check | watch | reach | marks | pick`: a real arm and two cameras, without calibration.
-
-The arm is told by LeRobot's own flags: --robot.type=so101_follower --robot.port=/dev/ttyACM0 --robot.id=arm
---robot.cameras='{left: {type: opencv, index_or_path: 0, width: 640, height: 480, fps: 30}, right: {...}}'
-"""
+"""`calfree check | watch | reach | marks | pick`: a real arm and two cameras, without calibration."""
 
 from __future__ import annotations
 
@@ -28,6 +24,9 @@ from calfree_gym.vision.__main__ import add_pick, run_pick
 from calfree_gym.vision.tags import PAPERS, print_tags
 
 TAGS = "tags"
+ARM = """The arm is told by LeRobot's own flags: --robot.type=so101_follower --robot.port=/dev/ttyACM0
+--robot.id=arm --robot.cameras='{left: {type: opencv, index_or_path: 0, width: 640, height: 480, fps: 30},
+right: {...}}'"""
 INTERRUPTED = 130
 """How shells know that Ctrl-C has ended a command."""
 
@@ -55,10 +54,10 @@ def main(
         try:
             return _run(options, flags, make_robot, ask)
         except ArmError as error:
-            print(f"error: {error}", file=sys.stderr)
+            print(f"error: {str(error).strip()}", file=sys.stderr)
             return 1
         except (ValueError, OSError, ImportError) as error:
-            print(f"error: {error}", file=sys.stderr)
+            print(f"error: {str(error).strip()}", file=sys.stderr)
             return 2
         except KeyboardInterrupt:
             return INTERRUPTED
@@ -132,49 +131,41 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="calfree", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(prog="calfree", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
 
-    def command(name: str, told: str) -> argparse.ArgumentParser:
-        return commands.add_parser(
-            name, help=told, formatter_class=argparse.ArgumentDefaultsHelpFormatter, allow_abbrev=False
-        )
+    def command(name: str, told: str, epilog: str = "") -> argparse.ArgumentParser:
+        return commands.add_parser(name, help=told, description=told, epilog=epilog, allow_abbrev=False)
 
-    checks = command("check", "looks at cameras, marks and motors; moves nothing")
-    watches = command("watch", "shows what is seen, until Ctrl-C; moves nothing")
-    reaches = command("reach", "lets an agent reach, and writes a report")
+    def option(command: argparse.ArgumentParser, flag: str, told: str, **settings: Any) -> None:
+        default = " (default: %(default)s)" * bool(settings.get("default"))
+        command.add_argument(flag, help=told + default, **settings)
+
+    checks = command("check", "looks at cameras, marks and motors; moves nothing", ARM)
+    watches = command("watch", "shows what is seen, until Ctrl-C; moves nothing", ARM)
+    reaches = command("reach", "lets an agent reach, and writes a report", ARM)
     for each in (checks, watches, reaches):
-        each.add_argument("--cameras", type=_names, default="left,right", help="names of left and right")
-        each.add_argument("--marks", help=f"a file of colours, or {TAGS!r}; by default three balls")
+        option(each, "--cameras", "names of left and right", type=_names, default="left,right")
+        option(each, "--marks", f"a file of colours, or {TAGS!r}; by default three balls")
     for each in (checks, reaches):
-        each.add_argument(
-            "--motors", type=_names, help="names of those that move; by default all but the gripper's"
-        )
-        each.add_argument(
-            "--unit", type=float, default=45.0, help="so many degrees from home motors go, either way"
-        )
-    checks.add_argument("--out", type=Path, default=Path("calfree-check"), help="folder for pictures")
-    watches.add_argument("--port", type=int, default=8008, help="of the page on localhost")
-    watches.add_argument("--out", type=Path, help="a picture, written again and again, in place of the page")
-    watches.add_argument(
-        "--display_data", type=_flag, nargs="?", const=True, default=False, help="in LeRobot's viewer"
-    )
-    reaches.add_argument("--agent", default="memory", help="its name")
-    reaches.add_argument("--reaches", type=int, default=10, help="how many")
-    reaches.add_argument("--speed", type=float, default=60.0, help="degrees a second, at most")
-    reaches.add_argument(
-        "--tolerance-px", type=float, default=4.0, help="of the rendezvous, where an image has 512"
-    )
-    reaches.add_argument("--max-motions", type=int, default=40, help="a reach is cut off after so many")
-    reaches.add_argument("--save", type=Path, help="file for what is learned, and for home")
-    reaches.add_argument("--load", type=Path, help="such a file: the arm goes to its home, slowly")
+        option(each, "--motors", "names of those that move; by default all but the gripper's", type=_names)
+        option(each, "--unit", "so many degrees from home motors go, either way", type=float, default=45.0)
+    option(checks, "--out", "folder for pictures", type=Path, default=Path("calfree-check"))
+    option(watches, "--port", "of the page on localhost", type=int, default=8008)
+    option(watches, "--out", "a picture, written again and again, in place of the page", type=Path)
+    option(watches, "--display_data", "in LeRobot's viewer", type=_flag, nargs="?", const=True, default=False)
+    option(reaches, "--agent", "its name", default="memory")
+    option(reaches, "--reaches", "how many", type=int, default=10)
+    option(reaches, "--speed", "degrees a second, at most", type=float, default=60.0)
+    option(reaches, "--tolerance-px", "of the rendezvous, of 512 px of an image", type=float, default=4.0)
+    option(reaches, "--max-motions", "a reach is cut off after so many", type=int, default=40)
+    option(reaches, "--save", "file for what is learned, and for home", type=Path)
+    option(reaches, "--load", "such a file: the arm goes to its home, slowly", type=Path)
     now = Path(time.strftime("calfree-%Y%m%d-%H%M%S"))
-    reaches.add_argument("--out", type=Path, default=now, help="folder for report and film")
+    option(reaches, "--out", "folder for report and film", type=Path, default=now)
     marks = command("marks", "writes the tags to print, as a PDF")
-    marks.add_argument("--paper", choices=PAPERS, default="A4", help="its size")
-    marks.add_argument("--out", type=Path, default=Path("tags.pdf"), help="the file")
+    option(marks, "--paper", "its size", choices=PAPERS, default="A4")
+    option(marks, "--out", "the file", type=Path, default=Path("tags.pdf"))
     add_pick(commands)
     return parser
 

@@ -42,7 +42,6 @@ class Run:
             raise FileNotFoundError(f"--load {self.load}: there is no such file")
         if self.save is not None and not self.save.absolute().parent.is_dir():
             raise FileNotFoundError(f"--save {self.save}: there is no such folder")
-        self.out.mkdir(parents=True, exist_ok=True)
 
 
 def reach(robot: Robot, run: Run, ask: Ask) -> int:
@@ -74,7 +73,11 @@ def reach(robot: Robot, run: Run, ask: Ask) -> int:
         )
     agent = agents_package().make(run.agent, env)
     if run.load is not None:
-        env.load(agent, run.load)
+        try:
+            env.load(agent, run.load)
+        except ValueError as caught:
+            raise ValueError(f"--load {run.load}: {caught}") from caught
+    run.out.mkdir(parents=True, exist_ok=True)
     recording.begin(env, agent)
     error = ""
     try:

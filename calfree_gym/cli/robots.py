@@ -41,7 +41,7 @@ def lerobot_robot(flags: Sequence[str]) -> Robot:
         with redirect_stderr(said):
             config = draccus.parse(Flags, args=list(flags)).robot
     except (SystemExit, Exception) as error:  # it parses by argparse, which ends the process
-        why = said.getvalue().rpartition("error: ")[2].strip() or error
+        why = said.getvalue().rpartition("error: ")[2].strip() or error.__cause__ or error
         raise ValueError(f"LeRobot does not take {' '.join(flags) or 'no flags'}: {why}") from error
     return make_robot_from_config(config)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calfree_gym.cli import main
+from calfree_gym.lerobot import LeRobotReachEnv
 from tests.calfree_gym.cli.bench import calfree
 from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
 
@@ -50,6 +51,13 @@ def test_what_no_robot_is_needed_for(command, said, capsys, tmp_path, monkeypatc
     assert said in capsys.readouterr().err
 
 
+class Saved:
+    """An agent that no other one can load."""
+
+    def save(self, path):
+        path.write(b"another agent's")
+
+
 class Absent(FakeSO101):
     def connect(self, calibrate=True):
         raise RuntimeError("FeetechMotorsBus motor check failed on port '/dev/ttyACM0': Missing motor IDs: 3")
@@ -76,6 +84,16 @@ def test_what_the_robot_does_not_allow(command, said, capsys, tmp_path, monkeypa
     stood = robot.plant.targets.copy()
     assert code(command, robot) == 2
     assert said in capsys.readouterr().err
+    np.testing.assert_array_equal(robot.plant.targets, stood)
+
+
+def test_knowledge_of_another_agent_is_refused_before_anything_moves(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    LeRobotReachEnv(FakeSO101(), ("left", "right")).save(Saved(), "arm.calfree")
+    robot = FakeSO101()
+    stood = robot.plant.targets.copy()
+    assert code("reach --agent=unified_servo --load=arm.calfree", robot) == 2
+    assert "--load arm.calfree: " in capsys.readouterr().err
     np.testing.assert_array_equal(robot.plant.targets, stood)
 
 

@@ -27,6 +27,7 @@ def test_they_describe_lerobots_follower_with_two_cameras():
     ("flags", "said"),
     [
         ([], "robot"),
+        ([TYPE, "--robot.port=p", "--robot.cameras={left: {type: opencv, index_or_path: 0}}"], "'width'"),
         (["--robot.type=so102_follower"], "so102_follower"),
         ([TYPE], "port"),
         ([TYPE, "--robot.port=p", "--robot.prot=3"], "prot"),

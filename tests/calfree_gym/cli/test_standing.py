@@ -1,5 +1,6 @@
 """`calfree check`, `watch`, `marks` and `pick`, on the bench: nothing moves."""
 
+import sys
 import urllib.request
 from types import SimpleNamespace
 
@@ -80,6 +81,22 @@ def test_watch_writes_a_file_until_ctrl_c(robot, tmp_path):
     file = tmp_path / "now.jpg"
     assert calfree(["watch", f"--out={file}"], interrupted(robot, 2)) == 0
     assert cv2.imread(str(file)).shape == (360, 960, 3)
+
+
+def test_watch_shows_lerobots_viewer_what_is_seen(robot, monkeypatch):
+    shown = []
+    viewer = SimpleNamespace(
+        init_visualization=lambda mode, session_name: shown.append(mode),
+        log_visualization_data=lambda mode, observation: shown.append(observation),
+    )
+    for name in ("lerobot", "lerobot.utils", "lerobot.utils.visualization_utils"):
+        monkeypatch.setitem(sys.modules, name, viewer)
+    assert calfree(["watch", "--display_data=true"], interrupted(robot, 2)) == 0
+    mode, *pictures = shown
+    assert mode == "rerun"
+    assert [{name: each.shape for name, each in two.items()} for two in pictures] == [
+        {"left": (480, 640, 3), "right": (480, 640, 3)}
+    ] * 2
 
 
 def test_watch_tells_its_page(robot, capsys):
