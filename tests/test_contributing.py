@@ -101,6 +101,7 @@ def test_there_is_a_recipe_for_each():
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
+@pytest.mark.slow
 def test_recipe(recipe, copy):
     files, lines = follow(recipe, copy)
     assert lines < {"task": 60}.get(recipe, 30)

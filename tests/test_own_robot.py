@@ -238,8 +238,8 @@ def test_words_that_are_multiples_are_no_steps_of_the_robot():
     "robot",
     [
         ["--register-noise", "0.001"],
-        ["--register-step", "0.0015"],
-        ["--shortfall", "0.01"],
+        pytest.param(["--register-step", "0.0015"], marks=pytest.mark.slow),
+        pytest.param(["--shortfall", "0.01"], marks=pytest.mark.slow),
     ],
 )
 def test_a_robot_that_tells_its_registers_as_real_ones_do_is_learned(robot, opengl):

@@ -241,6 +241,7 @@ def test_a_figure_of_many_sweeps_has_a_panel_each_and_names_each_agent_once(
         plt.close(figure)
 
 
+@pytest.mark.slow
 def test_from_configuration_to_report(sweep_data, write_config, tmp_path, capsys):
     sweep_data["agents"] = ["joint_space_servo", {"name": "model_based", "label": "built"}]
     sweep_data["sweeps"].append({**AIM, "over": [0, 40]})

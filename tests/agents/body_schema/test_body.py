@@ -55,7 +55,9 @@ def test_a_reversed_motor_does_for_a_register_what_it_did_for_its_negative():
     np.testing.assert_allclose(now.points, Views(arm.chain, arm.numbers, mirrored, nothing).points)
 
 
-@pytest.mark.parametrize(("trials", "looks"), [(1, 8), (4, Body.LOOKS // 3)])
+@pytest.mark.parametrize(
+    ("trials", "looks"), [(1, 8), pytest.param(4, Body.LOOKS // 3, marks=pytest.mark.slow)]
+)
 def test_a_body_goes_on_with_what_has_not_changed(trials, looks):
     """It knows the arm as before, and explains the next trial, also after more looks than a fit takes."""
     arm = Arm("scara.xml", "tip")

@@ -86,6 +86,7 @@ def test_a_way_longer_than_one_word_is_no_stop(make_env):
     assert np.isinf(findings.stops.found).all()
 
 
+@pytest.mark.slow
 def test_an_arm_that_comes_before_its_camera_is_no_end(make_env):
     """Image points near a camera's plane are so far away that rounding takes the damping."""
     pusher = Path(gym.__path__[0]) / "envs/mujoco/assets/pusher.xml"

@@ -96,6 +96,7 @@ def test_recall_takes_well_below_a_millisecond_among_ten_thousand_points():
     assert np.quantile(took, 0.2) < 1e-3
 
 
+@pytest.mark.slow
 def test_skill_improves_by_doing(live, make_env, mount):
     """On the mean of three worlds: in a single one, an early miss may cost a tenth more."""
     first, last = [], []

@@ -174,6 +174,7 @@ def jacobian_errors(env, seed):
     return np.linalg.norm(jacobian - truth, axis=0) / np.linalg.norm(truth, axis=0)
 
 
+@pytest.mark.slow
 def test_it_knows_the_true_jacobian_where_the_cameras_ride_on_the_arm_and_where_not(make_env, mount):
     """In most of seven worlds; in one in ten a column is off by more than 15 %."""
     env = make_env(mount)

@@ -88,7 +88,12 @@ def test_test_motions_leave_nothing_behind(live, make_env, name):
     assert np.count_nonzero(agent.predict(observation)[0]) == 1
 
 
-@pytest.mark.parametrize("name", agents.names())
+SLOW = {"body_schema", "self_calibrating"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in agents.names()]
+)
 def test_an_agent_needs_nothing_of_info_and_no_reward_that_it_does_not_declare(make_env, name):
     class Blind(gym.Wrapper):
         def reset(self, **arguments):

@@ -42,6 +42,7 @@ def results(folder):
     return {name: (folder / name).read_bytes() for name in (TRIALS, DONE)}
 
 
+@pytest.mark.slow
 def test_a_copy_makes_what_a_fresh_process_makes_whatever_was_made_before(folders):
     first = folders[-1]
     fresh, code = make(first)

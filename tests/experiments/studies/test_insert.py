@@ -1,8 +1,11 @@
 """The benchmark of inserting: a row for each agent, clearance and mount."""
 
+import pytest
+
 from experiments.studies.insert import tables
 
 
+@pytest.mark.slow
 def test_a_row_for_each_agent_clearance_and_mount():
     (table,) = tables(worlds=2, clearances=(2.0, 3.0))
     found = table.frame

@@ -2,6 +2,7 @@
 
 import gymnasium as gym
 import numpy as np
+import pytest
 
 from calfree_gym.robot.grasping.shapes import SHAPE_NAMES
 from experiments.studies.orientations import GRASP, search, tables
@@ -24,6 +25,7 @@ def test_what_is_out_of_reach_is_not_lifted():
     assert not search(reset("sphere", 7), np.array([0.9, 0.0, 0.12, 1, 0, 0, 0]))
 
 
+@pytest.mark.slow
 def test_the_table_tells_shares():
     of_map, of_search = tables(worlds=1, mounts=("stand",))
     assert set(of_map.frame["shape"]) == set(of_search.frame["shape"]) == set(SHAPE_NAMES)

@@ -186,6 +186,7 @@ def measured():
     return sensitivity.effects(2, TINY, ONLY, jobs=1)
 
 
+@pytest.mark.slow
 def test_each_constant_is_measured_under_each_condition(measured):
     rows = {agent: len(own) for agent, own in measured.groupby("agent")}
     assert rows == {"unified_servo": 2 * 4, "memory": 2}
