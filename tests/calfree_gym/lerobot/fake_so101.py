@@ -250,10 +250,10 @@ class FakeSO101:
         return all(self._see(self.plant.posed(home + share * SAG)) for share in (0, 0.5, 1))
 
     def _open(self, data, at, ball):
-        """Whether no part of the arm stands between a camera and a ball, its edges included."""
+        """Whether no part of the arm stands between a camera and most of a ball."""
         return all(
             not 0 <= self._hit(data, at, ball + edge) < np.linalg.norm(ball - at) - 1.5 * BALL
-            for edge in 0.8 * BALL * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+            for edge in 0.5 * BALL * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
         )
 
     def _hit(self, data, at, point):
