@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
+from calfree_gym.errors import check_positive
 from calfree_gym.image import CAMERAS
 from calfree_gym.picture_reach import Array, PictureReach, Tracker, numbers
 from calfree_gym.vision import Marks
@@ -87,9 +88,8 @@ class OwnRobot(PictureReach):
         greatest_motion: float = 1.0,
         patience: float = 30.0,
     ) -> None:
-        for name, value, most in (("greatest_motion", greatest_motion, 1), ("patience", patience, 1e6)):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most:
-                raise ValueError(f"{name} is {value!r}; it must be a number above 0, at most {most:g}")
+        check_positive("greatest_motion", greatest_motion, 1)
+        check_positive("patience", patience, 1e6)
         super().__init__(motors, marks, tolerance_px, most_motions)
         self._go_to, self._take_pictures, self._place_object = go_to, take_pictures, place_object
         self._greatest_motion, self._patience = greatest_motion, patience

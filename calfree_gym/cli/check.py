@@ -10,8 +10,9 @@ import numpy as np
 
 from calfree_gym.cli.drawing import MARKS, drawn, pixels
 from calfree_gym.cli.standing import StandingRobot
+from calfree_gym.errors import check_positive
 from calfree_gym.image import PIXELS_PER_UNIT
-from calfree_gym.lerobot.robot import check_limits, check_positive
+from calfree_gym.lerobot.robot import check_limits
 from calfree_gym.picture_reach import Look
 
 LOOKS, PAUSE_S = 5, 0.2

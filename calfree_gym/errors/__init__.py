@@ -3,6 +3,7 @@
 import difflib
 import functools
 import inspect
+import math
 from collections.abc import Callable, Iterable
 from numbers import Integral
 from typing import ParamSpec
@@ -38,6 +39,19 @@ def check_whole(name: str, value: object, least: int, most: int, besides: str = 
     """Raises ValueError, naming what is allowed `besides`, where an argument is no whole number within."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
         raise ValueError(f"{name} is {value!r}; it must be a whole number from {least} to {most}{besides}")
+
+
+def check_positive(name: str, value: object, most: float = math.inf) -> None:
+    """Raises ValueError where an argument is no number above 0, of at most `most`."""
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not 0 < value <= most
+        or value == math.inf
+    ):
+        raise ValueError(
+            f"{name} is {value!r}; it must be a number above 0{f', at most {most:g}' * (most < math.inf)}"
+        )
 
 
 def known_arguments(function: Callable[P, None]) -> Callable[P, None]:

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from calfree_gym.errors import check_whole
+from calfree_gym.errors import check_positive, check_whole
 from calfree_gym.lerobot import knowledge
 from calfree_gym.lerobot.faults import PATIENCE, ArmError, SeenPlaces, Tolerated, saved
 from calfree_gym.lerobot.frames import Frames
@@ -22,7 +22,6 @@ from calfree_gym.lerobot.robot import (
     Robot,
     check_limits,
     check_most_ahead,
-    check_positive,
     checked_cameras,
     checked_motors,
     read_encoders,

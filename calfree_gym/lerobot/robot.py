@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -91,19 +90,6 @@ def _check_names(what: str, names: Sequence[str], there: Sequence[str]) -> None:
             raise ValueError(f"the robot has no {what} {name!r}{near_misses(name, there)}; {has}")
     if not names or len(set(names)) < len(names):
         raise ValueError(f"the {what}s are {', '.join(names) or 'none'}; each must be named once; {has}")
-
-
-def check_positive(name: str, value: object, most: float = math.inf) -> None:
-    """Raises ValueError where an argument is no number above 0, of at most `most`."""
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not 0 < value <= most
-        or value == math.inf
-    ):
-        raise ValueError(
-            f"{name} is {value!r}; it must be a number above 0{f', at most {most:g}' * (most < math.inf)}"
-        )
 
 
 def check_most_ahead(robot: Robot, ahead: float) -> None:
