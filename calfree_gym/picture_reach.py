@@ -22,7 +22,7 @@ SQUARE = ((1.0, 1.0), (1.0, 1.0))
 """Halves of the width and the height of both images, in image units, where they are square."""
 
 
-class Tracker(Protocol):
+class PairTracker(Protocol):
     """Finds gripper and object in pairs of pictures, as `calfree_gym.vision.StereoTracker` does."""
 
     def __call__(self, left: Any, right: Any, moved: bool = False) -> tuple[Array, NDArray[np.bool_]]:
@@ -32,7 +32,7 @@ class Tracker(Protocol):
         """Forgets what was seen."""
 
 
-class Look(NamedTuple):
+class PictureLook(NamedTuple):
     """What is seen after a motion.
 
     Attributes:
@@ -72,7 +72,7 @@ class PictureReach(gym.Env[dict[str, Array], Array]):
     def __init__(
         self,
         motors: int,
-        marks: Marks | str | Path | Tracker | None,
+        marks: Marks | str | Path | PairTracker | None,
         tolerance_px: float,
         max_motions: int,
         edges: Any = SQUARE,
@@ -85,7 +85,7 @@ class PictureReach(gym.Env[dict[str, Array], Array]):
             achieved_goal=points, desired_goal=points, observation=state
         )
         self.registers, self.motions = np.zeros(motors), 0
-        self.look: Look | None = None
+        self.look: PictureLook | None = None
         self._tracker = tracker_of(marks)
         self._tolerance_px, self._max_motions = tolerance_px, max_motions
         self._begun, self._moved = False, False
@@ -135,13 +135,13 @@ class PictureReach(gym.Env[dict[str, Array], Array]):
         floats = {name: values.astype(np.float32) for name, values in observation.items()}
         return floats, bool(look.visible.all() and look.px <= self._tolerance_px)
 
-    def _seen(self) -> Look:
+    def _seen(self) -> PictureLook:
         """Looks. A camera that shows the same picture again, though motors have moved, is frozen."""
         left, right = self._pictures()
-        return Look((left, right), *self._tracker(left, right, moved=self._moved))
+        return PictureLook((left, right), *self._tracker(left, right, moved=self._moved))
 
 
-def tracker_of(marks: Marks | str | Path | Tracker | None) -> Tracker:
+def tracker_of(marks: Marks | str | Path | PairTracker | None) -> PairTracker:
     """The tracker that finds these marks.
 
     Raises:

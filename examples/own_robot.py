@@ -16,7 +16,7 @@ import numpy as np
 
 from calfree_gym.errors import check_positive
 from calfree_gym.image import CAMERAS
-from calfree_gym.picture_reach import Array, PictureReach, Tracker, numbers
+from calfree_gym.picture_reach import Array, PairTracker, PictureReach, numbers
 from calfree_gym.vision import Marks
 
 BEYOND = 0.1
@@ -82,7 +82,7 @@ class OwnRobot(PictureReach):
         go_to: Callable[[Array], Array],
         take_pictures: Callable[[], tuple[Array, Array]],
         place_object: Callable[[], None],
-        marks: Marks | str | Tracker | None = None,
+        marks: Marks | str | PairTracker | None = None,
         tolerance_px: float = 4.0,
         most_motions: int = 60,
         greatest_motion: float = 1.0,

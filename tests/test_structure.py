@@ -4,6 +4,7 @@ import ast
 import graphlib
 import subprocess
 import sys
+from collections import Counter
 from importlib.util import resolve_name
 from pathlib import Path
 
@@ -142,6 +143,16 @@ def test_the_black_box_names_agents_in_one_place_which_loads_them_where_a_comman
         if isinstance(node, ast.Constant) and node.value in ("agents", "calfree_agents")
     }
     assert naming == {"calfree_gym.cli.loading"}
+
+
+def test_each_class_has_a_name_of_its_own():
+    names = [
+        node.name
+        for path in MODULES.values()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    ]
+    assert [name for name, times in Counter(names).items() if times > 1] == []
 
 
 @pytest.mark.parametrize("folder", [*LAYERS, "tests", "examples", "docs"])

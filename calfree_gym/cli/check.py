@@ -13,7 +13,7 @@ from calfree_gym.cli.standing import StandingRobot
 from calfree_gym.errors import check_positive
 from calfree_gym.image import PIXELS_PER_UNIT
 from calfree_gym.lerobot.robot import check_limits
-from calfree_gym.picture_reach import Look
+from calfree_gym.picture_reach import PictureLook
 
 LOOKS, PAUSE_S = 5, 0.2
 """So many looks, so far apart: enough for a jitter, and for a frozen camera. Choice."""
@@ -65,7 +65,7 @@ def _motors(standing: StandingRobot, unit: float) -> list[str]:
     return wrong
 
 
-def _camera(looks: Sequence[Look], camera: int, name: str) -> list[str]:
+def _camera(looks: Sequence[PictureLook], camera: int, name: str) -> list[str]:
     """Prints what a camera sees; what is wrong with that."""
     pictures = [look.pictures[camera] for look in looks]
     height, width = pictures[0].shape[:2]

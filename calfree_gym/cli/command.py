@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from calfree_gym.cli.check import check
-from calfree_gym.cli.reach import Run, reach
+from calfree_gym.cli.reach import ReachRun, reach
 from calfree_gym.cli.robots import FLAG, Ask, lerobot_robot, supported
 from calfree_gym.cli.standing import StandingRobot
 from calfree_gym.cli.watch import Page, to_file, to_lerobot, watch
 from calfree_gym.lerobot import ArmError
-from calfree_gym.lerobot.robot import Robot
-from calfree_gym.picture_reach import Tracker, tracker_of
+from calfree_gym.lerobot.robot import LeRobot
+from calfree_gym.picture_reach import PairTracker, tracker_of
 from calfree_gym.vision import TagTracker
 from calfree_gym.vision.__main__ import add_pick, run_pick
 from calfree_gym.vision.tags import PAPERS, print_tags
@@ -33,7 +33,7 @@ INTERRUPTED = 130
 
 def main(
     arguments: Sequence[str] | None = None,
-    make_robot: Callable[[Sequence[str]], Robot] = lerobot_robot,
+    make_robot: Callable[[Sequence[str]], LeRobot] = lerobot_robot,
     ask: Ask = input,
 ) -> int:
     """Runs a command.
@@ -70,7 +70,7 @@ def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
 def _run(
     options: argparse.Namespace,
     flags: Sequence[str],
-    make_robot: Callable[[Sequence[str]], Robot],
+    make_robot: Callable[[Sequence[str]], LeRobot],
     ask: Ask,
 ) -> int:
     if options.command == "marks":
@@ -85,13 +85,13 @@ def _run(
 def _with_robot(
     options: argparse.Namespace,
     flags: Sequence[str],
-    make_robot: Callable[[Sequence[str]], Robot],
+    make_robot: Callable[[Sequence[str]], LeRobot],
     ask: Ask,
 ) -> int:
-    tracker: Tracker = TagTracker() if options.marks == TAGS else tracker_of(options.marks)
+    tracker: PairTracker = TagTracker() if options.marks == TAGS else tracker_of(options.marks)
     if options.command == "reach":
-        told = {field.name: getattr(options, field.name) for field in fields(Run)}
-        run = Run(**told | {"marks": tracker})
+        told = {field.name: getattr(options, field.name) for field in fields(ReachRun)}
+        run = ReachRun(**told | {"marks": tracker})
         run.check()
         robot = make_robot(flags)
         with supported(robot, ask):

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.picture_reach import Array, Look
+from calfree_gym.picture_reach import Array, PictureLook
 
 Image = NDArray[np.uint8]
 MARKS = {"gripper": (255, 0, 255), "object": (0, 255, 0)}
@@ -15,13 +15,13 @@ WIDTH = 480
 """Of each of two pictures side by side, in px."""
 
 
-def pixels(look: Look, camera: int) -> Array:
+def pixels(look: PictureLook, camera: int) -> Array:
     """Where gripper and object are in a picture (2, 2), in its px."""
     height, width = look.pictures[camera].shape[:2]
     return look.points[camera::2] * max(width, height) / 2 + [width / 2, height / 2]
 
 
-def drawn(look: Look, camera: int) -> Image:
+def drawn(look: PictureLook, camera: int) -> Image:
     """A copy of a camera's picture with rings round what is seen, and in words what is not."""
     image = np.ascontiguousarray(look.pictures[camera]).copy()
     scale = image.shape[1] / 640
@@ -41,7 +41,7 @@ def drawn(look: Look, camera: int) -> Image:
     return image
 
 
-def side_by_side(look: Look) -> Image:
+def side_by_side(look: PictureLook) -> Image:
     """Both pictures, drawn: the left camera's on the left (h, 2 × WIDTH, 3)."""
     both = [drawn(look, camera) for camera in range(2)]
     height = max(round(WIDTH * image.shape[0] / image.shape[1]) for image in both)

@@ -13,19 +13,19 @@ from calfree_gym.cli.report import write_report
 from calfree_gym.cli.robots import Ask, connecting
 from calfree_gym.errors import check_choice, check_whole
 from calfree_gym.lerobot import ArmError, LeRobotReachEnv
-from calfree_gym.lerobot.robot import Robot
-from calfree_gym.picture_reach import Tracker
+from calfree_gym.lerobot.robot import LeRobot
+from calfree_gym.picture_reach import PairTracker
 
 
 @dataclass(frozen=True)
-class Run:
+class ReachRun:
     """What is asked; see `calfree reach --help`."""
 
     agent: str
     reaches: int
     cameras: tuple[str, ...]
     motors: tuple[str, ...] | None
-    marks: str | Tracker | None
+    marks: str | PairTracker | None
     unit: float
     speed: float
     tolerance_px: float
@@ -44,7 +44,7 @@ class Run:
             raise FileNotFoundError(f"--save {self.save}: there is no such folder")
 
 
-def reach(robot: Robot, run: Run, ask: Ask) -> int:
+def reach(robot: LeRobot, run: ReachRun, ask: Ask) -> int:
     """Lets an agent reach, and writes film and report, however it ends; 1 where the arm cannot go on, else 0.
 
     Args:
@@ -97,7 +97,7 @@ def reach(robot: Robot, run: Run, ask: Ask) -> int:
     return int(bool(error))
 
 
-def _report(run: Run, recording: Recording, error: str) -> None:
+def _report(run: ReachRun, recording: Recording, error: str) -> None:
     page, moving = run.out / "report.html", film(recording.reaches, recording.noticed)
     outcomes = [each.outcome for each in recording.reaches if each.outcome]
     reached = sum(each.reached for each in outcomes)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from calfree_gym.cli.drawing import jpeg, side_by_side
-from calfree_gym.lerobot import LeRobotReachEnv, Reach
-from calfree_gym.picture_reach import Look
+from calfree_gym.lerobot import LeRobotReachEnv, ReachRecord
+from calfree_gym.picture_reach import PictureLook
 
 
 @dataclass
@@ -26,7 +26,7 @@ class RecordedReach:
 
     number: int
     frames: list[Frame] = field(default_factory=list)
-    outcome: Reach | None = None
+    outcome: ReachRecord | None = None
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Recording:
 
     def __init__(self, count: int) -> None:
         self.count, self.reaches = count, [RecordedReach(1)]
-        self._last: Look | None = None
+        self._last: PictureLook | None = None
         self._known = 0
         self._noticed: list[int] = []
 
@@ -70,7 +70,7 @@ class Recording:
         if sys.stdout.isatty():
             print(f"\r\033[K{said}", end="", flush=True)
 
-    def end(self, reach: Reach) -> None:
+    def end(self, reach: ReachRecord) -> None:
         """A reach has ended."""
         self.tick()
         ended = self.reaches[-1]
@@ -92,7 +92,7 @@ class Recording:
         return [Noticed(each.kind, reach) for each, reach in zip(events, self._noticed, strict=False)]
 
 
-def in_words(number: int, reach: Reach) -> str:
+def in_words(number: int, reach: ReachRecord) -> str:
     """One line about a reach."""
     outcome = "reached" if reach.reached else "not reached"
     motions = f"{reach.motions} motion{'s' * (reach.motions > 1)}"

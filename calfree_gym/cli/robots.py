@@ -10,7 +10,7 @@ from importlib import import_module
 from io import StringIO
 from typing import Any
 
-from calfree_gym.lerobot.robot import Robot
+from calfree_gym.lerobot.robot import LeRobot
 from calfree_gym.lerobot.torque import Torque
 
 INSTALL = "pip install 'lerobot[feetech]>=0.6,<0.7', with Python 3.12 or later"
@@ -19,7 +19,7 @@ Ask = Callable[[str], Any]
 """Says something, and waits until somebody has done it."""
 
 
-def lerobot_robot(flags: Sequence[str]) -> Robot:
+def lerobot_robot(flags: Sequence[str]) -> LeRobot:
     """The robot that flags such as `--robot.type=so101_follower` describe; not connected.
 
     Raises:
@@ -66,7 +66,7 @@ def connecting() -> Iterator[None]:
 
 
 @contextmanager
-def supported(robot: Robot, ask: Ask) -> Iterator[None]:
+def supported(robot: LeRobot, ask: Ask) -> Iterator[None]:
     """Afterwards the arm holds, until somebody says that she supports it."""
     torque = Torque(robot)
     try:

@@ -14,13 +14,13 @@ from calfree_gym.lerobot.faults import ArmError
 from calfree_gym.lerobot.motors import AHEAD
 from calfree_gym.lerobot.robot import (
     POSITION,
-    Robot,
+    LeRobot,
     check_most_ahead,
     checked_cameras,
     checked_motors,
     read_encoders,
 )
-from calfree_gym.picture_reach import Array, Look, Tracker, tracker_of
+from calfree_gym.picture_reach import Array, PairTracker, PictureLook, tracker_of
 from calfree_gym.vision import Marks
 
 
@@ -43,10 +43,10 @@ class StandingRobot:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: LeRobot,
         cameras: Sequence[str],
         motors: Sequence[str] | None = None,
-        marks: Marks | str | Path | Tracker | None = None,
+        marks: Marks | str | Path | PairTracker | None = None,
     ) -> None:
         self.motors, self.cameras = checked_motors(robot, motors), checked_cameras(robot, cameras)
         check_most_ahead(robot, AHEAD)
@@ -58,7 +58,7 @@ class StandingRobot:
         self.encoders = read_encoders(robot, self.motors)
         self.positions: Array = np.zeros(len(self.motors))
 
-    def look(self) -> Look:
+    def look(self) -> PictureLook:
         """What is seen now.
 
         Raises:
@@ -70,4 +70,4 @@ class StandingRobot:
             raise ArmError(f"the robot says: {type(error).__name__}: {error}") from error
         self.positions = np.array([float(seen[f"{name}{POSITION}"]) for name in self.motors])
         left, right = (np.asarray(seen[name]) for name in self.cameras)
-        return Look((left, right), *self._tracker(left, right))
+        return PictureLook((left, right), *self._tracker(left, right))

@@ -11,14 +11,14 @@ from threading import Condition, Thread
 from calfree_gym.cli.drawing import drawn, jpeg, side_by_side
 from calfree_gym.cli.robots import INSTALL
 from calfree_gym.cli.standing import StandingRobot
-from calfree_gym.picture_reach import Look
+from calfree_gym.picture_reach import PictureLook
 
 PAUSE_S = 0.1
 PAGE = b"""<!doctype html><html lang="en"><meta charset="utf-8"><title>calfree watch</title>
 <body style="margin:0;background:#222">
 <img src="stream" alt="what both cameras see" style="width:100%"></body></html>"""
 BOUNDARY = "picture"
-Show = Callable[[Look], None]
+Show = Callable[[PictureLook], None]
 
 
 def watch(standing: StandingRobot, show: Show) -> None:
@@ -70,7 +70,7 @@ class Page:
         self.address = f"http://127.0.0.1:{self._server.server_address[1]}/"
         Thread(target=self._server.serve_forever, daemon=True).start()
 
-    def __call__(self, look: Look) -> None:
+    def __call__(self, look: PictureLook) -> None:
         """Shows a look to whoever looks at the page."""
         picture = jpeg(side_by_side(look))
         with self._new:
@@ -103,7 +103,7 @@ class Page:
 def to_file(path: Path) -> Show:
     """Writes each look to a file, in place of the last one."""
 
-    def show(look: Look) -> None:
+    def show(look: PictureLook) -> None:
         half = path.with_name(f"{path.name}.part")
         half.write_bytes(jpeg(side_by_side(look)))
         half.replace(path)
@@ -123,7 +123,7 @@ def to_lerobot(cameras: tuple[str, str]) -> Show:
         raise ImportError(f"--display_data needs LeRobot ({error}): {INSTALL}") from error
     init_visualization("rerun", session_name="calfree watch")
 
-    def show(look: Look) -> None:
+    def show(look: PictureLook) -> None:
         pictures = {name: drawn(look, camera) for camera, name in enumerate(cameras)}
         log_visualization_data("rerun", observation=pictures)
 

@@ -17,7 +17,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from calfree_gym.engine.config import Config
-from calfree_gym.engine.sight import Latency, Sight, Tracker, sight_of
+from calfree_gym.engine.sight import ObservationQueues, Sight, Tracker, sight_of
 from calfree_gym.engine.spaces import Observation, placed_objects
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import IMAGE_UNIT, inside
@@ -196,7 +196,7 @@ class Arms(ABC):
         self.motions_of_trial = np.zeros(rows, np.int64)
         self._begun = np.zeros(rows, bool)
         self._seeds: list[int | None] = [None] * rows
-        self._latency = Latency(rows)
+        self._latency = ObservationQueues(rows)
         images = config.observation, config.image_size, self.tracker_of
         self._sight: Sight = sight_of(simulation, robot.rig, points, *images)
         self._moved = np.zeros(rows, bool)

@@ -74,7 +74,7 @@ class MeasurementModel(OfWorlds):
         return measured, visible
 
 
-class Latency(OfWorlds):
+class ObservationQueues(OfWorlds):
     """Queues of observations of N worlds, one row each.
 
     The queue of a new trial holds the observation at home. Where latency begins in mid-trial, the queue holds

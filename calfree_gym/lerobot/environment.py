@@ -19,7 +19,7 @@ from calfree_gym.lerobot.frames import Frames
 from calfree_gym.lerobot.mixed_cameras import MixedCameras
 from calfree_gym.lerobot.motors import AHEAD, Motors, Tick
 from calfree_gym.lerobot.robot import (
-    Robot,
+    LeRobot,
     check_limits,
     check_most_ahead,
     checked_cameras,
@@ -27,7 +27,7 @@ from calfree_gym.lerobot.robot import (
     read_encoders,
 )
 from calfree_gym.lerobot.torque import Torque
-from calfree_gym.picture_reach import Array, Look, PictureReach, Pictures, Tracker, numbers
+from calfree_gym.picture_reach import Array, PairTracker, PictureLook, PictureReach, Pictures, numbers
 from calfree_gym.vision import Marks
 
 SLOWLY = 0.25
@@ -36,7 +36,7 @@ on the way."""
 
 
 @dataclass(frozen=True)
-class Reach:
+class ReachRecord:
     """One reach, as it has ended.
 
     Attributes:
@@ -54,8 +54,8 @@ class Reach:
     px: float
     seconds: float
     stopped: tuple[str, ...]
-    before: Look
-    after: Look
+    before: PictureLook
+    after: PictureLook
 
 
 class LeRobotReachEnv(PictureReach):
@@ -107,9 +107,9 @@ class LeRobotReachEnv(PictureReach):
 
     def __init__(
         self,
-        robot: Robot,
+        robot: LeRobot,
         cameras: Sequence[str],
-        marks: Marks | str | Path | Tracker | None = None,
+        marks: Marks | str | Path | PairTracker | None = None,
         motors: Sequence[str] | None = None,
         home: Mapping[str, float] | None = None,
         unit: float = 45.0,
@@ -187,7 +187,7 @@ class LeRobotReachEnv(PictureReach):
         self.over = step[2] or step[3]
         return step
 
-    def reaches(self, agent: Any, count: int) -> Iterator[Reach]:
+    def reaches(self, agent: Any, count: int) -> Iterator[ReachRecord]:
         """Lets an agent of this environment reach so many times, learning; yields one record a reach.
 
         Raises:
@@ -206,7 +206,9 @@ class LeRobotReachEnv(PictureReach):
                 self._learned[agent] = agent.num_timesteps
             look, seconds = self._now, self._motors.clock() - self._began
             reached = bool(look.visible.all() and look.px <= self._tolerance_px)
-            yield Reach(reached, self.motions, look.px, seconds, tuple(self._stopped), self._first, look)
+            yield ReachRecord(
+                reached, self.motions, look.px, seconds, tuple(self._stopped), self._first, look
+            )
 
     def save(self, agent: Any, path: str | Path) -> None:
         """Writes what an agent knows, and where home is, by encoders: whatever is calibrated meanwhile.
@@ -281,7 +283,7 @@ class LeRobotReachEnv(PictureReach):
             self._motors.tick(self._motors.goal)
         return pictures
 
-    def _seen(self) -> Look:
+    def _seen(self) -> PictureLook:
         """Looks. Where a picture is of the other camera, nothing is seen in it."""
         pictures = self._pictures()
         self._others = self._mixed(self._frames.pictures)
@@ -290,7 +292,7 @@ class LeRobotReachEnv(PictureReach):
                 self._own[name] = picture
         left, right = self._own.values()
         points, visible = self._tracker(left, right)
-        self._now = Look(pictures, points, visible & ~np.tile(self._others, 2))
+        self._now = PictureLook(pictures, points, visible & ~np.tile(self._others, 2))
         for mark, seen in zip(self._marks, self._now.visible, strict=True):
             if seen:
                 self._places.note(mark, self.registers)

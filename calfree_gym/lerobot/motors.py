@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.lerobot.faults import ArmError
-from calfree_gym.lerobot.robot import POSITION, Robot, robot_motors
+from calfree_gym.lerobot.robot import POSITION, LeRobot, robot_motors
 from calfree_gym.picture_reach import Array
 
 Tick = Callable[[dict[str, Any], dict[str, float]], Any]
@@ -55,7 +55,7 @@ class Motors:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: LeRobot,
         names: Sequence[str],
         note: Callable[[float, dict[str, Any]], None],
         on_tick: Tick | None,

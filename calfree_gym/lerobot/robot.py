@@ -17,7 +17,7 @@ FULL_TURN = 4095
 """Ticks that LeRobot takes for 360 degrees, of motors that tell no other number."""
 
 
-class Robot(Protocol):
+class LeRobot(Protocol):
     """What is used of LeRobot's `Robot`; besides, where it is there, `config`, `bus`, `clock` and `sleep`."""
 
     @property
@@ -45,7 +45,7 @@ class Robot(Protocol):
         """Tells motors where to go."""
 
 
-def checked_motors(robot: Robot, motors: Sequence[str] | None) -> tuple[str, ...]:
+def checked_motors(robot: LeRobot, motors: Sequence[str] | None) -> tuple[str, ...]:
     """The names of the motors that are to move; by default all but a gripper's.
 
     Raises:
@@ -67,7 +67,7 @@ def checked_motors(robot: Robot, motors: Sequence[str] | None) -> tuple[str, ...
     return tuple(chosen)
 
 
-def checked_cameras(robot: Robot, cameras: Sequence[str]) -> tuple[str, str]:
+def checked_cameras(robot: LeRobot, cameras: Sequence[str]) -> tuple[str, str]:
     """The names of the two cameras.
 
     Raises:
@@ -92,7 +92,7 @@ def _check_names(what: str, names: Sequence[str], there: Sequence[str]) -> None:
         raise ValueError(f"the {what}s are {', '.join(names) or 'none'}; each must be named once; {has}")
 
 
-def check_most_ahead(robot: Robot, ahead: float) -> None:
+def check_most_ahead(robot: LeRobot, ahead: float) -> None:
     """Raises ValueError where the robot clips goals that are `ahead` of where it stands, in degrees."""
     most = getattr(getattr(robot, "config", None), "max_relative_target", None)
     for value in most.values() if isinstance(most, dict) else [most]:
@@ -129,7 +129,7 @@ class Encoder:
         return (ticks - self.middle) * 360 / self.turn
 
 
-def read_encoders(robot: Robot, motors: Sequence[str]) -> dict[str, Encoder]:
+def read_encoders(robot: LeRobot, motors: Sequence[str]) -> dict[str, Encoder]:
     """The encoders of these motors; none where the robot has no bus of its own.
 
     Of a robot that was never calibrated, the limits are read that its motors have: nothing else is needed.
@@ -150,7 +150,7 @@ def read_encoders(robot: Robot, motors: Sequence[str]) -> dict[str, Encoder]:
     return encoders
 
 
-def robot_motors(robot: Robot) -> list[str]:
+def robot_motors(robot: LeRobot) -> list[str]:
     """All motors that a robot has."""
     return [key.removesuffix(POSITION) for key in robot.action_features]
 

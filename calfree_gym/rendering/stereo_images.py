@@ -44,7 +44,7 @@ OCTAVES = 5
 """Blotches of five sizes, each half as large as the one before."""
 
 
-class Light(NamedTuple):
+class Lighting(NamedTuple):
     """How a scene is lit, and what covers table and room.
 
     Attributes:
@@ -60,13 +60,13 @@ class Light(NamedTuple):
     texture: int
 
     @classmethod
-    def of(cls, world: World) -> Light:
+    def of(cls, world: World) -> Lighting:
         """The light that cameras see a world in."""
         strengths = float(world.light_strength), float(world.light_ambient)
         return cls(world.light_direction, *strengths, int(world.texture))
 
 
-FOR_PEOPLE = Light(BUILT_LIGHT, 0.4, 0.58, STUDIO)
+FOR_PEOPLE = Lighting(BUILT_LIGHT, 0.4, 0.58, STUDIO)
 """The light in which people see every world alike, on a light table. Choice."""
 
 
@@ -112,7 +112,7 @@ class StereoImages:
         world: World,
         groups: Sequence[int] = SEEN,
         configuration: Array | None = None,
-        light: Light | None = None,
+        light: Lighting | None = None,
     ) -> tuple[Image, Image]:
         """Images (size, size, 3), left and right, as the simulation is now.
 
@@ -139,18 +139,18 @@ class StereoImages:
         return left, right
 
     def prepare(
-        self, row: int, world: World, configuration: Array | None = None, light: Light | None = None
+        self, row: int, world: World, configuration: Array | None = None, light: Lighting | None = None
     ) -> tuple[LensMap, ...]:
         """Lights and covers the row's scene, as it is now or in a configuration (q,); its lenses."""
         if self._worlds[row] is not world:
             self._worlds[row] = world
             cameras = zip(world.focal_length, world.principal_point, world.lens_k1, strict=True)
             self._lenses[row] = tuple(LensMap.of(*camera, self.size) for camera in cameras)
-        self.shine(light or Light.of(world))
+        self.shine(light or Lighting.of(world))
         self._simulation.show(row, self.picture, configuration=configuration)
         return self._lenses[row]
 
-    def shine(self, light: Light) -> None:
+    def shine(self, light: Lighting) -> None:
         """Lights and covers the picture."""
         model, lamp, rig = self.renderer.model, self._lamp, self._rig
         model.light_dir[lamp] = light.direction

@@ -157,7 +157,7 @@ _TINT = 0.45
 """So much of a flashing image is the colour of the alarm."""
 
 
-class Marks(NamedTuple):
+class Markings(NamedTuple):
     """What is marked in the images.
 
     Attributes:
@@ -172,9 +172,9 @@ class Marks(NamedTuple):
     target: Array
     predicted: Array | None = None
 
-    def lingering(self, predicted: Array | None) -> Marks:
+    def lingering(self, predicted: Array | None) -> Markings:
         """While the arm moves: nothing is seen, and all stays where it was seen last."""
-        return Marks(self.points, np.zeros_like(self.seen), self.target, predicted)
+        return Markings(self.points, np.zeros_like(self.seen), self.target, predicted)
 
 
 class Alarm(NamedTuple):
@@ -213,7 +213,7 @@ class Screen:
         self._sensors = ImageFormation(height // 2) if sensors else None
         self._font, self._stroke = font(height / 28), max(1, height // 300)
 
-    def draw(self, configuration: Array | None, marks: Marks | None, alarm: Alarm = NO_ALARM) -> Image:
+    def draw(self, configuration: Array | None, marks: Markings | None, alarm: Alarm = NO_ALARM) -> Image:
         """A picture (height, width, 3).
 
         Args:
@@ -238,7 +238,7 @@ class Screen:
             images[camera] = self._named(image, name)
         return beside(scene, images)
 
-    def _mark(self, image: Image, marks: Marks, camera: int) -> None:
+    def _mark(self, image: Image, marks: Markings, camera: int) -> None:
         tolerance = float(self._arms.tolerance) * PIXELS_PER_UNIT
         target = marks.target[camera]
         draw_points(image, marks.points[camera::2], marks.seen[camera::2], target, tolerance)

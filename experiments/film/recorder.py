@@ -14,13 +14,13 @@ from calfree_gym.geometry import Array
 from calfree_gym.robot.inserting import RADIUS
 from experiments.config.in_words import in_words
 from experiments.film.files import FilmFiles
-from experiments.film.pictures import NO_ALARM, Alarm, Image, Marks, Screen, Trial, Words, moment
+from experiments.film.pictures import NO_ALARM, Alarm, Image, Markings, Screen, Trial, Words, moment
 from experiments.reporting.tables import counted
 
 MM = 1000.0
 
 
-class Status(NamedTuple):
+class TrialStatus(NamedTuple):
     """Where a trial is.
 
     Attributes:
@@ -38,12 +38,12 @@ class Status(NamedTuple):
     over: bool = False
 
     @property
-    def task(self) -> Task:
+    def task(self) -> TaskInWords:
         """What the agent is to do."""
         return next(task for task in TASKS if not task.told_by or task.told_by in self.info["truth"])
 
 
-class Task(NamedTuple):
+class TaskInWords(NamedTuple):
     """What an agent is to do, in words.
 
     Attributes:
@@ -58,13 +58,13 @@ class Task(NamedTuple):
 
 
 TASKS = (
-    Task("lifted_mm", "grasp", "lifted"),
-    Task("depth_mm", "insertion", "inserted"),
-    Task("", "reach", "reached"),
+    TaskInWords("lifted_mm", "grasp", "lifted"),
+    TaskInWords("depth_mm", "insertion", "inserted"),
+    TaskInWords("", "reach", "reached"),
 )
 
 
-def caption(agent: str, status: Status) -> str:
+def caption(agent: str, status: TrialStatus) -> str:
     """The line below the pictures."""
     count, task = counted(status.motions, "motion"), status.task
     where = f"motion {status.motions}"
@@ -75,7 +75,7 @@ def caption(agent: str, status: Status) -> str:
     return " · ".join([agent, f"trial {status.trial}", where, *_measured(status.info)])
 
 
-def told(status: Status) -> str:
+def told(status: TrialStatus) -> str:
     """Where a trial is, in a few words."""
     count = counted(status.motions, "motion") if status.motions else "begins"
     return f"{status.task.trial} {status.trial}: {count}" + ", in vain" * (status.over and not status.success)
@@ -140,9 +140,9 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.predicted: Callable[[Array], Array | None] = lambda registers: None
         self._screen, self._write, self._film, self._rate = screen, write, film, frames_per_second
         self._agent, self._first_trial = agent, first_trial
-        self._status = Status(0, 0, {})
+        self._status = TrialStatus(0, 0, {})
         self._trials: list[Trial] = []
-        self._marks: Marks | None = None
+        self._marks: Markings | None = None
         self._alarm, self._expected = NO_ALARM, False
         self._way: list[Array] = []
         self._arms.simulation.way = self._way
@@ -162,7 +162,7 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             before, seconds = self._configuration(), unwrapped.home_seconds - LOOK_SECONDS
         self._way.clear()
         observation, info = self.env.reset(seed=seed, options=options)
-        self._status = Status(self._status.trial + 1, 0, info)
+        self._status = TrialStatus(self._status.trial + 1, 0, info)
         self._trials.append(Trial())
         self._marks, self._alarm = None, NO_ALARM
         self._note_changes()
@@ -247,14 +247,14 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         points, visible, *_ = self._arms.delivered
         shown = list(self._arms.shown_points)
         target = self._arms.shown(0)[2][0]
-        self._marks = Marks(points[0, shown], visible[0, shown], target.copy(), predicted)
+        self._marks = Markings(points[0, shown], visible[0, shown], target.copy(), predicted)
         status = self._status
         words, seconds = self._words(good=status.success), END if status.over else LOOK
         picture = self._show(seconds, None, self._marks, words, self._alarm)
         self._film.keep(moment(picture, told(status), turn=status.over))
 
     def _show(
-        self, seconds: float, configuration: Array | None, marks: Marks | None, words: Words, alarm: Alarm
+        self, seconds: float, configuration: Array | None, marks: Markings | None, words: Words, alarm: Alarm
     ) -> Image:
         """Shows a picture for so long, and at least for a frame; without words it is returned."""
         picture = self._screen.draw(configuration, marks, alarm)

@@ -107,7 +107,7 @@ def _times(rng: np.random.Generator, design: str, size: tuple[int, int]) -> Arra
 
 
 @dataclass(frozen=True, slots=True)
-class Study:
+class CoverageStudy:
     """An estimand whose interval is tried.
 
     Attributes:
@@ -132,46 +132,46 @@ def _fewer(motions: Array) -> Array:
 
 _BOTH = (*SUCCESS, BAD_FOR_ONE)
 STUDIES = (
-    Study(
+    CoverageStudy(
         "share of rendezvous",
         _shares,
         lambda shares: mean_share(shares[:, 0]),
         lambda shares: float(shares[:, 0].mean()),
     ),
-    Study(
+    CoverageStudy(
         "difference of shares",
         _shares,
         lambda shares: paired_shares(shares[:, 1], shares[:, 0]),
         lambda shares: float(np.diff(shares).mean()),
         _BOTH,
     ),
-    Study(
+    CoverageStudy(
         "motions of trials that reached, median world",
         _of_those_that_reached,
         median_world,
         lambda motions: float(np.nanmedian(motions)),
     ),
-    Study(
+    CoverageStudy(
         "motions per reach, median world",
         _motions,
         lambda motions: median_world(motions[:, 0]),
         lambda motions: float(np.median(motions[:, 0])),
     ),
-    Study(
+    CoverageStudy(
         "difference of motions, median world",
         _motions,
         lambda motions: paired_motions(motions[:, 1], motions[:, 0]),
         lambda motions: float(np.median(_fewer(motions))),
         _BOTH,
     ),
-    Study(
+    CoverageStudy(
         "share of worlds with fewer motions",
         _motions,
         lambda motions: share_of_worlds(motions[:, 0], motions[:, 1]),
         lambda motions: float(np.mean((_fewer(motions) > 0) + 0.5 * (_fewer(motions) == 0))),
         _BOTH,
     ),
-    Study(
+    CoverageStudy(
         "motions lived until 95 %, median world",
         _times,
         lambda times: median_time(times[:, 0], times[:, 1] > 0),
@@ -183,7 +183,7 @@ STUDIES = (
 
 def tables(
     samples: int = 1_000,
-    studies: Sequence[Study] = STUDIES,
+    studies: Sequence[CoverageStudy] = STUDIES,
     sizes: Sequence[int] = WORLDS,
     population: int = 100_000,
 ) -> Iterator[Table]:

@@ -35,7 +35,7 @@ HELD_OUT = 10_000
 """Seeds the trials that are held out."""
 
 
-class Learner(NamedTuple):
+class Algorithm(NamedTuple):
     """An algorithm of stable-baselines3.
 
     Attributes:
@@ -48,7 +48,7 @@ class Learner(NamedTuple):
 
 
 LEARNERS = {
-    "PPO": Learner(
+    "PPO": Algorithm(
         150_000,
         {
             "n_steps": 32,
@@ -59,7 +59,7 @@ LEARNERS = {
             "policy_kwargs": {"log_std_init": -1.5},
         },
     ),
-    "SAC": Learner(
+    "SAC": Algorithm(
         16_000,
         {
             "learning_starts": 500,
@@ -104,7 +104,7 @@ def _device() -> str:
     return torch.cuda.get_device_name() if torch.cuda.is_available() else "one core"
 
 
-def _learned(name: str, learner: Learner, share: float, looks: int, trials: int) -> list[dict[str, Any]]:
+def _learned(name: str, learner: Algorithm, share: float, looks: int, trials: int) -> list[dict[str, Any]]:
     """A row of each look."""
     import stable_baselines3
     import torch

@@ -15,7 +15,7 @@ from calfree_gym.vision.marks import GraspMarks
 from calfree_gym.vision.tracking.blobs import ColourTable, Image, find_blobs
 from calfree_gym.vision.tracking.gripper_fit import GripperFit, GripperLayout, fit_gripper
 from calfree_gym.vision.tracking.outlines import Array
-from calfree_gym.vision.tracking.parts import Part, completed, find_parts, whole
+from calfree_gym.vision.tracking.parts import MarkPart, completed, find_parts, whole
 from calfree_gym.vision.tracking.stereo import FrozenCameras, Pair, check_images, proportions
 
 POINTS = ("tip", "base", "jaw_1", "jaw_2", "edge_1", "edge_2", "object", "end_1", "end_2")
@@ -59,7 +59,7 @@ class GraspTracker:
         self._points, self._opposed = np.zeros((len(POINTS), 2, 2)), 0.0
         self._areas: list[dict[str, tuple[float, ...]]] = [{} for _ in CAMERAS]
         self._fits: list[GripperFit | None] = [None for _ in CAMERAS]
-        self._objects: list[Part | None] = [None for _ in CAMERAS]
+        self._objects: list[MarkPart | None] = [None for _ in CAMERAS]
 
     def copy(self) -> GraspTracker:
         """One that remembers the same, and goes on by itself."""
@@ -121,7 +121,7 @@ class GraspTracker:
         points[_OBJECT], seen[_OBJECT] = object_.middle / scale - 1, True
         return seen, np.zeros(2) if object_.radius else object_.axis / scale
 
-    def _parts(self, image: Image, camera: int) -> dict[str, list[Part]]:
+    def _parts(self, image: Image, camera: int) -> dict[str, list[MarkPart]]:
         """What is seen of the marks in one camera's image."""
         areas = self._areas[camera]
         parts = {}
@@ -154,7 +154,7 @@ class GraspTracker:
                 visible[end, camera] = True
 
 
-def _covered(size: tuple[int, ...], parts: dict[str, list[Part]]) -> Image:
+def _covered(size: tuple[int, ...], parts: dict[str, list[MarkPart]]) -> Image:
     """1 where parts cover an image (h, w), and near them, and 0 elsewhere."""
     covered = np.zeros(size, np.uint8)
     for part in chain(*parts.values()):

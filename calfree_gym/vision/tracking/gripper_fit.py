@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.image import RANK, rounded
 from calfree_gym.vision.tracking.outlines import Array
-from calfree_gym.vision.tracking.parts import Part
+from calfree_gym.vision.tracking.parts import MarkPart
 
 BEFORE = 0.1
 """Weight of the directions that were seen before, relative to a part that is seen whole. Choice: they decide
@@ -76,7 +76,7 @@ class GripperFit(NamedTuple):
 
 
 def fit_gripper(
-    parts: Mapping[str, list[Part]], scale: Array, layout: GripperLayout, before: GripperFit | None
+    parts: Mapping[str, list[MarkPart]], scale: Array, layout: GripperLayout, before: GripperFit | None
 ) -> GripperFit | None:
     """The gripper by its parts: each is base + share * axis ± line of the jaws, or base ± edge.
 

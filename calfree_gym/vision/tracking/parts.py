@@ -20,7 +20,7 @@ BELONGS = 3.0
 many of their standard deviations together. Choice: halves of a bar, with half a bar between them."""
 
 
-class Part(NamedTuple):
+class MarkPart(NamedTuple):
     """What is seen of a mark in an image.
 
     Attributes:
@@ -40,7 +40,7 @@ class Part(NamedTuple):
     radius: float = 0.0
 
     @classmethod
-    def of(cls, corner: Array, shares: Opacity) -> Part:
+    def of(cls, corner: Array, shares: Opacity) -> MarkPart:
         """The part that covers these shares of pixels."""
         area = float(shares.sum())
         rows, columns = np.indices(shares.shape)
@@ -68,11 +68,11 @@ class Part(NamedTuple):
         (found,) = fit_circles(points[None], (self.middle - centre)[None], np.array([largest]))
         return replace(found, centre=found.centre + corner)
 
-    def with_part(self, other: Part) -> Part:
+    def with_part(self, other: MarkPart) -> MarkPart:
         """Both together."""
-        return Part.of(*self.union(other))
+        return MarkPart.of(*self.union(other))
 
-    def union(self, other: Part) -> tuple[Array, Opacity]:
+    def union(self, other: MarkPart) -> tuple[Array, Opacity]:
         """The window of both: its left and upper border (2,), and which share of each pixel they cover."""
         corners = np.stack([self.corner, other.corner])
         ends = corners + [each.shares.shape[::-1] for each in (self, other)]
@@ -86,7 +86,7 @@ class Part(NamedTuple):
         return corner, shares
 
 
-def find_parts(blobs: list[Blob], mark: Mark) -> list[Part]:
+def find_parts(blobs: list[Blob], mark: Mark) -> list[MarkPart]:
     """The parts of a mark's colour, the largest first.
 
     Args:
@@ -97,7 +97,7 @@ def find_parts(blobs: list[Blob], mark: Mark) -> list[Part]:
     return sorted((part for part in parts if part is not None), key=lambda part: -part.area)
 
 
-def whole(parts: list[Part]) -> Part | None:
+def whole(parts: list[MarkPart]) -> MarkPart | None:
     """The largest part with those that seem to belong to it, something before them; None of none."""
     if not parts:
         return None
@@ -109,14 +109,14 @@ def whole(parts: list[Part]) -> Part | None:
     return together
 
 
-def _measured(blob: Blob, mark: Mark) -> Part | None:
+def _measured(blob: Blob, mark: Mark) -> MarkPart | None:
     shares, contrast = opacity(blob.window, blob.mask)
     area = float(shares.sum())
     if area < np.pi * (LEAST_RADIUS * min(blob.image_size)) ** 2 or contrast < LEAST_CONTRAST:
         return None
     if not have_colours(covered(blob, shares)[None], [mark], BALL_SATURATION[0])[0]:
         return None
-    return Part.of(np.array(blob.corner, float), shares)
+    return MarkPart.of(np.array(blob.corner, float), shares)
 
 
 BEYOND = 0.05
@@ -136,7 +136,7 @@ UNEXPLAINED = 0.3
 """A thing of which a larger share is seen elsewhere, or is missing, shows another side. Choice."""
 
 
-def completed(seen: Part, before: Part | None, centre: Array, hiders: Image) -> Part:
+def completed(seen: MarkPart, before: MarkPart | None, centre: Array, hiders: Image) -> MarkPart:
     """A thing of which this is seen now, and perhaps more was seen before.
 
     Where all that is seen was there before, it lies still, and what is missing is hidden. Otherwise it has
@@ -161,7 +161,7 @@ def completed(seen: Part, before: Part | None, centre: Array, hiders: Image) -> 
     return seen._replace(middle=circle.centre, radius=circle.radius)
 
 
-def _registered(seen: Part, before: Part, hiders: Image) -> Part:
+def _registered(seen: MarkPart, before: MarkPart, hiders: Image) -> MarkPart:
     """The thing as it was before, where it is now; `seen` where that is all of it, or shows another side.
 
     Of all shifts and turns, that which leaves least of what is seen, and of what should be, unexplained.
@@ -186,7 +186,7 @@ def _registered(seen: Part, before: Part, hiders: Image) -> Part:
         least, _, place, _ = cv2.minMaxLoc(costs)
         found.append((least, place, shares, costs))
     least, (across, down), shares, costs = min(found, key=lambda each: each[0])
-    part = Part.of(seen.corner - size + np.array([across, down]), shares)
+    part = MarkPart.of(seen.corner - size + np.array([across, down]), shares)
     there = shown[down : down + shares.shape[0], across : across + shares.shape[1]]
     hidden = 1 - float((shares * there).sum()) / part.area
     if hidden <= HIDDEN or least + seen.area > UNEXPLAINED * part.area:
@@ -194,7 +194,7 @@ def _registered(seen: Part, before: Part, hiders: Image) -> Part:
     return part._replace(middle=part.middle + _between_pixels(costs, across, down))
 
 
-def _turned(part: Part, turn: float, size: int) -> Opacity:
+def _turned(part: MarkPart, turn: float, size: int) -> Opacity:
     """The shares of a part, turned (rad) about its middle, in the middle of a window (size, size)."""
     middle = part.middle - part.corner - 0.5
     matrix = np.array(cv2.getRotationMatrix2D(middle.tolist(), np.degrees(turn), 1.0))

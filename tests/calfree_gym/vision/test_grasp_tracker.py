@@ -10,7 +10,7 @@ from calfree_gym.image import PIXELS_PER_UNIT
 from calfree_gym.vision import GraspMarks, GraspTracker, Mark
 from calfree_gym.vision.tracking.grasp_tracker import POINTS
 from calfree_gym.vision.tracking.gripper_fit import GripperLayout, fit_gripper
-from calfree_gym.vision.tracking.parts import Part
+from calfree_gym.vision.tracking.parts import MarkPart
 from tests.calfree_gym.environments import make
 
 TIP, BASE, OBJECT, END_1, END_2 = (POINTS.index(name) for name in ("tip", "base", "object", "end_1", "end_2"))
@@ -207,7 +207,7 @@ def test_right_angles_tell_an_edge_that_is_hidden(turn, tilt, roll, hidden):
     """Whatever the camera; of two ways round the one that was seen before."""
     gripper = seen_from(turn, tilt, roll)
     dot, places = np.ones((5, 5), np.float32), places_of_marks(**gripper)
-    parts = {name: [Part.of(middle - 3, dot) for middle in middles] for name, middles in places.items()}
+    parts = {name: [MarkPart.of(middle - 3, dot) for middle in middles] for name, middles in places.items()}
     scale = np.array([160.0, 120.0])
     whole = fit_gripper(parts, scale, LAYOUT, None)
     fit = fit_gripper(parts | {hidden: []}, scale, LAYOUT, whole)
@@ -223,7 +223,7 @@ def test_jaws_are_seen_by_their_surface(turn, tilt, roll):
     places = places_of_marks(**gripper)
     dot, ends = np.ones((5, 5), np.float32), ("jaw_1", "jaw_2", "fingers")
     parts = {
-        name: [Part.of(middle - 3 + ahead * (name in ends), dot) for middle in middles]
+        name: [MarkPart.of(middle - 3 + ahead * (name in ends), dot) for middle in middles]
         for name, middles in places.items()
     }
     scale = np.array([128.0, 128.0])
@@ -264,7 +264,7 @@ def test_an_axis_has_the_same_sign_whatever_sign_an_eigenvector_is_given(turn, s
     shares = np.zeros((41, 41), np.float32)
     along = np.linspace(-15, 15, 61)
     shares[np.round(20 + sine * along).astype(int), np.round(20 + cosine * along).astype(int)] = 1
-    part = Part.of(np.zeros(2), shares)
+    part = MarkPart.of(np.zeros(2), shares)
     eigh = np.linalg.eigh
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(np.linalg, "eigh", lambda matrix: (eigh(matrix)[0], sign * eigh(matrix)[1]))

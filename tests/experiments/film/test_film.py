@@ -8,7 +8,7 @@ from PIL import Image
 
 from calfree_gym.engine.frames import GRIPPER_COLOUR, SceneFrame
 from experiments.__main__ import main
-from experiments.film.pictures import ALARM, SUCCESS, Alarm, Lettering, Marks, Screen, Trial, Words
+from experiments.film.pictures import ALARM, SUCCESS, Alarm, Lettering, Markings, Screen, Trial, Words
 
 
 def near(frame, colour):
@@ -67,7 +67,7 @@ def test_marks_and_alarms_are_drawn_where_they_belong():
     assert nothing.shape == (216, 324, 3)
     points = np.array([[0.5, 0.5], [-0.5, -0.5], [0.9, -0.9], [0.9, -0.9]])
     expected = np.array([[0.0, 0.5], [np.nan, np.nan], [0.9, 0.9], [0.9, 0.9]])
-    marked = screen.draw(None, Marks(points, np.ones(4, bool), points[2:], expected))
+    marked = screen.draw(None, Markings(points, np.ones(4, bool), points[2:], expected))
     new = near(marked, GRIPPER_COLOUR) & ~near(nothing, GRIPPER_COLOUR)
     left, right = new[:108, 216:], new[108:216, 216:]
     assert left[78:84, 51:57].any(), "the gripper's cross, left"
@@ -85,8 +85,8 @@ def test_marks_and_alarms_are_drawn_where_they_belong():
     off = [np.abs(each[image].astype(int) - nothing[image]).mean() for each in (alarmed, flashing)]
     assert off[0] < 1 < 20 < off[1]
     outside = np.array([[1.2, 0.0], [np.nan, 0.0], [1.2, 0.0], [np.nan, 0.0]])
-    unseen = screen.draw(None, Marks(points, np.ones(4, bool), points[2:], outside))
-    without = screen.draw(None, Marks(points, np.ones(4, bool), points[2:]))
+    unseen = screen.draw(None, Markings(points, np.ones(4, bool), points[2:], outside))
+    without = screen.draw(None, Markings(points, np.ones(4, bool), points[2:]))
     np.testing.assert_array_equal(unseen, without, "a cross outside the image is not drawn")
     moved = screen.draw(env.unwrapped.arms.simulation.configuration(0) + 0.3, None)
     assert (np.abs(moved.astype(int) - nothing)[:, :216].max(-1) > 60).sum() > 300

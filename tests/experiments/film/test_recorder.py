@@ -8,7 +8,17 @@ import agents
 from calfree_gym.image import lengths_px
 from experiments.film.command import Predictions
 from experiments.film.pictures import Trial
-from experiments.film.recorder import END, FLASH, FLASHES, LOOK, NEWS, FilmRecorder, Status, caption, told
+from experiments.film.recorder import (
+    END,
+    FLASH,
+    FLASHES,
+    LOOK,
+    NEWS,
+    FilmRecorder,
+    TrialStatus,
+    caption,
+    told,
+)
 
 RATE = 20
 KNOCK = {"type": "camera_aim", "camera": "left", "degrees": 15.0}
@@ -202,7 +212,7 @@ def test_what_the_physics_passed_is_shown_jaws_and_object_too(recorded):
 
 
 def test_the_caption_says_where_a_trial_is():
-    status = Status(3, 1, {"truth": {"error_px": 35.4}})
+    status = TrialStatus(3, 1, {"truth": {"error_px": 35.4}})
     assert caption("someone", status) == "someone · trial 3 · motion 1 · 35 px off"
     reached = status._replace(success=True, over=True)
     assert caption("someone", reached) == "someone · trial 3 · reached in 1 motion · 35 px off"
@@ -227,14 +237,14 @@ def test_the_caption_says_where_a_trial_is():
     ],
 )
 def test_each_task_tells_what_is_true_of_it(info, said):
-    assert caption("someone", Status(1, 9, info)) == f"someone · trial 1 · motion 9 · {said}"
+    assert caption("someone", TrialStatus(1, 9, info)) == f"someone · trial 1 · motion 9 · {said}"
 
 
 @pytest.mark.parametrize("name", ["Reach", "SafeReach", "Grasp", "Insert"])
 def test_every_environment_tells_it(name):
     env = gym.make(f"CalFree/{name}-v0")
     info = env.reset(seed=0)[1]
-    words = caption("someone", Status(1, 0, info, success=True))
+    words = caption("someone", TrialStatus(1, 0, info, success=True))
     done = {"Grasp": "lifted", "Insert": "inserted"}.get(name, "reached")
     assert f" · {done} in 0 motions · " in words
     outcome = {"Grasp": "not held", "Insert": "peg outside the hole", "SafeReach": "touches nothing"}
