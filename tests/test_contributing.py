@@ -97,7 +97,7 @@ def copy(tmp_path):
 
 
 def test_there_is_a_recipe_for_each():
-    assert RECIPES.keys() == {"task", "perturbation", "agent", "arm", "figure"}
+    assert RECIPES.keys() == {"task", "perturbation", "agent", "arm", "suite", "study", "figure"}
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
@@ -115,6 +115,8 @@ def test_recipe(recipe, copy):
         "perturbation": check_perturbation,
         "agent": check_agent,
         "arm": check_arm,
+        "suite": check_suite,
+        "study": check_study,
         "figure": check_figure,
     }[recipe]
     check(copy)
@@ -130,6 +132,19 @@ def check_task(copy):
         "print(env.task)"
     )
     assert run(sys.executable, "-c", code, cwd=copy) == "reach\n"
+
+
+def check_suite(copy):
+    """Its report shows both agents at both values."""
+    report = (copy / "build" / "results" / "zoomed" / "report.md").read_text()
+    assert "focal_length" in report
+    assert "test-motion servo" in report
+
+
+def check_study(copy):
+    """Its test passes, and its table was written."""
+    run(sys.executable, "-m", "pytest", "-q", "tests/experiments/studies/test_zoom_range.py", cwd=copy)
+    assert '"zoom_range"' in (copy / "build" / "results" / "zoom_range.json").read_text()
 
 
 def check_perturbation(copy):

@@ -148,7 +148,7 @@ class Claim(Model):
     Attributes:
         name: Ours.
         kind: A question is what the paper leaves open; its words are the answer that it suggests.
-        section: Of the paper.
+        section: Of the paper, where it is of the paper.
         words: The claim in our words.
         criteria: It is confirmed where all of them are met.
         remark: What they do not show.
@@ -156,7 +156,7 @@ class Claim(Model):
 
     name: Name
     kind: Literal["claim", "question"] = "claim"
-    section: str
+    section: str = ""
     words: str
     criteria: tuple[Criterion, ...] = Field(min_length=1, strict=False)
     remark: str = ""

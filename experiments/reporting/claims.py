@@ -22,7 +22,7 @@ from experiments.reporting.finished_suite import (
 )
 from experiments.reporting.held_out import with_clocks
 from experiments.reporting.pages import Section, summary_row
-from experiments.reporting.tables import Table, number, percent, written
+from experiments.reporting.tables import Table, counted, number, percent, written
 from experiments.statistics import (
     ENOUGH_WORLDS,
     Estimate,
@@ -263,7 +263,7 @@ def claims_section(judged: Sequence[JudgedClaim]) -> Section:
     of_criteria = ["claim or question", "criterion", "measured", "must be", "verdict"]
     remarks = " ".join(f"{each.claim.words} {each.claim.remark}" for each in judged if each.claim.remark)
     return Section(
-        title="The paper's claims",
+        title="Claims",
         text=" ".join(verdicts_in_words(judged)),
         tables=(
             Table.of("verdicts", "Verdicts", of_claims, verdicts),
@@ -340,7 +340,7 @@ def _when(trials: TrialsOf) -> str:
 def verdicts_in_words(judged: Sequence[JudgedClaim]) -> tuple[str, ...]:
     """Which claims stand, which fell, and how the paper's questions are answered: a sentence each."""
     return tuple(
-        f"Of {len(of_kind)} {kind}s of the paper {_counted(of_kind)}."
+        f"Of {counted(len(of_kind), kind)} {_counted(of_kind)}."
         for kind in ("claim", "question")
         if (of_kind := [each for each in judged if each.claim.kind == kind])
     )

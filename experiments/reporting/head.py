@@ -122,7 +122,7 @@ def _until(times: Times | None) -> str:
 
 def _of_trials(own: OwnTrials) -> tuple[_Cells, str]:
     edges = edges_of(own.scenario, (1, *COARSE))
-    column = f"motions per reach in trial 1 → trials {span(*edges[-2:])}"
+    column = f"motions per reach in trial 1 → {span(*edges[-2:])}"
     found = {}
     for label in own.worlds:
         of_blocks = own.blocks(label, MOTIONS, edges).estimates()

@@ -81,8 +81,7 @@ def _refuse(finished: FinishedSuite, target: Path) -> None:
         )
     made_by, here = finished.versions["commit"], commit()
     for whose, found in ((f"{out} was made by", made_by), ("this report would be made by", here)):
-        if is_of_no_commit(found):
-            raise ConfigError(f"{whose} files that no commit has ({found}); commit them, and run it again")
+        _refuse_no_commit(whose, found)
     if (code := finished.versions["code"]) != (now := versions()["code"]):
         raise ConfigError(f"{out} was made by other code ({code}, here it is {now}); run it again")
     if target.exists() and not (target / RESULTS).exists():
@@ -90,6 +89,11 @@ def _refuse(finished: FinishedSuite, target: Path) -> None:
             f"{target} holds kept results that are no suite's ({RESULTS} is missing); give the suite "
             "another name"
         )
+
+
+def _refuse_no_commit(whose: str, found: str) -> None:
+    if is_of_no_commit(found):
+        raise ConfigError(f"{whose} files that no commit has ({found}); commit them, and run it again")
 
 
 def keep_benchmark(measured: Path, kept: Path) -> Path:
@@ -103,11 +107,12 @@ def keep_benchmark(measured: Path, kept: Path) -> Path:
         The folder.
 
     Raises:
-        ConfigError: There is no such file, it is damaged, or a suite is kept under its name.
+        ConfigError: There is no such file, it is damaged, no commit has the code that made it, or a suite is
+            kept under its name.
     """
     if not measured.is_file():
         raise ConfigError(f"{measured}: there is no such file")
-    read_kept(measured)
+    _refuse_no_commit(f"{measured} was made by", read_kept(measured)[2])
     folder = kept / measured.stem
     if (folder / RESULTS).exists():
         raise ConfigError(f"{folder} holds the results of a suite; give {measured.name} another name")

@@ -95,6 +95,8 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     found: dict[str, Any] = {"commit": commit(), "versions": versions(), "tables": []}
     for name in options.studies:
         study = import_module(f"{__name__}.{name}")
+        if not hasattr(study, "tables"):
+            raise ConfigError(f"{name} is no study: it has no function tables(), which yields its tables")
         for table in study.tables(options.peer) if name == "speed" else study.tables():
             if not options.json:
                 show([table], options.markdown)

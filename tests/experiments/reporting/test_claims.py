@@ -219,12 +219,11 @@ def test_the_report_says_which_claims_stand():
     assert [each.verdict for each in judged] == ["confirmed", "not confirmed", "untested"]
     (said,) = verdicts_in_words(judged)
     assert said == (
-        "Of 3 claims of the paper 1 is confirmed (it works); 1 is not confirmed (it learns); "
-        "1 is untested (unseen)."
+        "Of 3 claims 1 is confirmed (it works); 1 is not confirmed (it learns); 1 is untested (unseen)."
     )
     asks = [replace(each, claim=each.claim.model_copy(update={"kind": "question"})) for each in judged[:1]]
     _, answered = verdicts_in_words([*judged[1:], *asks])
-    assert answered == "Of 1 questions of the paper 1 is confirmed (it works)."
+    assert answered == "Of 1 question 1 is confirmed (it works)."
     section = claims_section(judged)
     assert section.text == said
     for table in section.tables:

@@ -204,6 +204,9 @@ def test_what_is_no_benchmark_is_refused(measured, tmp_path):
     (kept / "mine" / "results.parquet").write_text("")
     with pytest.raises(ConfigError, match="holds the results of a suite"):
         keep_benchmark(measured, kept)
+    measured.write_text(measured.read_text().replace('"abc"', '"abc+"'))
+    with pytest.raises(ConfigError, match=r"was made by files that no commit has \(abc\+\)"):
+        keep_benchmark(measured, kept)
     measured.write_text("{}")
     with pytest.raises(ConfigError, match="damaged or no kept result"):
         keep_benchmark(measured, kept)
