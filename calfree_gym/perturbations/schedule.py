@@ -248,6 +248,7 @@ class PerturbationScheduler:
         keep_in_view: Whether worlds that the cameras do not see are drawn again, and drifts turn back.
         as_seen: A world as it is judged whether they do.
         can_begin: Whether a trial can begin in a world of a row, if that is asked, too.
+        judge: One row that judges whether a world is in view, where that is not an arm's work space.
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("_drifts", "_undoable")
@@ -261,11 +262,12 @@ class PerturbationScheduler:
         keep_in_view: bool,
         as_seen: Callable[[World], World] = lambda world: world,
         can_begin: Callable[[int], Callable[[World], bool] | None] = lambda row: None,
+        judge: Workspaces | None = None,
     ) -> None:
         events = tuple(enumerate(parse_schedule(schedule)))
         self.events = {clock: [(i, event) for i, event in events if event.clock == clock] for clock in CLOCKS}
         self._robot, self._mounts, self._as_seen, self._can_begin = robot, mounts, as_seen, can_begin
-        self._judge = Workspaces(1, robot, mounts)
+        self._judge = judge or Workspaces(1, robot, mounts)
         for _, event in events:
             if not isinstance(event.perturbation, Undo):
                 event.perturbation.check_fits(robot)

@@ -17,6 +17,7 @@ MAX_LATENCY = 10
 """In motions."""
 MAX_TEXTURE = 2**31 - 1
 MAX_SHORTFALL = 0.9
+MAX_SLIP = 0.3
 BUILT_LIGHT = np.array([-0.2, 0.45, -1.0]) / np.linalg.norm([-0.2, 0.45, -1.0])
 """Where the built robot's lamp shines."""
 
@@ -67,6 +68,10 @@ class World:
             in m, in the room; radius 0: none.
         object_mass: Of the things to be grasped, in kg ().
         object_friction: Coefficient of friction between them and the jaws ().
+        marks: On the front of a mobile base, in its frame, in m (d, 3); those of its dock stand alike in the
+            dock's frame. None: it is no base, and the fields below mean nothing.
+        dock: Where the dock is in the room (3,): x and y in m, heading in rad.
+        slip: Standard deviation of a wheel's way in a motion, as a share of it ().
     """
 
     camera_position: Array
@@ -102,6 +107,9 @@ class World:
     occluder: Array = field(default_factory=lambda: np.zeros(5))
     object_mass: Array = field(default_factory=lambda: np.array(0.15))
     object_friction: Array = field(default_factory=lambda: np.array(0.9))
+    marks: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    dock: Array = field(default_factory=lambda: np.zeros(3))
+    slip: Array = field(default_factory=lambda: np.zeros(()))
 
     def __post_init__(self) -> None:
         self._check(_NAMES)
@@ -180,8 +188,12 @@ class World:
         return World.from_dict, (vars(self),)  # arrays stay read-only
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists and floats under the names of the fields; `from_dict` gets them back exactly."""
-        return {name: getattr(self, name).tolist() for name in _SHAPES}
+        """Plain lists and floats under the names of the fields; `from_dict` gets them back exactly.
+
+        Fields of a base are left out where there is none.
+        """
+        names = _NAMES if len(self.marks) else _NAMES[: -len(_OF_A_BASE)]
+        return {name: getattr(self, name).tolist() for name in names}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> World:
@@ -216,6 +228,11 @@ class World:
                     f"World.{name} has shape {found}; it must be {must}: the robot's {what} are "
                     f"{', '.join(expected)}"
                 )
+        if len(self.marks) != len(robot.marks):
+            raise ValueError(
+                f"World.marks has shape {self.marks.shape}; it must be {robot.marks.shape}: so many marks "
+                "stand on the robot's front"
+            )
 
 
 _PARTS = {
@@ -259,7 +276,11 @@ _SHAPES: dict[str, tuple[int | str, ...]] = {
     "occluder": (5,),
     "object_mass": (),
     "object_friction": (),
+    "marks": ("d", 3),
+    "dock": (3,),
+    "slip": (),
 }
+_OF_A_BASE = "marks", "dock", "slip"
 _NAMES = tuple(_SHAPES)
 _OF_ALL = (
     *("backlash", "repeatability", "register_noise", "register_step", "shortfall", "longest_motion"),
@@ -312,6 +333,7 @@ _RANGES = {
     "occluder": _Range([*[-_LARGEST] * 3, 0.0, 0.0], _LARGEST, "has a negative radius or height"),
     "object_mass": _POSITIVE,
     "object_friction": _POSITIVE,
+    "slip": _Range(0.0, MAX_SLIP, f"must be in [0, {MAX_SLIP:g}]"),
 }
 
 
@@ -347,7 +369,7 @@ def _fitted(name: str, array: Array, shape: tuple[int | str, ...]) -> Array:
         filled = np.empty([int(n) for n in shape])
         filled[:] = array
         return filled
-    fits = (free in ("k", "l", length) for free, length in zip(shape, array.shape, strict=False))
+    fits = (free in ("k", "l", "d", length) for free, length in zip(shape, array.shape, strict=False))
     if array.ndim != len(shape) or not all(fits):
         written = str(shape).replace("'", "")
         raise ValueError(f"World.{name} has shape {array.shape}; it must be {written}")

@@ -46,6 +46,8 @@ class Robot(ABC):
 
     Attributes:
         cameras: Names of the cameras.
+        wheels: Names of the wheels; an arm has none.
+        marks: On the front of a base that docks, as built (d, 3); an arm has none.
         motors: Names of the motors.
         joints: Names of the joints that have a zero, k of them; the motors' come first.
         links: Names of the links, l of them.
@@ -63,6 +65,8 @@ class Robot(ABC):
     """
 
     cameras: tuple[str, ...] = CAMERAS
+    wheels: tuple[str, ...] = ()
+    marks: Array = np.zeros((0, 3))
     motors: tuple[str, ...]
     joints: tuple[str, ...]
     links: tuple[str, ...]
