@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, ClassVar
 
@@ -57,7 +57,7 @@ def undone(world: World, before: World, after: World) -> World:
             differs = differs.any(axis=-1, keepdims=True)
         if differs.any():
             restored[field.name] = np.where(differs, old, getattr(world, field.name))
-    return replace(world, **restored)
+    return world.replace(**restored)
 
 
 CLOCKS = ("motion", "trial")
@@ -351,8 +351,8 @@ class PerturbationScheduler:
         if not perturbation.at_home:
             return change(world, robot=self._robot)
         positions = cameras_at_home(world, self._robot, self._mounts)
-        there = change(replace(world, camera_position=positions), robot=self._robot)
-        return replace(there, camera_position=world.camera_position)
+        there = change(world.replace(camera_position=positions), robot=self._robot)
+        return there.replace(camera_position=world.camera_position)
 
     def _serves(self, row: int, world: World) -> bool:
         if not self._keep_in_view:
