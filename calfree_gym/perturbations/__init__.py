@@ -3,8 +3,8 @@
 To add a perturbation:
 
 1. Write a frozen dataclass, derived from `base.Perturbation`, in the module of what it changes: `camera`,
-   `arm`, `wheels`, `image` or `occluder`. Its docstring says what it changes and what it draws for omitted settings; it
-   becomes part of the documentation.
+   `arm`, `wheels`, `image` or `occluder`. Its docstring says what it changes and what it draws for omitted
+   settings; it becomes part of the documentation.
 2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`,
    `base.amount`, `base.factor` or `base.setting`.
 3. Define `change(world, robot)`, which returns a new world; every setting is given there. For one entry of an

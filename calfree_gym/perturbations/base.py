@@ -50,9 +50,7 @@ class Setting:
     def wrong(self, value: Any) -> str | None:
         """What is wrong with a value, if anything; only a robot can tell the names of its parts."""
         if self.part:
-            return (
-                None if isinstance(value, str) else f"it must be the name of one of the robot's {self.part}"
-            )
+            return None if isinstance(value, str) else f"it must name one of the robot's {self.part}"
         kind = "a whole number" if self.whole else "a number"
         if isinstance(value, bool) or not isinstance(value, int if self.whole else int | float):
             return f"it must be {kind}"
@@ -69,7 +67,7 @@ def setting(draw: Draw | None, **allowed: Any) -> Any:
 
 
 def one_of(part: str) -> Any:
-    """The name of one of the robot's "cameras", "motors", "joints", "links" or "wheels"; else any is drawn."""
+    """The name of one of the robot's "cameras", "motors", "joints", "links", "wheels"; or any is drawn."""
     return setting(None, part=part)
 
 

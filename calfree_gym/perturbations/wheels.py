@@ -70,7 +70,7 @@ class Track(OfABase):
 
 @dataclass(frozen=True)
 class Slip(OfABase, Level):
-    """Sets the standard deviation of a wheel's way to a `share` of it (drawn: 0-0.03); as a drift, adds it."""
+    """Sets the standard deviation of a wheel's way, as a `share` of it (drawn: 0-0.03); a drift adds it."""
 
     type: ClassVar[str] = "slip"
     quantity: ClassVar[str] = "share"
@@ -81,8 +81,8 @@ class Slip(OfABase, Level):
 class DockMoved(OfABase):
     """Moves the dock by `metres` (drawn: 0.05-0.3), and turns it by `degrees` (drawn: -10 to 10).
 
-    `azimuth` (drawn: any) is where to, in degrees from the room's x axis to its y axis. Trials start where they
-    did; a robot that is under way stays where it is.
+    `azimuth` (drawn: any) is where to, in degrees from the room's x axis to its y axis. Trials start where
+    they did; a robot that is under way stays where it is.
     """
 
     type: ClassVar[str] = "dock_moved"
