@@ -11,7 +11,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import LOOK_SECONDS, MM, Arms
-from calfree_gym.engine.config import Config
+from calfree_gym.engine.config import Config, check_told
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
     Observation,
@@ -80,8 +80,7 @@ class DockConfig(Config):
             raise ValueError(f"base is {self.base!r}; with dynamics='physics' it must be 'differential'")
         check_whole("cameras", self.cameras, 1, MOST_CAMERAS)
         check_whole("marks", self.marks, 2, len(MARKS))
-        for name in self.tell:
-            check_choice("tell", name, tuple(PRIVILEGED))
+        check_told(self.tell, tuple(PRIVILEGED))
         super().__post_init__()
 
 
@@ -180,30 +179,33 @@ class DockArms(Arms):
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """See `Arms`: poses (n, 3) before the docks.
 
+        Where a goal was not shown yet, it is, and where the trial begins at the dock.
+
         Raises:
-            ValueError: From a given pose the dock is not seen, or from none that is drawn.
+            ValueError: From a given pose the dock is not seen, or from none that is drawn; or a goal cannot
+                be shown.
         """
         berths, in_view = self._workspaces, self._keep_in_view
         if given is None:
             seeds = [self._seeds[row] or 0 for row in rows.tolist()]
-            return berths.starts(seeds, self.trials[rows], rows, in_view)
-        if in_view and not (seen := berths.seen(given[:, None], rows)[:, 0]).all():
+            poses = berths.starts(seeds, self.trials[rows], rows, in_view)
+        elif in_view and not (seen := berths.seen(given[:, None], rows)[:, 0]).all():
             raise ValueError(
                 f"from the pose {given[~seen][0].tolist()} the dock is out of view; give another one, or "
                 "keep_in_view=False"
             )
-        return given
+        else:
+            poses = given
+        if self.config.goal == "shown":
+            self._show(rows[~poses.any(1) | ~self._shown[rows]])
+        return poses
 
-    def begun(self, rows: Rows) -> None:
-        """See `Arms`: where it was not yet, the goal is shown, and where the trial begins at the dock.
+    def _show(self, shown: NDArray[np.intp]) -> None:
+        """Shows these rows their goals.
 
         Raises:
-            ValueError: The goal cannot be shown: a camera at the dock does not see all of its marks.
+            ValueError: A camera at the dock does not see all of its marks.
         """
-        if self.config.goal == "marks":
-            return
-        docked = ~self.rolling.before_dock().any(1)
-        shown = self._all[rows][(docked | ~self._shown)[rows]]
         images, seen = self._workspaces.images(np.zeros((len(shown), 1, 3)), shown)
         if not seen.all() or np.abs(images).max(initial=0) > 1:
             raise ValueError(
