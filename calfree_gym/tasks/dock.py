@@ -26,7 +26,6 @@ from calfree_gym.engine.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice, check_whole
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.image import PIXELS_PER_UNIT, lengths
-from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.docking.base import BASES, MARKS, WHEEL_RADIUS, Base
 from calfree_gym.robot.docking.berths import DOCKED_DEGREES, DOCKED_M, Berths
@@ -43,8 +42,8 @@ from calfree_gym.world import World, WorldChoice
 
 GOALS_OF_DOCKING = ("marks", "shown")
 MOST_CAMERAS = 2
-FARTHEST_START = 5.0
-"""No trial starts farther from the dock (m), as a guard against other units."""
+FARTHEST_TOLD = 1000.0
+"""Privileged quantities are told within this, in m and rad (a guard)."""
 
 
 @dataclass(kw_only=True)
@@ -128,7 +127,8 @@ class DockArms(Arms):
             "observation": state_box(2 * self._half, motors, 0, self.register_bound),
         }
         for name in self.config.tell:
-            boxes[name] = spaces.Box(-np.inf, np.inf, PRIVILEGED[name](self).shape[1:], np.float32)
+            shape = PRIVILEGED[name](self).shape[1:]
+            boxes[name] = spaces.Box(-FARTHEST_TOLD, FARTHEST_TOLD, shape, np.float32)
         return spaces.Dict(boxes), action_space(motors)
 
     def seed_streams(self, row: int, seed: int) -> None:
@@ -147,15 +147,11 @@ class DockArms(Arms):
         super()._redraw(rows)
         self._shown[rows] = False
 
-    def of_worlds(self) -> Sequence[OfWorlds]:
-        """See `Arms`."""
-        return (*super().of_worlds(), self._workspaces)
-
     def objects_of(self, options: dict[str, Any] | None) -> Array | None:
         """The pose of reset's options (N, 3), or None without one.
 
         Raises:
-            ValueError: It is no pose, or far from the dock.
+            ValueError: It is no pose.
         """
         options = checked_options(options)
         if unknown := sorted(options.keys() - {"pose"}):
@@ -169,10 +165,6 @@ class DockArms(Arms):
         if pose.shape not in ((3,), (self.rows, 3)) or not np.isfinite(pose).all():
             raise ValueError(
                 f"options['pose'] is {options['pose']!r}; it must be (x, y, heading) in m and rad"
-            )
-        if np.abs(pose[..., :2]).max() > FARTHEST_START:
-            raise ValueError(
-                f"options['pose'] is {options['pose']!r}; it must be within {FARTHEST_START:g} m"
             )
         return np.broadcast_to(pose, (self.rows, 3))
 
@@ -237,7 +229,8 @@ class DockArms(Arms):
             "observation": joined(visible, self.told_registers()),
         }
         for name in self.config.tell:
-            observed[name] = PRIVILEGED[name](self).astype(np.float32)
+            told = np.clip(PRIVILEGED[name](self), -FARTHEST_TOLD, FARTHEST_TOLD)
+            observed[name] = told.astype(np.float32)
         return observed, *self.judged(achieved, desired)
 
     def judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:
