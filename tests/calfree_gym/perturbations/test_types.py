@@ -4,6 +4,7 @@ import textwrap
 from dataclasses import replace
 from types import SimpleNamespace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,6 +21,7 @@ from calfree_gym.perturbations import (
     DeadZone,
     GearRipple,
     JointZero,
+    Lens,
     LinkLength,
     LongestMotion,
     MotorGain,
@@ -31,7 +33,7 @@ from calfree_gym.perturbations import (
 )
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.world import WorldDistribution
-from tests.calfree_gym.environments import kinematic
+from tests.calfree_gym.environments import OF_CAMERAS, kinematic
 
 RNG = np.random.default_rng
 
@@ -124,28 +126,30 @@ def assert_same(world, expected):
 WITHOUT_INVERSE = {
     *("camera_replace", "lens", "backlash", "repeatability", "register_noise", "register_step", "shortfall"),
     *("longest_motion", "dead_zone", "gear_ripple", "point_noise", "point_outliers", "point_dropout"),
-    *("latency", "light", "blur", "image_noise", "occluder"),
+    *("latency", "light", "blur", "image_noise", "occluder", "slip"),
 }
 
 
 @given(st.sampled_from(sorted(TYPES)), st.integers(0, 10**6))
 def test_a_perturbation_and_its_inverse_are_nothing(name, seed):
-    world = WorldDistribution("wild").sample(seed)
+    robot = TYPES[name].built
+    world = WorldDistribution("wild").sample(seed, robot=robot)
     drawn = TYPES[name]().drawn(RNG(seed))
     if name in WITHOUT_INVERSE:
         with pytest.raises(NotImplementedError, match=name):
             drawn.inverse()
         return
-    assert_same(drawn.inverse().change(drawn.change(world)), world)
+    assert_same(drawn.inverse().change(drawn.change(world, robot), robot), world)
 
 
 @given(st.sampled_from(sorted(TYPES)), st.integers(0, 10**6))
 def test_a_step_of_a_drift_and_a_step_back_are_nothing(name, seed):
-    world = WorldDistribution("wild").sample(seed)
+    robot = TYPES[name].built
+    world = WorldDistribution("wild").sample(seed, robot=robot)
     step = TYPES[name]().drawn(RNG(seed), slowly=True)
-    there = step.drift(world)
+    there = step.drift(world, robot=robot)
     assert there != world
-    assert_same(step.drift(there, back=True), world)
+    assert_same(step.drift(there, back=True, robot=robot), world)
 
 
 @pytest.mark.parametrize("name", sorted(TYPES))
@@ -157,7 +161,7 @@ def test_a_drift_is_slow_and_keeps_its_direction(name):
     if hasattr(drawn, "factor"):
         assert slow.factor**100 == pytest.approx(drawn.factor)
     pose = ("direction", "azimuth", "elevation", "strength", "ambient", "at", "seed", "period", "phase")
-    for kept in ("camera", "joint", "link", "motor", *pose):
+    for kept in ("camera", "joint", "link", "motor", "wheel", *pose):
         assert getattr(slow, kept, None) == getattr(drawn, kept, None)
 
 
@@ -178,14 +182,15 @@ def test_a_camera_that_is_replaced_slowly_gets_there():
 @pytest.mark.parametrize("name", sorted(TYPES))
 def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name):
     perturbation = parse_perturbation({"type": name})
-    one, same, other = (perturbation.apply(nominal(), RNG(seed)) for seed in (1, 1, 2))
+    built = WorldDistribution("nominal").sample(0, robot=perturbation.built)
+    one, same, other = (perturbation.apply(built, RNG(seed)) for seed in (1, 1, 2))
     assert one == same
-    assert one != nominal()
+    assert one != built
     assert name == "motor_sign" or one != other
     assert parse_perturbation(perturbation.to_dict()) == perturbation
     drawn = perturbation.drawn(RNG(1))
     assert parse_perturbation(drawn.to_dict()) == drawn
-    assert drawn.change(nominal()) == one
+    assert drawn.change(built, perturbation.built) == one
 
 
 @pytest.mark.parametrize(
@@ -193,7 +198,10 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
     [
         ({"type": "camera_rol"}, "camera_rol.*did you mean camera_roll"),
         ({"type": "camera_roll", "degree": 3}, "'degree'.*did you mean degrees.*camera, degrees"),
-        ({"type": "camera_roll", "camera": "middle"}, "camera is 'middle'; allowed: left, right"),
+        (
+            {"type": "camera_roll", "camera": 0},
+            "camera is 0; it must name one of the robot's cameras",
+        ),
         ({"type": "camera_roll", "degrees": "30"}, "degrees is '30'; it must be a number"),
         ({"type": "camera_roll", "degrees": float("nan")}, "must be finite"),
         ({"type": "camera_zoom", "factor": 0}, "factor is 0; it must be a number from 0.001 to 1000"),
@@ -237,5 +245,20 @@ def test_the_recipe_of_the_package_makes_a_perturbation():
 
 
 def test_a_part_that_the_arm_does_not_have_is_told_when_the_environment_is_made():
-    with pytest.raises(ValueError, match="link_length changes one of the arm's links; this arm has none"):
+    with pytest.raises(ValueError, match="link_length changes one of the robot's links; it has none"):
         LinkLength().check_fits(SimpleNamespace(links=()))
+    schedule = [{"at": {"motion": 1}, "do": {"type": "camera_aim", "camera": "lft"}}]
+    told = r"camera_aim.camera is 'lft' \(did you mean left\?\); allowed: left, right"
+    with pytest.raises(ValueError, match=told):
+        gym.make("calfree_gym:CalFree/Reach-v0", perturbations=schedule)
+
+
+def test_a_robot_may_have_other_cameras():
+    robot = SimpleNamespace(cameras=("front", "top", "wrist"))
+    drawn = {CameraRoll().drawn(RNG(seed), robot=robot).camera for seed in range(30)}
+    assert drawn == set(robot.cameras)
+    world = nominal().replace(**{name: np.tile(getattr(nominal(), name)[:1].T, 3).T for name in OF_CAMERAS})
+    there = Lens("wrist", 0.05).change(world, robot)
+    assert there.lens_k1.tolist() == [0, 0, 0.05]
+    with pytest.raises(ValueError, match="camera is 'left'; allowed: front, top, wrist"):
+        Lens("left").check_fits(robot)
