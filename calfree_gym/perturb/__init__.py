@@ -1,0 +1,1 @@
+"""Perturbations in anybody's environment, and what they cost a policy."""
