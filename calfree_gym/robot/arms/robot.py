@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, Flags, in_frame
+from calfree_gym.image import CAMERAS
 
 Places = NDArray[np.int64]
 Furnish = Callable[[Any], None]
@@ -44,6 +45,7 @@ class Robot(ABC):
     """An arm, as the environment sees it. Registers and control words have m numbers, one a motor.
 
     Attributes:
+        cameras: Names of the cameras.
         motors: Names of the motors.
         joints: Names of the joints that have a zero, k of them; the motors' come first.
         links: Names of the links, l of them.
@@ -60,6 +62,7 @@ class Robot(ABC):
         speeds: Assumed, of all joints (j,), in rad/s or m/s: for robot time.
     """
 
+    cameras: tuple[str, ...] = CAMERAS
     motors: tuple[str, ...]
     joints: tuple[str, ...]
     links: tuple[str, ...]
