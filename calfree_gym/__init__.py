@@ -18,7 +18,7 @@ except Exception as error:
         "disable (no images)."
     ) from error
 
-from calfree_gym.perturb import Perturb
+from calfree_gym.perturb import Perturb, StereoPoints, paired
 from calfree_gym.robot.arms.arm import Arm
 from calfree_gym.vision.cameras import MOUNTS
 from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
@@ -43,10 +43,12 @@ __all__ = [
     "MOUNTS",
     "Arm",
     "Perturb",
+    "StereoPoints",
     "World",
     "WorldDistribution",
     "__version__",
     "nominal",
+    "paired",
 ]
 
 for _task, (_single, _batched, _kinds) in _TASKS.items():

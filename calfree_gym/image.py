@@ -20,6 +20,9 @@ PIXELS_PER_UNIT = IMAGE_SIZE / 2
 """Pixels in one image unit."""
 IMAGE_UNIT = 1 / PIXELS_PER_UNIT
 """One pixel in image units."""
+LOOK_SECONDS = 4.0
+"""Assumed seconds in which the arm settles and the vision system delivers still image points. With this
+value a reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
 BITS = 20
 """Of numbers that are compared. Choice: a millionth, far above rounding, and below what matters."""
 RANK, RANK_OF_SQUARES = 1e-9, 1e-12

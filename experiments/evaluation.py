@@ -10,7 +10,7 @@ from gymnasium.vector import VectorEnv
 from agents.base.checks import check_number
 from agents.base.observation import STANDARD_KEYS
 from agents.base.random_state import random_state_preserved
-from calfree_gym.engine.arms import LOOK_SECONDS
+from calfree_gym.image import LOOK_SECONDS
 
 THRESHOLDS_PX = (2, 4, 8, 16)
 

@@ -20,7 +20,7 @@ from calfree_gym.engine.config import Config
 from calfree_gym.engine.sight import ObservationQueues, Sight, Tracker, sight_of
 from calfree_gym.engine.spaces import Observation, placed_objects
 from calfree_gym.geometry import Array, Flags, Rows
-from calfree_gym.image import IMAGE_UNIT, inside
+from calfree_gym.image import IMAGE_UNIT, LOOK_SECONDS, inside
 from calfree_gym.perturbations.schedule import Applied, PerturbationScheduler
 from calfree_gym.pool import OfWorlds, WorldPool
 from calfree_gym.robot.arms.robot import Mounts, Robot
@@ -105,9 +105,6 @@ Events = dict[str, NDArray[Any]]
 """What infos tell of the last motion: arrays (N,)."""
 
 MM = 1000.0
-LOOK_SECONDS = 4.0
-"""Assumed seconds in which the arm settles and the vision system delivers still image points. With this
-value a reach by test motions takes most of the paper's 50 s a grasp, and one learned motion a few seconds."""
 
 
 class Arms(ABC):

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import gymnasium
 import numpy as np
 
-from calfree_gym.engine.arms import LOOK_SECONDS
 from calfree_gym.geometry import Array
+from calfree_gym.image import LOOK_SECONDS
 from calfree_gym.robot.inserting import RADIUS
 from experiments.config.in_words import in_words
 from experiments.film.files import FilmFiles
