@@ -53,7 +53,7 @@ class Trial(NamedTuple):
     knocked: bool = False
 
 
-class Words(NamedTuple):
+class ScreenWords(NamedTuple):
     """What a picture says.
 
     Attributes:
@@ -87,7 +87,7 @@ class Lettering:
         self._edge = round(0.18 * band)
         self._font, self._small, self._tiny = font(0.23 * band), font(0.18 * band), font(0.15 * band)
 
-    def write(self, picture: Image, words: Words) -> Image:
+    def write(self, picture: Image, words: ScreenWords) -> Image:
         """The picture (height, width, 3) with what is written, (height + band, width, 3)."""
         height = len(picture)
         canvas = Pictures.new("RGB", (self._width, height + self._band), DARK)
@@ -106,7 +106,7 @@ class Lettering:
         fits = fitting(text, self._font, self._scene - 2 * self._edge)
         draw.text((self._scene // 2, high // 2), text, (255, 255, 255), fits, anchor="mm")
 
-    def _below(self, draw: ImageDraw.ImageDraw, height: int, words: Words) -> None:
+    def _below(self, draw: ImageDraw.ImageDraw, height: int, words: ScreenWords) -> None:
         """The caption, and under it the legend."""
         x, colour = float(self._edge), GOOD_NEWS if words.good else LIGHT
         fits = fitting(words.caption, self._font, self._scene - 2 * self._edge)
@@ -115,7 +115,7 @@ class Lettering:
             draw.text((x, height + 0.72 * self._band), text, colour, self._small, anchor="lm")
             x += self._small.getlength(text + "   ")
 
-    def _bars(self, draw: ImageDraw.ImageDraw, height: int, words: Words) -> None:
+    def _bars(self, draw: ImageDraw.ImageDraw, height: int, words: ScreenWords) -> None:
         """Motions of each trial, as bars; a line stands where the world was changed."""
         edge, left = self._edge, float(self._scene)
         ground, tallest = height + self._band - edge / 2, 0.38 * self._band

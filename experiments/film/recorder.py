@@ -14,7 +14,7 @@ from calfree_gym.image import LOOK_SECONDS
 from calfree_gym.robot.inserting import RADIUS
 from experiments.config.in_words import in_words
 from experiments.film.files import FilmFiles
-from experiments.film.pictures import NO_ALARM, Alarm, Image, Markings, Screen, Trial, Words, moment
+from experiments.film.pictures import NO_ALARM, Alarm, Image, Markings, Screen, ScreenWords, Trial, moment
 from experiments.reporting.tables import counted
 
 MM = 1000.0
@@ -130,7 +130,7 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self,
         env: gymnasium.Env[Any, Any],
         screen: Screen,
-        write: Callable[[Image, Words], Image],
+        write: Callable[[Image, ScreenWords], Image],
         film: FilmFiles,
         frames_per_second: int,
         agent: str,
@@ -212,10 +212,10 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         if self._changes:
             self._trials[-1] = self._trials[-1]._replace(knocked=True)
 
-    def _words(self, announced: str = "", good: bool = False) -> Words:
+    def _words(self, announced: str = "", good: bool = False) -> ScreenWords:
         status = self._status
         said = caption(self._agent, status), good, announced, status.task.trial
-        return Words(*said, tuple(self._trials), self._expected)
+        return ScreenWords(*said, tuple(self._trials), self._expected)
 
     def _announce(self, configuration: Array | None) -> None:
         """Shows what has happened to the world, with the arm still where it was: it flashes, then stays."""
@@ -254,7 +254,12 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._film.keep(moment(picture, told(status), turn=status.over))
 
     def _show(
-        self, seconds: float, configuration: Array | None, marks: Markings | None, words: Words, alarm: Alarm
+        self,
+        seconds: float,
+        configuration: Array | None,
+        marks: Markings | None,
+        words: ScreenWords,
+        alarm: Alarm,
     ) -> Image:
         """Shows a picture for so long, and at least for a frame; without words it is returned."""
         picture = self._screen.draw(configuration, marks, alarm)

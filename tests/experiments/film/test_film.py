@@ -8,7 +8,7 @@ from PIL import Image
 
 from calfree_gym.engine.frames import GRIPPER_COLOUR, SceneFrame
 from experiments.__main__ import main
-from experiments.film.pictures import ALARM, SUCCESS, Alarm, Lettering, Markings, Screen, Trial, Words
+from experiments.film.pictures import ALARM, SUCCESS, Alarm, Lettering, Markings, Screen, ScreenWords, Trial
 
 
 def near(frame, colour):
@@ -110,17 +110,17 @@ def test_a_camera_is_ringed_where_its_housing_is_drawn(opengl):
 
 def test_words_are_written_where_they_belong():
     lettering, picture = Lettering(324, 216, 36), np.full((216, 324, 3), 128, np.uint8)
-    nothing = lettering.write(picture, Words(""))
+    nothing = lettering.write(picture, ScreenWords(""))
     assert nothing.shape == (252, 324, 3)
-    said = lettering.write(picture, Words("a rather long caption " * 4))
+    said = lettering.write(picture, ScreenWords("a rather long caption " * 4))
     assert (said[216:] != nothing[216:]).any()
     assert (said[216:, 212:] == nothing[216:, 212:]).all(), "it fits"
-    told = lettering.write(picture, Words("", announced="left"))
+    told = lettering.write(picture, ScreenWords("", announced="left"))
     assert near(told[2, 2:214], ALARM).all()
     assert (told[:216, 220:] == 128).all()
     trials = (Trial(8, True), Trial(2, True), Trial(4, None, knocked=True))
-    knocked = lettering.write(picture, Words("", trials=trials))[216:]
+    knocked = lettering.write(picture, ScreenWords("", trials=trials))[216:]
     high = np.sort(near(knocked, SUCCESS)[:, 216:].sum(0))[::-1]
     assert high[0] == pytest.approx(4 * high[high > 0][-1], rel=0.35)
     assert near(knocked, ALARM).any()
-    assert not near(lettering.write(picture, Words("", trials=trials[:2]))[216:], ALARM).any()
+    assert not near(lettering.write(picture, ScreenWords("", trials=trials[:2]))[216:], ALARM).any()
