@@ -19,7 +19,7 @@ from experiments.errors import ConfigError
 from experiments.evaluation import TrialRecord, evaluate
 from experiments.film.config import FilmConfig, load_film
 from experiments.film.files import FilmFiles
-from experiments.film.pictures import Image, Lettering, Screen, Words
+from experiments.film.pictures import Image, Lettering, Screen, ScreenWords
 from experiments.film.recorder import FilmRecorder
 from experiments.options import Parser, add_config
 from experiments.running.lifetime import LifetimeRecorder, learn_trials
@@ -90,7 +90,7 @@ def _film(options: argparse.Namespace) -> int:
     return 0
 
 
-def _without_words(picture: Image, words: Words) -> Image:
+def _without_words(picture: Image, words: ScreenWords) -> Image:
     return picture
 
 
