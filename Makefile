@@ -3,7 +3,7 @@ BIN := .venv/bin
 STAMP := .venv/up-to-date
 JOBS ?= 2
 
-.PHONY: venv lint test test-all mutants arms real perturbed compare docs results results-suites results-tables
+.PHONY: venv lint test test-all mutants arms real record perturbed compare docs results results-suites results-tables
 .NOTPARALLEL:
 
 venv: $(STAMP)
@@ -39,17 +39,21 @@ mutants: venv
 arms: venv
 	$(BIN)/python -m tests.arms.fetched
 
-# The bench of a real arm on LeRobot's own classes, which want Python 3.12 on, and older packages than ours. They
-# use but names of torch, for which there is a stub.
+# LeRobot wants Python 3.12 on, and older packages than ours: environments of its own, made by the first that runs.
 REAL := build/real
+RECORD := build/record
 PYTHON312 ?=
+NEWER = $(PYTHON312) python3.12 python3.13 python3.14 python3 $(HOME)/.pyenv/versions/3.1[2-9].*/bin/python
 
-real:
-	for each in $(PYTHON312) python3.12 python3.13 python3.14 python3 $(HOME)/.pyenv/versions/3.1[2-9].*/bin/python; do \
+$(REAL)/bin/python $(RECORD)/bin/python:
+	for each in $(NEWER); do \
 		if $$each -c 'import sys, venv; sys.exit(sys.version_info < (3, 12))' 2> /dev/null; then found=$$each; break; fi; \
 	done; \
-	test -n "$$found" || { echo 'no Python from 3.12 on runs here: make real PYTHON312=...' >&2; exit 1; }; \
-	test -x $(REAL)/bin/python || $$found -m venv $(REAL)
+	test -n "$$found" || { echo 'no Python from 3.12 on runs here: make $(MAKECMDGOALS) PYTHON312=...' >&2; exit 1; }; \
+	$$found -m venv $(@:/bin/python=)
+
+# The bench of a real arm on LeRobot's own classes. They use but names of torch, for which there is a stub.
+real: $(REAL)/bin/python
 	$(REAL)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r constraints-real.txt
 	PYTHONPATH=tests/calfree_gym/lerobot/stub $(REAL)/bin/python -m pytest tests/calfree_gym/lerobot \
 		tests/calfree_gym/cli -m 'not slow'
@@ -69,6 +73,11 @@ perturbed:
 		MUJOCO_GL=$${MUJOCO_GL:-egl} $(PERTURBED)-$$set/bin/python -m pytest -s -rs \
 			tests/calfree_gym/perturb/test_families.py || exit 1; \
 	done
+
+# Demonstrations on that bench as a LeRobotDataset, which needs torch: gigabytes.
+record: $(RECORD)/bin/python
+	$(RECORD)/bin/python -m pip install --quiet --disable-pip-version-check -e . 'lerobot[dataset]==0.6.1'
+	$(RECORD)/bin/python examples/record_lerobot.py
 
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

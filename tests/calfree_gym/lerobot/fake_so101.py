@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from tests.calfree_gym.lerobot.so101 import BALL, HOME, MOTORS, STEP, TICK, Plant
+from tests.calfree_gym.lerobot import tags as printed
+from tests.calfree_gym.lerobot.so101 import BALL, MOTORS, STEP, TICK, Plant
 from tests.calfree_gym.lerobot.webcam import HEIGHT, WIDTH, Scene, State, Webcam
-from tests.calfree_gym.lerobot.worlds import IN_VIEW, SPREAD, World
+from tests.calfree_gym.lerobot.worlds import CAMERAS, SPREAD, World
 
 LIMITS = (0, 4095)
 GONE = "Failed to sync read 'Present_Position' on ids=[1, 2, 3, 4, 5, 6] after 3 tries. "
@@ -108,21 +109,24 @@ class FakeSO101:
     Args:
         seed: Of its world, its cameras' noise, and where objects are placed.
         power: A file that tells, also after this process has ended, whether motors have torque.
+        tags: Whether it has printed tags in place of balls.
     """
 
     name = "fake_so101"
 
-    def __init__(self, seed=0, power=None):
+    def __init__(self, seed=0, power=None, tags=False):
         self.config = Config()
-        self._connected, self._power = False, power
+        self._connected, self._power, self._tags = False, power, tags
         drawn, self._places, self._knocks, self._mixing = (
             np.random.default_rng([seed, n]) for n in (53, 54, 55, 56)
         )
-        self.plant, self.world, self._home = Plant(), World.drawn(drawn), HOME
-        while not self._seen_from(HOME):
-            self.world = World.drawn(drawn)
+        cameras, self._spread = (printed.CAMERAS, printed.SPREAD) if tags else (CAMERAS, SPREAD)
+        self.plant, self.world = Plant(tags), World.drawn(drawn, cameras)
+        self._home = self.plant.home
+        while not self._seen_from(self._home):
+            self.world = World.drawn(drawn, cameras)
         self.bus = Bus(self.plant, self.world)
-        self._scene, self._time = Scene(self.world), 0.0
+        self._scene, self._time = Scene(self.world, tags), 0.0
         made = zip(("left", "right"), (0.06, 0.12), (0.0, 0.013), self.world.k1, strict=True)
         self.cameras = {name: Webcam(name, [seed, i], *rest) for i, (name, *rest) in enumerate(made)}
         self.hidden, self.swapped, self.mixed = set(), False, 0.0
@@ -219,8 +223,8 @@ class FakeSO101:
         home.mocap_pos[0] = AWAY
         self.sleep(STEP)
         for _ in range(2000):
-            angles = HOME.copy()
-            angles[:5] += self._places.uniform(-SPREAD, SPREAD, 5) * np.pi / 4
+            angles = self.plant.home.copy()
+            angles[:5] += self._places.uniform(-self._spread, self._spread, 5) * np.pi / 4
             posed = self.plant.posed(angles)
             point = posed.site("grip").xpos.copy()
             away = np.linalg.norm(point - home.site("grip").xpos) > 0.03
@@ -237,9 +241,11 @@ class FakeSO101:
         raise RuntimeError("there is no place for the object")
 
     def _see(self, data, *points):
-        """Whether both cameras see the gripper's balls, and one at these points, the arm as in data."""
+        """Whether both cameras see the gripper's marks, and the object's at these points."""
+        if self._tags:
+            return printed.see_tags(self.plant.model, data, self.world, *points)
         balls = np.array([*points, *(data.geom(name).xpos for name in ("gripper_1", "gripper_2"))])
-        inside = all(np.abs(self.world.images(ball)).max() < IN_VIEW for ball in balls)
+        inside = all(map(self.world.shows, balls))
         return inside and all(
             apart(at, balls) > 2.5 * BALL and all(self._open(data, at, ball) for ball in balls)
             for at in self.world.positions

@@ -7,6 +7,8 @@ play too; shapes are ours. A motor's encoder does not see the play behind it.
 import mujoco
 import numpy as np
 
+from tests.calfree_gym.lerobot.tags import put_tags
+
 MOTORS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 TICK = 2 * np.pi / 4096
 STEP = 0.004
@@ -71,7 +73,8 @@ MJCF = """
               <joint name="wrist_roll" range="-2.74385 2.84121"/><joint class="play"/>
               <inertial pos="0 0 -0.025187" mass="0.087" diaginertia="2.8e-5 4.3e-5 3.5e-5"/>
               <geom fromto="0 0 -0.01 -0.0079 0 -0.09" size="0.012"/>
-              <geom type="box" pos="-0.0079 0 -0.108" size="0.003 0.045 0.003" rgba="0.2 0.2 0.2 1"/>
+              <geom name="bar" type="box" pos="-0.0079 0 -0.108" size="0.003 0.045 0.003"
+                rgba="0.2 0.2 0.2 1"/>
               <site name="grip" group="4" pos="-0.0079 0 -0.125"/>
               <geom name="gripper_1" class="ball" pos="-0.0079 -0.05 -0.125"/>
               <geom name="gripper_2" class="ball" pos="-0.0079 0.05 -0.125"/>
@@ -91,36 +94,44 @@ MJCF = """
 """
 
 
-def model() -> mujoco.MjModel:
-    """The arm on its table, with two cameras and three balls."""
+def model(tags=False) -> mujoco.MjModel:
+    """The arm on its table, with two cameras and three balls, or tags in their place."""
     actuators = "".join(f'<position joint="{name}"/>' for name in MOTORS)
-    compiled = mujoco.MjModel.from_xml_string(
+    spec = mujoco.MjSpec.from_string(
         MJCF.format(step=STEP, play=PLAY, ball=BALL, kp=KP, torque=TORQUE, actuators=actuators)
     )
+    if tags:
+        put_tags(spec)
+        return spec.compile()
     for name, colour in BALLS.items():
-        compiled.geom(name).rgba[:3] = colour
-    return compiled
+        spec.geom(name).rgba[:3] = colour
+    return spec.compile()
 
 
 class Plant:
     """Motors that pull their joints to where they were told, as fast and as hard as they can.
 
+    Args:
+        tags: Whether the arm has tags in place of balls.
+
     Attributes:
         model, data: Of MuJoCo.
+        home: Joint angles (6,) at first, in rad; with tags, which the jaw would cover, it is closed.
         targets: Joint angles (6,) that motors were told, in rad.
         powered: Whether motors have torque.
         jammed: Motors that do not move, by their numbers.
     """
 
-    def __init__(self):
-        self.model = model()
+    def __init__(self, tags=False):
+        self.model = model(tags)
         self.data = mujoco.MjData(self.model)
         joints = [self.model.joint(name) for name in MOTORS]
         self._at = np.array([joint.qposadr[0] for joint in joints])
         self._dof = np.array([joint.dofadr[0] for joint in joints])
         self._damping = self.model.dof_damping.copy()
-        self.data.qpos[self._at] = HOME
-        self.targets, self._setpoints = HOME.copy(), HOME.copy()
+        self.home = HOME * [1, 1, 1, 1, 1, not tags]
+        self.data.qpos[self._at] = self.home
+        self.targets, self._setpoints = self.home.copy(), self.home.copy()
         self.powered, self.jammed = True, set()
         self.step(int(1 / STEP))
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import agents
+from calfree_gym.vision import TagTracker
+from tests.calfree_gym.lerobot.fake_so101 import FakeSO101
 from tests.calfree_gym.lerobot.matrix import life, summary
 
 
@@ -21,6 +23,13 @@ def test_a_servo_reaches_in_spite_of_sag_play_ticks_and_webcams(bench, seed):
     assert reaches[0].px <= 4 < reaches[0].before.px
     assert reaches[0].after.visible.all()
     assert servo.num_timesteps == sum(reach.motions for reach in reaches)
+
+
+def test_a_servo_reaches_by_printed_tags(bench):
+    bench = bench(robot=FakeSO101(0, tags=True), marks=TagTracker())
+    for reach in bench.env.reaches(agents.make("unified_servo", bench.env), 2):
+        assert reach.reached
+        assert bench.robot.distance_mm() < 8
 
 
 @pytest.mark.slow

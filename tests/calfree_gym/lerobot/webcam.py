@@ -137,15 +137,16 @@ class Scene:
 
     Args:
         world: Where the cameras are.
+        tags: Whether the arm has tags in place of balls.
     """
 
-    def __init__(self, world):
-        self._world = world
+    def __init__(self, world, tags=False):
+        self._world, self._tags = world, tags
         self._maps = {}
 
     def light(self, camera, k1, state):
         """What reaches a camera's sensor (HEIGHT, WIDTH, 3), in grey levels."""
-        drawing = renderer()
+        drawing = renderer(self._tags)
         model, data = drawing.model, drawing.data
         self._world.put_into(model)
         data.qpos[:], data.mocap_pos[:] = state.qpos, state.mocap
@@ -173,7 +174,7 @@ class Scene:
 
 
 @cache
-def renderer():
+def renderer(tags):
     """One for all benches: what draws is not what moves."""
-    drawn = model()
+    drawn = model(tags)
     return Renderer(drawn, mujoco.MjData(drawn), WIDTH)

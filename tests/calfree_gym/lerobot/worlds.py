@@ -8,7 +8,7 @@ import numpy as np
 from tests.calfree_gym.lerobot.so101 import HOME, MOTORS
 
 ASPECT = 4 / 3
-CAMERAS = {"left": (0.55, 0.42, 0.52), "right": (0.6, -0.36, 0.48)}
+CAMERAS = (0.55, 0.42, 0.52), (0.6, -0.36, 0.48)
 """To both sides of the arm, and high: from the front its hand hides the object; from lower, one of its balls
 hides the other where the wrist has turned."""
 TARGET = (0.24, 0.0, 0.13)
@@ -30,9 +30,10 @@ class World:
     signs: np.ndarray
 
     @classmethod
-    def drawn(cls, rng):
+    def drawn(cls, rng, cameras=CAMERAS):
+        """One in which cameras are about there."""
         target = TARGET + rng.normal(0, 0.015, 3)
-        positions = np.array([*CAMERAS.values()]) + rng.normal(0, 0.03, (2, 3))
+        positions = np.array(cameras) + rng.normal(0, 0.03, (2, 3))
         rolls = zip(positions, rng.normal(0, 0.1, 2), strict=True)
         axes = np.array([looking(at, target, roll) for at, roll in rolls])
         signs = rng.choice([-1, 1], len(MOTORS))
@@ -51,7 +52,7 @@ class World:
 
     def put_into(self, model):
         """Gives the model's cameras these poses."""
-        for i, name in enumerate(CAMERAS):
+        for i, name in enumerate(("left", "right")):
             camera = model.camera(name)
             camera.pos[:], camera.fovy[:] = self.positions[i], self.fovy[i]
             mujoco.mju_mat2Quat(camera.quat, self.axes[i].ravel())
@@ -61,6 +62,10 @@ class World:
         seen = np.einsum("cij,ci->cj", self.axes, point - self.positions)
         slopes = np.tan(np.radians(self.fovy) / 2)[:, None]
         return seen[:, :2] / -seen[:, 2:] / slopes / [ASPECT, 1]
+
+    def shows(self, point):
+        """Whether a point (3,) in m is well inside both images."""
+        return np.abs(self.images(point)).max() < IN_VIEW
 
 
 def looking(at, target, roll):
