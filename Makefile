@@ -3,7 +3,7 @@ BIN := .venv/bin
 STAMP := .venv/up-to-date
 JOBS ?= 2
 
-.PHONY: venv lint test test-all mutants arms real compare docs results results-suites results-tables
+.PHONY: venv lint test test-all mutants arms real perturbed compare docs results results-suites results-tables
 .NOTPARALLEL:
 
 venv: $(STAMP)
@@ -53,6 +53,22 @@ real:
 	$(REAL)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r constraints-real.txt
 	PYTHONPATH=tests/calfree_gym/lerobot/stub $(REAL)/bin/python -m pytest tests/calfree_gym/lerobot \
 		tests/calfree_gym/cli -m 'not slow'
+
+# Perturb in other people's environments: those of constraints-perturb.txt, and the same on the newest MuJoCo, which
+# skips those that do not run there.
+PERTURBED := build/perturbed
+
+perturbed:
+	mkdir -p build
+	cp constraints-perturb.txt $(PERTURBED)-oldest.txt
+	{ grep -v '^mujoco' constraints-perturb.txt; grep '^mujoco' constraints.txt; } > $(PERTURBED)-newest.txt
+	for set in oldest newest; do \
+		{ test -x $(PERTURBED)-$$set/bin/python || $(PYTHON) -m venv $(PERTURBED)-$$set; } && \
+		$(PERTURBED)-$$set/bin/python -m pip install --quiet --disable-pip-version-check --no-deps \
+			-r $(PERTURBED)-$$set.txt && \
+		MUJOCO_GL=$${MUJOCO_GL:-egl} $(PERTURBED)-$$set/bin/python -m pytest -s -rs \
+			tests/calfree_gym/perturb/test_families.py || exit 1; \
+	done
 
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict

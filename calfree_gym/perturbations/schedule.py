@@ -160,6 +160,17 @@ def parse_schedule(entries: Iterable[Mapping[str, Any]] | None, where: str = "pe
     return tuple(events)
 
 
+def in_motions_and_trials(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """The same entry of a schedule, which counts steps and episodes by these names."""
+
+    def renamed(when: Any) -> Any:
+        if isinstance(when, Mapping):
+            return {_CLOCK_OF.get(key, key): renamed(value) for key, value in when.items()}
+        return _CLOCK_OF.get(when, when) if isinstance(when, str) else when
+
+    return {key: value if key == "do" else renamed(value) for key, value in entry.items()}
+
+
 def _event(entry: Mapping[str, Any], where: str) -> Event:
     if isinstance(entry, Mapping) and entry.keys() == {"at", "undo"}:
         return Event(*_count(entry["at"], f"{where}.at"), Undo(entry["undo"]))

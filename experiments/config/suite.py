@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 import agents
 from calfree_gym.errors import near_misses
 from calfree_gym.perturbations import TYPES, parse_perturbation
+from calfree_gym.perturbations.schedule import in_motions_and_trials
 from experiments.config.claims import Claim, Requirement, TrialsOf
 from experiments.config.environment import EnvironmentConfig, as_told
 from experiments.config.life import (
@@ -57,7 +58,7 @@ class ScenarioConfig(Model):
     ) -> tuple[dict[str, Any], ...]:
         if {"motions", "trials"} <= info.data.keys():
             _check_events(value, info.data["motions"], info.data["trials"])
-        return value
+        return tuple(map(in_motions_and_trials, value))
 
     @field_validator("evaluation")
     @classmethod

@@ -4,8 +4,6 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 
-from calfree_gym.rendering.renderer import Renderer, View
-
 XML = """
 <mujoco>
   <visual><headlight ambient="0.2 0.2 0.2" diffuse="0.3 0.3 0.3"/></visual>
@@ -66,6 +64,8 @@ class Workbench(gym.Env):
         self.renderer = None
 
     def image(self, camera):
+        from calfree_gym.rendering.renderer import Renderer, View  # it needs a newer MuJoCo than Perturb
+
         if self.renderer is None:
             self.renderer = Renderer(self.model, self.data, max(SIZE))
         view = mujoco.MjvCamera()

@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 
 from calfree_gym import nominal
 from calfree_gym.perturbations import TYPES, CameraRoll
-from calfree_gym.perturbations.schedule import Event, PerturbationScheduler, Undo, parse_schedule
+from calfree_gym.perturbations.schedule import (
+    Event,
+    PerturbationScheduler,
+    Undo,
+    in_motions_and_trials,
+    parse_schedule,
+)
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
 from tests.calfree_gym.environments import kinematic, trials
@@ -84,6 +90,24 @@ def test_damaged_schedules(schedule, message):
 @pytest.mark.parametrize("when", [{"every": {"motion": 5}}, {"drift": {"per": "trial"}}])
 def test_every_and_drift_may_stand_within_at(when):
     assert parse_schedule(rolled(at=when)) == parse_schedule(rolled(**when))
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ({"at": {"step": 3}}, {"at": {"motion": 3}}),
+        ({"every": {"episode": 2}}, {"every": {"trial": 2}}),
+        ({"drift": {"per": "step"}}, {"drift": {"per": "motion"}}),
+        ({"at": {"drift": {"per": "episode"}}}, {"drift": {"per": "trial"}}),
+    ],
+)
+def test_steps_and_episodes_are_motions_and_trials(said, meant):
+    ((event,), (same,)) = (parse_schedule(rolled(**when)) for when in (said, meant))
+    assert event == same
+    assert event.to_dict() == same.to_dict()
+    ((entry,), (plain,)) = (rolled(**when) for when in (said, meant))
+    assert parse_schedule([in_motions_and_trials(entry)]) == (same,)
+    assert in_motions_and_trials(plain) == plain
 
 
 def of_trials(env, count, seed=0):
