@@ -35,8 +35,8 @@ def tables(sizes: Sequence[int] = range(30, 101)) -> Iterator[Table]:
         "How often the interval of a paired difference holds the truth",
         pd.DataFrame(rows, columns=columns),
         formats,
-        f"Exact sums for {min(sizes)} to {max(sizes)} pairs, of which {min(DISCORDANT):.1%} to "
-        f"{max(DISCORDANT):.1%} differ; 95 % is meant.",
+        f"Exact sums for {min(sizes)} to {max(sizes)} pairs, of which {100 * min(DISCORDANT):.1f} to "
+        f"{100 * max(DISCORDANT):.1f} % differ. 95 % is meant.",
     )
 
 
