@@ -84,7 +84,7 @@ class JacobianServo(DockingServo):
     Where a step leaves more than half of the image distance, motors are tested anew.
     """
 
-    NEARER = 0.5
+    NEARER = 0.8
 
     def procedure(self, first: Any, findings: Learned) -> Procedure:
         """See `ProcedureAgent`."""
@@ -159,7 +159,7 @@ class ServoTrial:
         learned: By earlier trials.
     """
 
-    TEST_PX, MOST = 16.0, 0.5
+    TEST_PX, MOST = 30.0, 0.5
     """So far test motions are to move images, and no word of one is longer. Choice: as of other servos."""
     OTHER_WAY = -0.7
     """Where a test motion loses marks, the next one goes the other way by this share. Choice."""
