@@ -28,6 +28,7 @@ _TASKS = {
     "SafeReach": ("safe_reach:SafeReachEnv", "safe_reach:SafeReachVectorEnv", _BOTH),
     "Grasp": ("grasp:GraspEnv", "grasp:GraspVectorEnv", _BOTH),
     "Insert": ("insert:InsertEnv", "insert:InsertVectorEnv", ("",)),
+    "Dock": ("dock:DockEnv", "dock:DockVectorEnv", _BOTH),
 }
 """Of each task: its environments, single and batched, and the rewards that it has besides the sparse one."""
 _REWARDS = {"": "sparse", "Dense": "dense"}

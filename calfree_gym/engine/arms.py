@@ -26,7 +26,7 @@ from calfree_gym.pool import OfWorlds, WorldPool
 from calfree_gym.robot.arms.robot import Mounts, Robot
 from calfree_gym.robot.motors import MotorErrors, Registers
 from calfree_gym.robot.simulation import Simulation
-from calfree_gym.robot.workspace import Workspaces, check_in_view, first_in_view
+from calfree_gym.robot.workspace import Workspaces, first_in_view
 from calfree_gym.streams import MotionNumbers
 from calfree_gym.world import World, WorldDistribution, world_choices
 
@@ -169,15 +169,23 @@ class Arms(ABC):
         self.tolerance = np.float32(config.tolerance_px * IMAGE_UNIT)
         motors = len(robot.motors)
         self._motor_errors = MotorErrors(rows, motors)
-        self._workspaces = Workspaces(rows, robot, self.mounts, points // 2)
+        self._workspaces = self.new_workspaces(rows, points // 2)
         self.motors = self._workspaces.motors
         keep_in_view = config.keep_in_view
+        self._judge = self.new_workspaces(1)
         self._scheduler = PerturbationScheduler(
-            rows, config.perturbations, robot, self.mounts, keep_in_view, self.as_seen, self.can_begin
+            rows,
+            config.perturbations,
+            robot,
+            self.mounts,
+            keep_in_view,
+            self.as_seen,
+            self.can_begin,
+            self._judge,
         )
         self._choices = world_choices(config.world, rows)
-        self.register_bound = max(choice.register_bound for choice in self._choices)
-        self._registers = Registers(self.motors, self.register_bound)
+        self._registers = self.new_registers(max(choice.register_bound for choice in self._choices))
+        self.register_bound = self._registers.bound
         self.registers = self._registers.executed
         self._redraws, self._keep_in_view = config.redraw == "trial", keep_in_view
         for choice in dict.fromkeys(self._choices):
@@ -203,6 +211,14 @@ class Arms(ABC):
         self._all, self._nowhere = np.arange(rows), np.zeros(rows, bool)
         self._pool: WorldPool | None = None
         self._draws = MotionNumbers(rows, "pool", (), normal=False)
+
+    def new_workspaces(self, rows: int, points: int = 2) -> Workspaces:
+        """What so many robots reach and see; each of their cameras sees so many points."""
+        return Workspaces(rows, self.robot, self.mounts, points)
+
+    def new_registers(self, bound: float) -> Registers:
+        """What counts the words that are executed; the worlds' own bound is this."""
+        return Registers(self.motors, bound)
 
     @abstractmethod
     def make_spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
@@ -572,4 +588,5 @@ class Arms(ABC):
         world.check_fits(self.robot)
         self._registers.check_fits(world)
         if self._keep_in_view:
-            check_in_view(self.as_seen(world), self.robot, self.mounts)
+            self._judge.set_world(0, self.as_seen(world))
+            self._judge.check_in_view(0)

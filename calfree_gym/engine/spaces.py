@@ -102,9 +102,9 @@ def checked_options(options: Any) -> dict[str, Any]:
 
 
 def image_distances(achieved: Floats, desired: Floats) -> Floats:
-    """Distances (..., 2) in image units, per camera, between sensor vectors (..., 4)."""
+    """Distances (..., k) in image units between the k image points of sensor vectors (..., 2 k)."""
     d = achieved - desired
-    return lengths(d.reshape(*d.shape[:-1], 2, 2))
+    return lengths(d.reshape(*d.shape[:-1], -1, 2))
 
 
 def sparse_reward(distances: Floats, success: Floats) -> Floats:
@@ -113,5 +113,5 @@ def sparse_reward(distances: Floats, success: Floats) -> Floats:
 
 
 def dense_reward(distances: Floats, success: Floats) -> Floats:
-    """Minus the mean of both distances (...), in image units."""
-    return -0.5 * (distances[..., 0] + distances[..., 1]).astype(np.float64)
+    """Minus the mean of the distances (...), in image units."""
+    return -distances.mean(-1).astype(np.float64)

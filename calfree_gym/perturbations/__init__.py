@@ -6,7 +6,7 @@ To add a perturbation:
    `arm`, `image` or `occluder`. Its docstring says what it changes and what it draws for omitted settings; it
    becomes part of the documentation.
 2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`,
-   `base.one_of_the_arms`, `base.amount`, `base.factor` or `base.setting`.
+   `base.amount`, `base.factor` or `base.setting`.
 3. Define `change(world, robot)`, which returns a new world; every setting is given there. For one entry of an
    array `base.with_entry` is enough.
 4. Define `inverse()`, which returns the perturbation that undoes it. A perturbation that sets a value
@@ -20,7 +20,7 @@ For example, in `arm`:
         "Adds `by` (drawn: -0.1 to 0.1) to a motor's curvature."
 
         type: ClassVar[str] = "motor_curvature"
-        motor: str = one_of_the_arms("motors")
+        motor: str = one_of("motors")
         by: float = amount(uniform(-0.1, 0.1))
 
         def change(self, world: World, robot: Robot = MOVEMASTER) -> World:

@@ -12,7 +12,7 @@ from calfree_gym.perturbations.base import (
     Perturbation,
     amount,
     factor,
-    one_of_the_arms,
+    one_of,
     setting,
     uniform,
     with_entry,
@@ -27,7 +27,7 @@ class JointZero(Perturbation):
     """Shifts a joint's zero by `degrees` (drawn: -10 to 10); a degree of a slide is a centimetre."""
 
     type: ClassVar[str] = "joint_zero"
-    joint: str = one_of_the_arms("joints")
+    joint: str = one_of("joints")
     degrees: float = amount(uniform(-10, 10), least=-180, most=180)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
@@ -44,7 +44,7 @@ class LinkLength(Perturbation):
     """Multiplies a link's length by `factor` (drawn: 0.9-1.1)."""
 
     type: ClassVar[str] = "link_length"
-    link: str = one_of_the_arms("links")
+    link: str = one_of("links")
     factor: float = factor(0.9, 1.1)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
@@ -60,7 +60,7 @@ class MotorGain(Perturbation):
     """Multiplies a motor's gain by `factor` (drawn: 0.67-1.5)."""
 
     type: ClassVar[str] = "motor_gain"
-    motor: str = one_of_the_arms("motors")
+    motor: str = one_of("motors")
     factor: float = factor(0.67, 1.5)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
@@ -77,7 +77,7 @@ class MotorSign(Perturbation):
 
     type: ClassVar[str] = "motor_sign"
     drifts: ClassVar[bool] = False
-    motor: str = one_of_the_arms("motors")
+    motor: str = one_of("motors")
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         motor = robot.motors.index(self.motor)
@@ -111,7 +111,7 @@ class Backlash(_MotorError):
     """
 
     type: ClassVar[str] = "backlash"
-    motor: str = one_of_the_arms("motors")
+    motor: str = one_of("motors")
     degrees: float = amount(uniform(0.2, 2.0), least=0, most=45)
 
 
@@ -123,7 +123,7 @@ class Repeatability(_MotorError):
     """
 
     type: ClassVar[str] = "repeatability"
-    motor: str = one_of_the_arms("motors")
+    motor: str = one_of("motors")
     degrees: float = amount(uniform(0.1, 1.0), least=0, most=45)
 
 
@@ -188,7 +188,7 @@ class DeadZone(Level):
 
     type: ClassVar[str] = "dead_zone"
     quantity: ClassVar[str] = "words"
-    motor: str = one_of_the_arms("motors")
+    motor: str = one_of("motors")
     words: float = amount(_any_size(0.003, 0.03), least=0, most=1)
 
 
@@ -201,7 +201,7 @@ class GearRipple(Perturbation):
     """
 
     type: ClassVar[str] = "gear_ripple"
-    motor: str = one_of_the_arms("motors")
+    motor: str = one_of("motors")
     depth: float = amount(uniform(0.1, 0.8), least=0, most=0.99)
     period: float = setting(_any_size(0.05, 0.5), least=1e-3, most=1e3)
     phase: float = setting(uniform(-180, 180))

@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from calfree_gym.errors import near_misses
-from calfree_gym.image import CAMERAS
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.world import World, log_uniform
@@ -27,16 +26,14 @@ class Setting:
     """What a setting of a perturbation may be.
 
     Attributes:
-        draw: Draws its value where it is omitted; of a part of the arm any is drawn.
-        names: The allowed values, where it is a name.
-        part: "motors", "joints" or "links", where it is the name of one of the arm's.
+        draw: Draws its value where it is omitted; of the robot's parts any is drawn.
+        part: "cameras", "motors", "joints" or "links", where it is the name of one of the robot's.
         least, most: Bounds, where it is a number.
         whole: Whether the number must be a whole one.
         slow: Turns a drawn value into the value for one step of a drift.
     """
 
     draw: Draw | None
-    names: tuple[str, ...] = ()
     part: str = ""
     least: float = -math.inf
     most: float = math.inf
@@ -44,18 +41,18 @@ class Setting:
     slow: Callable[[Any], Any] = lambda value: value
 
     def drawn(self, rng: np.random.Generator, robot: Robot) -> Any:
-        """Draws a value for an arm."""
+        """Draws a value for a robot."""
         if self.draw is not None:
             return self.draw(rng)
         parts: tuple[str, ...] = getattr(robot, self.part)
         return parts[int(rng.integers(len(parts)))]
 
     def wrong(self, value: Any) -> str | None:
-        """What is wrong with a value, if anything; only an arm can tell the names of its parts."""
+        """What is wrong with a value, if anything; only a robot can tell the names of its parts."""
         if self.part:
-            return None if isinstance(value, str) else f"it must be the name of one of the arm's {self.part}"
-        if self.names:
-            return None if value in self.names else f"allowed: {', '.join(self.names)}"
+            return (
+                None if isinstance(value, str) else f"it must be the name of one of the robot's {self.part}"
+            )
         kind = "a whole number" if self.whole else "a number"
         if isinstance(value, bool) or not isinstance(value, int if self.whole else int | float):
             return f"it must be {kind}"
@@ -71,13 +68,8 @@ def setting(draw: Draw | None, **allowed: Any) -> Any:
     return field(default=None, metadata={"setting": Setting(draw, **allowed)})
 
 
-def one_of(names: tuple[str, ...]) -> Any:
-    """A name; where it is omitted, any of them is drawn."""
-    return setting(lambda rng: names[int(rng.integers(len(names)))], names=names)
-
-
-def one_of_the_arms(part: str) -> Any:
-    """The name of one of its "motors", "joints" or "links"; where it is omitted, any of them is drawn."""
+def one_of(part: str) -> Any:
+    """The name of one of the robot's "cameras", "motors", "joints" or "links"; omitted, any is drawn."""
     return setting(None, part=part)
 
 
@@ -131,15 +123,15 @@ class Perturbation:
             raise ValueError(f"{self.type}.{name} is {value!r}; {wrong}")
 
     def check_fits(self, robot: Robot) -> None:
-        """Raises where a part that it names is none of the arm's.
+        """Raises where a part that it names is none of the robot's.
 
         Raises:
-            ValueError: It is unknown; names those that the arm has.
+            ValueError: It is unknown; names those that the robot has.
         """
         for name, allowed in self.settings().items():
             value, parts = getattr(self, name), getattr(robot, allowed.part) if allowed.part else ()
             if allowed.part and not parts:
-                raise ValueError(f"{self.type} changes one of the arm's {allowed.part}; this arm has none")
+                raise ValueError(f"{self.type} changes one of the robot's {allowed.part}; it has none")
             if allowed.part and value is not None and value not in parts:
                 raise ValueError(
                     f"{self.type}.{name} is {value!r}{near_misses(value, parts)}; allowed: {', '.join(parts)}"
@@ -202,7 +194,7 @@ class CameraFactor(Perturbation):
     factor: float
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        camera = CAMERAS.index(self.camera)
+        camera = robot.cameras.index(self.camera)
         return with_entry(world, self.entry, camera, getattr(world, self.entry)[camera] * self.factor)
 
     def inverse(self) -> Perturbation:
@@ -232,11 +224,11 @@ class Level(Perturbation):
     def _entry(self, robot: Robot) -> int | tuple[()]:
         if hasattr(self, "motor"):
             return robot.motors.index(self.motor)
-        return CAMERAS.index(self.camera) if hasattr(self, "camera") else ()
+        return robot.cameras.index(self.camera) if hasattr(self, "camera") else ()
 
 
 def with_entry(world: World, name: str, index: int | tuple[()], value: Any) -> World:
     """The world with one entry, along the first axis, of the field `name` replaced; () is all of it."""
     array = getattr(world, name).copy()
     array[index] = value
-    return replace(world, **{name: array})
+    return world.replace(**{name: array})

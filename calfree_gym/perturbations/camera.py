@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from calfree_gym.geometry import quaternion_about, quaternion_between, quaternion_product
-from calfree_gym.image import CAMERAS
 from calfree_gym.perturbations.base import (
     DRIFT_STEPS,
     CameraFactor,
@@ -33,11 +32,11 @@ class CameraRoll(Perturbation):
     """Turns a camera about its optical axis by `degrees` (drawn: any angle)."""
 
     type: ClassVar[str] = "camera_roll"
-    camera: str = one_of(CAMERAS)
+    camera: str = one_of("cameras")
     degrees: float = amount(uniform(-180, 180))
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        return _turned(world, CAMERAS.index(self.camera), _OPTICAL_AXIS, self.degrees)
+        return _turned(world, robot.cameras.index(self.camera), _OPTICAL_AXIS, self.degrees)
 
     def inverse(self) -> Perturbation:
         return replace(self, degrees=-self.degrees)
@@ -51,14 +50,14 @@ class CameraAim(Perturbation):
     """
 
     type: ClassVar[str] = "camera_aim"
-    camera: str = one_of(CAMERAS)
+    camera: str = one_of("cameras")
     degrees: float = amount(uniform(3, 15))
     direction: float = setting(uniform(-180, 180))
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         angle = math.radians(self.direction)
         axis = np.array([-math.sin(angle), -math.cos(angle), 0.0])
-        return _turned(world, CAMERAS.index(self.camera), axis, self.degrees)
+        return _turned(world, robot.cameras.index(self.camera), axis, self.degrees)
 
     def inverse(self) -> Perturbation:
         return replace(self, degrees=-self.degrees)
@@ -70,7 +69,7 @@ class CameraZoom(CameraFactor):
 
     type: ClassVar[str] = "camera_zoom"
     entry: ClassVar[str] = "focal_length"
-    camera: str = one_of(CAMERAS)
+    camera: str = one_of("cameras")
     factor: float = factor(0.8, 1.25)
 
 
@@ -83,13 +82,13 @@ class CameraShift(Perturbation):
     """
 
     type: ClassVar[str] = "camera_shift"
-    camera: str = one_of(CAMERAS)
+    camera: str = one_of("cameras")
     metres: float = amount(uniform(0.02, 0.10))
     azimuth: float = setting(uniform(-180, 180))
     elevation: float = setting(lambda rng: math.degrees(math.asin(rng.uniform(-1, 1))), least=-90, most=90)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        camera = CAMERAS.index(self.camera)
+        camera = robot.cameras.index(self.camera)
         azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
         level = math.cos(elevation)
         direction = [level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)]
@@ -108,7 +107,7 @@ class CameraReplace(Perturbation):
     """
 
     type: ClassVar[str] = "camera_replace"
-    camera: str = one_of(CAMERAS)
+    camera: str = one_of("cameras")
     seed: int = setting(lambda rng: int(rng.integers(2**31)), least=0, most=2**31, whole=True)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
@@ -119,7 +118,7 @@ class CameraReplace(Perturbation):
 
     def _moved(self, world: World, share: float, robot: Robot) -> World:
         """Moves the camera by this share of the way to the other one."""
-        camera = CAMERAS.index(self.camera)
+        camera = robot.cameras.index(self.camera)
         other = wild_camera(np.random.default_rng(self.seed), camera, robot.rig)
         for name, value in {**other, "principal_point": np.zeros(2)}.items():
             present = getattr(world, name)[camera]
@@ -136,15 +135,15 @@ class Lens(Perturbation):
     """Sets a lens's radial distortion to `k1` (drawn: -0.08 to 0.08); as a drift, adds it."""
 
     type: ClassVar[str] = "lens"
-    camera: str = one_of(CAMERAS)
+    camera: str = one_of("cameras")
     k1: float = amount(uniform(-0.08, 0.08), least=-0.5, most=0.5)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        return with_entry(world, "lens_k1", CAMERAS.index(self.camera), self.k1)
+        return with_entry(world, "lens_k1", robot.cameras.index(self.camera), self.k1)
 
     def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
-        present = float(world.lens_k1[CAMERAS.index(self.camera)])
-        return replace(self, k1=present + (-self.k1 if back else self.k1)).change(world)
+        present = float(world.lens_k1[robot.cameras.index(self.camera)])
+        return replace(self, k1=present + (-self.k1 if back else self.k1)).change(world, robot)
 
 
 def _turned(world: World, camera: int, axis: Any, degrees: float) -> World:

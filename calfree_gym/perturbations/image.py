@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from calfree_gym.geometry import direction_between
-from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations.base import (
     DRIFT_STEPS,
     CameraFactor,
@@ -80,14 +80,14 @@ class Light(Perturbation):
     ambient: float = setting(uniform(*WILD_AMBIENT), least=0, most=2)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        return replace(world, **self._lamp())
+        return world.replace(**self._lamp())
 
     def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
         share = -1 / (DRIFT_STEPS - 1) if back else 1 / DRIFT_STEPS
         there = self._lamp()
         direction = direction_between(world.light_direction, there.pop("light_direction"), share)
         levels = {name: (1 - share) * getattr(world, name) + share * level for name, level in there.items()}
-        return replace(world, light_direction=direction, **levels)
+        return world.replace(light_direction=direction, **levels)
 
     def _lamp(self) -> dict[str, Any]:
         return lamp(math.radians(self.azimuth), math.radians(self.elevation), self.strength, self.ambient)
@@ -99,7 +99,7 @@ class Exposure(CameraFactor):
 
     type: ClassVar[str] = "exposure"
     entry: ClassVar[str] = "exposure"
-    camera: str = one_of(CAMERAS)
+    camera: str = one_of("cameras")
     factor: float = factor(0.6, 1.6)
 
 
@@ -109,7 +109,7 @@ class Blur(Level):
 
     type: ClassVar[str] = "blur"
     quantity: ClassVar[str] = "px"
-    camera: str = one_of(CAMERAS)
+    camera: str = one_of("cameras")
     px: float = amount(uniform(0.5, 3), least=0, most=20)
 
 
@@ -119,5 +119,5 @@ class ImageNoise(Level):
 
     type: ClassVar[str] = "image_noise"
     quantity: ClassVar[str] = "levels"
-    camera: str = one_of(CAMERAS)
+    camera: str = one_of("cameras")
     levels: float = amount(uniform(3, 12), least=0, most=MAX_NOISE)

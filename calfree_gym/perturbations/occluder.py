@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 
 from calfree_gym.geometry import Array
-from calfree_gym.image import CAMERAS
 from calfree_gym.perturbations.base import Perturbation, amount, one_of, setting, uniform
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
@@ -40,21 +39,21 @@ class Occluder(Perturbation):
 
     type: ClassVar[str] = "occluder"
     at_home: ClassVar[bool] = True
-    camera: str = one_of(CAMERAS)
+    camera: str = one_of("cameras")
     share: float = amount(uniform(0.1, 0.4), least=0, most=0.8)
     at: float = setting(uniform(0.3, 0.5), least=0.1, most=0.8)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        return replace(world, occluder=self._posts(world, robot).hiding(self.share))
+        return world.replace(occluder=self._posts(world, robot).hiding(self.share))
 
     def drift(self, world: World, back: bool = False, robot: Robot = MOVEMASTER) -> World:
         posts = self._posts(world, robot)
         share = posts.share_hidden(float(world.occluder[3])) + (-self.share if back else self.share)
         there = replace(self, share=round(share, 12))  # not below 0 by rounding
-        return replace(world, occluder=posts.hiding(there.share))
+        return world.replace(occluder=posts.hiding(there.share))
 
     def _posts(self, world: World, robot: Robot) -> Posts:
-        camera = world.camera_position[CAMERAS.index(self.camera)]
+        camera = world.camera_position[robot.cameras.index(self.camera)]
         return Posts(camera, *work_space(world, robot), self.at, CLEAR * robot.rig.scale)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, ClassVar
 
@@ -57,7 +57,7 @@ def undone(world: World, before: World, after: World) -> World:
             differs = differs.any(axis=-1, keepdims=True)
         if differs.any():
             restored[field.name] = np.where(differs, old, getattr(world, field.name))
-    return replace(world, **restored)
+    return world.replace(**restored)
 
 
 CLOCKS = ("motion", "trial")
@@ -248,6 +248,7 @@ class PerturbationScheduler:
         keep_in_view: Whether worlds that the cameras do not see are drawn again, and drifts turn back.
         as_seen: A world as it is judged whether they do.
         can_begin: Whether a trial can begin in a world of a row, if that is asked, too.
+        judge: One row that judges whether a world is in view, where that is not an arm's work space.
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("_drifts", "_undoable")
@@ -261,11 +262,12 @@ class PerturbationScheduler:
         keep_in_view: bool,
         as_seen: Callable[[World], World] = lambda world: world,
         can_begin: Callable[[int], Callable[[World], bool] | None] = lambda row: None,
+        judge: Workspaces | None = None,
     ) -> None:
         events = tuple(enumerate(parse_schedule(schedule)))
         self.events = {clock: [(i, event) for i, event in events if event.clock == clock] for clock in CLOCKS}
         self._robot, self._mounts, self._as_seen, self._can_begin = robot, mounts, as_seen, can_begin
-        self._judge = Workspaces(1, robot, mounts)
+        self._judge = judge or Workspaces(1, robot, mounts)
         for _, event in events:
             if not isinstance(event.perturbation, Undo):
                 event.perturbation.check_fits(robot)
@@ -351,8 +353,8 @@ class PerturbationScheduler:
         if not perturbation.at_home:
             return change(world, robot=self._robot)
         positions = cameras_at_home(world, self._robot, self._mounts)
-        there = change(replace(world, camera_position=positions), robot=self._robot)
-        return replace(there, camera_position=world.camera_position)
+        there = change(world.replace(camera_position=positions), robot=self._robot)
+        return there.replace(camera_position=world.camera_position)
 
     def _serves(self, row: int, world: World) -> bool:
         if not self._keep_in_view:

@@ -159,17 +159,18 @@ class Registers(OfWorlds):
     Attributes:
         executed: Sums (N, m) of what was executed since home, in [-1, 1].
         joints: Registers (N, m) at which the joints stand, likewise.
+        bound: Registers are told within +- this.
 
     Args:
         motors: The motor maps of the N worlds.
-        bound: Registers are told within +- this.
+        bound: See above.
     """
 
     state_names: ClassVar[tuple[str, ...]] = ("joints",)  # what was executed is state of the arms
     of_world: ClassVar[tuple[str, ...]] = ("_longest", "_gain", "_factor", "_dead_zone", "_noise", "_step")
 
     def __init__(self, motors: MotorMap, bound: float) -> None:
-        self._motors, self._bound = motors, bound
+        self._motors, self.bound = motors, bound
         shape = motors.lowest.shape
         self.executed, self.joints = np.zeros(shape), np.zeros(shape)
         self._stood = np.zeros((2, *shape))
@@ -201,10 +202,10 @@ class Registers(OfWorlds):
         Raises:
             ValueError: They do; says how far.
         """
-        if world.register_bound > self._bound:
+        if world.register_bound > self.bound:
             raise ValueError(
                 f"World.word_gain is {world.word_gain.tolist()}: registers would go to "
-                f"+-{world.register_bound:g}; this environment observes them within +-{self._bound:g}, as in "
+                f"+-{world.register_bound:g}; this environment observes them within +-{self.bound:g}, as in "
                 "the worlds that it was made with"
             )
 
@@ -259,10 +260,10 @@ class Registers(OfWorlds):
         told = self.in_words(self.executed)
         if self._noise.any():
             told = told + self._noise * self._numbers.at(trials, motions)
-        told = np.minimum(np.maximum(told, -self._bound), self._bound)
+        told = np.minimum(np.maximum(told, -self.bound), self.bound)
         if (stepped := self._step > 0).any():
             step = np.where(stepped, self._step, 1.0)
-            most = np.floor(self._bound / step)
+            most = np.floor(self.bound / step)
             told = np.where(stepped, step * np.clip(np.rint(told / step), -most, most) + 0.0, told)
         return told
 

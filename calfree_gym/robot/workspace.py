@@ -249,6 +249,27 @@ class Workspaces(OfWorlds):
             return False
         return bool(good.mean() >= least_in_view(self.robot, self.mounts))
 
+    @property
+    def in_view_means(self) -> str:
+        """What a world in view has, in words."""
+        share = least_in_view(self.robot, self.mounts)
+        return (
+            f"the gripper at home, and {share:.0%} of the work space, in view of both cameras, within reach"
+        )
+
+    def check_in_view(self, row: int) -> None:
+        """Raises where the world of a row, which was given, is not in view.
+
+        Raises:
+            ValueError: Says what must be.
+        """
+        if not self.in_view(row):
+            least = least_in_view(self.robot, self.mounts)
+            raise ValueError(
+                f"the given world is not in view on {self.robot.mount_name(self.mounts)}: both cameras must "
+                f"see the gripper at home and {least:.0%} of the work space, which the motors must reach"
+            )
+
     def judged(self, row: int) -> tuple[Flags, Flags]:
         """Of the `CHECKED` candidates by which a world is judged: which are reached, and which also seen."""
         draws = judging_draws(self.robot.candidates, len(self.robot.motors))
@@ -320,20 +341,6 @@ def cameras_at_home(world: World, robot: Robot, mounts: Mounts) -> Array:
     return positions
 
 
-def check_in_view(world: World, robot: Robot, mounts: Mounts) -> None:
-    """Raises where a world is not in view.
-
-    Raises:
-        ValueError: Says what must be.
-    """
-    if not in_view(world, robot, mounts):
-        raise ValueError(
-            f"the given world is not in view on {robot.mount_name(mounts)}: both cameras must see the "
-            f"gripper at home and {least_in_view(robot, mounts):.0%} of the work space, which the motors "
-            "must reach"
-        )
-
-
 def check_near(objects: Array, robot: Robot) -> None:
     """Raises where objects (n, 3) in m lie far beyond the work space.
 
@@ -391,7 +398,6 @@ def first_in_view(
             f"view, but in none {also_asks}"
         )
     raise ValueError(
-        f"{what} is never in view on {robot.mount_name(mounts)}: in {ATTEMPTS} draws no world had the "
-        f"gripper at home, and {least_in_view(robot, mounts):.0%} of the work space, in view of both cameras "
-        "and within reach"
+        f"{what} is never in view on {robot.mount_name(mounts)}: in {ATTEMPTS} draws no world had "
+        f"{workspaces.in_view_means}"
     )

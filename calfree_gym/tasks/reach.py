@@ -51,30 +51,32 @@ too, it is none)."""
 
 
 def rendezvous(distances: Floats, tolerance: float | np.float32) -> Floats:
-    """Whether (...) both cameras see gripper and object within `tolerance`, in image units."""
-    return np.maximum(distances[..., 0], distances[..., 1]) <= tolerance
+    """Whether (...) all cameras see all that is to meet within `tolerance`, in image units."""
+    return np.maximum.reduce(distances, axis=-1) <= tolerance
 
 
 def kept_apart(points: Floats, visible: Floats, tolerance: float) -> Floats:
-    """Points (N, 4, 2) of which none that is hidden shows a rendezvous by where it was seen last.
+    """Points (N, p, 2) of which none that is hidden shows a rendezvous by where it was seen last.
 
     Where one would, it is moved to just beyond the tolerance, in one image: so reward and end follow from the
     points alone, and need all of them to be seen now.
 
     Args:
-        points: Gripper left and right, object left and right, in image units.
-        visible: Which of them are seen now (N, 4).
+        points: What is moved, and as many points where it is to be, such as gripper left and right, object
+            left and right, in image units.
+        visible: Which of them are seen now (N, p).
         tolerance: Of the rendezvous, in image units.
     """
     if np.logical_and.reduce(visible, axis=None):
         return points
-    near = rendezvous(lengths(points[:, :2] - points[:, 2:]), NEAR * tolerance)
+    half = points.shape[1] // 2
+    near = rendezvous(lengths(points[:, :half] - points[:, half:]), NEAR * tolerance)
     if not (mistaken := near & ~visible.all(1)).any():
         return points
     points = points.copy()
     for row in np.flatnonzero(mistaken):
         hidden = int(np.flatnonzero(~visible[row])[0])
-        other = points[row, (hidden + 2) % 4]
+        other = points[row, (hidden + half) % (2 * half)]
         away = np.where(other > 0, -1.0, 1.0) / np.sqrt(2)  # towards the middle: never out of the image
         points[row, hidden] = other + BEYOND * tolerance * away
     return points

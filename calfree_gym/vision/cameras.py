@@ -67,22 +67,23 @@ def image_points(flat: Array, focal: Array, principal: Array, k1: Array) -> tupl
 
 
 class StereoCameras(OfWorlds):
-    """The stereo pairs of N worlds, one row each.
+    """The cameras of N worlds, one row each.
 
     Args:
         rows: N.
         points: How many points `through_lens` gets, in each image.
+        cameras: c, how many there are in each world.
     """
 
     of_world: ClassVar[tuple[str, ...]] = (
         *("_position", "_rotation", "_focal_px", "_focal", "_principal", "_k1"),
     )
 
-    def __init__(self, rows: int, points: int = 2) -> None:
-        self._position = np.zeros((rows, 2, 3))
-        self._rotation = np.zeros((rows, 2, 3, 3))
-        shape = rows, 2 * points, 2  # that of the image points: equal shapes multiply fastest
-        self._points = points
+    def __init__(self, rows: int, points: int = 2, cameras: int = 2) -> None:
+        self._position = np.zeros((rows, cameras, 3))
+        self._rotation = np.zeros((rows, cameras, 3, 3))
+        shape = rows, cameras * points, 2  # that of the image points: equal shapes multiply fastest
+        self._points, self._cameras = points, cameras
         self._centre_px = np.full(shape, PIXELS_PER_UNIT)
         self._focal_px = np.ones(shape)
         self._focal = np.ones(shape)
@@ -93,26 +94,27 @@ class StereoCameras(OfWorlds):
         """Gives `row` the cameras of `world`."""
         self._position[row] = world.camera_position
         self._rotation[row] = [rotation_matrix(q) for q in world.camera_orientation]
-        of_points = self._points, 2
+        of_points = self._points, self._cameras
         self._focal_px[row].reshape(*of_points, 2)[:] = world.focal_length[:, None]
         self._focal[row] = self._focal_px[row] * IMAGE_UNIT
         self._principal[row].reshape(*of_points, 2)[:] = world.principal_point * IMAGE_UNIT
         self._k1[row].reshape(of_points)[:] = world.lens_k1
 
     def project(self, points: Array, rows: NDArray[np.intp]) -> tuple[Array, Flags]:
-        """Image points (..., k, 2, 2), unclipped, of points (..., k, 1 or 2, 3) in their rows' cameras.
+        """Image points (..., k, c, 2), unclipped, of points (..., k, 1 or c, 3) in their rows' cameras.
 
         Args:
             points: In m, in the frame of the mount of both cameras, or of each.
             rows: The row of each point (k,), or that of all (1,).
 
         Returns:
-            The image points left and right; and which of them (..., k, 2) the cameras show, if the image were
+            The image points; and which of them (..., k, c) the cameras show, if the image were
             large enough.
         """
         flat, depth = pinhole(points, self._position[rows], self._rotation[rows])
+        one = slice(self._cameras)
         images, shown = image_points(
-            flat, self._focal[rows, :2], self._principal[rows, :2], self._k1[rows, :2]
+            flat, self._focal[rows, one], self._principal[rows, one], self._k1[rows, one]
         )
         return images, shown & (depth > 0)
 
@@ -121,7 +123,7 @@ class StereoCameras(OfWorlds):
 
         Args:
             pixels: Pinhole points (N, p, 2) in pixels from the image's upper left corner: of each point in
-                turn, such as gripper and object, left and right.
+                turn, such as gripper and object, in each camera.
 
         Returns:
             The image points, and which of them (N, p) the lenses show.

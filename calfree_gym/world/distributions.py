@@ -11,10 +11,11 @@ import numpy as np
 
 from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, looking_at, quaternion_about, quaternion_product
-from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Rig, Robot
 from calfree_gym.streams import stream
+from calfree_gym.world.docking import on_wheels
 from calfree_gym.world.value import MAX_TEXTURE, World
 
 FOCAL_LENGTH = IMAGE_SIZE / 2 / np.tan(np.radians(40.0))
@@ -30,13 +31,13 @@ ENCODER_STEP, DETENT = 360 / 4096, 360 / 29
 @lru_cache(maxsize=16)
 def nominal(robot: Robot = MOVEMASTER) -> World:
     """The built robot, perfectly calibrated, with image points of 0.5 px noise."""
-    rig, motors = robot.rig, len(robot.motors)
+    rig, motors, cameras = robot.rig, len(robot.motors), len(robot.cameras)
     return World(
         camera_position=rig.position,
         camera_orientation=np.stack([looking_at(p, rig.target) for p in rig.position]),
-        focal_length=np.full(2, FOCAL_LENGTH),
-        principal_point=np.zeros((2, 2)),
-        lens_k1=np.zeros(2),
+        focal_length=np.full(cameras, FOCAL_LENGTH),
+        principal_point=np.zeros((cameras, 2)),
+        lens_k1=np.zeros(cameras),
         link_lengths=robot.lengths,
         joint_zeros=np.zeros(len(robot.joints)),
         motor_sign=np.ones(motors),
@@ -60,13 +61,13 @@ def _coarse(draw: Draw, robot: Robot) -> World:
     orientation = np.stack(
         [
             quaternion_product(q, quaternion_about(rng.standard_normal(3), np.radians(rng.uniform(0, 20))))
-            for q, rng in zip(built.camera_orientation, [draw("aim")] * 2, strict=True)
+            for q, rng in zip(built.camera_orientation, [draw("aim")] * len(robot.cameras), strict=True)
         ]
     )
     return World(
         camera_position=built.camera_position,
         camera_orientation=orientation,
-        focal_length=built.focal_length * draw("focal_length").uniform(0.8, 1.2, 2),
+        focal_length=built.focal_length * draw("focal_length").uniform(0.8, 1.2, len(robot.cameras)),
         principal_point=built.principal_point,
         lens_k1=built.lens_k1,
         link_lengths=built.link_lengths * draw("link_lengths").uniform(0.98, 1.02, len(robot.links)),
@@ -80,8 +81,8 @@ def _coarse(draw: Draw, robot: Robot) -> World:
 
 def _wild(draw: Draw, robot: Robot) -> World:
     """Cameras mounted roughly, on an arm that was never measured."""
-    built, motors = nominal(robot), len(robot.motors)
-    cameras = [wild_camera(draw("cameras_" + side), i, robot.rig) for i, side in enumerate(CAMERAS)]
+    built, motors, sees = nominal(robot), len(robot.motors), len(robot.cameras)
+    cameras = [wild_camera(draw("cameras_" + name), i, robot.rig) for i, name in enumerate(robot.cameras)]
     return World(
         camera_position=np.stack([c["camera_position"] for c in cameras]),
         camera_orientation=np.stack([c["camera_orientation"] for c in cameras]),
@@ -96,9 +97,9 @@ def _wild(draw: Draw, robot: Robot) -> World:
         point_noise=built.point_noise,
         **wild_light(draw("light")),
         texture=np.array(draw("texture").integers(1, MAX_TEXTURE), float),
-        exposure=log_uniform(draw("exposure"), 0.7, 1.4, 2),
-        blur=draw("blur").uniform(0.0, 1.2, 2),
-        image_noise=draw("image_noise").uniform(1.0, 5.0, 2),
+        exposure=log_uniform(draw("exposure"), 0.7, 1.4, sees),
+        blur=draw("blur").uniform(0.0, 1.2, sees),
+        image_noise=draw("image_noise").uniform(1.0, 5.0, sees),
         object_mass=log_uniform(draw("object_mass"), 0.05, 0.3),
         object_friction=np.asarray(draw("object_friction").uniform(0.6, 1.2)),
     )
@@ -210,7 +211,12 @@ class WorldDistribution:
             trial: The trial, where each has a world of its own.
             robot: The arm.
         """
-        return DISTRIBUTIONS[self.name](lambda group: stream(seed, "world_" + group, trial, attempt), robot)
+
+        def draw(group: str) -> np.random.Generator:
+            return stream(seed, "world_" + group, trial, attempt)
+
+        world = DISTRIBUTIONS[self.name](draw, robot)
+        return on_wheels(self.name, world, draw, robot) if robot.wheels else world
 
 
 WorldChoice = str | World | WorldDistribution | Mapping[str, Any]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from functools import lru_cache
 from typing import Any, NamedTuple, NoReturn
@@ -17,6 +17,7 @@ MAX_LATENCY = 10
 """In motions."""
 MAX_TEXTURE = 2**31 - 1
 MAX_SHORTFALL = 0.9
+MAX_SLIP = 0.3
 BUILT_LIGHT = np.array([-0.2, 0.45, -1.0]) / np.linalg.norm([-0.2, 0.45, -1.0])
 """Where the built robot's lamp shines."""
 
@@ -27,15 +28,15 @@ class World:
 
     The fields from `light_direction` on matter to rendered images alone, `occluder` where points can be
     hidden, and the last two where objects are grasped. Those from `backlash` to `gear_ripple` may be given as
-    one value for all motors.
+    one value for all motors, those from `exposure` to `image_noise` as one for all cameras.
 
     Attributes:
-        camera_position: Optical centres (2, 3) in m, left then right: in the room, with their mount where it
-            is at home as built.
-        camera_orientation: Quaternions (2, 4); a camera looks along its -z axis, y up.
-        focal_length: In pixels of the 512-pixel image (2,).
-        principal_point: Offset from the image centre in pixels (2, 2), x right, y down.
-        lens_k1: Radial distortion (2,): a pinhole point at radius r from the axis, in focal lengths,
+        camera_position: Optical centres (c, 3) in m, in the order of the robot's cameras: in the room, with
+            their mount where it is at home as built.
+        camera_orientation: Quaternions (c, 4); a camera looks along its -z axis, y up.
+        focal_length: In pixels of the 512-pixel image (c,).
+        principal_point: Offset from the image centre in pixels (c, 2), x right, y down.
+        lens_k1: Radial distortion (c,): a pinhole point at radius r from the axis, in focal lengths,
             appears at r * (1 + k1 * r**2).
         link_lengths: In m (l,), in the order of the arm's links.
         joint_zeros: True minus assumed position of the arm's joints, in rad or m (k,).
@@ -60,13 +61,17 @@ class World:
         light_strength: How brightly it lights what faces it (), relative to white.
         light_ambient: How brightly all is lit from everywhere (), likewise.
         texture: Number of the pictures that cover table and room (), a whole number; 0: as built.
-        exposure: Factor of each image's brightness (2,).
-        blur: Standard deviation of each image's blur (2,), in pixels of 512.
-        image_noise: Standard deviation of each image's noise (2,), in grey levels of 255.
+        exposure: Factor of each image's brightness (c,).
+        blur: Standard deviation of each image's blur (c,), in pixels of 512.
+        image_noise: Standard deviation of each image's noise (c,), in grey levels of 255.
         occluder: An upright cylinder that stands in the way (5,): its middle, its radius and half its height,
             in m, in the room; radius 0: none.
         object_mass: Of the things to be grasped, in kg ().
         object_friction: Coefficient of friction between them and the jaws ().
+        marks: On the front of a mobile base, in its frame, in m (d, 3); those of its dock stand alike in the
+            dock's frame. None: it is no base, and the fields below mean nothing.
+        dock: Where the dock is in the room (3,): x and y in m, heading in rad.
+        slip: Standard deviation of a wheel's way in a motion, as a share of it ().
     """
 
     camera_position: Array
@@ -96,38 +101,69 @@ class World:
     light_strength: Array = field(default_factory=lambda: np.array(0.6))
     light_ambient: Array = field(default_factory=lambda: np.array(0.5))
     texture: Array = field(default_factory=lambda: np.zeros(()))
-    exposure: Array = field(default_factory=lambda: np.ones(2))
-    blur: Array = field(default_factory=lambda: np.zeros(2))
-    image_noise: Array = field(default_factory=lambda: np.full(2, 2.0))
+    exposure: Array = field(default_factory=lambda: np.ones(()))
+    blur: Array = field(default_factory=lambda: np.zeros(()))
+    image_noise: Array = field(default_factory=lambda: np.array(2.0))
     occluder: Array = field(default_factory=lambda: np.zeros(5))
     object_mass: Array = field(default_factory=lambda: np.array(0.15))
     object_friction: Array = field(default_factory=lambda: np.array(0.9))
+    marks: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    dock: Array = field(default_factory=lambda: np.zeros(3))
+    slip: Array = field(default_factory=lambda: np.zeros(()))
 
     def __post_init__(self) -> None:
-        values, motors = vars(self), np.size(self.motor_sign)
-        for name, shape in _shapes(motors).items():
+        self._check(_NAMES)
+
+    def replace(self, **changes: ArrayLike) -> World:
+        """The world with other values in some fields, of which only these are checked.
+
+        Raises:
+            ValueError: As at the making of a world.
+        """
+        if unknown := changes.keys() - _SHAPES.keys():
+            raise _unknown(unknown)
+        if not changes:
+            return self
+        there = object.__new__(World)
+        vars(there).update(vars(self), **changes)
+        there._check(tuple(changes))
+        if there._lengths != self._lengths:
+            there._check(_NAMES)
+        return there
+
+    @property
+    def _lengths(self) -> tuple[int, int]:
+        """How many motors and cameras there are."""
+        return self.motor_sign.size, max((1, *self.camera_position.shape[:1]))
+
+    def _check(self, names: tuple[str, ...]) -> None:
+        """Turns these fields into read-only arrays of their shapes, and raises where one cannot be."""
+        values = vars(self)
+        for name in names:
             try:
-                array = np.array(values[name], np.float64)
+                values[name] = np.array(values[name], np.float64)
             except (TypeError, ValueError):
                 raise ValueError(f"World.{name} is {values[name]!r}; it must be numbers") from None
-            array += 0.0  # no negative zero
-            if array.shape != shape:
-                array = _fitted(name, array, shape)
-            array.setflags(write=False)
-            values[name] = array
-        least, most = _bounds(motors, len(self.joint_zeros), len(self.link_lengths))
-        numbers = np.concatenate([values[name].ravel() for name in _SHAPES])
+        shapes = _shapes(*self._lengths)
+        for name in names:
+            if values[name].shape != shapes[name]:
+                values[name] = _fitted(name, values[name], shapes[name])
+            values[name] += 0.0  # no negative zero
+            values[name].setflags(write=False)
+        least, most = _bounds(names, tuple(values[name].shape for name in names))
+        numbers = np.concatenate([values[name].ravel() for name in names])
         if not ((numbers >= least) & (numbers <= most)).all():
             self._refuse()
-        if (np.abs(self.motor_sign) != 1).any():
+        if "motor_sign" in names and (np.abs(self.motor_sign) != 1).any():
             raise ValueError(f"World.motor_sign {_RANGES['motor_sign'].told}, found {self.motor_sign}")
         for name in ("latency", "texture"):
-            if getattr(self, name) % 1:
+            if name in names and getattr(self, name) % 1:
                 raise ValueError(f"World.{name} {_RANGES[name].told}, found {getattr(self, name)}")
         for name in ("camera_orientation", "light_direction"):
-            norms = np.linalg.norm(getattr(self, name), axis=-1)
-            if (np.abs(norms - 1) > 1e-6).any():
-                raise ValueError(f"World.{name} must have unit length, found {norms}")
+            if name in names:
+                norms = np.linalg.norm(getattr(self, name), axis=-1)
+                if (np.abs(norms - 1) > 1e-6).any():
+                    raise ValueError(f"World.{name} must have unit length, found {norms}")
 
     def _refuse(self) -> NoReturn:
         """Says which field is not finite, or out of its range."""
@@ -152,8 +188,12 @@ class World:
         return World.from_dict, (vars(self),)  # arrays stay read-only
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists and floats under the names of the fields; `from_dict` gets them back exactly."""
-        return {name: getattr(self, name).tolist() for name in _SHAPES}
+        """Plain lists and floats under the names of the fields; `from_dict` gets them back exactly.
+
+        Fields of a base are left out where there is none.
+        """
+        names = _NAMES if len(self.marks) else _NAMES[: -len(_OF_A_BASE)]
+        return {name: getattr(self, name).tolist() for name in names}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> World:
@@ -165,8 +205,8 @@ class World:
         needed = {each.name for each in fields(cls) if each.default_factory is MISSING}
         if missing := sorted(needed - values.keys()):
             raise ValueError(f"a World lacks {', '.join(missing)}")
-        if unknown := sorted(values.keys() - _SHAPES.keys()):
-            raise ValueError(f"a World has no field {', '.join(unknown)}; it has {', '.join(_SHAPES)}")
+        if unknown := values.keys() - _SHAPES.keys():
+            raise _unknown(unknown)
         return cls(**values)
 
     @property
@@ -175,26 +215,39 @@ class World:
         return max(1.0, float(1 / self.word_gain.min()))
 
     def check_fits(self, robot: Robot) -> None:
-        """Raises where this is no world of that arm.
+        """Raises where this is no world of that robot.
 
         Raises:
-            ValueError: A field has another length; names what the arm has.
+            ValueError: A field has another length; names what the robot has.
         """
-        for name, what in (("motor_sign", "motors"), ("joint_zeros", "joints"), ("link_lengths", "links")):
-            found, expected = len(getattr(self, name)), getattr(robot, what)
-            if found != len(expected):
+        for name, what in _PARTS.items():
+            found, expected = getattr(self, name).shape, getattr(robot, what)
+            if found[0] != len(expected):
+                must = (len(expected), *found[1:])
                 raise ValueError(
-                    f"World.{name} has shape ({found},); it must be ({len(expected)},): the arm's {what} are "
+                    f"World.{name} has shape {found}; it must be {must}: the robot's {what} are "
                     f"{', '.join(expected)}"
                 )
+        if len(self.marks) != len(robot.marks):
+            raise ValueError(
+                f"World.marks has shape {self.marks.shape}; it must be {robot.marks.shape}: so many marks "
+                "stand on the robot's front"
+            )
 
 
+_PARTS = {
+    "camera_position": "cameras",
+    "motor_sign": "motors",
+    "joint_zeros": "joints",
+    "link_lengths": "links",
+}
+"""Of which parts of the robot a field tells the number."""
 _SHAPES: dict[str, tuple[int | str, ...]] = {
-    "camera_position": (2, 3),
-    "camera_orientation": (2, 4),
-    "focal_length": (2,),
-    "principal_point": (2, 2),
-    "lens_k1": (2,),
+    "camera_position": ("c", 3),
+    "camera_orientation": ("c", 4),
+    "focal_length": ("c",),
+    "principal_point": ("c", 2),
+    "lens_k1": ("c",),
     "link_lengths": ("l",),
     "joint_zeros": ("k",),
     "motor_sign": ("m",),
@@ -217,18 +270,23 @@ _SHAPES: dict[str, tuple[int | str, ...]] = {
     "light_strength": (),
     "light_ambient": (),
     "texture": (),
-    "exposure": (2,),
-    "blur": (2,),
-    "image_noise": (2,),
+    "exposure": ("c",),
+    "blur": ("c",),
+    "image_noise": ("c",),
     "occluder": (5,),
     "object_mass": (),
     "object_friction": (),
+    "marks": ("d", 3),
+    "dock": (3,),
+    "slip": (),
 }
-_OF_ALL_MOTORS = (
+_OF_A_BASE = "marks", "dock", "slip"
+_NAMES = tuple(_SHAPES)
+_OF_ALL = (
     *("backlash", "repeatability", "register_noise", "register_step", "shortfall", "longest_motion"),
-    *("word_gain", "dead_zone", "gear_ripple"),
+    *("word_gain", "dead_zone", "gear_ripple", "exposure", "blur", "image_noise"),
 )
-"""Fields of which one value may be given for all motors."""
+"""Fields of which one value may be given for all motors or cameras."""
 
 
 class _Range(NamedTuple):
@@ -275,40 +333,43 @@ _RANGES = {
     "occluder": _Range([*[-_LARGEST] * 3, 0.0, 0.0], _LARGEST, "has a negative radius or height"),
     "object_mass": _POSITIVE,
     "object_friction": _POSITIVE,
+    "slip": _Range(0.0, MAX_SLIP, f"must be in [0, {MAX_SLIP:g}]"),
 }
 
 
-@lru_cache
-def _shapes(motors: int) -> dict[str, tuple[int | str, ...]]:
-    """Shapes of the fields with so many motors; letters stand for lengths that are free."""
-    return {name: tuple(motors if n == "m" else n for n in shape) for name, shape in _SHAPES.items()}
+def _unknown(names: Iterable[str]) -> ValueError:
+    return ValueError(f"a World has no field {', '.join(sorted(names))}; it has {', '.join(_NAMES)}")
 
 
 @lru_cache
-def _bounds(motors: int, joints: int, links: int) -> tuple[Array, Array]:
-    """Least and largest values of all numbers of a world, field after field."""
-    of: dict[int | str, int] = {"m": motors, "k": joints, "l": links}
+def _shapes(motors: int, cameras: int) -> dict[str, tuple[int | str, ...]]:
+    """Shapes of the fields with so many motors and cameras; letters stand for lengths that are free."""
+    of: dict[int | str, int] = {"m": motors, "c": cameras}
+    return {name: tuple(of.get(n, n) for n in shape) for name, shape in _SHAPES.items()}
+
+
+@lru_cache
+def _bounds(names: tuple[str, ...], shapes: tuple[tuple[int, ...], ...]) -> tuple[Array, Array]:
+    """Least and largest values of all numbers of these fields, which have these shapes."""
     ends: tuple[list[Array], list[Array]] = [], []
-    for name, shape in _SHAPES.items():
+    for name, shape in zip(names, shapes, strict=True):
         least, most, _ = _RANGES.get(name, _FINITE)
         for found, end in zip(ends, (least, most), strict=True):
-            found.append(
-                np.broadcast_to(np.asarray(end, float), [of[n] if n in of else int(n) for n in shape]).ravel()
-            )
+            found.append(np.broadcast_to(np.asarray(end, float), shape).ravel())
     return np.concatenate(ends[0]), np.concatenate(ends[1])
 
 
 def _fitted(name: str, array: Array, shape: tuple[int | str, ...]) -> Array:
-    """A field in its shape, of which lengths may be free, or which one value for all motors may have.
+    """A field in its shape, of which lengths may be free, or which one value for all may have.
 
     Raises:
         ValueError: It does not fit.
     """
-    if name in _OF_ALL_MOTORS and array.shape == shape[1:]:
+    if name in _OF_ALL and array.shape == shape[1:]:
         filled = np.empty([int(n) for n in shape])
         filled[:] = array
         return filled
-    fits = (free in ("k", "l", length) for free, length in zip(shape, array.shape, strict=False))
+    fits = (free in ("k", "l", "d", length) for free, length in zip(shape, array.shape, strict=False))
     if array.ndim != len(shape) or not all(fits):
         written = str(shape).replace("'", "")
         raise ValueError(f"World.{name} has shape {array.shape}; it must be {written}")

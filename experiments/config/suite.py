@@ -123,7 +123,7 @@ class SweepConfig(Model):
         if do is None:
             return value
         settings = TYPES[do["type"]].settings()
-        numbers = tuple(name for name, setting in settings.items() if not (setting.names or setting.part))
+        numbers = tuple(name for name, setting in settings.items() if not setting.part)
         if value in do:
             raise ValueError(f"do gives {value} already")
         return one_of(value, tuple(name for name in numbers if name not in do))

@@ -4,6 +4,11 @@ import gymnasium as gym
 import numpy as np
 
 TASKS = ("Reach", "SafeReach", "Grasp", "Insert")
+OF_CAMERAS = [
+    *("camera_position", "camera_orientation", "focal_length", "principal_point", "lens_k1"),
+    *("exposure", "blur", "image_noise"),
+]
+"""Fields of a world that have one entry a camera."""
 
 
 def make(task="Reach", rows=None, **arguments):

@@ -18,6 +18,7 @@ from calfree_gym.robot.workspace import Workspaces, first_in_view, in_view
 from calfree_gym.vision.cameras import image_points, undistort
 from calfree_gym.world import FOCAL_LENGTH
 from tests.arms.every import arm_named
+from tests.calfree_gym.environments import OF_CAMERAS
 from tests.calfree_gym.robot.one_motor import FIELDS
 
 
@@ -61,7 +62,11 @@ def test_worlds_are_values():
         ({"texture": 1.5}, "texture must be a whole number from 0 to"),
         ({"texture": -1}, "texture must be a whole number from 0 to"),
         ({"exposure": [1, 0]}, "exposure must be positive"),
-        ({"exposure": 1}, r"exposure has shape \(\); it must be \(2,\)"),
+        ({"exposure": [1]}, r"exposure has shape \(1,\); it must be \(2,\)"),
+        ({"camera_position": np.ones((3, 3))}, r"camera_orientation has shape \(2, 4\); it must be \(3, 4\)"),
+        ({"camera_position": np.ones(3)}, r"camera_position has shape \(3,\); it must be \(3, 3\)"),
+        ({"camera_position": np.ones((0, 3))}, r"camera_position has shape \(0, 3\); it must be \(1, 3\)"),
+        ({"camera_position": [[0, 0, 1], [0]]}, "camera_position is .*; it must be numbers"),
         ({"blur": [0, -1]}, "blur must not be negative"),
         ({"image_noise": [-1, 0]}, "image_noise must not be negative"),
         ({"image_noise": [np.inf, 0]}, "image_noise must be finite"),
@@ -80,8 +85,32 @@ def test_worlds_are_values():
     ],
 )
 def test_worlds_that_cannot_be(fields, message):
-    with pytest.raises(ValueError, match=message):
-        replace(nominal(), **fields)
+    for changed in (partial(replace, nominal()), nominal().replace):
+        with pytest.raises(ValueError, match=message):
+            changed(**fields)
+
+
+def test_replace_makes_the_same_world_as_making_it_anew():
+    world = WorldDistribution("wild").sample(3)
+    other = WorldDistribution("wild").sample(4)
+    for name in world.to_dict():
+        there = world.replace(**{name: getattr(other, name)})
+        assert there == replace(world, **{name: getattr(other, name)})
+        assert not getattr(there, name).flags.writeable
+    assert world.replace() == world == WorldDistribution("wild").sample(3)
+    with pytest.raises(ValueError, match="no field lens_k9"):
+        world.replace(lens_k9=0)
+
+
+@pytest.mark.parametrize("cameras", [1, 3])
+def test_any_number_of_cameras(cameras):
+    of_cameras = {name: np.tile(getattr(nominal(), name)[:1].T, cameras).T for name in OF_CAMERAS}
+    plain = nominal().to_dict() | of_cameras
+    world = World(**plain)
+    assert world == nominal().replace(**of_cameras) == World.from_dict(world.to_dict())
+    assert World(**{**plain, "exposure": 1.5, "blur": 1}).exposure.tolist() == [1.5] * cameras
+    with pytest.raises(ValueError, match=rf"shape \({cameras}, 3\); .* \(2, 3\): .*cameras are left, right"):
+        world.check_fits(MOVEMASTER)
 
 
 LIGHT = {

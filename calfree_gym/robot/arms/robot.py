@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, Flags, in_frame
+from calfree_gym.image import CAMERAS
 
 Places = NDArray[np.int64]
 Furnish = Callable[[Any], None]
@@ -44,6 +45,9 @@ class Robot(ABC):
     """An arm, as the environment sees it. Registers and control words have m numbers, one a motor.
 
     Attributes:
+        cameras: Names of the cameras.
+        wheels: Names of the wheels; an arm has none.
+        marks: On the front of a base that docks, as built (d, 3); an arm has none.
         motors: Names of the motors.
         joints: Names of the joints that have a zero, k of them; the motors' come first.
         links: Names of the links, l of them.
@@ -60,6 +64,9 @@ class Robot(ABC):
         speeds: Assumed, of all joints (j,), in rad/s or m/s: for robot time.
     """
 
+    cameras: tuple[str, ...] = CAMERAS
+    wheels: tuple[str, ...] = ()
+    marks: Array = np.zeros((0, 3))
     motors: tuple[str, ...]
     joints: tuple[str, ...]
     links: tuple[str, ...]

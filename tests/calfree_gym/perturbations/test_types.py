@@ -4,6 +4,7 @@ import textwrap
 from dataclasses import replace
 from types import SimpleNamespace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,6 +21,7 @@ from calfree_gym.perturbations import (
     DeadZone,
     GearRipple,
     JointZero,
+    Lens,
     LinkLength,
     LongestMotion,
     MotorGain,
@@ -31,7 +33,7 @@ from calfree_gym.perturbations import (
 )
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.world import WorldDistribution
-from tests.calfree_gym.environments import kinematic
+from tests.calfree_gym.environments import OF_CAMERAS, kinematic
 
 RNG = np.random.default_rng
 
@@ -193,7 +195,10 @@ def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name)
     [
         ({"type": "camera_rol"}, "camera_rol.*did you mean camera_roll"),
         ({"type": "camera_roll", "degree": 3}, "'degree'.*did you mean degrees.*camera, degrees"),
-        ({"type": "camera_roll", "camera": "middle"}, "camera is 'middle'; allowed: left, right"),
+        (
+            {"type": "camera_roll", "camera": 0},
+            "camera is 0; it must name one of the robot's cameras",
+        ),
         ({"type": "camera_roll", "degrees": "30"}, "degrees is '30'; it must be a number"),
         ({"type": "camera_roll", "degrees": float("nan")}, "must be finite"),
         ({"type": "camera_zoom", "factor": 0}, "factor is 0; it must be a number from 0.001 to 1000"),
@@ -237,5 +242,20 @@ def test_the_recipe_of_the_package_makes_a_perturbation():
 
 
 def test_a_part_that_the_arm_does_not_have_is_told_when_the_environment_is_made():
-    with pytest.raises(ValueError, match="link_length changes one of the arm's links; this arm has none"):
+    with pytest.raises(ValueError, match="link_length changes one of the robot's links; it has none"):
         LinkLength().check_fits(SimpleNamespace(links=()))
+    schedule = [{"at": {"motion": 1}, "do": {"type": "camera_aim", "camera": "lft"}}]
+    told = r"camera_aim.camera is 'lft' \(did you mean left\?\); allowed: left, right"
+    with pytest.raises(ValueError, match=told):
+        gym.make("calfree_gym:CalFree/Reach-v0", perturbations=schedule)
+
+
+def test_a_robot_may_have_other_cameras():
+    robot = SimpleNamespace(cameras=("front", "top", "wrist"))
+    drawn = {CameraRoll().drawn(RNG(seed), robot=robot).camera for seed in range(30)}
+    assert drawn == set(robot.cameras)
+    world = nominal().replace(**{name: np.tile(getattr(nominal(), name)[:1].T, 3).T for name in OF_CAMERAS})
+    there = Lens("wrist", 0.05).change(world, robot)
+    assert there.lens_k1.tolist() == [0, 0, 0.05]
+    with pytest.raises(ValueError, match="camera is 'left'; allowed: front, top, wrist"):
+        Lens("left").check_fits(robot)

@@ -106,6 +106,12 @@ GRASP = {"id": "CalFree/Grasp-v0", "world": "wild", "shape": "bar"}
             "camera_roll",
         ),
         (
+            ("scenarios", 0, "perturbations", 0, "do", "camera"),
+            "lft",
+            "scenarios.0.env: camera_aim.camera is 'lft' (did you mean left?)",
+            "allowed: left, right",
+        ),
+        (
             ("scenarios", 0, "perturbations", 0, "at", "motion"),
             90,
             "scenarios.0.perturbations.0.at.motion is 90",

@@ -1,0 +1,1 @@
+"""Mobile robots on wheels, which dock."""
