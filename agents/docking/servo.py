@@ -81,19 +81,21 @@ class DockingServo(ProcedureAgent):
 class JacobianServo(DockingServo):
     """Solves -d = J c°, executes, corrects J by what was seen (Broyden 1965), repeats.
 
-    Where a step leaves more than half of the image distance, motors are tested anew.
+    Where a step came hardly nearer, motors are tested anew. Where it lost marks, it goes back and only half as far.
     """
 
     NEARER = 0.8
+    """A step came nearer that left less than this share of the image distance. Choice."""
 
     def procedure(self, first: Any, findings: Learned) -> Procedure:
         """See `ProcedureAgent`."""
         trial = ServoTrial(first, findings)
         jacobian = yield from trial.test()
         while True:
-            words = trial.shortened(jacobian, trial.solve(jacobian))
-            before = trial.now
-            if not (yield from trial.drive([words])) or trial.now.distance_px > self.NEARER * before.distance_px:
+            before, words = trial.now, trial.shortened(jacobian, trial.solve(jacobian))
+            if not (yield from trial.drive([words])):
+                continue
+            if trial.now.distance_px > self.NEARER * before.distance_px:
                 jacobian = yield from trial.test()
             else:
                 missed = trial.now.distance - before.distance - jacobian @ words
@@ -115,12 +117,12 @@ class CommutingServo(DockingServo):
     """No step is predicted to move points farther, and no commutator is larger. Choice."""
     LEAST = 0.3
     """Smaller ones are left out. Choice: they show less than noise."""
-    CUT, GROWTH, BLEND = 0.5, 1.5, 0.5
-    """Steps are shorter where marks were lost, then longer again; so much of what was missed is learned."""
+    BLEND = 0.5
+    """So much is learned of what a commutator was expected to do and did not. Choice."""
 
     def procedure(self, first: Any, findings: Learned) -> Procedure:
         """See `ProcedureAgent`."""
-        trial, share = ServoTrial(first, findings), 1.0
+        trial = ServoTrial(first, findings)
         while True:
             jacobian = yield from trial.test()
             trial.find_ways(jacobian)
@@ -132,16 +134,14 @@ class CommutingServo(DockingServo):
             columns = np.column_stack([jacobian, findings.aside])
             *words, aside = trial.solve(columns)
             longest = float(np.abs(jacobian @ words).max()) / (self.LONGEST_PX * IMAGE_UNIT)
-            most = share / max(1.0, longest, abs(aside) / self.LARGEST)
+            most = trial.share / max(1.0, longest, abs(aside) / self.LARGEST)
             words, aside = np.array(words) * most, aside * most
             way = [words / max(1.0, float(np.abs(words).max()))]
             if abs(aside) > self.LEAST:
                 way += trial.commutator(aside)
             before = trial.now
             if not (yield from trial.drive(way)):
-                share *= self.CUT
                 continue
-            share = min(1.0, share * self.GROWTH)
             if abs(aside) > self.LEAST:
                 missed = trial.now.distance - before.distance - columns @ [*words, aside]
                 findings.aside = findings.aside + self.BLEND * missed * aside / (aside**2 + 1)
@@ -153,6 +153,7 @@ class ServoTrial:
     Attributes:
         now: What was seen last.
         learned: What is known, and becomes so.
+        share: Of a step that is made.
 
     Args:
         first: What is seen where it begins.
@@ -163,6 +164,8 @@ class ServoTrial:
     """So far test motions are to move images, and no word of one is longer. Choice: as of other servos."""
     OTHER_WAY = -0.7
     """Where a test motion loses marks, the next one goes the other way by this share. Choice."""
+    CUT, GROWTH = 0.5, 1.5
+    """Steps are shorter where marks were lost, and longer again where they were not. Choice."""
     STEP_PX = 80.0
     """No step is predicted to move points farther. Choice: the Jacobian is another one there."""
     DAMPING = 0.03
@@ -172,7 +175,7 @@ class ServoTrial:
     the third. Choice: within the images."""
 
     def __init__(self, first: DockObservation, learned: Learned) -> None:
-        self.now, self.learned = first, learned
+        self.now, self.learned, self.share = first, learned, 1.0
         self._turn = self._back = np.zeros_like(learned.words)
 
     def drive(self, way: Sequence[Array]) -> Generator[Array, DockObservation, bool]:
@@ -180,6 +183,7 @@ class ServoTrial:
         for words in way:
             self.now = yield words
         seen = bool(self.now.visible.all())
+        self.share = min(1.0, self.share * self.GROWTH) if seen else self.share * self.CUT
         for words in reversed(way):
             if self.now.visible.all():
                 break
@@ -209,7 +213,7 @@ class ServoTrial:
     def shortened(self, jacobian: Array, words: Array) -> Array:
         """Words (m,), no longer than a step and a word can be."""
         moved = float(np.abs(jacobian @ words).max()) / (self.STEP_PX * IMAGE_UNIT)
-        return words / max(1.0, moved, float(np.abs(words).max()))
+        return self.share * words / max(1.0, moved, float(np.abs(words).max()))
 
     def find_ways(self, jacobian: Array) -> None:
         """Which words turn, and which ones go back, by the Jacobian (2p, m)."""
