@@ -15,8 +15,10 @@ from .observation import DockObservation
 from .planner import Planner
 from .projective_model import ProjectiveModel
 
-DOCKED = np.array([[0.5, 0.0], [-0.5, 0.0]])
-"""Two points of the floor (2, 2), in m, as a robot sees them from above that has docked."""
+SCALE = 4.0
+"""Image units in a metre, as seen from above. Choice: what is near enough in images is then 2 mm."""
+DOCKED = SCALE * np.array([[0.5, 0.0], [-0.5, 0.0]])
+"""Two points of the floor (2, 2) as a robot sees them from above that has docked."""
 EVERYWHERE = np.full(DOCKED.shape, np.inf)
 """None of them can be lost."""
 GRID = np.linspace(-1, 1, 2001)
@@ -66,7 +68,7 @@ def from_above(wheels: Array) -> tuple[ProjectiveModel, Array]:
     model = ProjectiveModel(len(DOCKED), motors)
     arcs = base.arc(np.diag(wheels[:motors]), wheels[-1:])
     for motor, (ahead, left, turn) in enumerate(arcs):
-        moved = np.array([[0.0, turn, -ahead], [-turn, 0.0, -left], [0.0, 0.0, 0.0]])
+        moved = np.array([[0.0, turn, -SCALE * ahead], [-turn, 0.0, -SCALE * left], [0.0, 0.0, 0.0]])
         model.entries[:, motor] = moved.reshape(9)[:8]
     return model, wheels[motors:-1]
 
@@ -75,4 +77,4 @@ def seen_from(pose: Array) -> Array:
     """The points `DOCKED` (2, 2) as a robot at a pose (3,) before the dock sees them from above."""
     x, y, heading = pose
     c, s = np.cos(heading), np.sin(heading)
-    return (DOCKED - [x, y]) @ np.array([[c, -s], [s, c]])
+    return (DOCKED - [SCALE * x, SCALE * y]) @ np.array([[c, -s], [s, c]])
