@@ -11,7 +11,6 @@ import griffe
 
 from calfree_gym.perturbations import TYPES, Perturbation
 from calfree_gym.perturbations.base import Setting
-from calfree_gym.robot.arms.movemaster import MOVEMASTER
 
 UNITS = dict.fromkeys(("degrees", "direction", "azimuth", "elevation", "phase"), "degrees") | {
     "metres": "m",
@@ -56,18 +55,13 @@ def _section(kind: type[Perturbation]) -> str:
         "| --- | --- | --- | --- | --- |",
     ]
     for name, setting in kind.settings().items():
-        lines.append(f"| `{name}` | {UNITS.get(name, '')} | {_allowed(setting)} | {_drawn(setting)} |")
+        lines.append(f"| `{name}` | {UNITS.get(name, '')} | {_allowed(setting, kind)} | {_drawn(setting)} |")
     return "\n".join(lines)
 
 
-def _names(setting: Setting) -> tuple[str, ...]:
-    """Those that are allowed; of parts of an arm, the built-in one's."""
-    return getattr(MOVEMASTER, setting.part) if setting.part else setting.names
-
-
-def _allowed(setting: Setting) -> str:
-    if names := _names(setting):
-        return ", ".join(f"`{name}`" for name in names)
+def _allowed(setting: Setting, kind: type[Perturbation]) -> str:
+    if setting.part:
+        return ", ".join(f"`{name}`" for name in getattr(kind.built, setting.part))
     if math.isinf(setting.most):
         return "any number"
     kind = "whole numbers" if setting.whole else "numbers"
@@ -76,7 +70,7 @@ def _allowed(setting: Setting) -> str:
 
 def _drawn(setting: Setting) -> str:
     """What is drawn, by the two ends of its range, and what for a step of a drift where that is less."""
-    if setting.draw is None or setting.names:
+    if setting.draw is None:
         return "any of them | the same"
     ends = [setting.draw(End(highest)) for highest in (False, True)]  # type: ignore[arg-type]
     steps = [setting.slow(end) for end in ends]

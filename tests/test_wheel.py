@@ -44,15 +44,16 @@ for package in ("calfree_gym", "calfree_agents"):
 for absent in ("agents", "configs", "experiments", "torch", "stable_baselines3", "yaml", "scipy"):
     assert find_spec(absent) is None, absent
 for env_id in calfree_gym.ENV_IDS:
-    for mount in calfree_gym.MOUNTS:
-        env = gym.make(f"calfree_gym:{env_id}", camera_mount=mount)
+    for camera_mount in calfree_gym.MOUNTS if "Dock" not in env_id else (None,):
+        mount = {"camera_mount": camera_mount} if camera_mount else {}
+        env = gym.make(f"calfree_gym:{env_id}", **mount)
         env.reset(seed=0)
         for _ in range(3):
             env.step(env.action_space.sample())
-        rows = gym.make_vec(f"calfree_gym:{env_id}", num_envs=3, camera_mount=mount)
+        rows = gym.make_vec(f"calfree_gym:{env_id}", num_envs=3, **mount)
         rows.reset(seed=0)
         rows.step(np.zeros(rows.action_space.shape, np.float32))
-        print(env_id, mount)
+        print(env_id, camera_mount)
 """
 
 CLASSICAL = """
@@ -136,7 +137,8 @@ def test_the_wheel_holds_every_file_of_both_packages(wheel):
 @pytest.mark.slow
 def test_the_wheel_alone_makes_and_steps_every_id(python, tmp_path):
     made = run(python, "-c", STRANGER, cwd=tmp_path).splitlines()
-    assert len(made) == len(calfree_gym.ENV_IDS) * len(calfree_gym.MOUNTS)
+    of_arms = [env_id for env_id in calfree_gym.ENV_IDS if "Dock" not in env_id]
+    assert len(made) == len(of_arms) * len(calfree_gym.MOUNTS) + 2
 
 
 @pytest.mark.slow

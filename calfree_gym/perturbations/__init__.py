@@ -3,8 +3,8 @@
 To add a perturbation:
 
 1. Write a frozen dataclass, derived from `base.Perturbation`, in the module of what it changes: `camera`,
-   `arm`, `image` or `occluder`. Its docstring says what it changes and what it draws for omitted settings; it
-   becomes part of the documentation.
+   `arm`, `wheels`, `image` or `occluder`. Its docstring says what it changes and what it draws for omitted
+   settings; it becomes part of the documentation.
 2. Give it `type`, its name in YAML, and one field per setting, made by `base.one_of`,
    `base.amount`, `base.factor` or `base.setting`.
 3. Define `change(world, robot)`, which returns a new world; every setting is given there. For one entry of an
@@ -67,6 +67,7 @@ from calfree_gym.perturbations.image import (
 from calfree_gym.perturbations.occluder import Occluder
 from calfree_gym.perturbations.schedule import parse_schedule
 from calfree_gym.perturbations.types import TYPES, parse_perturbation
+from calfree_gym.perturbations.wheels import DockMoved, Slip, Track, WheelRadius
 
 __all__ = [
     "TYPES",
@@ -78,6 +79,7 @@ __all__ = [
     "CameraShift",
     "CameraZoom",
     "DeadZone",
+    "DockMoved",
     "Exposure",
     "GearRipple",
     "ImageNoise",
@@ -98,6 +100,9 @@ __all__ = [
     "RegisterStep",
     "Repeatability",
     "Shortfall",
+    "Slip",
+    "Track",
+    "WheelRadius",
     "parse_perturbation",
     "parse_schedule",
 ]

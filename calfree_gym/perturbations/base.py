@@ -27,7 +27,7 @@ class Setting:
 
     Attributes:
         draw: Draws its value where it is omitted; of the robot's parts any is drawn.
-        part: "cameras", "motors", "joints" or "links", where it is the name of one of the robot's.
+        part: "cameras", "motors", "joints", "links" or "wheels", where it is the name of one of the robot's.
         least, most: Bounds, where it is a number.
         whole: Whether the number must be a whole one.
         slow: Turns a drawn value into the value for one step of a drift.
@@ -50,9 +50,7 @@ class Setting:
     def wrong(self, value: Any) -> str | None:
         """What is wrong with a value, if anything; only a robot can tell the names of its parts."""
         if self.part:
-            return (
-                None if isinstance(value, str) else f"it must be the name of one of the robot's {self.part}"
-            )
+            return None if isinstance(value, str) else f"it must name one of the robot's {self.part}"
         kind = "a whole number" if self.whole else "a number"
         if isinstance(value, bool) or not isinstance(value, int if self.whole else int | float):
             return f"it must be {kind}"
@@ -69,7 +67,7 @@ def setting(draw: Draw | None, **allowed: Any) -> Any:
 
 
 def one_of(part: str) -> Any:
-    """The name of one of the robot's "cameras", "motors", "joints" or "links"; omitted, any is drawn."""
+    """The name of one of the robot's "cameras", "motors", "joints", "links", "wheels"; or any is drawn."""
     return setting(None, part=part)
 
 
@@ -101,11 +99,13 @@ class Perturbation:
         at_home: Whether it must know where cameras on the arm are at home. Environments then tell it; without
             them that is as built.
         drifts: Whether it can be a drift: there are small steps of it.
+        built: The robot, where none is given.
     """
 
     type: ClassVar[str]
     at_home: ClassVar[bool] = False
     drifts: ClassVar[bool] = True
+    built: ClassVar[Robot] = MOVEMASTER
 
     @classmethod
     def settings(cls) -> dict[str, Setting]:
@@ -137,11 +137,11 @@ class Perturbation:
                     f"{self.type}.{name} is {value!r}{near_misses(value, parts)}; allowed: {', '.join(parts)}"
                 )
 
-    def apply(self, world: World, rng: np.random.Generator, robot: Robot = MOVEMASTER) -> World:
+    def apply(self, world: World, rng: np.random.Generator, robot: Robot | None = None) -> World:
         """Returns the perturbed world of an arm; omitted settings are drawn from `rng`."""
-        return self.drawn(rng, robot=robot).change(world, robot)
+        return self.drawn(rng, robot=robot).change(world, robot or self.built)
 
-    def drawn(self, rng: np.random.Generator, slowly: bool = False, robot: Robot = MOVEMASTER) -> Self:
+    def drawn(self, rng: np.random.Generator, slowly: bool = False, robot: Robot | None = None) -> Self:
         """The same perturbation with every setting given; omitted ones are drawn from `rng`.
 
         Args:
@@ -149,7 +149,7 @@ class Perturbation:
             slowly: Whether the drawn settings are for one step of a drift.
             robot: The arm.
         """
-        draws = {name: allowed.drawn(rng, robot) for name, allowed in self.settings().items()}
+        draws = {name: allowed.drawn(rng, robot or self.built) for name, allowed in self.settings().items()}
         if slowly:
             draws = {name: allowed.slow(draws[name]) for name, allowed in self.settings().items()}
         return replace(self, **(draws | self._given()))  # type: ignore[type-var]

@@ -43,6 +43,12 @@ class Occluder(Perturbation):
     share: float = amount(uniform(0.1, 0.4), least=0, most=0.8)
     at: float = setting(uniform(0.3, 0.5), least=0.1, most=0.8)
 
+    def check_fits(self, robot: Robot) -> None:
+        """See `Perturbation`: it hides an arm's work space."""
+        if robot.wheels:
+            raise ValueError("occluder hides an arm's work space from a camera; this robot is no arm")
+        super().check_fits(robot)
+
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         return world.replace(occluder=self._posts(world, robot).hiding(self.share))
 

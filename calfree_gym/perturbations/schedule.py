@@ -18,7 +18,7 @@ from calfree_gym.robot.workspace import Workspaces, cameras_at_home, first_in_vi
 from calfree_gym.streams import stream
 from calfree_gym.world import World
 
-_WHOLE = ("light_direction", "occluder")
+_WHOLE = ("light_direction", "occluder", "dock")
 """Fields that have one value for all."""
 
 

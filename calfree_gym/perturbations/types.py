@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from calfree_gym.errors import near_misses
-from calfree_gym.perturbations import arm, camera, image, occluder
+from calfree_gym.perturbations import arm, camera, image, occluder, wheels
 from calfree_gym.perturbations.base import Perturbation
 
 TYPES: dict[str, type[Perturbation]] = {
     cls.type: cls
-    for module in (camera, arm, image, occluder)
+    for module in (camera, arm, wheels, image, occluder)
     for cls in vars(module).values()
     if isinstance(cls, type) and issubclass(cls, Perturbation) and "type" in vars(cls)
 }

@@ -3,6 +3,11 @@
 import gymnasium as gym
 import numpy as np
 
+from calfree_gym.perturbations import TYPES
+from calfree_gym.robot.arms.movemaster import MOVEMASTER
+
+OF_ARMS = sorted(name for name, kind in TYPES.items() if kind.built is MOVEMASTER)
+"""Types of perturbations that an arm can have."""
 TASKS = ("Reach", "SafeReach", "Grasp", "Insert")
 OF_CAMERAS = [
     *("camera_position", "camera_orientation", "focal_length", "principal_point", "lens_k1"),

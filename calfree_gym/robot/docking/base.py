@@ -84,7 +84,7 @@ class Base:
         arc = np.zeros((len(ways), 3))
         for way, of_wheel in zip(ways.T, self._rolling, strict=True):  # matrix products differ in last bits
             arc += way[:, None] * of_wheel
-        arc[:, 2] *= 2 / track if self.kind == "omni" else 1 / track
+        arc[:, 2] /= track
         return arc
 
 

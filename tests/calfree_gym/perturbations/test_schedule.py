@@ -12,7 +12,7 @@ from calfree_gym.perturbations import TYPES, CameraRoll
 from calfree_gym.perturbations.schedule import Event, PerturbationScheduler, Undo, parse_schedule
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.workspace import in_view
-from tests.calfree_gym.environments import kinematic, trials
+from tests.calfree_gym.environments import OF_ARMS, kinematic, trials
 
 RNG = np.random.default_rng
 
@@ -155,7 +155,7 @@ whens = st.one_of(
     st.builds(lambda count: {"every": {k: n + 1 for k, n in count.items()}}, counts),
     st.builds(lambda clock: {"drift": {"per": clock}}, st.sampled_from(["motion", "trial"])),
 )
-dos = st.sampled_from(sorted(TYPES)).map(lambda name: {"do": {"type": name}})
+dos = st.sampled_from(OF_ARMS).map(lambda name: {"do": {"type": name}})
 entries = st.builds(lambda when, do: {**when, **do}, whens, dos).filter(
     lambda entry: "drift" not in entry or TYPES[entry["do"]["type"]].drifts
 )

@@ -126,28 +126,30 @@ def assert_same(world, expected):
 WITHOUT_INVERSE = {
     *("camera_replace", "lens", "backlash", "repeatability", "register_noise", "register_step", "shortfall"),
     *("longest_motion", "dead_zone", "gear_ripple", "point_noise", "point_outliers", "point_dropout"),
-    *("latency", "light", "blur", "image_noise", "occluder"),
+    *("latency", "light", "blur", "image_noise", "occluder", "slip"),
 }
 
 
 @given(st.sampled_from(sorted(TYPES)), st.integers(0, 10**6))
 def test_a_perturbation_and_its_inverse_are_nothing(name, seed):
-    world = WorldDistribution("wild").sample(seed)
+    robot = TYPES[name].built
+    world = WorldDistribution("wild").sample(seed, robot=robot)
     drawn = TYPES[name]().drawn(RNG(seed))
     if name in WITHOUT_INVERSE:
         with pytest.raises(NotImplementedError, match=name):
             drawn.inverse()
         return
-    assert_same(drawn.inverse().change(drawn.change(world)), world)
+    assert_same(drawn.inverse().change(drawn.change(world, robot), robot), world)
 
 
 @given(st.sampled_from(sorted(TYPES)), st.integers(0, 10**6))
 def test_a_step_of_a_drift_and_a_step_back_are_nothing(name, seed):
-    world = WorldDistribution("wild").sample(seed)
+    robot = TYPES[name].built
+    world = WorldDistribution("wild").sample(seed, robot=robot)
     step = TYPES[name]().drawn(RNG(seed), slowly=True)
-    there = step.drift(world)
+    there = step.drift(world, robot=robot)
     assert there != world
-    assert_same(step.drift(there, back=True), world)
+    assert_same(step.drift(there, back=True, robot=robot), world)
 
 
 @pytest.mark.parametrize("name", sorted(TYPES))
@@ -159,7 +161,7 @@ def test_a_drift_is_slow_and_keeps_its_direction(name):
     if hasattr(drawn, "factor"):
         assert slow.factor**100 == pytest.approx(drawn.factor)
     pose = ("direction", "azimuth", "elevation", "strength", "ambient", "at", "seed", "period", "phase")
-    for kept in ("camera", "joint", "link", "motor", *pose):
+    for kept in ("camera", "joint", "link", "motor", "wheel", *pose):
         assert getattr(slow, kept, None) == getattr(drawn, kept, None)
 
 
@@ -180,14 +182,15 @@ def test_a_camera_that_is_replaced_slowly_gets_there():
 @pytest.mark.parametrize("name", sorted(TYPES))
 def test_every_type_draws_what_it_is_not_given_and_goes_to_a_dict_and_back(name):
     perturbation = parse_perturbation({"type": name})
-    one, same, other = (perturbation.apply(nominal(), RNG(seed)) for seed in (1, 1, 2))
+    built = WorldDistribution("nominal").sample(0, robot=perturbation.built)
+    one, same, other = (perturbation.apply(built, RNG(seed)) for seed in (1, 1, 2))
     assert one == same
-    assert one != nominal()
+    assert one != built
     assert name == "motor_sign" or one != other
     assert parse_perturbation(perturbation.to_dict()) == perturbation
     drawn = perturbation.drawn(RNG(1))
     assert parse_perturbation(drawn.to_dict()) == drawn
-    assert drawn.change(nominal()) == one
+    assert drawn.change(built, perturbation.built) == one
 
 
 @pytest.mark.parametrize(

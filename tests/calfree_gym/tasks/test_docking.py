@@ -1,0 +1,365 @@
+"""Docking: geometry, wheels and marks against something independent, and the promises of all environments."""
+
+import copy
+import json
+import pickle
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+from calfree_gym import World, nominal
+from calfree_gym.perturbations import DockMoved, parse_perturbation
+from calfree_gym.robot.docking.base import BASES, MARKS, Base, along
+from calfree_gym.world import WorldDistribution
+from tests.calfree_gym.environments import alone, assert_same, make, together, trials
+
+BASE = Base("differential", 1, 4)
+RNG = np.random.default_rng
+STILL = np.zeros(2)
+
+
+def dock(rows=None, **arguments):
+    return make("Dock", rows, **arguments)
+
+
+def world(seed=0, name="wild", base=BASE, **fields):
+    return WorldDistribution(name).sample(seed, robot=base).replace(**fields)
+
+
+def moved_marks(left, up):
+    return MARKS + np.array([0, left, up])
+
+
+def exact(**fields):
+    """The built base, without noise and slip."""
+    return world(name="nominal", **{"point_noise": 0, "slip": 0} | fields)
+
+
+@pytest.mark.parametrize("arguments", [{}, {"base": "omni", "cameras": 2}, {"goal": "shown", "marks": 2}])
+@pytest.mark.parametrize("kind", ["", "Dense"])
+def test_checkers_pass_without_a_warning(kind, arguments):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(make(f"Dock{kind}", **arguments).unwrapped, skip_render_check=True)
+        sb3_check_env(make(f"Dock{kind}", **arguments).unwrapped)
+
+
+def test_two_wheels_follow_the_exponential_of_a_planar_twist():
+    """Against SciPy's matrix exponential; all motions of one ratio of the wheels' ways lie on one arc."""
+    ways = RNG(0).uniform(-1, 1, (50, 2))
+    poses = along(np.zeros((50, 3)), BASE.arc(ways, np.full(50, 0.4)))
+    for (left, right), pose in zip(ways, poses, strict=True):
+        turn = (right - left) / 0.4
+        there = expm(np.array([[0, -turn, (left + right) / 2], [turn, 0, 0], [0, 0, 0]]))
+        np.testing.assert_allclose(pose[:2], there[:2, 2], atol=1e-12)
+        assert pose[2] == pytest.approx(turn)
+    whole, half = BASE.arc(ways, np.full(50, 0.4)), BASE.arc(ways / 2, np.full(50, 0.4))
+    np.testing.assert_allclose(along(along(np.zeros((50, 3)), half), half), along(np.zeros((50, 3)), whole))
+
+
+def test_omnidirectional_wheels_roll_as_the_rim_moves_where_they_stand():
+    omni = Base("omni", 1, 4)
+    ways, track = RNG(0).uniform(-1, 1, (20, 3)), 0.4
+    ahead, left, turn = omni.arc(ways, np.full(20, track)).T
+    for wheel, angle in enumerate(np.radians([60, -60, 180])):
+        rim = -np.sin(angle) * ahead + np.cos(angle) * left + track / 2 * turn
+        np.testing.assert_allclose(rim, ways[:, wheel])
+
+
+def seen_by(of, pose):
+    """Image points (d, 2) of the dock's marks from a pose, by SciPy's rotations."""
+    turn = Rotation.from_euler("z", pose[2])
+    in_base = turn.inv().apply(of.marks - [*pose[:2], 0])
+    w, *xyz = of.camera_orientation[0]
+    x, y, z = Rotation.from_quat([*xyz, w]).inv().apply(in_base - of.camera_position[0]).T
+    flat = np.stack([x, -y], -1) / -z[:, None]
+    bent = flat * (1 + of.lens_k1[0] * (flat**2).sum(-1, keepdims=True))
+    return bent * of.focal_length[0] / 256
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_are_where_the_cameras_see_the_marks(seed):
+    env = dock().unwrapped
+    env.reset(seed=seed)
+    env.set_world(env.world.replace(point_noise=0, slip=0))
+    for observation, info in trials(env, 4, seed):
+        np.testing.assert_allclose(
+            observation["achieved_goal"].reshape(4, 2), seen_by(env.world, info["truth"]["pose"]), atol=1e-6
+        )
+        np.testing.assert_allclose(
+            observation["desired_goal"].reshape(4, 2), seen_by(env.world, np.zeros(3)), atol=1e-6
+        )
+        assert observation["observation"][:8].all()
+
+
+def test_words_roll_wheels_by_a_curve_of_each_word_and_add_up_in_the_odometer():
+    of = exact(motor_curvature=[0.3, -0.2], motor_sign=[1, -1], motor_gain=[0.5, 2], link_lengths=[0.4])
+    env = dock(world=of, keep_in_view=False)
+    env.reset(seed=0, options={"pose": (-1, 0, 0)})
+    pose, words = np.array([[-1.0, 0, 0]]), [(0.4, -0.1), (-0.2, 0.3), (0.4, -0.1)]
+    for left, right in words:
+        observation, *_, info = env.step(np.array([left, right]))
+        ways = 0.5 * (left + 0.3 * left * (left**2 - 1)), -2 * (right - 0.2 * right * (right**2 - 1))
+        pose = along(pose, BASE.arc(np.array([ways]), np.array([0.4])))
+        np.testing.assert_allclose(info["truth"]["pose"], pose[0], atol=1e-12)
+    np.testing.assert_allclose(observation["observation"][8:], np.sum(words, 0), atol=1e-6)
+    curve = 0.4 - 0.3 * 0.4 * (1 - 0.16)
+    assert not np.isclose(curve, 0.4 * (1 + 0.3 * 0.4)), "not of the planner's form"
+
+
+@pytest.mark.parametrize(("cameras", "name"), [(1, "wild"), (2, "wild"), (1, "coarse")])
+def test_who_looks_docked_is_docked(cameras, name):
+    """All poses whose marks meet within the tolerance, to their border, by projection alone."""
+    env, rng = dock(cameras=cameras, world=name).unwrapped, RNG(0)
+    for seed in range(6):
+        env.reset(seed=seed)
+        berths = env.arms._workspaces
+
+        def meet(poses, berths=berths):
+            images, goals = (
+                berths.images(each[None], np.array([0]))[0][0] for each in (poses, np.zeros((1, 3)))
+            )
+            return 256 * np.linalg.norm(images - goals, axis=-1).max((-2, -1)) <= env.tolerance_px
+
+        poses = rng.uniform(-1, 1, (40_000, 3)) * [0.04, 0.04, np.radians(3)]
+        border = rng.multivariate_normal(np.zeros(3), np.cov(poses[meet(poses)].T), 4000)
+        low, high = np.zeros(4000), np.full(4000, 50.0)
+        for _ in range(30):
+            middle = (low + high) / 2
+            inside = meet(border * middle[:, None])
+            low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+        border = border * low[:, None]
+        offset, degrees = np.hypot(*border.T[:2]).max(), np.degrees(np.abs(border[:, 2])).max()
+        assert offset <= 0.02
+        assert degrees <= 2
+        np.testing.assert_allclose([offset, degrees], berths.accuracy(0), rtol=0.08)
+
+
+def test_marks_without_depth_are_refused_and_their_accuracy_is_told():
+    flat = exact(marks=MARKS * [0, 1, 1] + [0.9, 0, 0])
+    with pytest.raises(
+        ValueError, match=r"not in view.*to 0.02 m and 2 degrees. Its marks tell the pose to 0.0[3-9]"
+    ):
+        dock(world=flat)
+    dock(world=flat, keep_in_view=False)
+    low = exact(marks=moved_marks(0, 0.22))
+    with pytest.raises(ValueError, match=r"marks at least 0\.05 m above or below"):
+        dock(world=low)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        ({}, {"pose": (0, 0)}, r"must be \(x, y, heading\) in m and rad"),
+        ({}, {"pose": (100, 0, 0)}, "must be within 5 m"),
+        ({}, {"pose": (-1, 0, 3)}, r"from the pose \[-1.0, 0.0, 3.0\] the dock is out of view"),
+        ({}, {"pos": (-1, 0, 3)}, "'pos'; allowed: 'pose'"),
+        (
+            {"goal": "shown", "keep_in_view": False, "world": exact(marks=moved_marks(2, 0))},
+            None,
+            "not all of them",
+        ),
+    ],
+)
+def test_options(arguments, options, message):
+    with pytest.raises(ValueError, match=message):
+        dock(**arguments).reset(seed=0, options=options)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"base": "car"}, "base is 'car'.*differential, omni"),
+        ({"cameras": 3}, "cameras is 3; it must be a whole number from 1 to 2"),
+        ({"marks": 1}, "marks is 1; it must be a whole number from 2 to 4"),
+        ({"goal": "taught"}, "goal is 'taught'.*marks, shown"),
+        ({"tell": ("poses",)}, "'poses'.*pose, wheels"),
+        ({"world": nominal()}, r"motor_sign has shape \(3,\)|camera_position has shape"),
+        ({"world": exact(), "marks": 3}, r"World.marks has shape \(4, 3\); it must be \(3, 3\)"),
+        (
+            {"perturbations": [{"at": {"motion": 1}, "do": {"type": "joint_zero"}}]},
+            "robot's joints; it has none",
+        ),
+        ({"perturbations": [{"at": {"motion": 1}, "do": {"type": "occluder"}}]}, "this robot is no arm"),
+    ],
+)
+def test_arguments(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        dock(**arguments)
+    with pytest.raises(ValueError, match="track is of a robot on wheels"):
+        make(perturbations=[{"at": {"motion": 1}, "do": {"type": "track"}}])
+
+
+SCHEDULE = [
+    {"at": {"motion": 2}, "do": {"type": "camera_aim", "camera": "front"}},
+    {"at": {"motion": 3}, "do": {"type": "wheel_radius"}},
+    {"at": {"motion": 4}, "do": {"type": "dock_moved"}},
+    {"at": {"trial": 1}, "do": {"type": "point_dropout", "share": 0.1}},
+    {"at": {"trial": 1}, "do": {"type": "backlash"}},
+    {"at": {"trial": 2}, "do": {"type": "latency", "motions": 2}},
+    {"drift": {"per": "motion"}, "do": {"type": "track"}},
+    {"at": {"motion": 9}, "undo": 2},
+]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {},
+        {"base": "omni", "cameras": 2, "tell": ("pose", "wheels")},
+        {"goal": "shown", "perturbations": SCHEDULE},
+    ],
+)
+def test_rows_are_single_environments_bit_by_bit(arguments):
+    envs = dock(rows=3, max_episode_steps=5, **arguments)
+    motors = envs.single_action_space.shape[0]
+    words = RNG(0).uniform(-0.2, 0.2, (16, 3, motors)).astype(np.float32)
+    rows = together(envs, words, seed=5)
+    for row in range(3):
+        single = dock(max_episode_steps=5, **arguments)
+        assert_same(rows[row], alone(single, words[:, row], seed=5 + row))
+
+
+def test_copies_states_and_specs_go_on_alike():
+    env = dock(perturbations=SCHEDULE, goal="shown", world="wild")
+    env.reset(seed=3)
+    for _ in range(5):
+        env.step(np.array([0.1, -0.05]))
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    state = env.unwrapped.get_state()
+    words = RNG(1).uniform(-0.2, 0.2, (6, 2))
+    found = [[each.step(word) for word in words] for each in (env, *copies)]
+    env.unwrapped.set_state(state)
+    found.append([env.step(word) for word in words])
+    for other in found[1:]:
+        assert_same(found[0], other)
+    plain = dock(world=env.unwrapped.world, perturbations=SCHEDULE, base="differential")
+    again = gym.make(EnvSpec.from_json(plain.spec.to_json()))
+    assert_same(alone(again, words, 1), alone(plain, words, 1))
+
+
+def test_reward_and_end_follow_from_goals_alone():
+    """So hindsight is exact: also of what is relabelled."""
+    for kind in ("Dock", "DockDense"):
+        env = make(kind, tolerance_px=2.5, world=exact()).unwrapped
+        env.reset(seed=0, options={"pose": (-0.02, 0, 0)})
+        seen = [env.step(np.array([0.005, 0.005])) for _ in range(8)]
+        achieved, desired = (
+            np.array([each[0][key] for each in seen]) for key in ("achieved_goal", "desired_goal")
+        )
+        np.testing.assert_array_equal(env.compute_reward(achieved, desired, {}), [each[1] for each in seen])
+        ends = env.compute_terminated(achieved, desired, {})
+        np.testing.assert_array_equal(ends, [each[2] for each in seen])
+        assert 0 < ends.sum() < len(ends)
+        solved = [env.is_solved(each[-1]["truth"]) for each in seen]
+        assert all(solved[i] for i in np.flatnonzero(ends))
+        assert env.compute_terminated(achieved, achieved, {}).all()
+
+
+def test_a_rendezvous_takes_marks_that_are_seen():
+    env = dock(world=exact(point_dropout=0.3), terminate_on_success=False)
+    env.reset(seed=0, options={"pose": (0, 0, 0)})
+    met = []
+    for _ in range(60):
+        observation, reward, *_, info = env.step(STILL)
+        met.append(bool(info["is_success"]))
+        assert met[-1] == (reward == 0) == observation["observation"][:8].all()
+    assert 0 < sum(met) < 60
+
+
+def test_a_shown_goal_dies_with_the_camera_and_own_marks_do_not():
+    knock = [{"at": {"motion": 1}, "do": {"type": "camera_aim", "camera": "front", "degrees": 8}}]
+    errors = {}
+    for goal in ("marks", "shown"):
+        env = dock(goal=goal, world=exact(), perturbations=knock, terminate_on_success=False)
+        env.reset(seed=0, options={"pose": (0, 0, 0)})
+        errors[goal] = [env.step(STILL)[-1]["truth"]["error_px"] for _ in range(2)]
+        env.reset(options={"pose": (-0.4, 0, 0)})
+        env.reset(options={"pose": (0, 0, 0)})
+        errors[goal].append(env.step(STILL)[-1]["truth"]["error_px"])
+    np.testing.assert_allclose(errors["marks"], 0, atol=1e-9)
+    assert errors["shown"][0] == pytest.approx(0, abs=1e-9)
+    assert errors["shown"][1] > 30
+    assert errors["shown"][2] == pytest.approx(0, abs=1e-9), "it was shown again"
+
+
+def test_a_dock_that_moves_leaves_the_robot_where_it_is():
+    moved = DockMoved(metres=0.1, azimuth=90, degrees=5).to_dict()
+    env = dock(
+        world=exact(), perturbations=[{"at": {"motion": 1}, "do": moved}, {"at": {"motion": 2}, "undo": 0}]
+    )
+    _, info = env.reset(seed=0, options={"pose": (-0.8, 0.05, 0)})
+    poses = [env.step(STILL)[-1]["truth"]["pose"] for _ in range(3)]
+    np.testing.assert_allclose(poses[0], info["truth"]["pose"])
+    turn = Rotation.from_euler("z", -5, degrees=True)
+    expected = turn.apply([-0.8, 0.05 - 0.1, 0])[:2]
+    np.testing.assert_allclose(poses[1], [*expected, np.radians(-5)], atol=1e-12)
+    np.testing.assert_allclose(poses[2], poses[0], atol=1e-12)
+
+
+def test_wheels_that_slip_go_astray_by_their_share_and_differ_each_time():
+    env = dock(world=exact(slip=0.02), keep_in_view=False, max_episode_steps=-1)
+    env.reset(seed=0)
+    turned = []
+    for _ in range(400):
+        before = env.unwrapped.arms.truth()["pose"][0]
+        after = env.step(np.array([0.1, -0.1]))[-1]["truth"]["pose"]
+        turned.append((after - before)[2])
+    ways = (np.array(turned) + np.pi) % (2 * np.pi) - np.pi
+    assert ways.mean() == pytest.approx(-0.2 / 0.35, rel=0.01)
+    assert ways.std() == pytest.approx(0.02 * 0.1 * np.sqrt(2) / 0.35, rel=0.15)
+
+
+def test_perturbations_of_wheels_do_what_they_say():
+    def turned(kind, word=(0.1, 0.1), **settings):
+        do = parse_perturbation({"type": kind, **settings})
+        env = dock(world=do.apply(exact(), RNG(0), BASE), keep_in_view=False)
+        env.reset(seed=0, options={"pose": (-1, 0, 0)})
+        return env.step(np.array(word))[-1]["truth"]["pose"] + [1, 0, 0]
+
+    assert turned("wheel_radius", wheel="left", factor=0.9)[2] == pytest.approx(0.1 * 0.1 / 0.35)
+    assert turned("track", (-0.1, 0.1), factor=1.25)[2] == pytest.approx(0.2 / (1.25 * 0.35))
+    assert turned("motor_gain", motor="left", factor=0.5)[0] < 0.08
+    assert turned("motor_sign", motor="left")[2] == pytest.approx(0.2 / 0.35)
+
+
+def test_worlds_go_to_dicts_and_back_and_those_of_arms_have_no_more_than_before():
+    of = world(3)
+    assert World.from_dict(json.loads(json.dumps(of.to_dict()))) == of
+    assert pickle.loads(pickle.dumps(of)) == of
+    assert not {"marks", "dock", "slip"} & nominal().to_dict().keys()
+    assert World.from_dict(nominal().to_dict()) == nominal()
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_drawn_worlds_are_those_of_their_seed_and_starts_see_the_dock(base):
+    env, other = (dock(base=base, perturbations=[]).unwrapped for _ in range(2))
+    worlds = []
+    for seed in range(5):
+        for observation, info in trials(env, 3, seed):
+            assert observation["observation"][:4].all()
+            x, y, heading = info["truth"]["pose"]
+            assert -1.5 <= x <= -0.3
+            assert abs(y) <= 0.5
+            assert abs(np.degrees(heading)) <= 25
+        other.reset(seed=seed)
+        assert other.world == env.world
+        worlds.append(env.world)
+    assert len(set(worlds)) == 5
+
+
+def test_a_pool_and_new_worlds_in_each_trial():
+    envs = dock(rows=2, redraw="trial", pool=3, max_episode_steps=2)
+    envs.reset(seed=0)
+    seen = set()
+    for _ in range(20):
+        envs.step(np.zeros((2, 2), np.float32))
+        seen |= set(envs.unwrapped.worlds)
+    assert len(seen) == 3
