@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.image import IMAGE_UNIT, lengths_px
 
-from ..base.checks import checked_array
+from ..base.checks import check_number, checked_array
 from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
@@ -32,14 +32,45 @@ class Known:
         goal: Where its own marks are seen (p, 2), as the mean of `looks`.
         looks: So many; none before the first trial.
         trust: The longest word that it relies on.
+
+    Args:
+        points: p: all marks in all cameras.
+        motors: m.
+        cameras: In which each mark is seen, in turn.
     """
 
     FIRST_TRUST = 0.15
     """Choice: a word that moves any robot well within the images."""
+    KNOCKED_PX = 4.0
+    """Its own marks are elsewhere than before where they are so far off in the mean. Derived: eight times the
+    noise of a good marker."""
+    LOOKS = 20
+    """Of its own marks so many count (a guard: small knocks are to show)."""
 
-    def __init__(self, points: int, motors: int) -> None:
-        self.model = ProjectiveModel(points, motors)
+    def __init__(self, points: int, motors: int, cameras: int) -> None:
+        self.model, self._cameras = ProjectiveModel(points, motors, cameras), cameras
         self.goal, self.looks, self.trust = np.zeros((points, 2)), 0, self.FIRST_TRUST
+
+    def look(self, goal: Array) -> bool:
+        """Learns where its own marks are seen (p, 2); tells whether a camera was knocked.
+
+        Then the model is carried over by the homographies between both views of them. Fewer than four marks
+        tell none: it is learned anew.
+        """
+        knocked = bool(self.looks and lengths_px(goal - self.goal).mean() > self.KNOCKED_PX)
+        if knocked:
+            points, motors, _ = self.model.entries.shape
+            views = [slice(camera, None, self._cameras) for camera in range(self._cameras)]
+            if points < 4 * self._cameras:
+                self.model = ProjectiveModel(points, motors, self._cameras)
+            else:
+                before, after = self.model.straight(self.goal), self.model.straight(goal)
+                found = [homography(before[view], after[view]) for view in views]
+                self.model.carry_over(np.tile(found, (points // self._cameras, 1, 1)))
+            self.trust, self.looks = min(self.trust, self.FIRST_TRUST), 0
+        self.looks = min(self.looks + 1, self.LOOKS)
+        self.goal = self.goal + (goal - self.goal) / self.looks
+        return knocked
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All of it, as named arrays."""
@@ -62,6 +93,9 @@ class Arcs(ProcedureAgent):
     longest word grows as long as marks are seen where they are expected. Where marks are lost it drives back.
     Where its own marks are seen elsewhere than before, a camera was knocked: the homography between both
     views of them carries the model over.
+
+    Args:
+        cameras: In which each mark is seen.
     """
 
     prior_knowledge = frozenset(
@@ -74,31 +108,34 @@ class Arcs(ProcedureAgent):
         }
     )
 
-    def __init__(self, env: gym.Env[Any, Any], seed: int = 0) -> None:
+    def __init__(self, env: gym.Env[Any, Any], cameras: int = 1, seed: int = 0) -> None:
         super().__init__(env, seed)
-        self._edges = env.observation_space["achieved_goal"].high.reshape(-1, 2).astype(float)  # type: ignore[index]
-        self.known = Known(len(self._edges), self._motors)
+        self._edges = np.reshape(env.observation_space["achieved_goal"].high, (-1, 2)).astype(float)  # type: ignore[index]
+        self.cameras = check_number("cameras", cameras, least=1, whole=True)
+        if len(self._edges) % cameras:
+            raise ValueError(f"cameras is {cameras}, but {len(self._edges)} points are seen in all")
+        self.known = self._unknown()
 
     @property
     def kind(self) -> str:
-        return "Arcs()"
+        return f"Arcs(cameras={self.cameras})"
+
+    def _unknown(self) -> Known:
+        return Known(len(self._edges), self._motors, self.cameras)
 
     def observed(self, raw: Any) -> DockObservation:
         return DockObservation.of(raw)
 
     def new_findings(self) -> Known:
-        known = Known(len(self._edges), self._motors)
+        known = self._unknown()
         known.restore(self.known.arrays())
         return known
 
     def procedure(self, first: Any, findings: Known) -> Procedure:
         """See `ProcedureAgent`: explores where nothing is known, then plans arc by arc."""
         trial = Trial(first, findings, Planner(self._edges, np.random.default_rng(self.seed)))
-        trial.look_at_itself()
-        if not findings.model.motions and not findings.model.entries.any():
-            yield from trial.explore()
         while not trial.now.last:
-            yield from trial.drive()
+            yield from trial.drive() if findings.model.entries.any() else trial.explore()
 
     def learn_trial(self, findings: Known, last: Any, ended: bool) -> None:
         """See `ProcedureAgent`."""
@@ -138,40 +175,26 @@ class Trial:
     """So badly expected so often in a row, wheels are others than before. Choice."""
     REFIT_PX, ROUNDS = 4.0, 5
     """A worse expectation is worth a new fit, of so many rounds. Choice."""
-    KNOCKED_PX = 4.0
-    """Its own marks are elsewhere than before where they are so far off in the mean. Derived: eight times the
-    noise of a good marker."""
-    LOOKS = 20
-    """Of its own marks, as many count (a guard: small knocks are to show)."""
 
     def __init__(self, first: DockObservation, known: Known, planner: Planner) -> None:
         self.now, self.known, self._planner = first, known, planner
         self._rest: Array | None = None
         self._surprises = 0
+        self._look()
 
-    def look_at_itself(self) -> bool:
-        """Learns where its own marks are seen; tells whether a camera was knocked."""
-        known, goal = self.known, self.now.goal
-        knocked = known.looks > 0 and lengths_px(goal - known.goal).mean() > self.KNOCKED_PX
-        if knocked:
-            g = homography(known.goal, goal)
-            known.model.carry_over(np.broadcast_to(g, (len(goal), 3, 3)))
-            known.trust = min(known.trust, known.FIRST_TRUST)
-            known.looks, self._rest = 0, None
-        known.looks = min(known.looks + 1, self.LOOKS)
-        known.goal = known.goal + (goal - known.goal) / known.looks
-        return bool(knocked)
+    def _look(self) -> bool:
+        return bool(self.now.shown.all()) and self.known.look(self.now.goal)
 
     def move(self, words: Array) -> Generator[Array, DockObservation, float]:
         """Executes words (m,), and learns from what is then seen; returns how far off that was, in pixels."""
         words, before, model = np.clip(words, -1, 1), self.now, self.known.model
-        expected = model.predict(before.points, words)
+        expected = model.predict(model.straight(before.points), words)
         self.now = yield words
         seen = before.visible & self.now.visible
-        if self.look_at_itself() or not seen.any():
+        if self._look() or not seen.any():
             return 0.0
         model.learn(Motion(before.points, words, self.now.points, seen))
-        return float(np.abs(expected - self.now.points)[seen].max() / IMAGE_UNIT)
+        return float(lengths_px(expected - model.straight(self.now.points))[seen].max())
 
     def explore(self) -> Motions:
         """Each motor alone, then all together and against each other."""
@@ -194,7 +217,8 @@ class Trial:
     def drive(self) -> Motions:
         """The first arc of a plan, no longer than what is trusted; back, where marks are lost."""
         known, model = self.known, self.known.model
-        plan = self._planner.plan(model, self.now.points, known.goal, self._rest)
+        here, goal = model.straight(self.now.points), model.straight(known.goal)
+        plan = self._planner.plan(model, here, goal, self._rest)
         arc = plan.words[0]
         arc = arc * min(1.0, known.trust / max(float(np.abs(arc).max()), 1e-9))
         missed_px = yield from self.move(arc)

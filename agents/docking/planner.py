@@ -59,11 +59,11 @@ class Planner:
 
         Args:
             model: What words do.
-            points: Where marks are seen now.
-            goal: Where they are to be seen.
+            points: Where a pinhole shows marks now.
+            goal: Where it is to show them.
             rest: Words (a, m) that are left of an earlier plan.
         """
-        motors = model.curvature.size
+        motors = model.entries.shape[1]
         for arcs, starts in enumerate(self.STARTS, 1):
             words = self._rng.normal(0, self.SPREAD, (starts, arcs, motors))
             if rest is not None and len(rest) == arcs:

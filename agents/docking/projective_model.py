@@ -8,7 +8,7 @@ and what motors do adds up: S = Σ f(word) S of the motor.
 S has the eigenvalues 0 and ±iω. So tr S = 0, ω² = -tr S² / 2, exp(S) = I + sin ω / ω S + (1 - cos ω) / ω² S²
 (Rodrigues), and the third coordinate of exp(S) x is the mark's depth after the motion over that before it.
 Nothing of this asks for a metre, an angle, a focal length or a track: of each mark and motor 8 numbers are
-learned from what is seen, and of each motor a curvature.
+learned from what is seen, of each motor a curvature, and of each camera how its lens bends lines.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.checks import checked_array
 from ..base.observation import Array, Flags
@@ -87,41 +87,48 @@ class ProjectiveModel:
 
     Attributes:
         entries: Of S of each mark and motor (p, m, 8), for a word of 1, see `TRACELESS`.
-        curvature: Of the motors (m,): f(w) = w + c w |w|.
+        bends: Curvatures of the motors (m,), f(w) = w + c w |w|, and of the lenses (k,): a pinhole would show at
+            x / (1 + c |x|²) what is seen at x (Fitzgibbon 2001).
         motions: What it learns from.
 
     Args:
         points: p: all marks, in all cameras.
         motors: m.
+        cameras: k, in which each mark is seen, in turn.
     """
 
     KEPT = 60
     """So many motions are remembered. Choice: each tells two numbers of a mark, of which two motors have 16."""
-    PRIOR, CURVATURE = 3.0, 0.3
-    """Standard deviations of entries and curvatures before anything is known. Choice: a word of 1 may turn the
-    robot by some radians, and so move images by some focal lengths."""
+    PRIOR, CURVATURE, LENS = 3.0, 0.3, 0.05
+    """Standard deviations of entries and bends before anything is known. Choice: a word of 1 may turn the robot
+    by some radians, and so move images by some focal lengths; a lens bends lines by some per cent."""
     CARRIED = 0.5
     """Of entries that were carried over a knock. Choice: a sixth; the camera was also displaced."""
-    DEVIATION_PX = 1.5
-    """Of a predicted image coordinate. Choice: twice what two looks of 0.5 px have, for wheels slip."""
+    DEVIATION_PX, SLIP = 1.0, 0.01
+    """Of a predicted image coordinate, and of its way, as a share of it. Choice: two looks of 0.5 px and a
+    margin of √2; wheels slip by a hundredth."""
     MISTAKEN = 5.0
     """A point that is so many deviations off counts half (a guard)."""
     STEP = 1e-6
     """Of numerical derivatives (a guard)."""
 
-    def __init__(self, points: int, motors: int) -> None:
+    def __init__(self, points: int, motors: int, cameras: int = 1) -> None:
         self.entries = np.zeros((points, motors, 8))
-        self.curvature = np.zeros(motors)
+        self.bends = np.zeros(motors + cameras)
         self.motions: list[Motion] = []
         self._prior, self._deviation = self.entries, self.PRIOR
 
     def transforms(self, words: Array) -> Array:
         """What words (..., m) do to marks: exp(S) (..., p, 3, 3)."""
-        return _transforms(words, self.entries, self.curvature)
+        return _transforms(words, self.entries, self.bends)
 
-    def predict(self, points: Array, words: Array) -> Array:
-        """Where points (..., p, 2) are seen after words (..., m)."""
-        return projected(self.transforms(words) @ homogeneous(points))
+    def straight(self, points: Array) -> Array:
+        """Where a pinhole would show what is seen at points (..., p, 2)."""
+        return _straight(points, self.bends[self.entries.shape[1] :])
+
+    def predict(self, straight: Array, words: Array) -> Array:
+        """Where a pinhole shows marks after words (..., m), which it shows at (..., p, 2) before."""
+        return projected(self.transforms(words) @ homogeneous(straight))
 
     def learn(self, motion: Motion) -> None:
         """Remembers a motion; `fit` learns from it."""
@@ -133,7 +140,7 @@ class ProjectiveModel:
         self._prior, self._deviation = np.zeros_like(self.entries), self.PRIOR
 
     def carry_over(self, homographies: Array) -> None:
-        """Cameras were knocked: what was seen at x is now seen at G x, but for how far they were displaced.
+        """Cameras were knocked: what pinholes showed at x is now at G x, but for how far they were displaced.
 
         Args:
             homographies: G (p, 3, 3) of the camera of each point.
@@ -152,42 +159,37 @@ class ProjectiveModel:
             return
         of_all = _Residuals(self.motions, self._prior, self._deviation)
         points, motors, _ = self.entries.shape
-        own = np.eye(8 * motors).reshape(-1, motors, 8)
-        now = self.entries, self.curvature
-        cost, damping = of_all.cost(*now), 1e-3
+        deviations = np.where(np.arange(len(self.bends)) < motors, self.CURVATURE, self.LENS)
+        each, own, shared = np.eye(8 * motors), slice(8 * motors), slice(8 * motors, None)
+        now = self.entries, self.bends
+        cost, damping = of_all.cost(*now, deviations), 1e-3
         for _ in range(rounds):
             residuals = of_all(*now)
-            sizes = np.linalg.norm(residuals, axis=-1, keepdims=True) / self.MISTAKEN
-            weights = np.sqrt(cauchy_weights(sizes))
-            changed = [of_all(now[0] + self.STEP * each, now[1]) for each in own]
-            changed += [of_all(now[0], now[1] + self.STEP * each) for each in np.eye(motors)]
+            weights = np.sqrt(cauchy_weights(np.linalg.norm(residuals, axis=-1) / self.MISTAKEN))[..., None]
+            changed = [of_all(now[0] + self.STEP * one.reshape(motors, 8), now[1]) for one in each]
+            changed += [of_all(now[0], now[1] + self.STEP * one) for one in np.eye(len(self.bends))]
             slopes = (np.stack(changed, 1) - residuals[:, None]) * weights[:, None] / self.STEP
             slopes = slopes.reshape(points, len(changed), -1)
             squares = slopes @ slopes.swapaxes(1, 2)
             gradients = slopes @ (residuals * weights).reshape(points, -1, 1)
-            a, of_own, of_shared = np.eye(len(own)), slice(len(own)), slice(len(own), None)
-            prior = of_all.off_prior(now[0]).reshape(points, -1, 1)
-            gradient = gradients[:, of_own] + prior / self._deviation
-            hessian = squares[:, of_own, of_own] + a / self._deviation**2
-            mixed = squares[:, of_own, of_shared]
-            solved = np.linalg.solve(hessian + damping * hessian * a, np.concatenate([gradient, mixed], 2))
-            complement = squares[:, of_shared, of_shared] - mixed.swapaxes(1, 2) @ solved[..., 1:]
-            left = gradients[:, of_shared] - mixed.swapaxes(1, 2) @ solved[..., :1]
-            shared = -np.linalg.solve(
-                complement.sum(0) + np.eye(motors) / self.CURVATURE**2,
-                left.sum(0)[:, 0] + now[1] / self.CURVATURE**2,
-            )
-            step = -(solved[..., 0] + solved[..., 1:] @ shared).reshape(points, motors, 8)
-            then = now[0] + step, now[1] + shared
-            if (less := of_all.cost(*then)) < cost:
+            gradient = gradients[:, own] + of_all.off_prior(now[0]).reshape(points, -1, 1) / self._deviation
+            hessian = squares[:, own, own] + each / self._deviation**2
+            mixed = squares[:, own, shared]
+            solved = np.linalg.solve(hessian + damping * hessian * each, np.concatenate([gradient, mixed], 2))
+            complement = (squares[:, shared, shared] - mixed.swapaxes(1, 2) @ solved[..., 1:]).sum(0)
+            left = (gradients[:, shared] - mixed.swapaxes(1, 2) @ solved[..., :1]).sum(0)[:, 0]
+            bent = -np.linalg.solve(complement + np.diag(deviations**-2), left + now[1] / deviations**2)
+            step = -(solved[..., 0] + solved[..., 1:] @ bent).reshape(points, motors, 8)
+            then = now[0] + step, now[1] + bent
+            if (less := of_all.cost(*then, deviations)) < cost:
                 now, cost, damping = then, less, damping / 5
             else:
                 damping *= 10
-        self.entries, self.curvature = now
+        self.entries, self.bends = now
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """All that is known, as named arrays."""
-        known = {"entries": self.entries, "curvature": self.curvature, "prior": self._prior}
+        known = {"entries": self.entries, "bends": self.bends, "prior": self._prior}
         known |= {"deviation": np.array([self._deviation])}
         if self.motions:
             stacked = (np.stack(each).astype(float) for each in zip(*self.motions, strict=True))
@@ -198,7 +200,7 @@ class ProjectiveModel:
         """Takes over what `arrays` returned."""
         points, motors, _ = shape = self.entries.shape
         self.entries = checked_array(arrays, "entries", shape)
-        self.curvature = checked_array(arrays, "curvature", (motors,))
+        self.bends = checked_array(arrays, "bends", self.bends.shape)
         self._prior = checked_array(arrays, "prior", shape)
         (self._deviation,) = checked_array(arrays, "deviation", (1,)).tolist()
         self.motions = []
@@ -209,11 +211,15 @@ class ProjectiveModel:
                 self.motions.append(Motion(before, words, after, seen > 0))
 
 
-def _transforms(words: Array, entries: Array, curvature: Array) -> Array:
-    effect = words + curvature * words * np.abs(words)
-    return exponential(np.tensordot(effect, entries @ TRACELESS.reshape(8, 9), ([-1], [1])).reshape(
-        *words.shape[:-1], -1, 3, 3
-    ))
+def _transforms(words: Array, entries: Array, bends: Array) -> Array:
+    effect = words + bends[: words.shape[-1]] * words * np.abs(words)
+    generators = np.tensordot(effect, entries @ TRACELESS.reshape(8, 9), ([-1], [1]))
+    return exponential(generators.reshape(*generators.shape[:-1], 3, 3))
+
+
+def _straight(points: Array, lenses: Array) -> Array:
+    bent = np.tile(lenses, points.shape[-2] // len(lenses)) * (points**2).sum(-1)
+    return np.asarray(points / (1 + bent[..., None]))
 
 
 class _Residuals:
@@ -226,21 +232,24 @@ class _Residuals:
     """
 
     def __init__(self, motions: list[Motion], prior: Array, deviation: float) -> None:
-        before, self._words, self._after, seen = (np.stack(each) for each in zip(*motions, strict=True))
-        self._before, self._prior, self._deviation = homogeneous(before), prior, deviation
-        self._units = seen[..., None] / (ProjectiveModel.DEVIATION_PX * IMAGE_UNIT)
+        self._before, self._words, self._after, seen = (np.stack(each) for each in zip(*motions, strict=True))
+        self._prior, self._deviation = prior, deviation
+        ways = lengths_px(self._after - self._before)
+        deviations = np.hypot(ProjectiveModel.DEVIATION_PX, ProjectiveModel.SLIP * ways) * IMAGE_UNIT
+        self._units = (seen / deviations)[..., None]
 
-    def __call__(self, entries: Array, curvature: Array) -> Array:
-        there = projected(_transforms(self._words, entries, curvature) @ self._before)
-        return np.asarray(((there - self._after) * self._units).swapaxes(0, 1))
+    def __call__(self, entries: Array, bends: Array) -> Array:
+        before, after = (_straight(each, bends[entries.shape[1] :]) for each in (self._before, self._after))
+        there = projected(_transforms(self._words, entries, bends) @ homogeneous(before))
+        return np.asarray(((there - after) * self._units).swapaxes(0, 1))
 
     def off_prior(self, entries: Array) -> Array:
         """How far entries are from what they were before (p, m, 8), in deviations."""
         return np.asarray((entries - self._prior) / self._deviation)
 
-    def cost(self, entries: Array, curvature: Array) -> float:
+    def cost(self, entries: Array, bends: Array, deviations: Array) -> float:
         """-2 log of their probability, but for a constant: points that are far off count little (Cauchy)."""
         limit = ProjectiveModel.MISTAKEN**2
-        of_points = limit * np.log1p((self(entries, curvature) ** 2).sum(-1) / limit).sum()
-        of_prior = (self.off_prior(entries) ** 2).sum()
-        return float(of_points + of_prior + ((curvature / ProjectiveModel.CURVATURE) ** 2).sum())
+        of_points = limit * np.log1p((self(entries, bends) ** 2).sum(-1) / limit).sum()
+        of_prior = (self.off_prior(entries) ** 2).sum() + ((bends / deviations) ** 2).sum()
+        return float(of_points + of_prior)

@@ -24,11 +24,11 @@ def turned(axis, angle):
 class Robot(gym.Env):
     """Docks where its camera sees the dock's marks where it sees its own."""
 
-    def __init__(self, rng, base="differential", noise_px=0.0, slip=0.0, tolerance_px=2.5, limit=60):
-        self.rng, self.noise, self.slip, self.limit = rng, noise_px * IMAGE_UNIT, slip, limit
-        self.tolerance = tolerance_px * IMAGE_UNIT
+    def __init__(self, seed, base="differential", noise_px=0.0, slip=0.0, bend=0.3):
+        self.rng = rng = np.random.default_rng(seed)
+        self.noise, self.slip, self.tolerance = noise_px * IMAGE_UNIT, slip, 2.5 * IMAGE_UNIT
         self.wheels = WHEELS[base] * rng.uniform(0.5, 1.5) * rng.choice([-1, 1], WHEELS[base].shape[1])
-        self.bend = rng.uniform(-0.2, 0.3, self.wheels.shape[1])
+        self.bend = rng.uniform(-bend, bend, self.wheels.shape[1])
         self.axes = turned([0, 0, 1], rng.uniform(-3, 3)) @ [[0, -1, 0], [0, 0, -1], [1, 0, 0]]
         self.axes = self.axes @ turned([0, 1, 0], -0.1) @ turned([0, 0, 1], rng.uniform(-0.2, 0.2))
         self.eye = np.array([0.05, 0.0, 0.55]) + rng.uniform(-0.05, 0.05, 3)
@@ -40,10 +40,14 @@ class Robot(gym.Env):
         self.observation_space = spaces.Dict(achieved_goal=box, desired_goal=box, observation=state)
         self.action_space = spaces.Box(-1, 1, (motors,), np.float32)
 
-    def knock(self, degrees=15.0, shift=0.0):
-        """Turns the camera about any axis, and shifts it."""
-        self.axes = turned(self.rng.normal(size=3), np.radians(degrees)) @ self.axes
-        self.eye = self.eye + self.rng.uniform(-shift, shift, 3)
+    def knock(self, degrees, shift=0.0):
+        """Turns the camera about any axis, and shifts it, so that it still sees its own marks."""
+        axes, eye = self.axes, self.eye
+        while True:
+            self.axes = turned(self.rng.normal(size=3), np.radians(degrees)) @ axes
+            self.eye = eye + self.rng.uniform(-shift, shift, 3)
+            if self.seen(np.zeros(3))[1].all() and self.seen(np.array([-1.0, 0, 0]))[1].all():
+                break
 
     def seen(self, pose):
         """Image points (4, 2) of the dock's marks from a pose (x, y, turn), and which are seen (4,)."""
@@ -91,4 +95,4 @@ class Robot(gym.Env):
         self.count, self.odometer = self.count + 1, self.odometer + words
         observation = self.look()
         info = {"truth": self.pose, "is_success": bool(self.arrived)}
-        return observation, -1.0, bool(self.arrived), self.count >= self.limit, info
+        return observation, -1.0, bool(self.arrived), self.count >= 60, info
