@@ -1,1 +1,1 @@
-"""Docking of a mobile robot: the paper's servo, a third virtual motor for it, and a projective model of arcs."""
+"""A robot on wheels docks: by the paper's servo, by one that also moves aside, by a projective model."""

@@ -1,4 +1,4 @@
-"""Which arcs bring marks to where they are to be seen, by a projective model: least squares from many starts."""
+"""Which arcs bring marks to where they are to be seen, by a projective model: least squares."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Planner:
     SPREAD = 0.35
     """Standard deviation of the words that plans begin with. Choice: a third of what words can be."""
     EFFORT_PX = 3.0
-    """A word of 1 costs as much as a coordinate that is so far off. Choice: of equal plans the shorter one."""
+    """A word of 1 costs as much as a coordinate that is so far off. Choice: the shorter of equal plans."""
     BORDER, OUTSIDE = 0.9, 0.3
     """Marks are to stay within this part of the images; so much counts how far they are outside. Choice."""
     STEP = 1e-6
@@ -97,7 +97,9 @@ class Planner:
         off = values[best, : goal.size].reshape(goal.shape) * IMAGE_UNIT
         return Plan(words[best], float(lengths_px(off).max()))
 
-    def _values(self, model: ProjectiveModel, points: Array, goal: Array, words: Array) -> tuple[Array, Array]:
+    def _values(
+        self, model: ProjectiveModel, points: Array, goal: Array, words: Array
+    ) -> tuple[Array, Array]:
         """What is to be least (s, n), in pixels, and its derivatives by words (s, a m, n).
 
         That is how far marks end off the goal, how far they are outside the limits on their way, and effort.

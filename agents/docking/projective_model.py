@@ -2,8 +2,8 @@
 
 A camera is fixed to a robot on a flat floor. As long as wheels turn in constant ratios, a mark at height h
 above the camera moves in the camera's frame by Ẋ = -(ω [n]× + v nᵀ / h) X: n, the vertical, ω and v are
-constant, and nᵀX = h. So its image x ~ K X moves by a constant matrix, ẋ ~ S x. After the motion x' ~ exp(S) x,
-and what motors do adds up: S = Σ f(word) S of the motor.
+constant, and nᵀX = h. So its image x ~ K X moves by a constant matrix, ẋ ~ S x. After the motion it is
+exp(S) x, and what motors do adds up: S = Σ f(word) S of the motor.
 
 S has the eigenvalues 0 and ±iω. So tr S = 0, ω² = -tr S² / 2, exp(S) = I + sin ω / ω S + (1 - cos ω) / ω² S²
 (Rodrigues), and the third coordinate of exp(S) x is the mark's depth after the motion over that before it.
@@ -87,8 +87,8 @@ class ProjectiveModel:
 
     Attributes:
         entries: Of S of each mark and motor (p, m, 8), for a word of 1, see `TRACELESS`.
-        bends: Curvatures of the motors (m,), f(w) = w + c w |w|, and of the lenses (k,): a pinhole would show at
-            x / (1 + c |x|²) what is seen at x (Fitzgibbon 2001).
+        bends: Curvatures of the motors (m,), f(w) = w + c w |w|, and of the lenses (k,): a pinhole would
+            show at x / (1 + c |x|²) what is seen at x (Fitzgibbon 2001).
         motions: What it learns from.
 
     Args:
@@ -98,10 +98,10 @@ class ProjectiveModel:
     """
 
     KEPT = 60
-    """So many motions are remembered. Choice: each tells two numbers of a mark, of which two motors have 16."""
+    """So many motions are remembered. Choice: each tells two numbers of a mark, and two motors have 16."""
     PRIOR, CURVATURE, LENS = 3.0, 0.3, 0.05
-    """Standard deviations of entries and bends before anything is known. Choice: a word of 1 may turn the robot
-    by some radians, and so move images by some focal lengths; a lens bends lines by some per cent."""
+    """Standard deviations of entries and bends before anything is known. Choice: a word of 1 may turn the
+    robot by some radians, and so move images by some focal lengths; a lens bends lines by some per cent."""
     CARRIED = 0.5
     """Of entries that were carried over a knock. Choice: a sixth; the camera was also displaced."""
     DEVIATION_PX, SLIP = 1.0, 0.01

@@ -15,7 +15,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT, rounded
 
 from ..base.checks import checked_array
 from ..base.observation import Array
@@ -52,9 +52,7 @@ class DockingServo(ProcedureAgent):
     def __init__(self, env: gym.Env[Any, Any], seed: int = 0) -> None:
         super().__init__(env, seed)
         (size,) = env.observation_space["achieved_goal"].shape  # type: ignore[index]
-        self.learned = Learned(
-            np.full(self._motors, self.FIRST_WORD), np.zeros(self._motors), np.zeros(size)
-        )
+        self.learned = Learned(np.full(self._motors, self.FIRST_WORD), np.zeros(self._motors), np.zeros(size))
 
     @property
     def kind(self) -> str:
@@ -81,7 +79,7 @@ class DockingServo(ProcedureAgent):
 class JacobianServo(DockingServo):
     """Solves -d = J c°, executes, corrects J by what was seen (Broyden 1965), repeats.
 
-    Where a step came hardly nearer, motors are tested anew. Where it lost marks, it goes back and only half as far.
+    Where a step came hardly nearer, motors are tested anew. Where it lost marks, it is undone, and halved.
     """
 
     NEARER = 0.8
@@ -106,13 +104,13 @@ class JacobianServo(DockingServo):
 class CommutingServo(DockingServo):
     """Solves for words and for the size of a commutator: as if there were one motor more.
 
-    The first one of the Jacobian's singular directions turns, the second one goes. It goes away from where the
-    dock is seen larger.
+    The first singular direction of the Jacobian turns, the second one goes: back is where the dock is seen
+    smaller.
     """
 
     prior_knowledge = DockingServo.prior_knowledge | {PriorKnowledge.CAMERA_MODEL, PriorKnowledge.FLOOR}
     FIRST = 8.0
-    """Size of the first commutator, in pixels turned times words gone. Choice: as much as two test motions."""
+    """Size of the first commutator, in pixels turned times words gone. Choice: about two test motions."""
     LONGEST_PX, LARGEST = 150.0, 90.0
     """No step is predicted to move points farther, and no commutator is larger. Choice."""
     LEAST = 0.3
@@ -179,7 +177,7 @@ class ServoTrial:
         self._turn = self._back = np.zeros_like(learned.words)
 
     def drive(self, way: Sequence[Array]) -> Generator[Array, DockObservation, bool]:
-        """Executes words (n, m); where marks are lost at the end, goes back until they are seen. Whether not."""
+        """Executes words (n, m), and where marks are lost by then, goes back; whether they were seen."""
         for words in way:
             self.now = yield words
         seen = bool(self.now.visible.all())
@@ -204,7 +202,7 @@ class ServoTrial:
         return np.stack(columns, 1)
 
     def solve(self, jacobian: Array) -> Array:
-        """Words (n,) that are predicted to leave no distance, by the Jacobian (2p, n): damped least squares."""
+        """Words (n,) that are to leave no distance, by the Jacobian (2p, n): damped least squares."""
         sizes = np.linalg.norm(jacobian, axis=0) + IMAGE_UNIT
         a = jacobian / sizes
         damped = a.T @ a + self.DAMPING**2 * np.eye(len(sizes))
@@ -218,8 +216,10 @@ class ServoTrial:
     def find_ways(self, jacobian: Array) -> None:
         """Which words turn, and which ones go back, by the Jacobian (2p, m)."""
         turning, going = np.linalg.svd(jacobian)[2][:2]
-        known = self.learned.turning if self.learned.turning.any() else np.eye(len(turning))[np.abs(turning).argmax()]
-        turning = turning * (1 if turning @ known > 0 else -1)
+        known = self.learned.turning
+        if not known.any():
+            known = np.eye(len(turning))[rounded(np.abs(turning)).argmax()]
+        turning = turning if turning @ known > 0 else -turning
         self.learned.turning = turning
         self._turn = turning * IMAGE_UNIT / np.abs(jacobian @ turning).max()
         moved = (jacobian @ going).reshape(-1, 2)
@@ -235,5 +235,11 @@ class ServoTrial:
         least, most, ratio = self.TURN_PX
         turned = float(np.clip(np.sqrt(abs(size) * ratio), least, most))
         turn, back = self._turn * turned * np.sign(size), self._back * abs(size) / turned
-        turns, backs = ([each / n] * n for each in (turn, back) for n in [max(1, int(np.ceil(np.abs(each).max())))])
+        turns, backs = (_in_parts(each) for each in (turn, back))
         return [*turns, *backs, *(-each for each in turns), *(-each for each in backs)]
+
+
+def _in_parts(words: Array) -> list[Array]:
+    """Words (m,) as several that can be sent."""
+    parts = max(1, int(np.ceil(np.abs(words).max())))
+    return [words / parts] * parts

@@ -24,6 +24,8 @@ def turned(axis, angle):
 class Robot(gym.Env):
     """Docks where its camera sees the dock's marks where it sees its own."""
 
+    LIMIT = 60
+
     def __init__(self, seed, base="differential", noise_px=0.0, slip=0.0, bend=0.3):
         self.rng = rng = np.random.default_rng(seed)
         self.noise, self.slip, self.tolerance = noise_px * IMAGE_UNIT, slip, 2.5 * IMAGE_UNIT
@@ -63,7 +65,7 @@ class Robot(gym.Env):
         ahead, left, turn = self.wheels @ (roll * (1 + self.slip * self.rng.normal(size=roll.shape)))
         way = np.exp(1j * self.pose[2]) * (ahead + 1j * left)
         way *= np.expm1(1j * turn) / (1j * turn) if abs(turn) > 1e-12 else 1
-        self.pose = self.pose + [way.real, way.imag, turn]
+        self.pose = self.pose + np.array([way.real, way.imag, turn])
 
     def reset(self, seed=None, options=None):
         while True:
@@ -95,4 +97,4 @@ class Robot(gym.Env):
         self.count, self.odometer = self.count + 1, self.odometer + words
         observation = self.look()
         info = {"truth": self.pose, "is_success": bool(self.arrived)}
-        return observation, -1.0, bool(self.arrived), self.count >= 60, info
+        return observation, -1.0, bool(self.arrived), self.count >= self.LIMIT, info

@@ -1,4 +1,4 @@
-"""What arcs do to marks in images: against matrix exponentials, and against plane geometry that knows none."""
+"""What arcs do to marks in images: against matrix exponentials, and against plane geometry."""
 
 import numpy as np
 import pytest
