@@ -49,6 +49,9 @@ class Environment:
     task: ClassVar[str]
     arms_of: ClassVar[Any]
     """The class of the arms: it takes rows, threads and config."""
+    frame_of: ClassVar[Any] = SceneFrame
+    viewer_of: ClassVar[Any] = Viewer
+    """What draws the arms: into an array, and into a window."""
     configs: ClassVar[tuple[type, ...]] = ()
     """Dataclasses of arguments that come before those of the task."""
     config: Config
@@ -128,10 +131,10 @@ class Environment:
             return None
         if self._renderer is None:
             if self.render_mode == "human":
-                self._renderer = Viewer(self.arms)
+                self._renderer = self.viewer_of(self.arms)
             else:
                 size, in_images = (self.config.width, self.config.height), self.config.observation != "points"
-                self._renderer = SceneFrame(self.arms, *size, in_images)
+                self._renderer = self.frame_of(self.arms, *size, in_images)
         frame: NDArray[np.uint8] | None = self._renderer.draw(row)
         return frame
 

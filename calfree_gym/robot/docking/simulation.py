@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+import mujoco
 import numpy as np
 
-from calfree_gym.geometry import Array, Rows, rotation_matrix
+from calfree_gym.geometry import Array, Rows, quaternion_about, rotation_matrix
 from calfree_gym.image import PIXELS_PER_UNIT
 from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.docking.base import SPEED, WHEEL_RADIUS, Base, along, before, placed, relative
+from calfree_gym.robot.docking.model import FREE, UP, at_poses, dress, model_of
+from calfree_gym.robot.simulation import Picture
 from calfree_gym.vision.cameras import pinhole
 
 if TYPE_CHECKING:
@@ -88,6 +91,25 @@ class RollingSimulation(OfWorlds):
     def pinhole_pixels(self) -> tuple[Array, Array]:
         """As `Simulation`: of the dock's marks in turn, in each camera, then of the own marks."""
         return self._pixels.reshape(self.rows, -1, 2), self._depth.reshape(self.rows, -1)
+
+    def configuration(self, row: int) -> Array:
+        """All that moves in a row (q,), as MuJoCo has it."""
+        return at_poses(self.poses[row : row + 1], WHEEL_RADIUS, FREE + len(self._base.motors))[0]
+
+    def picture(self) -> Picture:
+        """As `Simulation`: a model and its state of their own, on which `show` puts a row."""
+        model = model_of(self._base)
+        return model, mujoco.MjData(model)
+
+    def show(self, row: int, picture: Picture) -> Picture:
+        """Puts a row on a picture, which is changed, and returned."""
+        model, data = picture
+        data.qpos[:] = self.configuration(row)
+        x, y, heading = self.dock[row]
+        data.mocap_pos[0], data.mocap_quat[0] = (x, y, 0), quaternion_about(UP, heading)
+        dress(model, self._base, self._marks[row], self._centres[row, 0], self._axes[row, 0])
+        mujoco.mj_forward(model, data)
+        return picture
 
     def _seen(self, points: Array, rows: slice) -> tuple[Array, Array]:
         """Pixels (n, d, c, 2) and depths (n, d, c) of points (n, d, 3) in the frames of bases."""

@@ -363,3 +363,49 @@ def test_a_pool_and_new_worlds_in_each_trial():
         envs.step(np.zeros((2, 2), np.float32))
         seen |= set(envs.unwrapped.worlds)
     assert len(seen) == 3
+
+
+@pytest.mark.parametrize(
+    "words",
+    [(0.3, 0.3), (-0.3, -0.3), (-0.122, 0.122), (0.122, -0.122), (0.3, 0.1), (0.05, 0.02), (0.24, 0.0)],
+)
+def test_physics_follows_the_arc_and_comes_to_rest(words):
+    """30 cm, or 40 degrees, from another heading, too."""
+    ends = {}
+    for dynamics in ("kinematic", "physics"):
+        env = dock(world=exact(), dynamics=dynamics, keep_in_view=False)
+        env.reset(seed=0, options={"pose": (-1, 0.2, 0.3)})
+        ends[dynamics] = [env.step(np.array(each))[-1]["truth"]["pose"] for each in (words, STILL)]
+    (arc, _), (there, later) = ends["kinematic"], ends["physics"]
+    assert np.hypot(*(there - arc)[:2]) < 0.005
+    assert abs(np.degrees((there - arc)[2])) < 1
+    np.testing.assert_allclose(later, there, atol=1e-4)
+    if (turn := arc[2] - 0.3) != 0:
+        assert (there[2] - 0.3) / turn == pytest.approx(1, abs=0.04)
+
+
+def test_physics_is_the_same_in_rows_and_goes_on_in_copies():
+    words = RNG(0).uniform(-0.2, 0.2, (4, 2, 2)).astype(np.float32)
+    envs = dock(rows=2, dynamics="physics", max_episode_steps=3, perturbations=SCHEDULE)
+    rows = together(envs, words, seed=2)
+    single = dock(dynamics="physics", max_episode_steps=3, perturbations=SCHEDULE)
+    assert_same(rows[1], alone(single, words[:, 1], seed=3))
+    twin = copy.deepcopy(single)
+    assert_same(twin.step(words[0, 0]), single.step(words[0, 0]))
+    with pytest.raises(ValueError, match="base is 'omni'; with dynamics='physics' it must be 'differential'"):
+        dock(base="omni", dynamics="physics")
+
+
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_frames_show_the_scene_and_what_each_camera_sees(cameras):
+    env = dock(world="nominal", cameras=cameras, render_mode="rgb_array", width=300, height=200)
+    env.reset(seed=0, options={"pose": (-0.8, 0, 0)})
+    frame = env.render()
+    assert frame.shape == (200, 300, 3)
+    env.step(np.array([0.1, 0.1]))
+    after = env.render()
+    assert (frame[:, :200] != after[:, :200]).any()
+    insets = (frame != after)[:, 200:].any(-1)
+    assert insets[:100].any()
+    assert insets[100:].any() == (cameras == 2)
+    env.close()

@@ -1,0 +1,111 @@
+"""The MuJoCo model of a base and its dock: wheels, casters, floor, marks and cameras.
+
+The wheels are narrow, so that they hardly scrub as the base turns. Casters roll without friction: a contact
+takes the larger friction of both its surfaces, unless one has priority. The centre of mass lies between the
+axle and the rear caster; the front caster, a little higher, catches a base that brakes.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from calfree_gym.geometry import Array, quaternion_of
+from calfree_gym.robot.docking.base import TRACK, WHEEL_RADIUS, Base
+
+HALF_APART = 0.035
+"""From a mark's point on the front to each of its pair (m)."""
+FREE = 7
+"""Numbers of a pose in qpos; then come the wheels."""
+UP = np.array([0.0, 0.0, 1.0])
+_FRONT = np.array([0.13, 0.0, 0.08])
+"""Where the rods of the marks begin, above the axle (m)."""
+_MARK, _CASTER = 0.015, 0.03
+_COLOURS = "0.95 0.05 0.55 1", "0.05 0.70 0.25 1"
+"""Of the marks of base and dock."""
+
+
+def model_of(base: Base) -> mujoco.MjModel:
+    """The model of a base on two wheels with casters; of other kinds, it only looks so."""
+    wheels = "".join(
+        f"""<body name="{name}" pos="0 {side * TRACK / 2} 0">
+              <joint name="{name}" axis="0 1 0" damping=".02" armature=".01"/>
+              <geom type="cylinder" size="{WHEEL_RADIUS} .006" zaxis="0 1 0" mass=".6" rgba=".15 .15 .15 1"/>
+            </body>"""
+        for name, side in zip(base.wheels, (1, -1, 0), strict=False)
+    )
+    casters = "".join(
+        f'<geom type="sphere" size="{_CASTER}" pos="{x} 0 {_CASTER - WHEEL_RADIUS + lifted}" mass=".2" '
+        'friction="0 0 0" priority="1" condim="1" rgba=".5 .5 .5 1"/>'
+        for x, lifted in ((-0.15, 0.0), (0.15, 0.003))
+    )
+    own = "".join(
+        f'<geom name="own{i}{end}" size="{_MARK / 2}" rgba="{_COLOURS[0]}" class="seen"/>'
+        f'<geom name="rod{i}{end}" type="cylinder" size=".002 .1" rgba=".6 .6 .6 1" class="seen"/>'
+        for i in range(len(base.marks))
+        for end in (0, 1)
+    )
+    docks = "".join(
+        f'<geom name="dock{i}" size="{_MARK}" rgba="{_COLOURS[1]}" class="seen"/>'
+        f'<geom name="post{i}" type="cylinder" size=".004 .1" rgba=".6 .6 .6 1" class="seen"/>'
+        for i in range(len(base.marks))
+    )
+    eyes = "".join(
+        f'<geom name="{name}_camera" type="box" size=".018 .018 .03" rgba=".1 .1 .1 1" class="seen"/>'
+        for name in base.cameras
+    )
+    servos = "".join(f'<position joint="{name}" kp="400" kv="20"/>' for name in base.wheels)
+    return mujoco.MjModel.from_xml_string(
+        f"""<mujoco model="dock">
+          <option timestep="0.002" integrator="implicitfast" cone="elliptic" impratio="10"/>
+          <default>
+            <geom friction="0.9 0.005 0.0001"/>
+            <default class="seen"><geom type="sphere" contype="0" conaffinity="0" mass="0"/></default>
+          </default>
+          <visual><headlight ambient=".4 .4 .4"/><global offwidth="4096" offheight="4096"/></visual>
+          <asset>
+            <texture name="floor" type="2d" builtin="checker" rgb1=".82 .82 .8" rgb2=".74 .74 .72"
+              width="64" height="64"/>
+            <material name="floor" texture="floor" texrepeat="16 16"/>
+          </asset>
+          <worldbody>
+            <light pos="0 0 4" dir="0 0 -1"/>
+            <geom name="floor" type="plane" size="8 8 .1" material="floor"/>
+            <body name="base" pos="0 0 {WHEEL_RADIUS}">
+              <freejoint/>
+              <geom type="cylinder" size=".2 .06" pos="-.05 0 .06" mass="8" rgba=".3 .4 .6 1"
+                contype="0" conaffinity="0"/>
+              <geom type="cylinder" size=".015 .2" pos=".05 0 .3" rgba=".3 .4 .6 1" class="seen"/>
+              {casters}{wheels}{own}{eyes}
+            </body>
+            <body name="dock" mocap="true">{docks}</body>
+          </worldbody>
+          <actuator>{servos}</actuator>
+        </mujoco>"""
+    )
+
+
+def at_poses(poses: Array, height: float, size: int) -> Array:
+    """Configurations (n, size) of bases at poses (n, 3), axles at a height (m), wheels at zero."""
+    configurations = np.zeros((len(poses), size))
+    configurations[:, :2], configurations[:, 2] = poses[:, :2], height
+    configurations[:, 3], configurations[:, 6] = np.cos(poses[:, 2] / 2), np.sin(poses[:, 2] / 2)
+    return configurations
+
+
+def dress(model: mujoco.MjModel, base: Base, marks: Array, centres: Array, axes: Array) -> None:
+    """Puts marks (d, 3), and cameras by their centres (c, 3) and axes (c, 3, 3), where a world has them."""
+    for i, mark in enumerate(marks):
+        for end, apart in enumerate((-HALF_APART, HALF_APART)):
+            end_of_rod = mark + np.array([0, apart, -WHEEL_RADIUS])
+            model.geom(f"own{i}{end}").pos[:] = end_of_rod
+            rod, way = model.geom(f"rod{i}{end}"), end_of_rod - _FRONT
+            rod.pos[:], rod.size[1] = _FRONT + way / 2, np.linalg.norm(way) / 2
+            mujoco.mju_quatZ2Vec(rod.quat, way)
+        model.geom(f"dock{i}").pos[:] = mark
+        post = model.geom(f"post{i}")
+        post.pos[:], post.size[1] = mark * [1, 1, 0.5], mark[2] / 2
+    for name, centre, turn in zip(base.cameras, centres, axes, strict=True):
+        eye = model.geom(f"{name}_camera")
+        eye.pos[:], eye.quat[:] = centre - WHEEL_RADIUS * UP, quaternion_of(turn)
+    model.geom_sameframe[:] = 0
