@@ -188,13 +188,13 @@ class Trial:
     def move(self, words: Array) -> Generator[Array, DockObservation, float]:
         """Executes words (m,), and learns from what is then seen; returns how far off that was, in pixels."""
         words, before, model = np.clip(words, -1, 1), self.now, self.known.model
-        expected = model.predict(model.straight(before.points), words)
+        expected = model.predict(before.points, words)
         self.now = yield words
         seen = before.visible & self.now.visible
         if self._look() or not seen.any():
             return 0.0
         model.learn(Motion(before.points, words, self.now.points, seen))
-        return float(lengths_px(expected - model.straight(self.now.points))[seen].max())
+        return float(lengths_px(expected - self.now.points)[seen].max())
 
     def explore(self) -> Motions:
         """Each motor alone, then all together and against each other."""

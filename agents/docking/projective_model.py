@@ -109,6 +109,8 @@ class ProjectiveModel:
     margin of √2; wheels slip by a hundredth."""
     MISTAKEN = 5.0
     """A point that is so many deviations off counts half (a guard)."""
+    SETTLED = 0.01
+    """Less is not worth another round. Derived: in units of a squared deviation."""
     STEP = 1e-6
     """Of numerical derivatives (a guard)."""
 
@@ -126,9 +128,9 @@ class ProjectiveModel:
         """Where a pinhole would show what is seen at points (..., p, 2)."""
         return _straight(points, self.bends[self.entries.shape[1] :])
 
-    def predict(self, straight: Array, words: Array) -> Array:
-        """Where a pinhole shows marks after words (..., m), which it shows at (..., p, 2) before."""
-        return projected(self.transforms(words) @ homogeneous(straight))
+    def predict(self, points: Array, words: Array) -> Array:
+        """Where marks are seen after words (..., m) that are seen at points (..., p, 2) before."""
+        return _moved(points, words, self.entries, self.bends)
 
     def learn(self, motion: Motion) -> None:
         """Remembers a motion; `fit` learns from it."""
@@ -151,7 +153,7 @@ class ProjectiveModel:
         self._prior, self._deviation, self.motions = self.entries, self.CARRIED, []
 
     def fit(self, rounds: int) -> None:
-        """Goes to what is most probable by `rounds` of Levenberg and Marquardt's method.
+        """Goes to what is most probable by at most so many rounds of Levenberg and Marquardt's method.
 
         Marks share nothing but curvatures, for which it solves first (Schur complement).
         """
@@ -181,10 +183,12 @@ class ProjectiveModel:
             bent = -np.linalg.solve(complement + np.diag(deviations**-2), left + now[1] / deviations**2)
             step = -(solved[..., 0] + solved[..., 1:] @ bent).reshape(points, motors, 8)
             then = now[0] + step, now[1] + bent
-            if (less := of_all.cost(*then, deviations)) < cost:
-                now, cost, damping = then, less, damping / 5
-            else:
-                damping *= 10
+            gain = cost - of_all.cost(*then, deviations)
+            if gain > 0:
+                now, cost = then, cost - gain
+            damping *= 0.2 if gain > 0 else 10
+            if 0 < gain < self.SETTLED:
+                break
         self.entries, self.bends = now
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
@@ -217,9 +221,20 @@ def _transforms(words: Array, entries: Array, bends: Array) -> Array:
     return exponential(generators.reshape(*generators.shape[:-1], 3, 3))
 
 
+def _moved(points: Array, words: Array, entries: Array, bends: Array) -> Array:
+    lenses = bends[words.shape[-1] :]
+    straight = projected(_transforms(words, entries, bends) @ homogeneous(_straight(points, lenses)))
+    root = np.sqrt(np.maximum(1 - 4 * _of_lenses(straight, lenses), 0))
+    return np.asarray(2 * straight / (1 + root))
+
+
 def _straight(points: Array, lenses: Array) -> Array:
-    bent = np.tile(lenses, points.shape[-2] // len(lenses)) * (points**2).sum(-1)
-    return np.asarray(points / (1 + bent[..., None]))
+    return np.asarray(points / (1 + _of_lenses(points, lenses)))
+
+
+def _of_lenses(points: Array, lenses: Array) -> Array:
+    """c |x|² (..., p, 1) of points (..., p, 2)."""
+    return np.tile(lenses, points.shape[-2] // len(lenses))[:, None] * (points**2).sum(-1, keepdims=True)
 
 
 class _Residuals:
@@ -239,9 +254,8 @@ class _Residuals:
         self._units = (seen / deviations)[..., None]
 
     def __call__(self, entries: Array, bends: Array) -> Array:
-        before, after = (_straight(each, bends[entries.shape[1] :]) for each in (self._before, self._after))
-        there = projected(_transforms(self._words, entries, bends) @ homogeneous(before))
-        return np.asarray(((there - after) * self._units).swapaxes(0, 1))
+        there = _moved(self._before, self._words, entries, bends)
+        return np.asarray(((there - self._after) * self._units).swapaxes(0, 1))
 
     def off_prior(self, entries: Array) -> Array:
         """How far entries are from what they were before (p, m, 8), in deviations."""

@@ -37,7 +37,9 @@ def test_arcs_docks_at_once_in_fewer_motions_later_and_after_a_knock():
 
 
 def test_a_jacobian_servo_docks_on_omnidirectional_wheels_and_stops_beside_the_dock_on_two():
-    (omni, _), (differential, _) = (trials("jacobian_servo", Robot(21, each), 3) for each in ("omni", "differential"))
+    (omni, _), (differential, _) = (
+        trials("jacobian_servo", Robot(21, each), 3) for each in ("omni", "differential")
+    )
     assert omni[:, 0].all()
     assert differential[:, 0].mean() < 0.5 < 3 * np.median(differential[:, 2]) / 0.1
 

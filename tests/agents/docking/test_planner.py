@@ -33,7 +33,7 @@ def test_one_arc_is_planned_where_one_leads_to_the_dock(robot, model):
 
 
 def test_several_arcs_lead_aside_as_far_as_the_plan_says_and_the_rest_of_a_plan_is_kept(robot, model):
-    robot.pose = np.array([-0.8, 0.2, 0.0])
+    robot.pose = np.array([-0.9, 0.08, 0.0])
     plan = planned(robot, model)
     assert 1 < len(plan.words) <= 3
     robot.drive(plan.words[0])
