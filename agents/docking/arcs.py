@@ -59,14 +59,14 @@ class Known:
         """
         knocked = bool(self.looks and lengths_px(goal - self.goal).mean() > self.KNOCKED_PX)
         if knocked:
-            points, motors, _ = self.model.entries.shape
+            points = len(goal)
             views = [slice(camera, None, self._cameras) for camera in range(self._cameras)]
             if points < 4 * self._cameras:
-                self.model = ProjectiveModel(points, motors, self._cameras)
+                self.model = ProjectiveModel(points, self.model.motors, self._cameras)
             else:
                 before, after = self.model.straight(self.goal), self.model.straight(goal)
                 found = [homography(before[view], after[view]) for view in views]
-                self.model.carry_over(np.tile(found, (points // self._cameras, 1, 1)))
+                self.model.carry_over(np.array(found))
             self.trust, self.looks = min(self.trust, self.FIRST_TRUST), 0
         self.looks = min(self.looks + 1, self.LOOKS)
         self.goal = self.goal + (goal - self.goal) / self.looks
@@ -135,7 +135,7 @@ class Arcs(ProcedureAgent):
         """See `ProcedureAgent`: explores where nothing is known, then plans arc by arc."""
         trial = Trial(first, findings, Planner(self._edges, np.random.default_rng(self.seed)))
         while not trial.now.last:
-            yield from trial.drive() if findings.model.entries.any() else trial.explore()
+            yield from trial.drive() if findings.model.turning.any() else trial.explore()
 
     def learn_trial(self, findings: Known, last: Any, ended: bool) -> None:
         """See `ProcedureAgent`."""

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calfree_gym.image import IMAGE_UNIT, lengths_px
+from calfree_gym.image import IMAGE_UNIT, RANK_OF_SQUARES, lengths_px
 
 from ..base.observation import Array
-from .projective_model import FARTHEST, NEAREST, ProjectiveModel, homogeneous
+from .projective_model import FARTHEST, NEAREST, ProjectiveModel, homogeneous, projected
 
 
 class Plan(NamedTuple):
@@ -42,12 +42,15 @@ class Planner:
     """Of Levenberg and Marquardt's method. Choice: more leave no fewer plans that do not arrive."""
     ENOUGH_PX = 2.0
     """So near a plan arrives. Choice: within the usual tolerance of 2.5 px."""
-    SPREAD = 0.35
-    """Standard deviation of the words that plans begin with. Choice: a third of what words can be."""
-    EFFORT_PX = 3.0
+    WORTH = 2.0
+    """More arcs are worth it that leave less than the fewer ones by this factor. Choice: else a model that is
+    off never lets it arrive."""
+    SPREAD_PX = 100.0
+    """So far, in each direction, arcs that plans begin with move images. Choice: a fifth of an image."""
+    EFFORT_PX = 1.0
     """A word of 1 costs as much as a coordinate that is so far off. Choice: the shorter of equal plans."""
-    BORDER, OUTSIDE = 0.9, 0.3
-    """Marks are to stay within this part of the images; so much counts how far they are outside. Choice."""
+    BORDER = 0.95
+    """Marks are to stay within this part of the images on their way. Choice: as in other servos."""
     STEP = 1e-6
     """Of numerical derivatives (a guard)."""
 
@@ -63,15 +66,25 @@ class Planner:
             goal: Where it is to show them.
             rest: Words (a, m) that are left of an earlier plan.
         """
-        motors = model.entries.shape[1]
+        spread, plans = self._spread(model, points), []
         for arcs, starts in enumerate(self.STARTS, 1):
-            words = self._rng.normal(0, self.SPREAD, (starts, arcs, motors))
+            words = self._rng.standard_normal((starts, arcs, model.motors)) @ spread
             if rest is not None and len(rest) == arcs:
                 words[0] = rest
-            found = self._refined(model, points, goal, np.clip(words, -1, 1))
-            if found.left_px < self.ENOUGH_PX:
+            plans.append(self._refined(model, points, goal, np.clip(words, -1, 1)))
+            if plans[-1].left_px < self.ENOUGH_PX:
                 break
-        return found
+        most = max(self.ENOUGH_PX, self.WORTH * min(plan.left_px for plan in plans))
+        return next(plan for plan in plans if plan.left_px <= most)
+
+    def _spread(self, model: ProjectiveModel, points: Array) -> Array:
+        """The square root (m, m) of the covariance of words that move images as far in all directions."""
+        ways = self.STEP * np.eye(model.motors)
+        moved = projected(model.transforms(ways) @ homogeneous(points)) - points
+        slopes = moved.reshape(model.motors, -1) / self.STEP
+        squares, vectors = np.linalg.eigh(slopes @ slopes.T / len(points))
+        squares = np.maximum(squares, RANK_OF_SQUARES * squares[-1])
+        return np.asarray(vectors * (self.SPREAD_PX * IMAGE_UNIT / np.sqrt(squares)) @ vectors.T)
 
     def _refined(self, model: ProjectiveModel, points: Array, goal: Array, words: Array) -> Plan:
         starts, arcs, motors = words.shape
@@ -124,8 +137,8 @@ class Planner:
             slopes = slopes * (np.abs(seen) < FARTHEST)[:, None]
             seen = np.clip(seen, -FARTHEST, FARTHEST)
             beyond = np.maximum(np.abs(seen) - self._limits, 0)
-            outside.append(self.OUTSIDE * beyond)
-            outside_slopes.append(self.OUTSIDE * (np.sign(seen) * (beyond > 0))[:, None] * slopes)
+            outside.append(beyond)
+            outside_slopes.append((np.sign(seen) * (beyond > 0))[:, None] * slopes)
         values = np.concatenate([seen - goal, *outside], 1).reshape(starts, -1) / IMAGE_UNIT
         derivatives = np.concatenate([slopes, *outside_slopes], 2).reshape(starts, size, -1) / IMAGE_UNIT
         effort = self.EFFORT_PX * words.reshape(starts, size)

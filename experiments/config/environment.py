@@ -129,7 +129,7 @@ class EnvironmentConfig(Model):
     @model_validator(mode="before")
     @classmethod
     def _of_its_task(cls, data: Any) -> Any:
-        """The tolerance of its task, where none is given; an unknown id is an error of its own."""
+        """The tolerance and dynamics of its task, where none are given; an unknown id is an error of its own."""
         if not isinstance(data, dict) or (env_id := data.get("id")) not in _ids():
             return data
         usual = _usual(env_id)
@@ -141,7 +141,8 @@ class EnvironmentConfig(Model):
             raise ValueError(f"{', '.join(found)} is of {other}ing; {env_id} has none")
         for name in foreign:
             raise ValueError(f"{name} is {data[name]!r}; in {env_id} it is always {known[name]!r}")
-        return {"tolerance_px": usual["tolerance_px"], **data}
+        own = {name: usual[name] for name in ("tolerance_px", "dynamics") if name in usual}
+        return {**own, **data}
 
     @model_validator(mode="after")
     def _pool_of_drawn_worlds(self) -> Self:
