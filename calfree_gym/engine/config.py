@@ -77,6 +77,15 @@ class Config:
         self.perturbations = parse_schedule(self.perturbations)  # an iterator would be used up
 
 
+def check_told(tell: Any, allowed: Sequence[str]) -> None:
+    """Raises ValueError where these are no names of privileged quantities."""
+    if isinstance(tell, str) or not isinstance(tell, Sequence):
+        such = tell if isinstance(tell, str) else allowed[0]
+        raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({such!r},)")
+    for name in tell:
+        check_choice("tell", name, allowed)
+
+
 def check_size(width: int, height: int) -> None:
     """Raises ValueError where no frame can have that size."""
     check_whole("width", width, SMALLEST, LARGEST)

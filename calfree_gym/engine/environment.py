@@ -41,7 +41,7 @@ class Environment:
     simulation cannot be pickled. So a copy makes its own, and brings every row into its state.
 
     Attributes:
-        task: What is asked, by the name that agents have for it: "reach", "grasp" or "insert".
+        task: What is asked, by the name that agents have for it: "reach", "grasp", "insert" or "dock".
         config: The arguments, checked.
         arms: The N arms.
     """

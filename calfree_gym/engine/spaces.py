@@ -104,7 +104,7 @@ def checked_options(options: Any) -> dict[str, Any]:
 def image_distances(achieved: Floats, desired: Floats) -> Floats:
     """Distances (..., k) in image units between the k image points of sensor vectors (..., 2 k)."""
     d = achieved - desired
-    return lengths(d.reshape(*d.shape[:-1], -1, 2))
+    return lengths(d.reshape(*d.shape[:-1], d.shape[-1] // 2, 2))
 
 
 def sparse_reward(distances: Floats, success: Floats) -> Floats:

@@ -254,7 +254,8 @@ class Workspaces(OfWorlds):
         """What a world in view has, in words."""
         share = least_in_view(self.robot, self.mounts)
         return (
-            f"the gripper at home, and {share:.0%} of the work space, in view of both cameras, within reach"
+            f"the gripper at home, and {share:.0%} of the work space, in view of both cameras and within "
+            "reach"
         )
 
     def check_in_view(self, row: int) -> None:

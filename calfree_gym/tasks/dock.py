@@ -11,7 +11,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import LOOK_SECONDS, MM, Arms
-from calfree_gym.engine.config import Config
+from calfree_gym.engine.config import Config, check_told
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
     Observation,
@@ -26,7 +26,6 @@ from calfree_gym.engine.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice, check_whole
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.image import PIXELS_PER_UNIT, lengths
-from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.docking.base import BASES, MARKS, WHEEL_RADIUS, Base
 from calfree_gym.robot.docking.berths import DOCKED_DEGREES, DOCKED_M, Berths
@@ -43,8 +42,8 @@ from calfree_gym.world import World, WorldChoice
 
 GOALS_OF_DOCKING = ("marks", "shown")
 MOST_CAMERAS = 2
-FARTHEST_START = 5.0
-"""No trial starts farther from the dock (m), as a guard against other units."""
+FARTHEST_TOLD = 1000.0
+"""Privileged quantities are told within this, in m and rad (a guard)."""
 
 
 @dataclass(kw_only=True)
@@ -80,8 +79,7 @@ class DockConfig(Config):
             raise ValueError(f"base is {self.base!r}; with dynamics='physics' it must be 'differential'")
         check_whole("cameras", self.cameras, 1, MOST_CAMERAS)
         check_whole("marks", self.marks, 2, len(MARKS))
-        for name in self.tell:
-            check_choice("tell", name, tuple(PRIVILEGED))
+        check_told(self.tell, tuple(PRIVILEGED))
         super().__post_init__()
 
 
@@ -129,7 +127,8 @@ class DockArms(Arms):
             "observation": state_box(2 * self._half, motors, 0, self.register_bound),
         }
         for name in self.config.tell:
-            boxes[name] = spaces.Box(-np.inf, np.inf, PRIVILEGED[name](self).shape[1:], np.float32)
+            shape = PRIVILEGED[name](self).shape[1:]
+            boxes[name] = spaces.Box(-FARTHEST_TOLD, FARTHEST_TOLD, shape, np.float32)
         return spaces.Dict(boxes), action_space(motors)
 
     def seed_streams(self, row: int, seed: int) -> None:
@@ -148,15 +147,11 @@ class DockArms(Arms):
         super()._redraw(rows)
         self._shown[rows] = False
 
-    def of_worlds(self) -> Sequence[OfWorlds]:
-        """See `Arms`."""
-        return (*super().of_worlds(), self._workspaces)
-
     def objects_of(self, options: dict[str, Any] | None) -> Array | None:
         """The pose of reset's options (N, 3), or None without one.
 
         Raises:
-            ValueError: It is no pose, or far from the dock.
+            ValueError: It is no pose.
         """
         options = checked_options(options)
         if unknown := sorted(options.keys() - {"pose"}):
@@ -171,39 +166,38 @@ class DockArms(Arms):
             raise ValueError(
                 f"options['pose'] is {options['pose']!r}; it must be (x, y, heading) in m and rad"
             )
-        if np.abs(pose[..., :2]).max() > FARTHEST_START:
-            raise ValueError(
-                f"options['pose'] is {options['pose']!r}; it must be within {FARTHEST_START:g} m"
-            )
         return np.broadcast_to(pose, (self.rows, 3))
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """See `Arms`: poses (n, 3) before the docks.
 
+        Where a goal was not shown yet, it is, and where the trial begins at the dock.
+
         Raises:
-            ValueError: From a given pose the dock is not seen, or from none that is drawn.
+            ValueError: From a given pose the dock is not seen, or from none that is drawn; or a goal cannot
+                be shown.
         """
         berths, in_view = self._workspaces, self._keep_in_view
         if given is None:
             seeds = [self._seeds[row] or 0 for row in rows.tolist()]
-            return berths.starts(seeds, self.trials[rows], rows, in_view)
-        if in_view and not (seen := berths.seen(given[:, None], rows)[:, 0]).all():
+            poses = berths.starts(seeds, self.trials[rows], rows, in_view)
+        elif in_view and not (seen := berths.seen(given[:, None], rows)[:, 0]).all():
             raise ValueError(
                 f"from the pose {given[~seen][0].tolist()} the dock is out of view; give another one, or "
                 "keep_in_view=False"
             )
-        return given
+        else:
+            poses = given
+        if self.config.goal == "shown":
+            self._show(rows[~poses.any(1) | ~self._shown[rows]])
+        return poses
 
-    def begun(self, rows: Rows) -> None:
-        """See `Arms`: where it was not yet, the goal is shown, and where the trial begins at the dock.
+    def _show(self, shown: NDArray[np.intp]) -> None:
+        """Shows these rows their goals.
 
         Raises:
-            ValueError: The goal cannot be shown: a camera at the dock does not see all of its marks.
+            ValueError: A camera at the dock does not see all of its marks.
         """
-        if self.config.goal == "marks":
-            return
-        docked = ~self.rolling.before_dock().any(1)
-        shown = self._all[rows][(docked | ~self._shown)[rows]]
         images, seen = self._workspaces.images(np.zeros((len(shown), 1, 3)), shown)
         if not seen.all() or np.abs(images).max(initial=0) > 1:
             raise ValueError(
@@ -235,7 +229,8 @@ class DockArms(Arms):
             "observation": joined(visible, self.told_registers()),
         }
         for name in self.config.tell:
-            observed[name] = PRIVILEGED[name](self).astype(np.float32)
+            told = np.clip(PRIVILEGED[name](self), -FARTHEST_TOLD, FARTHEST_TOLD)
+            observed[name] = told.astype(np.float32)
         return observed, *self.judged(achieved, desired)
 
     def judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:

@@ -35,8 +35,8 @@ class DockFrame:
     def __init__(self, arms: Any, width: int, height: int, as_agents_see: bool) -> None:
         check_size(width, height)
         self._arms, self._size = arms, (width - height // 2, height)
-        self._picture = arms.simulation.picture()
-        self._renderer = Renderer(*self._picture, FINER * max(self._size), for_people=True)
+        self._picture = model, data = arms.simulation.picture()
+        self._renderer = Renderer(model, data, FINER * max(self._size), for_people=True)
 
     def draw(self, row: int) -> Image:
         """A frame (height, width, 3) of one row."""
@@ -44,7 +44,7 @@ class DockFrame:
         arms.simulation.show(row, self._picture)
         view = View(self._view(row), *(FINER * side for side in self._size))
         ((scene, _),) = self._renderer.draw([view], GROUPS)
-        scene = cv2.resize(scene[::-1], self._size, interpolation=cv2.INTER_AREA)
+        scene = np.asarray(cv2.resize(scene[::-1], self._size, interpolation=cv2.INTER_AREA), np.uint8)
         insets = [self._inset(row, camera) for camera in range(arms.config.cameras)]
         empty = np.full_like(insets[0], GREY)
         return np.hstack([scene, np.vstack([*insets, empty][:2])])

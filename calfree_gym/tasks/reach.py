@@ -11,7 +11,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import Arms, RowState
-from calfree_gym.engine.config import Config
+from calfree_gym.engine.config import Config, check_told
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
     GOALS,
@@ -95,12 +95,7 @@ class ReachingConfig(Config):
         check_flag("occlusion", self.occlusion)
         if isinstance(self.arm, Mapping):
             self.arm = Arm.from_dict(self.arm)
-        tell = self.tell
-        if isinstance(tell, str) or not isinstance(tell, Sequence):
-            such = tell if isinstance(tell, str) else next(iter(PRIVILEGED))
-            raise ValueError(f"tell is {tell!r}; it must be a sequence of names, such as ({such!r},)")
-        for name in tell:
-            check_choice("tell", name, tuple(PRIVILEGED))
+        check_told(self.tell, tuple(PRIVILEGED))
         super().__post_init__()
 
 

@@ -108,14 +108,12 @@ class StereoCameras(OfWorlds):
             rows: The row of each point (k,), or that of all (1,).
 
         Returns:
-            The image points; and which of them (..., k, c) the cameras show, if the image were
-            large enough.
+            The image points; and which of them (..., k, c) the cameras show, if the image were large enough.
         """
         flat, depth = pinhole(points, self._position[rows], self._rotation[rows])
-        one = slice(self._cameras)
-        images, shown = image_points(
-            flat, self._focal[rows, one], self._principal[rows, one], self._k1[rows, one]
-        )
+        of_each = slice(self._cameras)
+        lens = (each[rows, of_each] for each in (self._focal, self._principal, self._k1))
+        images, shown = image_points(flat, *lens)
         return images, shown & (depth > 0)
 
     def through_lens(self, pixels: Array) -> tuple[Array, Flags]:

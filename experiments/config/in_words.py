@@ -25,6 +25,10 @@ _WORDS = {
     "longest_motion": "no motor moves by more than {words} at once",
     "dead_zone": "{motor} ignores words up to {words}",
     "gear_ripple": "{motor}'s gain ripples by {depth}",
+    "wheel_radius": "{wheel}'s radius times {factor}",
+    "track": "track times {factor}",
+    "slip": "wheels slip by a share of {share}",
+    "dock_moved": "dock moved by {metres} m, turned by {degrees}°",
     "point_noise": "image noise of {px} px",
     "point_outliers": "outliers: a share of {share}",
     "point_dropout": "hidden points: a share of {share}",
@@ -45,6 +49,7 @@ _DRAWN = {
     "joint_zero": "{joint}'s zero shifted",
     "link_length": "another length of {link}",
     "motor_gain": "another gain of {motor}",
+    "wheel_radius": "another radius of {wheel}",
     "point_noise": "image noise",
     "point_outliers": "outliers",
     "point_dropout": "hidden points",
@@ -85,7 +90,7 @@ def in_words(do: Mapping[str, Any]) -> str:
     return _plain(do)
 
 
-_PARTS = ("joint", "link", "motor")
+_PARTS = ("joint", "link", "motor", "wheel")
 
 
 def _amount(key: str, value: Any) -> str:

@@ -41,7 +41,9 @@ def test_a_perturbation_is_named(do, words):
 def test_every_type_has_words_with_and_without_settings(kind):
     drawn = TYPES[kind]().drawn(np.random.default_rng(0)).to_dict()
     words = in_words(drawn)
-    assert all(drawn[part] in words for part in ("camera", "motor", "joint", "link") if part in drawn)
+    assert all(
+        drawn[part] in words for part in ("camera", "motor", "joint", "link", "wheel") if part in drawn
+    )
     assert re.fullmatch(r"[\w .,:=°'-]+", words), "no name of a setting"
     assert len(words) < 50
     assert re.fullmatch(r"[\w .,:=°'-]+", in_words({"type": kind}))
