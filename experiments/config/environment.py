@@ -129,7 +129,7 @@ class EnvironmentConfig(Model):
     @model_validator(mode="before")
     @classmethod
     def _of_its_task(cls, data: Any) -> Any:
-        """The tolerance and dynamics of its task, where none are given; an unknown id is an error of its own."""
+        """Tolerance and dynamics of its task, where none are given; an unknown id is an error of its own."""
         if not isinstance(data, dict) or (env_id := data.get("id")) not in _ids():
             return data
         usual = _usual(env_id)
