@@ -48,7 +48,7 @@ class Known:
     """Of its own marks so many count (a guard: small knocks are to show)."""
 
     def __init__(self, points: int, motors: int, cameras: int) -> None:
-        self.model, self._cameras = ProjectiveModel(points, motors, cameras), cameras
+        self.model, self._cameras = ProjectiveModel(points, motors), cameras
         self.goal, self.looks, self.trust = np.zeros((points, 2)), 0, self.FIRST_TRUST
 
     def look(self, goal: Array) -> bool:
@@ -62,11 +62,10 @@ class Known:
             points = len(goal)
             views = [slice(camera, None, self._cameras) for camera in range(self._cameras)]
             if points < 4 * self._cameras:
-                self.model = ProjectiveModel(points, self.model.motors, self._cameras)
+                self.model = ProjectiveModel(points, self.model.curvature.size)
             else:
-                before, after = self.model.straight(self.goal), self.model.straight(goal)
-                found = [homography(before[view], after[view]) for view in views]
-                self.model.carry_over(np.array(found))
+                found = [homography(self.goal[view], goal[view]) for view in views]
+                self.model.carry_over(np.tile(found, (points // self._cameras, 1, 1)))
             self.trust, self.looks = min(self.trust, self.FIRST_TRUST), 0
         self.looks = min(self.looks + 1, self.LOOKS)
         self.goal = self.goal + (goal - self.goal) / self.looks
@@ -135,7 +134,7 @@ class Arcs(ProcedureAgent):
         """See `ProcedureAgent`: explores where nothing is known, then plans arc by arc."""
         trial = Trial(first, findings, Planner(self._edges, np.random.default_rng(self.seed)))
         while not trial.now.last:
-            yield from trial.drive() if findings.model.turning.any() else trial.explore()
+            yield from trial.drive() if findings.model.entries.any() else trial.explore()
 
     def learn_trial(self, findings: Known, last: Any, ended: bool) -> None:
         """See `ProcedureAgent`."""
@@ -174,7 +173,8 @@ class Trial:
     SURPRISE_PX, SURPRISES = 25.0, 3
     """So badly expected so often in a row, wheels are others than before. Choice."""
     REFIT_PX, ROUNDS = 4.0, 5
-    """A worse expectation is worth a new fit, of so many rounds. Choice."""
+    """What is expected worse is worth a new fit, of so many rounds; a plan that leaves more, but would move no
+    mark so far, is worth exploring anew. Choice."""
 
     def __init__(self, first: DockObservation, known: Known, planner: Planner) -> None:
         self.now, self.known, self._planner = first, known, planner
@@ -217,10 +217,14 @@ class Trial:
     def drive(self) -> Motions:
         """The first arc of a plan, no longer than what is trusted; back, where marks are lost."""
         known, model = self.known, self.known.model
-        here, goal = model.straight(self.now.points), model.straight(known.goal)
-        plan = self._planner.plan(model, here, goal, self._rest)
+        here = self.now.points
+        plan = self._planner.plan(model, here, known.goal, self._rest)
         arc = plan.words[0]
         arc = arc * min(1.0, known.trust / max(float(np.abs(arc).max()), 1e-9))
+        stays = lengths_px(model.predict(here, arc) - here).max() < self.REFIT_PX
+        if stays and plan.left_px > self.REFIT_PX:
+            yield from self.explore()
+            return
         missed_px = yield from self.move(arc)
         self._rest = plan.words[1:]
         if not self.now.visible.all():

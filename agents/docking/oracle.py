@@ -69,7 +69,7 @@ def from_above(wheels: Array) -> tuple[ProjectiveModel, Array]:
     arcs = base.arc(np.diag(wheels[:motors]), wheels[-1:])
     for motor, (ahead, left, turn) in enumerate(arcs):
         moved = np.array([[0.0, turn, -SCALE * ahead], [-turn, 0.0, -SCALE * left], [0.0, 0.0, 0.0]])
-        model.turning[0, motor] = moved.reshape(9)[:8]
+        model.entries[:, motor] = moved.reshape(9)[:8]
     return model, wheels[motors:-1]
 
 

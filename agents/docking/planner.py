@@ -42,9 +42,9 @@ class Planner:
     """Of Levenberg and Marquardt's method. Choice: more leave no fewer plans that do not arrive."""
     ENOUGH_PX = 2.0
     """So near a plan arrives. Choice: within the usual tolerance of 2.5 px."""
-    WORTH = 2.0
-    """More arcs are worth it that leave less than the fewer ones by this factor. Choice: else a model that is
-    off never lets it arrive."""
+    WORTH = 1.25
+    """More arcs are worth it that leave less than fewer ones by this factor. Choice: else, by a model that is
+    off, it would never make the last one."""
     SPREAD_PX = 100.0
     """So far, in each direction, arcs that plans begin with move images. Choice: a fifth of an image."""
     EFFORT_PX = 1.0
@@ -62,13 +62,14 @@ class Planner:
 
         Args:
             model: What words do.
-            points: Where a pinhole shows marks now.
-            goal: Where it is to show them.
+            points: Where marks are seen now.
+            goal: Where they are to be seen.
             rest: Words (a, m) that are left of an earlier plan.
         """
+        motors = model.curvature.size
         spread, plans = self._spread(model, points), []
         for arcs, starts in enumerate(self.STARTS, 1):
-            words = self._rng.standard_normal((starts, arcs, model.motors)) @ spread
+            words = self._rng.standard_normal((starts, arcs, motors)) @ spread
             if rest is not None and len(rest) == arcs:
                 words[0] = rest
             plans.append(self._refined(model, points, goal, np.clip(words, -1, 1)))
@@ -79,9 +80,10 @@ class Planner:
 
     def _spread(self, model: ProjectiveModel, points: Array) -> Array:
         """The square root (m, m) of the covariance of words that move images as far in all directions."""
-        ways = self.STEP * np.eye(model.motors)
+        motors = model.curvature.size
+        ways = self.STEP * np.eye(motors)
         moved = projected(model.transforms(ways) @ homogeneous(points)) - points
-        slopes = moved.reshape(model.motors, -1) / self.STEP
+        slopes = moved.reshape(motors, -1) / self.STEP
         squares, vectors = np.linalg.eigh(slopes @ slopes.T / len(points))
         squares = np.maximum(squares, RANK_OF_SQUARES * squares[-1])
         return np.asarray(vectors * (self.SPREAD_PX * IMAGE_UNIT / np.sqrt(squares)) @ vectors.T)
