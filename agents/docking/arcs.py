@@ -173,7 +173,7 @@ class Trial:
     SURPRISE_PX, SURPRISES = 25.0, 3
     """So badly expected so often in a row, wheels are others than before. Choice."""
     REFIT_PX, ROUNDS = 4.0, 5
-    """What is expected worse is worth a new fit, of so many rounds; a plan that leaves more, but would move no
+    """What is expected worse is worth a new fit, of so many rounds; a plan that leaves more, yet moves no
     mark so far, is worth exploring anew. Choice."""
 
     def __init__(self, first: DockObservation, known: Known, planner: Planner) -> None:

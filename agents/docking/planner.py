@@ -42,9 +42,9 @@ class Planner:
     """Of Levenberg and Marquardt's method. Choice: more leave no fewer plans that do not arrive."""
     ENOUGH_PX = 2.0
     """So near a plan arrives. Choice: within the usual tolerance of 2.5 px."""
-    WORTH = 1.25
-    """More arcs are worth it that leave less than fewer ones by this factor. Choice: else, by a model that is
-    off, it would never make the last one."""
+    NEARLY, WORTH = 3.0, 1.5
+    """Within so many times that a plan nearly arrives. Then arcs are worth it that leave less than fewer ones by
+    this factor. Choice: else, by a model that is a little off, it would never make the last one."""
     SPREAD_PX = 100.0
     """So far, in each direction, arcs that plans begin with move images. Choice: a fifth of an image."""
     EFFORT_PX = 1.0
@@ -75,7 +75,8 @@ class Planner:
             plans.append(self._refined(model, points, goal, np.clip(words, -1, 1)))
             if plans[-1].left_px < self.ENOUGH_PX:
                 break
-        most = max(self.ENOUGH_PX, self.WORTH * min(plan.left_px for plan in plans))
+        least = min(plan.left_px for plan in plans)
+        most = max(self.WORTH * least, self.ENOUGH_PX) if least < self.NEARLY * self.ENOUGH_PX else least
         return next(plan for plan in plans if plan.left_px <= most)
 
     def _spread(self, model: ProjectiveModel, points: Array) -> Array:
