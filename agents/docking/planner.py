@@ -43,7 +43,7 @@ class Planner:
     ENOUGH_PX = 2.0
     """So near a plan arrives. Choice: within the usual tolerance of 2.5 px."""
     NEARLY, WORTH = 3.0, 1.5
-    """Within so many times that a plan nearly arrives. Then arcs are worth it that leave less than fewer ones by
+    """Within so many times that, a plan nearly arrives. Then arcs are worth it that leave less than fewer by
     this factor. Choice: else, by a model that is a little off, it would never make the last one."""
     SPREAD_PX = 100.0
     """So far, in each direction, arcs that plans begin with move images. Choice: a fifth of an image."""
