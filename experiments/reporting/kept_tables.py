@@ -4,7 +4,8 @@ A suite keeps `tables.json`: under "tables" one a scenario or sweep, under "deta
 A benchmark keeps JSON of the same form.
 
 A page shows a table between two markers, `<!-- table: NAME -->` and `<!-- end of table -->`, or some columns:
-`<!-- table: NAME: COLUMN, COLUMN -->`.
+`<!-- table: NAME: COLUMN, COLUMN -->`, or all rows but some: `<!-- table: NAME without ROW, ROW -->`. A row is
+called by its first cell, as far as a colon.
 """
 
 import json
@@ -38,15 +39,17 @@ def tables_named(name: str, kept: Path = KEPT) -> str:
 
     Args:
         name: "agents", a folder of kept results such as "quick", or one table in it, as "quick/wild"; then,
-            where not all columns are to be shown, those that are, as "quick/wild: agent, success".
+            where not all columns are to be shown, those that are, as "quick/wild: agent, success"; or which
+            rows are not, as "quick/wild without oracle".
         kept: Holds the folders of kept results.
 
     Raises:
-        ConfigError: Nothing is kept under that name, or it has no such column; says what there is.
+        ConfigError: Nothing is kept under that name, or it has no such column or row; says what there is.
     """
     if name == AGENTS:
         return agents_table().markdown()
     name, _, columns = name.partition(": ")
+    name, _, without = name.partition(" without ")
     folder, _, chosen = name.partition("/")
     allowed = [AGENTS, *sorted(path.name for path in kept.glob("*") if _files(path))]
     if folder not in allowed:
@@ -60,7 +63,7 @@ def tables_named(name: str, kept: Path = KEPT) -> str:
         shown = [table for table in (*tables, *details) if table.name == chosen] if chosen else tables
         if shown:
             source = f"*Made from `experiments/results/{folder}`, code of commit {commit}.*"
-            parts += [*tables_markdown([_chosen(table, columns) for table in shown]), source]
+            parts += [*tables_markdown([_chosen(table, columns, without) for table in shown]), source]
     if not parts:
         hint = near_misses(chosen, list(names))
         raise ConfigError(f"{folder} keeps no table {chosen!r}{hint}; allowed: {', '.join(names)}")
@@ -80,8 +83,14 @@ def agents_table() -> Table:
     return Table.of(AGENTS, "Agents", ["agent", "what it does", "what it must know"], rows)
 
 
-def _chosen(table: Table, columns: str) -> Table:
-    """The table with these columns alone, separated by commas; with all where none are named."""
+def _chosen(table: Table, columns: str, without: str) -> Table:
+    """The table with these columns alone, separated by commas, if any are named, and without these rows."""
+    rows = table.frame.iloc[:, 0].map(lambda cell: str(cell).partition(":")[0])
+    for row in (unwanted := without.split(", ") if without else []):
+        if row not in rows.tolist():
+            hint = near_misses(row, rows.tolist())
+            raise ConfigError(f"{table.name} has no row {row!r}{hint}; allowed: {', '.join(rows)}")
+    table = replace(table, frame=table.frame[~rows.isin(unwanted)])
     wanted = columns.split(", ") if columns else table.header
     for column in wanted:
         if column not in table.header:

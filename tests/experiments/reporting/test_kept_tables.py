@@ -77,6 +77,7 @@ def test_a_benchmark_is_its_tables_or_one_of_them(kept):
     assert one.endswith("code of commit abc.*")
     narrow = tables_named("controllers/later: success", kept)
     assert narrow.splitlines()[:3] == ["| success |", "| --- |", "| 98.8 % |"]
+    assert "memory" not in tables_named("controllers/later without memory", kept)
 
 
 def test_what_is_not_kept_is_answered_by_what_is(kept):
@@ -84,6 +85,7 @@ def test_what_is_not_kept_is_answered_by_what_is(kept):
         "quik": r"'quik' \(did you mean quick\?\); allowed: agents, controllers, quick",
         "only_a_report": "allowed: agents, controllers, quick",
         "controllers/later: sucess": r"no column 'sucess' .*success\?\); allowed: agent, success",
+        "controllers/later without memry": r"no row 'memry' \(did you mean memory\?\)",
         "controllers/latr": r"no table 'latr' \(did you mean later\?\); allowed: first, later",
     }.items():
         with pytest.raises(ConfigError, match=said):
