@@ -4,8 +4,8 @@ A suite keeps `tables.json`: under "tables" one a scenario or sweep, under "deta
 A benchmark keeps JSON of the same form.
 
 A page shows a table between two markers, `<!-- table: NAME -->` and `<!-- end of table -->`, or some columns:
-`<!-- table: NAME: COLUMN, COLUMN -->`, or all rows but some: `<!-- table: NAME without ROW, ROW -->`. A row is
-called by its first cell, as far as a colon.
+`<!-- table: NAME: COLUMN, COLUMN -->`, or all rows but some: `<!-- table: NAME without ROW, ROW -->`. A row
+is called by its first cell, as far as a colon.
 """
 
 import json
