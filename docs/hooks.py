@@ -60,14 +60,9 @@ def _section(kind: type[Perturbation]) -> str:
     return "\n".join(lines)
 
 
-def _names(setting: Setting) -> tuple[str, ...]:
-    """Those that are allowed; of parts of an arm, the built-in one's."""
-    return getattr(MOVEMASTER, setting.part) if setting.part else setting.names
-
-
 def _allowed(setting: Setting) -> str:
-    if names := _names(setting):
-        return ", ".join(f"`{name}`" for name in names)
+    if setting.part:
+        return ", ".join(f"`{name}`" for name in getattr(MOVEMASTER, setting.part))
     if math.isinf(setting.most):
         return "any number"
     kind = "whole numbers" if setting.whole else "numbers"
@@ -76,7 +71,7 @@ def _allowed(setting: Setting) -> str:
 
 def _drawn(setting: Setting) -> str:
     """What is drawn, by the two ends of its range, and what for a step of a drift where that is less."""
-    if setting.draw is None or setting.names:
+    if setting.draw is None:
         return "any of them | the same"
     ends = [setting.draw(End(highest)) for highest in (False, True)]  # type: ignore[arg-type]
     steps = [setting.slow(end) for end in ends]

@@ -203,10 +203,12 @@ class PerturbedModel:
         if self._as_built["cam_mode"][camera] == _FIXED:
             return np.array(self._as_built["cam_quat"][camera])
         if camera not in self._aims:
-            body, axes = self.model.cam_bodyid[camera], self.data.cam_xmat[camera].reshape(3, 3)
-            frame = self.data.xmat[body].reshape(3, 3)
-            if not axes.any():  # nothing has been computed yet
-                axes, frame = self._home.cam_xmat[camera], self._home.xmat[body]
+            body, here = self.model.cam_bodyid[camera], self._home
+            axes, frame = here.cam_xmat[camera], here.xmat[body]
+            if self.data.xmat.any():  # else nothing has been computed yet
+                axes, frame = (
+                    each.reshape(3, 3) for each in (self.data.cam_xmat[camera], self.data.xmat[body])
+                )
             self._aims[camera] = quaternion_of(frame.T @ axes)
         return self._aims[camera]
 

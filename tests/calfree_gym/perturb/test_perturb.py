@@ -67,6 +67,19 @@ def test_images_differ_exactly_while_the_knock_lasts_and_nothing_else_does(bare,
         np.testing.assert_array_equal(array, before[name], err_msg=name)
 
 
+def test_a_camera_that_looks_at_a_body_may_be_turned_before_the_first_reset():
+    schedule = [
+        {"at": {"episode": 0}, "do": {"type": "light"}},
+        {"at": {"episode": 0}, "do": {"type": "camera_roll", "camera": "looker", "degrees": 20}},
+    ]
+    env, bare = Perturb(Workbench(), schedule, seed=0, images=POINTS), Workbench()
+    for each in (env, bare):
+        each.reset()
+    axes, rolled = (each.unwrapped.data.camera("looker").xmat.reshape(3, 3) for each in (bare, env))
+    np.testing.assert_allclose(rolled[:, 2], axes[:, 2], atol=0.5)
+    assert np.degrees(np.arccos((axes.T @ rolled)[1, 1])) == pytest.approx(20, abs=5)
+
+
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_cameras_are_turned_and_moved_as_far_as_is_said(camera):
     def pose(schedule):
