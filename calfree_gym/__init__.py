@@ -18,6 +18,7 @@ except Exception as error:
         "disable (no images)."
     ) from error
 
+from calfree_gym.perturb import Perturb
 from calfree_gym.robot.arms.arm import Arm
 from calfree_gym.vision.cameras import MOUNTS
 from calfree_gym.world import DISTRIBUTIONS, World, WorldDistribution, nominal
@@ -41,6 +42,7 @@ __all__ = [
     "ENV_IDS",
     "MOUNTS",
     "Arm",
+    "Perturb",
     "World",
     "WorldDistribution",
     "__version__",

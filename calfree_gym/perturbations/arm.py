@@ -129,7 +129,7 @@ class Repeatability(_MotorError):
 
 def amount_of(robot: Robot, motor: int, degrees: float) -> float:
     """Degrees of a joint in rad; of one that slides, centimetres in m. Joints behind the motors turn."""
-    slides = motor < len(robot.motors) and robot.slides[motor]
+    slides = motor < len(robot.slides) and robot.slides[motor]
     return degrees / 100 if slides else math.radians(degrees)
 
 

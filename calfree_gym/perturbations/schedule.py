@@ -8,12 +8,11 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calfree_gym.errors import check_choice, check_whole, near_misses
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.types import parse_perturbation
-from calfree_gym.robot.arms.robot import Mounts, Robot
+from calfree_gym.robot.arms.robot import ROOM, Mounts, Robot
 from calfree_gym.robot.workspace import Workspaces, cameras_at_home, first_in_view
 from calfree_gym.streams import stream
 from calfree_gym.world import World
@@ -61,6 +60,8 @@ def undone(world: World, before: World, after: World) -> World:
 
 
 CLOCKS = ("motion", "trial")
+_CLOCK_OF = {"motion": "motion", "trial": "trial", "step": "motion", "episode": "trial"}
+"""What schedules may call them."""
 WHENS = ("at", "every", "drift")
 LATEST = 2**62
 """No event is due later (a guard)."""
@@ -98,8 +99,8 @@ class Event:
                 f"a drift of {self.perturbation.type!r} is {self!r}; it must have small steps, one at every 1"
             )
 
-    def is_due(self, counts: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether it is applied when this many motions or trials are over (n,)."""
+    def is_due(self, counts: Any) -> Any:
+        """Whether it is applied when this many motions or trials are over: one number, or an array."""
         if self.every:
             return (counts > 0) & (counts % self.at == 0)
         return counts == self.at
@@ -131,7 +132,8 @@ def parse_schedule(entries: Iterable[Mapping[str, Any]] | None, where: str = "pe
       space (with `keep_in_view`) or where a quantity is at the end of its range. A given setting is the size
       of one step; an omitted one is a hundredth of what the perturbation draws.
 
-    `at: {every: ...}` and `at: {drift: ...}` mean the same.
+    `at: {every: ...}` and `at: {drift: ...}` mean the same, and so do `step` for motion and `episode` for
+    trial.
 
     `undo: k` may replace `do` beside `at`: what the entry at place k (from 0) changed becomes again what it
     was before, for example the old camera comes back. What later entries changed in the same quantity of the
@@ -206,28 +208,38 @@ def _count(when: Any, where: str) -> tuple[str, int]:
     if not isinstance(when, Mapping) or len(when) != 1:
         raise ValueError(f"{where} is {when!r}; it must be one of {{motion: n}}, {{trial: n}}")
     ((clock, count),) = when.items()
-    if clock not in CLOCKS:
-        raise ValueError(f"{where} has {clock!r}{near_misses(clock, CLOCKS)}; allowed: {', '.join(CLOCKS)}")
+    if clock not in _CLOCK_OF:
+        raise ValueError(
+            f"{where} has {clock!r}{near_misses(clock, _CLOCK_OF)}; allowed: {', '.join(_CLOCK_OF)}"
+        )
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 0 <= count <= LATEST:
         raise ValueError(f"{where}.{clock} is {count!r}; it must be a whole number, 0 or more")
-    return clock, int(count)
+    return _CLOCK_OF[clock], int(count)
 
 
 def _drifting(when: Any, where: str) -> str:
     if not isinstance(when, Mapping) or set(when) != {"per"}:
         raise ValueError(f"{where} is {when!r}; it must be {{per: motion}} or {{per: trial}}")
     clock = when["per"]
-    if clock not in CLOCKS:
+    if clock not in _CLOCK_OF:
         raise ValueError(
-            f"{where}.per is {clock!r}{near_misses(clock, CLOCKS)}; allowed: {', '.join(CLOCKS)}"
+            f"{where}.per is {clock!r}{near_misses(clock, _CLOCK_OF)}; allowed: {', '.join(_CLOCK_OF)}"
         )
-    return str(clock)
+    return _CLOCK_OF[clock]
 
 
 Applied = tuple[int, Perturbation | Undo]
 """A row, and the perturbation that was applied to it, with all that it drew."""
 Kept = tuple[dict[int, tuple[Perturbation, bool]], dict[int, tuple[World, World]]]
 """Of a row: the drifts that have begun, and what events may be undone."""
+
+
+def _as_it_is(world: World) -> World:
+    return world
+
+
+def _not_asked(row: int) -> None:
+    return None
 
 
 class PerturbationScheduler:
@@ -243,7 +255,7 @@ class PerturbationScheduler:
     Args:
         rows: N.
         schedule: Entries as for `schedule.parse_schedule`.
-        robot: Their arm.
+        robot: Their robot. Without `keep_in_view` and occluders, the names of its parts and `slides` will do.
         mounts: Where the cameras are fixed.
         keep_in_view: Whether worlds that the cameras do not see are drawn again, and drifts turn back.
         as_seen: A world as it is judged whether they do.
@@ -258,20 +270,19 @@ class PerturbationScheduler:
         rows: int,
         schedule: Any,
         robot: Robot,
-        mounts: Mounts,
-        keep_in_view: bool,
-        as_seen: Callable[[World], World] = lambda world: world,
-        can_begin: Callable[[int], Callable[[World], bool] | None] = lambda row: None,
+        mounts: Mounts = (ROOM, ROOM),
+        keep_in_view: bool = False,
+        as_seen: Callable[[World], World] = _as_it_is,
+        can_begin: Callable[[int], Callable[[World], bool] | None] = _not_asked,
         judge: Workspaces | None = None,
     ) -> None:
         events = tuple(enumerate(parse_schedule(schedule)))
         self.events = {clock: [(i, event) for i, event in events if event.clock == clock] for clock in CLOCKS}
         self._robot, self._mounts, self._as_seen, self._can_begin = robot, mounts, as_seen, can_begin
-        self._judge = judge or Workspaces(1, robot, mounts)
+        self._judge = (judge or Workspaces(1, robot, mounts)) if keep_in_view else None
         for _, event in events:
             if not isinstance(event.perturbation, Undo):
                 event.perturbation.check_fits(robot)
-        self._keep_in_view = keep_in_view
         self._seeds = [0] * rows
         self._drifts: list[dict[int, tuple[Perturbation, bool]]] = [{} for _ in range(rows)]
         self._to_undo = {e.perturbation.event for _, e in events if isinstance(e.perturbation, Undo)}
@@ -335,7 +346,7 @@ class PerturbationScheduler:
             drawn = perturbation.drawn(rng, robot=self._robot)
             return self._changed(drawn, world, drawn.change)
 
-        if not self._keep_in_view:
+        if self._judge is None:
             return perturbed(0), drawn
         found = first_in_view(
             perturbed,
@@ -357,7 +368,7 @@ class PerturbationScheduler:
         return there.replace(camera_position=world.camera_position)
 
     def _serves(self, row: int, world: World) -> bool:
-        if not self._keep_in_view:
+        if self._judge is None:
             return True
         can_begin = self._can_begin(row)
         self._judge.set_world(0, self._as_seen(world))

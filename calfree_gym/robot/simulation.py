@@ -8,15 +8,23 @@ import weakref
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import gymnasium
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 
 from calfree_gym.geometry import Array, Rows, quaternion_of, quaternion_product
 from calfree_gym.image import CAMERAS, IMAGE_SIZE
 from calfree_gym.pool import OfWorlds
 from calfree_gym.robot.arms.robot import Furnish, Mounts, Places, Robot, Scene
 from calfree_gym.robot.arms.scene import POINTS, SENSOR_SIZE
+
+try:
+    from mujoco.batch import Batch
+except ModuleNotFoundError as error:
+    raise gymnasium.error.DependencyNotInstalled(
+        f"CalFree environments need MuJoCo from 3.17 on; this is {mujoco.__version__}: "
+        "pip install 'mujoco>=3.17'. Perturb does with 3.3"
+    ) from error
 
 if TYPE_CHECKING:
     from calfree_gym.world.value import World

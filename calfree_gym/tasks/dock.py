@@ -324,7 +324,7 @@ class DockEnv(ArmEnv, arms=DockArms):
     in view of all cameras. `reset(seed=k)` draws the world (if `world` names a distribution), starts and
     noise from k. `reset()` starts the next trial in the same world. `reset(options={"pose": (x, y,
     heading)})` puts the robot there before its dock, in m and rad: docked it is at (0, 0, 0), before it x is
-    negative, and y is to the left.
+    negative, and y is to the left. From there the dock must be in view, unless `keep_in_view=False`.
 
     ## Episode end
     Terminated at the rendezvous: every mark within `tolerance_px` of its goal in every camera, and all of

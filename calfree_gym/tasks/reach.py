@@ -20,6 +20,7 @@ from calfree_gym.engine.spaces import (
     action_space,
     image_distances,
     joined,
+    over_points,
     pixel_box,
     pixels_of,
     state_box,
@@ -52,7 +53,7 @@ too, it is none)."""
 
 def rendezvous(distances: Floats, tolerance: float | np.float32) -> Floats:
     """Whether (...) all cameras see all that is to meet within `tolerance`, in image units."""
-    return np.maximum.reduce(distances, axis=-1) <= tolerance
+    return over_points(np.maximum, distances) <= tolerance
 
 
 def kept_apart(points: Floats, visible: Floats, tolerance: float) -> Floats:

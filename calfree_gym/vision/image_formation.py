@@ -26,27 +26,30 @@ _LEVELS = np.arange(256)
 
 
 class ImageFormation:
-    """The sensors of cameras whose images have `size` pixels.
+    """The sensors of cameras whose images have one size.
 
     Noise comes from one large tile of it, at another place in every image: to draw it anew takes longer than
     to render the image.
 
     Args:
-        size: Width and height of an image in pixels.
+        width: Of an image in pixels.
+        height: The same where None is given.
     """
 
-    def __init__(self, size: int) -> None:
-        self._scale, self._size = size / IMAGE_SIZE, size
-        normal = np.random.default_rng(0).standard_normal((size + _SPARE, size + _SPARE, 3), np.float32)
+    def __init__(self, width: int, height: int | None = None) -> None:
+        self._width, self._height = width, width if height is None else height
+        self._scale = max(self._width, self._height) / IMAGE_SIZE
+        shape = self._height + _SPARE, self._width + _SPARE, 3
+        normal = np.random.default_rng(0).standard_normal(shape, np.float32)
         self._tile = np.clip(128 + _STEPS * normal, 0, 255).astype(np.uint8)
 
     def image(self, light: Image, world: World, camera: int, place: Array) -> Image:
-        """The image (size, size, 3) that a camera delivers.
+        """The image (height, width, 3) that a camera delivers.
 
         Args:
-            light: What its sensor would show without fault (size, size, 3).
+            light: What its sensor would show without fault (height, width, 3).
             world: In which it is.
-            camera: 0 or 1, left or right.
+            camera: Its place in the world, such as 0, left, or 1, right.
             place: Two numbers in [0, 1): where in the tile of noise.
         """
         sigma = self._scale * float(world.blur[camera])
@@ -57,7 +60,7 @@ class ImageFormation:
         noise = float(world.image_noise[camera])
         if noise > 0:
             column, row = (_SPARE * place).astype(int)
-            tile = self._tile[row : row + self._size, column : column + self._size]
+            tile = self._tile[row : row + self._height, column : column + self._width]
             grey = np.clip(np.round(noise * (_LEVELS - 128) / _STEPS), -128, 127).astype(np.int8)
             image = cv2.add(image, cv2.LUT(tile, grey), dtype=cv2.CV_8U)
         return np.asarray(image, np.uint8)

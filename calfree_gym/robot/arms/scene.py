@@ -135,13 +135,7 @@ STIFFNESS = 40_000.0
 """Of a servo, for an armature of 1: with `FILTER` it settles in a motion, as the RV-M2's do."""
 FILTER = 0.03
 """Time constant (s) of the first-order filter through which a servo's target goes."""
-_OFF = (
-    mujoco.mjtDisableBit.mjDSBL_CONTACT,
-    mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS,
-    mujoco.mjtDisableBit.mjDSBL_LIMIT,
-    mujoco.mjtDisableBit.mjDSBL_SPRING,
-    mujoco.mjtDisableBit.mjDSBL_DAMPER,
-)
+_OFF = ("CONTACT", "FRICTIONLOSS", "LIMIT", "SPRING", "DAMPER")
 _FOREIGN = 30
 """Actuator group of the model's own actuators, which is switched off."""
 
@@ -227,7 +221,8 @@ def add_servos(spec: Any, motors: Sequence[str], home_qpos: Array) -> None:
         mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
         [0] * 3,
     )
-    option.disableactuator, option.disableflags = 1 << _FOREIGN, sum(map(int, _OFF))
+    option.disableactuator = 1 << _FOREIGN
+    option.disableflags = sum(int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")) for name in _OFF)
     spec.option = option
     for key in spec.keys:  # they keep their qpos; all else has other lengths now
         key.ctrl, key.act, key.mpos, key.mquat = [], [], [], []

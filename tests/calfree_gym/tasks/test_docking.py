@@ -17,6 +17,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from calfree_gym import World, nominal
 from calfree_gym.perturbations import DockMoved, parse_perturbation
 from calfree_gym.robot.docking.base import BASES, MARKS, Base, along
+from calfree_gym.sb3 import make_sb3_env
 from calfree_gym.tasks.dock_frames import DockViewer
 from calfree_gym.world import WorldDistribution
 from tests.calfree_gym.environments import alone, assert_same, make, together, trials
@@ -264,6 +265,19 @@ def test_reward_and_end_follow_from_goals_alone():
         solved = [env.is_solved(each[-1]["truth"]) for each in seen]
         assert all(solved[i] for i in np.flatnonzero(ends))
         assert env.compute_terminated(achieved, achieved, {}).all()
+
+
+def test_learners_of_stable_baselines3_get_goals_and_rewards():
+    rows = make_sb3_env("CalFree/Dock-v0", 3, world="coarse", max_episode_steps=2, seed=0)
+    rows.reset()
+    rows.step(np.zeros((3, 2), np.float32))
+    seen, rewards, over, infos = rows.step(np.zeros((3, 2), np.float32))
+    assert over.all()
+    last = [info["terminal_observation"] for info in infos]
+    achieved, desired = (np.array([each[key] for each in last]) for key in ("achieved_goal", "desired_goal"))
+    (again,) = rows.env_method("compute_reward", achieved, desired, [{}] * 3, indices=[0])
+    np.testing.assert_array_equal(again, rewards)
+    assert seen["observation"].shape == (3, 10)
 
 
 def test_a_rendezvous_takes_marks_that_are_seen():

@@ -1,0 +1,57 @@
+"""Leaves of nested observations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+
+Path = str | Sequence[str]
+"""The key of a leaf, or keys one behind the other; none: the observation itself."""
+Keys = tuple[str, ...]
+
+
+def keys_of(path: Path) -> Keys:
+    """The keys of a path."""
+    return (path,) if isinstance(path, str) else tuple(path)
+
+
+def leaf(observation: Any, keys: Keys) -> Any:
+    """What stands there, in an observation or in a space of them."""
+    for key in keys:
+        observation = observation[key]
+    return observation
+
+
+def with_leaf(observation: Any, keys: Keys, value: Any) -> Any:
+    """The observation with another leaf; the given one stays as it is."""
+    if not keys:
+        return value
+    first, *rest = keys
+    return {**observation, first: with_leaf(observation[first], tuple(rest), value)}
+
+
+def leaves(space: gym.Space[Any], keys: Keys = ()) -> dict[Keys, gym.Space[Any]]:
+    """All leaves of a space, by their keys."""
+    if not isinstance(space, gym.spaces.Dict):
+        return {keys: space}
+    return {path: each for key in space for path, each in leaves(space[key], (*keys, key)).items()}
+
+
+def check_path(name: str, keys: Keys, space: gym.Space[Any]) -> None:
+    """Raises ValueError, naming those that there are, where observations have no such part."""
+    try:
+        leaf(space, keys)
+    except (KeyError, TypeError, AttributeError):
+        known = ", ".join("/".join(path) for path in leaves(space) if path) or "no keys"
+        raise ValueError(f"{name} names {'/'.join(keys)!r}, but observations have: {known}") from None
+
+
+def images_by_name(space: gym.Space[Any], cameras: tuple[str, ...]) -> Mapping[str, Keys]:
+    """Images in observations that are called as a camera is."""
+    return {
+        path[-1]: path
+        for path, each in leaves(space).items()
+        if path and path[-1] in cameras and len(each.shape or ()) == 3
+    }

@@ -1,0 +1,285 @@
+"""Perturb: what acts, where and how long, in an environment of somebody else's."""
+
+import pickle
+
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from calfree_gym import Perturb
+from calfree_gym.perturb import Adapter
+from calfree_gym.perturb.scope import ALLOWED
+from calfree_gym.perturbations import TYPES
+from tests.calfree_gym.perturb.workbench import CAMERAS, HOME, Workbench, arrays, steps
+
+KNOCK, BACK = 3, 6
+"""Steps before which something is knocked, and undone."""
+SETTINGS = {
+    "camera_aim": {"degrees": 10},
+    "camera_roll": {"degrees": 20},
+    "camera_shift": {"metres": 0.1},
+    "camera_zoom": {"factor": 1.3},
+    "exposure": {"factor": 0.7},
+    "blur": {"px": 8},
+    "image_noise": {"levels": 10},
+    "lens": {"k1": -0.2},
+    "dead_zone": {"words": 0.9},
+    "point_dropout": {"share": 1.0},
+}
+
+
+POINTS = dict.fromkeys(CAMERAS)
+"""Images that somebody else makes."""
+
+
+def knock(kind, **settings):
+    do = {"type": kind, **SETTINGS.get(kind, {}), **settings}
+    return [{"at": {"step": KNOCK}, "do": do}, {"at": {"step": BACK}, "undo": 0}]
+
+
+@pytest.fixture(scope="module")
+def bare():
+    return steps(Workbench(CAMERAS))
+
+
+@pytest.mark.parametrize(
+    ("kind", "camera"),
+    [(kind, camera) for kind in list(SETTINGS)[:4] for camera in CAMERAS]
+    + [(kind, "front") for kind in list(SETTINGS)[4:8]]
+    + [("light", None)],
+)
+def test_images_differ_exactly_while_the_knock_lasts_and_nothing_else_does(bare, kind, camera):
+    seen = camera or "front", "front" if camera == "wrist" else "wrist"
+    env = Perturb(Workbench(seen), knock(kind, **({"camera": camera} if camera else {})), seed=0)
+    before = arrays(env.unwrapped.model)
+    found = steps(env)
+    for name in seen:
+        differ = [
+            (one["pixels"][name] != other["pixels"][name]).any()
+            for one, other in zip(bare, found, strict=True)
+        ]
+        touched = camera in (None, name)
+        assert differ == [touched and KNOCK < i <= BACK for i in range(len(found))], name
+    for one, other in zip(bare, found, strict=True):
+        np.testing.assert_array_equal(one["state"], other["state"])
+    for name, array in arrays(env.unwrapped.model).items():
+        np.testing.assert_array_equal(array, before[name], err_msg=name)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_cameras_are_turned_and_moved_as_far_as_is_said(camera):
+    def pose(schedule):
+        env = Perturb(Workbench(), schedule, seed=0, images=POINTS)
+        steps(env, KNOCK + 1)
+        there = env.unwrapped.data.camera(camera)
+        return there.xpos.copy(), there.xmat.reshape(3, 3).copy()
+
+    position, axes = pose([])
+    after, turned = pose(knock("camera_aim", camera=camera, direction=0.0))
+    np.testing.assert_allclose(after, position, atol=1e-12)
+    turn, apart = axes.T @ turned, 0.03 if camera == "looker" else 1e-9  # it followed the arm until then
+    right = [np.sin(np.radians(10)), 0, -np.cos(np.radians(10))]
+    np.testing.assert_allclose(-turn[:, 2], right, atol=apart)
+    np.testing.assert_allclose(turn[:, 1], [0, 1, 0], atol=apart)
+    _, rolled = pose(knock("camera_roll", camera=camera))
+    np.testing.assert_allclose(rolled[:, 2], axes[:, 2], atol=apart)
+    moved, kept = pose(knock("camera_shift", camera=camera, azimuth=90.0, elevation=0.0))
+    assert np.linalg.norm(moved - position) == pytest.approx(0.1)
+    np.testing.assert_allclose(kept, axes, atol=apart)
+    if camera != "wrist":
+        np.testing.assert_allclose(moved - position, [0, 0.1, 0], atol=1e-9)
+
+
+def test_a_zoom_is_of_the_focal_length():
+    env = Perturb(Workbench(), knock("camera_zoom", camera="front"), seed=0, images=POINTS)
+    steps(env, KNOCK + 1)
+    half = np.tan(np.radians(env.unwrapped.model.camera("front").fovy[0]) / 2)
+    assert np.tan(np.radians(25)) / half == pytest.approx(1.3)
+
+
+@pytest.mark.parametrize(
+    ("joint", "degrees", "shift"), [("shoulder", 10, np.radians(10)), ("reach", 5, 0.05)]
+)
+def test_a_joint_zero_moves_the_arm_and_not_what_its_encoder_tells(joint, degrees, shift):
+    schedule = [{"at": {"episode": 0}, "do": {"type": "joint_zero", "joint": joint, "degrees": degrees}}]
+    env, other = Perturb(Workbench(), schedule, seed=0), Workbench()
+    observation, _ = env.reset()
+    np.testing.assert_array_equal(observation["state"], HOME)
+    other.reset()
+    other.data.joint(joint).qpos += shift
+    mujoco.mj_kinematics(other.model, other.data)
+    there = env.unwrapped.data.site("tip").xpos
+    np.testing.assert_allclose(there, other.data.site("tip").xpos, atol=1e-12)
+
+
+def sent(schedule, actions, **arguments):
+    """The actions that arrive, and those that came back after."""
+    env = Workbench()
+    perturbed = Perturb(env, schedule, seed=0, **arguments)
+    perturbed.reset()
+    found = []
+    for action in actions:
+        perturbed.step(np.asarray(action, np.float32))
+        found.append(env.data.ctrl.copy())
+    return np.array(found)
+
+
+def test_motors_are_at_fault_about_where_the_arm_rests():
+    at_rest = HOME.astype(np.float32)
+    out = [0.6, 0.02]
+    for kind, settings, there in (
+        ("motor_sign", {}, 0.2),
+        ("motor_gain", {"factor": 1.5}, 0.7),
+        ("shortfall", {"share": 0.5}, 0.5),
+        ("longest_motion", {"words": 0.1}, 0.4 + 0.13),
+        ("dead_zone", {"words": 0.5}, 0.4),
+    ):
+        motor = {} if kind in ("shortfall", "longest_motion") else {"motor": "shoulder"}
+        schedule = [{"at": {"step": 1}, "do": {"type": kind, **settings, **motor}}]
+        found = sent([*schedule, {"at": {"step": 3}, "undo": 0}], [out, out, at_rest, out])
+        np.testing.assert_allclose(found[:, 0], [0.6, there, 0.4, 0.6], atol=1e-6, err_msg=kind)
+        if motor:
+            np.testing.assert_array_equal(found[:, 1], np.float32([0.02, 0.02, 0.05, 0.02]))
+
+
+def test_repeatability_is_in_hundredths_of_the_range():
+    do = {"type": "repeatability", "motor": "reach", "degrees": 2}
+    found = sent([{"at": {"step": 0}, "do": do}], [[0.0, 0.0]] * 400)
+    assert found[:, 1].std() == pytest.approx(0.02 * 0.2, rel=0.1)
+    assert (found[:, 0] == 0).all()
+
+
+def test_observations_come_late_or_not_at_all():
+    plain = steps(Workbench(["front"]), 6)
+    schedule = [{"at": {"step": 2}, "do": {"type": "latency", "motions": 2}}]
+    late = steps(Perturb(Workbench(["front"]), schedule, seed=0), 6)
+    for seen, there in zip(late, [plain[i] for i in (0, 1, 2, 1, 2, 3, 4)], strict=True):
+        np.testing.assert_array_equal(seen["state"], there["state"])
+        np.testing.assert_array_equal(seen["pixels"]["front"], there["pixels"]["front"])
+    schedule = [{"at": {"episode": 0}, "do": {"type": "point_dropout", "share": 1.0}}]
+    lost = steps(Perturb(Workbench(["front"]), schedule, seed=0, late=["pixels"]), 6)
+    for seen, there in zip(lost, plain, strict=True):
+        np.testing.assert_array_equal(seen["state"], there["state"])
+        np.testing.assert_array_equal(seen["pixels"]["front"], plain[0]["pixels"]["front"])
+
+
+@pytest.mark.parametrize("kind", sorted(TYPES))
+def test_every_kind_acts_or_is_refused_before_the_first_step(bare, kind):
+    if kind not in ALLOWED:
+        with pytest.raises(
+            ValueError, match=f"schedule.0: {kind} needs a robot of calfree's own; .*camera_aim"
+        ):
+            Perturb(Workbench(), knock(kind))
+        return
+    found = steps(Perturb(Workbench(["front"]), knock(kind), seed=3))
+    differ = [
+        (one["state"] != other["state"]).any() or (one["pixels"]["front"] != other["pixels"]["front"]).any()
+        for one, other in zip(bare, found, strict=True)
+    ]
+    assert any(differ)
+    assert not any(differ[: KNOCK + 1])
+
+
+def log(env, episodes=4, seeds=None):
+    found = []
+    for episode in range(episodes):
+        _, info = env.reset(seed=None if seeds is None else seeds[episode])
+        found.append([each.to_dict() for each in env.applied])
+        assert info["perturbed"] == len(env.applied)
+        for _ in range(3):
+            *_, info = env.step(HOME.astype(np.float32))
+            found.append([each.to_dict() for each in env.applied])
+            assert info["perturbed"] == len(env.applied)
+    return found
+
+
+LIFE = [
+    {"every": {"step": 4}, "do": {"type": "camera_aim"}},
+    {"at": {"episode": 1}, "do": {"type": "motor_gain"}},
+    {"drift": {"per": "step"}, "do": {"type": "light"}},
+]
+
+
+def test_the_same_seed_draws_the_same_and_a_seed_of_a_reset_begins_nothing_anew():
+    first = log(Perturb(Workbench(), LIFE, seed=5, images=POINTS))
+    assert [len(each) for each in first] == [0, 0, 1, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0]
+    assert log(Perturb(Workbench(), LIFE, seed=5, images=POINTS), seeds=[7, 7, 7, 7]) == first
+    assert log(Perturb(Workbench(), LIFE, images=POINTS), seeds=[5, 9, None, 9]) == first
+    assert log(Perturb(Workbench(), LIFE, seed=6, images=POINTS)) != first
+
+
+def test_a_schedule_of_each_episode_begins_anew_with_other_draws():
+    env = Perturb(Workbench(), knock("camera_aim", degrees=None), seed=5, per="episode", images=POINTS)
+    drawn = []
+    for _ in range(2):
+        env.reset()
+        assert env.world == env._built
+        for step in range(BACK + 1):
+            env.step(HOME)
+            assert (env.world == env._built) == (step not in range(KNOCK, BACK))
+            drawn += env.applied
+    assert [each.type for each in drawn] == ["camera_aim", "undo"] * 2
+    assert drawn[0] != drawn[2]
+    with pytest.raises(ValueError, match=r"schedule\.1 counts episodes"):
+        Perturb(Workbench(), LIFE, per="episode", images=POINTS)
+
+
+def test_unperturbed_is_as_built_to_the_bit_and_no_undo_comes_back():
+    more = [{"at": {"step": 1}, "do": {"type": kind}} for kind in ("camera_shift", "joint_zero")]
+    env = Perturb(Workbench(), [*LIFE, *more], images=POINTS)
+    before = arrays(env.unwrapped.model)
+    log(env)
+    assert any((array != before[name]).any() for name, array in arrays(env.unwrapped.model).items())
+    env.unperturbed()
+    for name, array in arrays(env.unwrapped.model).items():
+        np.testing.assert_array_equal(array, before[name], err_msg=name)
+    env = Perturb(Workbench(), knock("camera_roll"), seed=0, images=POINTS)
+    steps(env, KNOCK + 1)
+    env.unperturbed()
+    for _ in range(4):
+        env.step(HOME)
+    assert env.world == env._built
+
+
+def test_a_model_that_is_built_anew_is_found_again():
+    schedule = [{"at": {"episode": 0}, "do": {"type": "camera_aim", "camera": "front", "degrees": 10}}]
+    plain, other = (Perturb(Workbench(["front"], rebuilds), schedule, seed=0) for rebuilds in (False, True))
+    for _ in range(2):
+        for one, two in list(zip(steps(plain, 3), steps(other, 3), strict=True))[1:]:
+            np.testing.assert_array_equal(one["pixels"]["front"], two["pixels"]["front"])
+    other.unperturbed()
+    np.testing.assert_array_equal(other.unwrapped.model.cam_quat, Workbench().model.cam_quat)
+
+
+def test_it_goes_on_after_a_pickle_and_as_a_copy_in_mid_episode():
+    env = Perturb(Workbench(), knock("camera_aim", camera="looker"), seed=0, images=POINTS)
+    steps(env, KNOCK + 1)
+    again = pickle.loads(pickle.dumps(env))
+    for _ in range(BACK):
+        one, two = (each.step(HOME.astype(np.float32)) for each in (env, again))
+        assert pickle.dumps(one) == pickle.dumps(two)
+        np.testing.assert_array_equal(again.unwrapped.model.cam_quat, env.unwrapped.model.cam_quat)
+    assert (again.unwrapped.model.cam_mode == Workbench().model.cam_mode).all()
+
+
+def test_gymnasiums_checks():
+    schedule = [{"drift": {"per": "step"}, "do": {"type": "camera_aim", "degrees": 1, "direction": 0}}]
+    check_env(Perturb(Workbench(["wrist"]), schedule, per="episode"), skip_render_check=True)
+
+
+class RendersFront(Adapter):
+    def camera(self, env):
+        return "front"
+
+
+def test_frames_are_at_fault_too():
+    schedule = knock("exposure", camera="front")
+    env = Perturb(Workbench(render_mode="rgb_array"), schedule, seed=0, adapter=RendersFront())
+    env.reset()
+    frames = []
+    for _ in range(BACK + 1):
+        env.step(HOME.astype(np.float32))
+        frames.append(env.render().mean())
+    assert frames[KNOCK] == pytest.approx(0.7 * frames[KNOCK - 1], abs=1)
+    assert frames[BACK] == pytest.approx(frames[KNOCK - 1], abs=1)
