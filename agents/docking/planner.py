@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calfree_gym.image import IMAGE_UNIT, RANK_OF_SQUARES, lengths_px
+from calfree_gym.image import IMAGE_UNIT, RANK_OF_SQUARES, lengths_px, rounded
 
 from ..base.observation import Array
 from .projective_model import FARTHEST, NEAREST, ProjectiveModel, homogeneous, projected
@@ -72,6 +72,8 @@ class Planner:
             words = self._rng.standard_normal((starts, arcs, motors)) @ spread
             if rest is not None and len(rest) == arcs:
                 words[0] = rest
+            if plans:
+                words[-1] = _split(plans[-1].words)
             plans.append(self._refined(model, points, goal, np.clip(words, -1, 1)))
             if plans[-1].left_px < self.ENOUGH_PX:
                 break
@@ -147,3 +149,11 @@ class Planner:
         effort = self.EFFORT_PX * words.reshape(starts, size)
         of_effort = np.broadcast_to(self.EFFORT_PX * np.eye(size), (starts, size, size))
         return np.concatenate([values, effort], 1), np.concatenate([derivatives, of_effort], 2)
+
+
+def _split(words: Array) -> Array:
+    """The same way (a + 1, m), its longest arc in two halves."""
+    longest = int(rounded(np.abs(words).max(1)).argmax())
+    halves = np.insert(words, longest, words[longest], 0)
+    halves[longest : longest + 2] /= 2
+    return halves
