@@ -77,7 +77,7 @@ perturbed:
 # Demonstrations on that bench as a LeRobotDataset, which needs torch: gigabytes.
 record: $(RECORD)/bin/python
 	$(RECORD)/bin/python -m pip install --quiet --disable-pip-version-check -e . 'lerobot[dataset]==0.6.1'
-	$(RECORD)/bin/python examples/record_lerobot.py
+	PYTHONPATH=. $(RECORD)/bin/python examples/record_lerobot.py
 
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
