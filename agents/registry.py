@@ -13,7 +13,7 @@ import gymnasium as gym
 from calfree_gym.errors import check_choice, near_misses, to_install
 
 from .base.agent import Agent
-from .base.registration import AGENTS
+from .base.registration import AGENTS, NamedAgent
 from .grasp.observation import task_of
 
 READ_FIRST = (
@@ -34,6 +34,9 @@ READ_FIRST = (
     "calibrated.model_based",
     "calibrated.self_calibrating",
     "grasp.grasp",
+    "docking.oracle",
+    "docking.servo",
+    "docking.arcs",
     "neural",
     "neural.self_supervised",
 )
@@ -52,7 +55,7 @@ ARM, ARM_MOTORS = "movemaster", 3
 
 
 def tasks() -> tuple[str, ...]:
-    """What there are agents for: "reach", "grasp" and "insert"."""
+    """What there are agents for: "reach", "grasp", "insert" and "dock"."""
     return tuple(dict.fromkeys(task for known in AGENTS.values() for task in known.tasks))
 
 
@@ -81,15 +84,16 @@ def make(name: str, env: gym.Env[Any, Any], **settings: Any) -> Agent:
             agent does not know, with the agents that act on any, or no environment with image points.
     """
     _check_name(name)
-    known, shape = AGENTS[name], getattr(getattr(env, "action_space", None), "shape", None)
     with _told_whose(name):
         task = task_of(env)
+    known, shape = AGENTS[name].of(task), getattr(getattr(env, "action_space", None), "shape", None)
     if shape is None or (len(shape) != 1 and not known.batched):
         raise ValueError(f"agent {name!r} acts in one environment at a time; this one's actions are {shape}")
-    _check_arm(name, env)
+    if task in known.tasks:
+        _check_arm(name, known, env)
     with _told_what_to_install(name):
         settings = known.defaults(settings) | settings
-        _known_settings(name, settings)
+        _known_settings(name, known, settings)
         if task not in known.tasks:
             raise ValueError(
                 f"agent {name!r} cannot {task}, as this environment asks; allowed: {', '.join(names(task))}"
@@ -109,14 +113,14 @@ def default_settings(name: str, **given: Any) -> dict[str, Any]:
     _check_name(name)
     with _told_what_to_install(name):
         chosen = AGENTS[name].defaults(given) | given
-        settings = _known_settings(name, chosen) | chosen
+        settings = _known_settings(name, AGENTS[name], chosen) | chosen
     return {setting: value for setting, value in settings.items() if value is not Parameter.empty}
 
 
-def _known_settings(name: str, chosen: dict[str, Any]) -> dict[str, Any]:
+def _known_settings(name: str, known: NamedAgent, chosen: dict[str, Any]) -> dict[str, Any]:
     """All settings of an agent and their defaults; raises ValueError where one that is chosen is none."""
     with _told_whose(name):
-        allowed = AGENTS[name].settings(chosen)
+        allowed = known.settings(chosen)
     for setting in chosen:
         if setting not in allowed:
             found = f"agent {name!r} has no setting {setting!r}{near_misses(setting, allowed)}"
@@ -130,11 +134,11 @@ def _check_name(name: str) -> None:
         raise ValueError(f"unknown agent {name!r}{hint}; allowed: {', '.join(AGENTS)}")
 
 
-def _check_arm(name: str, env: gym.Env[Any, Any]) -> None:
+def _check_arm(name: str, agent: NamedAgent, env: gym.Env[Any, Any]) -> None:
     """Raises where an agent knows no other arm than the built-in one, and this is another."""
     spec, motors = getattr(env, "spec", None), env.action_space.shape[-1]  # type: ignore[index]
     arm = spec.kwargs.get("arm", ARM) if spec is not None else ARM
-    if AGENTS[name].arms != ARM or (isinstance(arm, str) and arm == ARM and motors == ARM_MOTORS):
+    if agent.arms != ARM or (isinstance(arm, str) and arm == ARM and motors == ARM_MOTORS):
         return
     of_any = ", ".join(known for known in names() if not AGENTS[known].arms)
     of_some = [

@@ -41,7 +41,7 @@ class TrialRecord:
             whether the object was lifted by 50 mm for a second.
         rendezvous: Whether the last observation showed gripper and object within the tolerance.
         error_px: True image error at the end: the larger of both cameras', in pixels of 512.
-        distance_mm: True distance of gripper and object at the end, in millimetres.
+        distance_mm: True distance of gripper and object at the end, of a base from its dock, in millimetres.
         motions_to: For 2, 4, 8 and 16 px: the first motion within it, or None if there was none.
         expected_px: How far off the agent expected to be after its first motion, where it told so before.
     """
@@ -111,7 +111,7 @@ class TrialMeter:
             success=self._env.is_solved(self._truth),
             rendezvous=self._rendezvous,
             error_px=error_px,
-            distance_mm=float(self._truth["distance_mm"]),
+            distance_mm=float(self._truth.get("distance_mm", self._truth.get("offset_mm"))),
             motions_to=dict(self._motions_to),
         )
 

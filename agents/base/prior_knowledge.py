@@ -20,6 +20,8 @@ class PriorKnowledge(StrEnum):
     """The arm's joints, links, or the form of its motors' curves."""
     CHAIN = "chain of joints"
     """That the arm is one, with a joint for each motor; none of its numbers."""
+    FLOOR = "flat floor"
+    """That a robot on wheels stays on a flat floor; and drives arcs, where it plans them."""
     MOUNT = "mount"
     """What the cameras are fixed to."""
     MOTOR_ORDER = "which motor is which"

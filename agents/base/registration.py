@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
@@ -26,23 +26,34 @@ class NamedAgent:
     Attributes:
         does: What it does, in one line of a page of docs/.
         where: Its class, or the path of one that is loaded only when it is needed: "neural.sb3.Sb3Agent".
-        tasks: What it does: "reach", "grasp" or "insert".
+        own_tasks: What it does: "reach", "grasp", "insert" or "dock".
         extra: Which optional packages it needs, by the name of an extra of the wheel.
         arms: Where it does not act with any arm, with which; the name of one where it is built on what that
             arm's motors do.
         batched: Whether it also learns in a batched environment.
         fixed: Settings of the class that the name says, so that nobody gives them.
         defaults: From the settings that are given to those that it has otherwise than its class.
+        elsewhere: What stands under the same name for other tasks, by the task.
     """
 
     does: str
     where: Any
-    tasks: tuple[str, ...]
+    own_tasks: tuple[str, ...]
     extra: str
     arms: str
     batched: bool
     fixed: Settings
     defaults: Callable[[Settings], Settings]
+    elsewhere: Mapping[str, NamedAgent] = field(default_factory=dict)
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """All that is done under its name."""
+        return (*self.own_tasks, *self.elsewhere)
+
+    def of(self, task: str) -> NamedAgent:
+        """What does a task under its name; itself, where nothing does."""
+        return self.elsewhere.get(task, self)
 
     @property
     def kind(self) -> Any:
@@ -69,10 +80,13 @@ def agent(
     fixed: Mapping[str, Any] | None = None,
     defaults: Callable[[Settings], Settings] = lambda given: {},
 ) -> Callable[[C], C]:
-    """Puts the class that follows under a name, see `NamedAgent`."""
+    """Puts the class that follows under a name, see `NamedAgent`; where one stands there, beside it."""
 
     def named(where: C) -> C:
-        AGENTS[name] = NamedAgent(does, where, tasks, extra, arms, batched, dict(fixed or {}), defaults)
+        new = NamedAgent(does, where, tasks, extra, arms, batched, dict(fixed or {}), defaults)
+        first = AGENTS.get(name)
+        elsewhere = dict.fromkeys(tasks, new)
+        AGENTS[name] = replace(first, elsewhere={**first.elsewhere, **elsewhere}) if first else new
         return where
 
     return named

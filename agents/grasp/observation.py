@@ -184,7 +184,7 @@ def task_of(env: gym.Env[Any, Any]) -> str:
     """The task of an environment: what it says, or where wrappers change what it observes, by its spaces.
 
     Goals of grasping also tell whether the object is held, those of inserting how deep the peg is; who
-    inserts has no word for jaws.
+    inserts has no word for jaws. Those of docking are image points of several marks.
 
     Raises:
         ValueError: It is no environment, none of ours, or its observation has no image points.
@@ -209,11 +209,14 @@ def task_of(env: gym.Env[Any, Any]) -> str:
     if made.observation_space is space and isinstance(task := getattr(made, "task", None), str):
         return task
     goals = spaces["achieved_goal"].shape
-    if goals[-1:] not in ((REACHED,), (GOAL,)):
+    numbers = goals[-1] if goals else 0
+    if numbers != GOAL and (numbers % 2 or not numbers):
         raise ValueError(
-            f"it needs an environment of calfree_gym, or one with its spaces, where achieved_goal has "
-            f"{REACHED} or {GOAL} numbers; this environment's has shape {goals}"
+            f"it needs an environment of calfree_gym, or one with its spaces, where achieved_goal has two of "
+            f"each of a dock's marks, or {REACHED} or {GOAL} numbers; this environment's has shape {goals}"
         )
-    if goals[-1] == REACHED:
+    if numbers == REACHED:
         return "reach"
+    if numbers != GOAL:
+        return "dock"
     return "insert" if env.action_space.shape[-1] == INSERT_WORDS else "grasp"  # type: ignore[index]

@@ -9,9 +9,15 @@ from ..base.checks import check_number
 from ..base.observation import Observation, RawObservation
 from ..base.procedure import Procedure, ProcedureAgent
 from ..base.registration import agent
+from ..docking.observation import DockObservation
 from ..grasp.observation import GraspObservation, InsertObservation, task_of
 
-OBSERVED: dict[str, Any] = {"reach": Observation, "grasp": GraspObservation, "insert": InsertObservation}
+OBSERVED: dict[str, Any] = {
+    "reach": Observation,
+    "grasp": GraspObservation,
+    "insert": InsertObservation,
+    "dock": DockObservation,
+}
 """What is observed, by the task."""
 
 

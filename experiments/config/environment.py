@@ -16,7 +16,11 @@ from calfree_gym.engine.config import LARGEST_POOL, MOST_TOLERANCE
 from calfree_gym.errors import near_misses
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, digest_of, robot_of
 from calfree_gym.robot.arms.chain import SLIDE
+from calfree_gym.robot.docking.base import MARKS
 from calfree_gym.robot.grasping.shapes import check_shape
+from calfree_gym.tasks.dock import MOST_CAMERAS
+from calfree_gym.tasks.dock import PRIVILEGED as DOCKING
+from calfree_gym.tasks.reach import PRIVILEGED
 from calfree_gym.world import DISTRIBUTIONS
 from experiments.config.model import Model, known
 
@@ -96,7 +100,10 @@ OF_ALL = frozenset({"id", "max_episode_steps"})
 class EnvironmentConfig(Model):
     """The arguments of `gymnasium.make`."""
 
-    later = frozenset({"observation", "occlusion", "shape", "orientation", "clearance", "pool"})
+    later = frozenset(
+        {"observation", "occlusion", "shape", "orientation", "clearance", "pool"}
+        | {"base", "cameras", "marks", "goal"}
+    )
 
     id: Annotated[str, known(_ids)]
     world: Annotated[str, known(lambda: DISTRIBUTIONS)]
@@ -107,6 +114,10 @@ class EnvironmentConfig(Model):
     shape: str | dict[str, Any] | None = None
     orientation: Literal["lying", "any"] = "lying"
     clearance: float = Field(2.0, gt=0)
+    base: Literal["differential", "omni"] = "differential"
+    cameras: int = Field(1, ge=1, le=MOST_CAMERAS)
+    marks: int = Field(len(MARKS), ge=2, le=len(MARKS))
+    goal: Literal["marks", "shown"] = "marks"
     tolerance_px: float = Field(4.0, gt=0, lt=MOST_TOLERANCE)
     dynamics: Literal["physics", "kinematic"] = "physics"
     max_episode_steps: int = Field(60, gt=0)
@@ -118,7 +129,7 @@ class EnvironmentConfig(Model):
     @model_validator(mode="before")
     @classmethod
     def _of_its_task(cls, data: Any) -> Any:
-        """The tolerance of its task, where none is given; an unknown id is an error of its own."""
+        """Tolerance and dynamics of its task, where none are given; an unknown id is an error of its own."""
         if not isinstance(data, dict) or (env_id := data.get("id")) not in _ids():
             return data
         usual = _usual(env_id)
@@ -130,7 +141,8 @@ class EnvironmentConfig(Model):
             raise ValueError(f"{', '.join(found)} is of {other}ing; {env_id} has none")
         for name in foreign:
             raise ValueError(f"{name} is {data[name]!r}; in {env_id} it is always {known[name]!r}")
-        return {"tolerance_px": usual["tolerance_px"], **data}
+        own = {name: usual[name] for name in ("tolerance_px", "dynamics") if name in usual}
+        return {**own, **data}
 
     @model_validator(mode="after")
     def _pool_of_drawn_worlds(self) -> Self:
@@ -167,6 +179,11 @@ class EnvironmentConfig(Model):
         if "arm" in info.data and not is_told(info.data["arm"]):
             robot_of(info.data["arm"]).mounts(value)
         return value
+
+    @property
+    def privileged(self) -> tuple[str, ...]:
+        """All that its argument `tell` can add."""
+        return tuple(DOCKING if self.task == "dock" else PRIVILEGED)
 
     def make(
         self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import agents
 from agents.base.prior_knowledge import PriorKnowledge, in_order
 from calfree_gym.perturbations import parse_schedule
-from calfree_gym.tasks.reach import PRIVILEGED
 from experiments.config.environment import EnvironmentConfig
 from experiments.config.life import EvaluationConfig, shares, with_shares_as_motions
 from experiments.config.suite import AgentConfig, ScenarioConfig
@@ -34,7 +33,7 @@ def requirements(agent: AgentConfig, env: EnvironmentConfig) -> Requirements:
     Raises:
         ValueError: A setting is not allowed, or it learns from rows where every trial has a world of its own.
     """
-    everything = env.make(tell=tuple(PRIVILEGED))
+    everything = env.make(tell=env.privileged)
     made = agents.make(agent.name, everything, seed=0, **agent.settings)
     everything.close()
     mount = {"camera_mount": env.camera_mount} if hasattr(made, "camera_mount") else {}

@@ -105,7 +105,7 @@ ALTERATIONS: dict[PriorKnowledge, Alteration] = {
         inverse=lambda registers: registers / 8,
     ),
 }
-"""What contradicts each word. `REWARD`, `CHAIN` and `TRAINING_WORLDS` are contradicted by none."""
+"""What contradicts each word. `REWARD`, `CHAIN`, `FLOOR` and `TRAINING_WORLDS` are contradicted by none."""
 
 
 class AlteredSenses(gym.Wrapper[Any, Any, Any, Any]):

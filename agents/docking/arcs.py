@@ -1,0 +1,241 @@
+"""A robot on wheels docks in a few arcs, planned by a projective model that it learns as it drives."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from calfree_gym.image import IMAGE_UNIT, lengths_px
+
+from ..base.checks import check_number, checked_array
+from ..base.observation import Array
+from ..base.prior_knowledge import PriorKnowledge
+from ..base.procedure import Procedure, ProcedureAgent
+from ..base.registration import agent
+from ..base.storage import prefixed, under
+from .observation import DockObservation
+from .planner import Planner
+from .projective_model import Motion, ProjectiveModel, homography
+
+Motions = Generator[Array, DockObservation, None]
+
+
+class Known:
+    """What is known of a robot: how words move marks, where its own are seen, and how far to rely on that.
+
+    Attributes:
+        model: How words move marks.
+        goal: Where its own marks are seen (p, 2), as the mean of `looks`.
+        looks: So many; none before the first trial.
+        trust: The longest word that it relies on.
+
+    Args:
+        points: p: all marks in all cameras.
+        motors: m.
+        cameras: In which each mark is seen, in turn.
+    """
+
+    FIRST_TRUST = 0.15
+    """Choice: a word that moves any robot well within the images."""
+    KNOCKED_PX = 4.0
+    """Its own marks are elsewhere than before where they are so far off in the mean. Derived: eight times the
+    noise of a good marker."""
+    LOOKS = 20
+    """Of its own marks so many count (a guard: small knocks are to show)."""
+
+    def __init__(self, points: int, motors: int, cameras: int) -> None:
+        self.model, self._cameras = ProjectiveModel(points, motors), cameras
+        self.goal, self.looks, self.trust = np.zeros((points, 2)), 0, self.FIRST_TRUST
+
+    def look(self, goal: Array) -> bool:
+        """Learns where its own marks are seen (p, 2); tells whether a camera was knocked.
+
+        Then the model is carried over by the homographies between both views of them. Fewer than four marks
+        tell none: it is learned anew.
+        """
+        knocked = bool(self.looks and lengths_px(goal - self.goal).mean() > self.KNOCKED_PX)
+        if knocked:
+            points = len(goal)
+            views = [slice(camera, None, self._cameras) for camera in range(self._cameras)]
+            if points < 4 * self._cameras:
+                self.model = ProjectiveModel(points, self.model.curvature.size)
+            else:
+                found = [homography(self.goal[view], goal[view]) for view in views]
+                self.model.carry_over(np.tile(found, (points // self._cameras, 1, 1)))
+            self.trust, self.looks = min(self.trust, self.FIRST_TRUST), 0
+        self.looks = min(self.looks + 1, self.LOOKS)
+        self.goal = self.goal + (goal - self.goal) / self.looks
+        return knocked
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of it, as named arrays."""
+        numbers = {"goal": self.goal, "numbers": np.array([self.looks, self.trust])}
+        return numbers | prefixed("model", self.model.arrays())
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Takes over what `arrays` returned."""
+        self.goal = checked_array(arrays, "goal", self.goal.shape)
+        looks, self.trust = checked_array(arrays, "numbers", (2,)).tolist()
+        self.looks = int(looks)
+        self.model.restore(under("model", arrays))
+
+
+@agent("arcs", "Learns how arcs move marks in images, and plans the fewest that dock.", tasks=("dock",))
+class Arcs(ProcedureAgent):
+    """Docks along the fewest arcs that a projective model expects to arrive.
+
+    First it makes a few short motions. Then it plans, drives the first arc, looks, learns and plans anew. The
+    longest word grows as long as marks are seen where they are expected. Where marks are lost it drives back.
+    Where its own marks are seen elsewhere than before, a camera was knocked: the homography between both
+    views of them carries the model over.
+
+    Args:
+        cameras: In which each mark is seen.
+    """
+
+    prior_knowledge = frozenset(
+        {
+            PriorKnowledge.IMAGE_SCALE,
+            PriorKnowledge.NOISE,
+            PriorKnowledge.CAMERA_MODEL,
+            PriorKnowledge.FLOOR,
+            PriorKnowledge.WORD_LIMIT,
+        }
+    )
+
+    def __init__(self, env: gym.Env[Any, Any], cameras: int = 1, seed: int = 0) -> None:
+        super().__init__(env, seed)
+        self._edges = np.reshape(env.observation_space["achieved_goal"].high, (-1, 2)).astype(float)  # type: ignore[index]
+        self.cameras = check_number("cameras", cameras, least=1, whole=True)
+        if len(self._edges) % cameras:
+            raise ValueError(f"cameras is {cameras}, but {len(self._edges)} points are seen in all")
+        self.known = self._unknown()
+
+    @property
+    def kind(self) -> str:
+        return f"Arcs(cameras={self.cameras})"
+
+    def _unknown(self) -> Known:
+        return Known(len(self._edges), self._motors, self.cameras)
+
+    def observed(self, raw: Any) -> DockObservation:
+        return DockObservation.of(raw)
+
+    def new_findings(self) -> Known:
+        known = self._unknown()
+        known.restore(self.known.arrays())
+        return known
+
+    def procedure(self, first: Any, findings: Known) -> Procedure:
+        """See `ProcedureAgent`: explores where nothing is known, then plans arc by arc."""
+        trial = Trial(first, findings, Planner(self._edges, np.random.default_rng(self.seed)))
+        while not trial.now.last:
+            yield from trial.drive() if findings.model.entries.any() else trial.explore()
+
+    def learn_trial(self, findings: Known, last: Any, ended: bool) -> None:
+        """See `ProcedureAgent`."""
+        findings.model.fit(Trial.ROUNDS)
+        self.known = findings
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        return self.known.arrays()
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        self.known.restore(arrays)
+
+
+class Trial:
+    """One trial of `Arcs`.
+
+    Attributes:
+        now: What was seen last.
+
+    Args:
+        first: What is seen where it begins.
+        known: What is known, and becomes so.
+        planner: Makes the plans.
+    """
+
+    FIRST_WORD, EXPLORE_PX = 0.06, 30.0
+    """The first word, and how far such motions are to move images. Choice: sixty times the noise."""
+    LEAST, MOST = 0.01, 0.5
+    """Within these, words explore."""
+    SHORTER = 0.6
+    """Where marks were lost, it explores the other way by this share. Choice."""
+    WELL_PX, FAIRLY_PX = 12.0, 30.0
+    """Expected so well, an arc lets longer ones be tried; less than fairly, only shorter ones. Choice."""
+    GROWTH, CUT, LEAST_TRUST = 1.8, 0.5, 0.05
+    """By so much. Choice."""
+    SURPRISE_PX, SURPRISES = 25.0, 3
+    """So badly expected so often in a row, wheels are others than before. Choice."""
+    REFIT_PX, ROUNDS = 4.0, 5
+    """What is expected worse is worth a new fit, of so many rounds; a plan that leaves more, yet moves no
+    mark so far, is worth exploring anew. Choice."""
+
+    def __init__(self, first: DockObservation, known: Known, planner: Planner) -> None:
+        self.now, self.known, self._planner = first, known, planner
+        self._rest: Array | None = None
+        self._surprises = 0
+        self._look()
+
+    def _look(self) -> bool:
+        return bool(self.now.shown.all()) and self.known.look(self.now.goal)
+
+    def move(self, words: Array) -> Generator[Array, DockObservation, float]:
+        """Executes words (m,), and learns from what is then seen; returns how far off that was, in pixels."""
+        words, before, model = np.clip(words, -1, 1), self.now, self.known.model
+        expected = model.predict(before.points, words)
+        self.now = yield words
+        seen = before.visible & self.now.visible
+        if self._look() or not seen.any():
+            return 0.0
+        model.learn(Motion(before.points, words, self.now.points, seen))
+        return float(lengths_px(expected - self.now.points)[seen].max())
+
+    def explore(self) -> Motions:
+        """Each motor alone, then all together and against each other."""
+        size, motors = self.FIRST_WORD, len(self.now.registers)
+        against = np.where(np.arange(motors) % 2, -1.0, 1.0)
+        for way in [*np.eye(motors), np.ones(motors), against]:
+            words = size * way
+            for _ in range(2):
+                before = self.now
+                yield from self.move(words)
+                if self.now.visible.all():
+                    moved = np.abs(self.now.points - before.points).max() / IMAGE_UNIT
+                    size *= float(np.clip(self.EXPLORE_PX / max(moved, 1.0), 0.4, 2.5))
+                    size = float(np.clip(size, self.LEAST, self.MOST))
+                    break
+                yield from self.move(-words)
+                words = -self.SHORTER * words
+        self.known.model.fit(2 * self.ROUNDS)
+
+    def drive(self) -> Motions:
+        """The first arc of a plan, no longer than what is trusted; back, where marks are lost."""
+        known, model = self.known, self.known.model
+        here = self.now.points
+        plan = self._planner.plan(model, here, known.goal, self._rest)
+        arc = plan.words[0]
+        arc = arc * min(1.0, known.trust / max(float(np.abs(arc).max()), 1e-9))
+        stays = lengths_px(model.predict(here, arc) - here).max() < self.REFIT_PX
+        if stays and plan.left_px > self.REFIT_PX:
+            yield from self.explore()
+            return
+        missed_px = yield from self.move(arc)
+        self._rest = plan.words[1:]
+        if not self.now.visible.all():
+            yield from self.move(-arc)
+            self._rest, missed_px = None, np.inf
+        well, fairly = missed_px < self.WELL_PX, missed_px < self.FAIRLY_PX
+        known.trust *= self.GROWTH if well else 1.0 if fairly else self.CUT
+        known.trust = float(np.clip(known.trust, self.LEAST_TRUST, 1.0))
+        self._surprises = self._surprises + 1 if missed_px > self.SURPRISE_PX else 0
+        if self._surprises >= self.SURPRISES:
+            model.forget(self.SURPRISES)
+            self._surprises = 0
+        if missed_px > self.REFIT_PX:
+            model.fit(self.ROUNDS)

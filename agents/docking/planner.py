@@ -1,0 +1,149 @@
+"""Which arcs bring marks to where they are to be seen, by a projective model: least squares."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from calfree_gym.image import IMAGE_UNIT, RANK_OF_SQUARES, lengths_px
+
+from ..base.observation import Array
+from .projective_model import FARTHEST, NEAREST, ProjectiveModel, homogeneous, projected
+
+
+class Plan(NamedTuple):
+    """Arcs, and where they lead.
+
+    Attributes:
+        words: Of each arc (a, m).
+        left_px: How far the farthest mark is then expected from its goal.
+    """
+
+    words: Array
+    left_px: float
+
+
+class Planner:
+    """Plans the fewest arcs that are expected to arrive.
+
+    Only so a robot arrives that plans anew after each arc: with as many arcs as are allowed it would always
+    put the last one off.
+
+    Args:
+        edges: How far images reach (p, 2), in image units.
+        rng: Draws what plans begin with.
+    """
+
+    STARTS = (3, 8, 14)
+    """With so many plans it begins where it has one arc, two, three. Choice: 98 % of plans by a true model
+    arrive."""
+    ROUNDS = 10
+    """Of Levenberg and Marquardt's method. Choice: more leave no fewer plans that do not arrive."""
+    ENOUGH_PX = 2.0
+    """So near a plan arrives. Choice: within the usual tolerance of 2.5 px."""
+    NEARLY, WORTH = 3.0, 1.5
+    """Within so many times that, a plan nearly arrives. Then arcs are worth it that leave less than fewer by
+    this factor. Choice: else, by a model that is a little off, it would never make the last one."""
+    SPREAD_PX = 100.0
+    """So far, in each direction, arcs that plans begin with move images. Choice: a fifth of an image."""
+    EFFORT_PX = 1.0
+    """A word of 1 costs as much as a coordinate that is so far off. Choice: the shorter of equal plans."""
+    BORDER = 0.95
+    """Marks are to stay within this part of the images on their way. Choice: as in other servos."""
+    STEP = 1e-6
+    """Of numerical derivatives (a guard)."""
+
+    def __init__(self, edges: Array, rng: np.random.Generator) -> None:
+        self._limits, self._rng = self.BORDER * edges, rng
+
+    def plan(self, model: ProjectiveModel, points: Array, goal: Array, rest: Array | None) -> Plan:
+        """The fewest arcs expected to bring image points (p, 2) to a goal (p, 2); at most three.
+
+        Args:
+            model: What words do.
+            points: Where marks are seen now.
+            goal: Where they are to be seen.
+            rest: Words (a, m) that are left of an earlier plan.
+        """
+        motors = model.curvature.size
+        spread, plans = self._spread(model, points), []
+        for arcs, starts in enumerate(self.STARTS, 1):
+            words = self._rng.standard_normal((starts, arcs, motors)) @ spread
+            if rest is not None and len(rest) == arcs:
+                words[0] = rest
+            plans.append(self._refined(model, points, goal, np.clip(words, -1, 1)))
+            if plans[-1].left_px < self.ENOUGH_PX:
+                break
+        least = min(plan.left_px for plan in plans)
+        most = max(self.WORTH * least, self.ENOUGH_PX) if least < self.NEARLY * self.ENOUGH_PX else least
+        return next(plan for plan in plans if plan.left_px <= most)
+
+    def _spread(self, model: ProjectiveModel, points: Array) -> Array:
+        """The square root (m, m) of the covariance of words that move images as far in all directions."""
+        motors = model.curvature.size
+        ways = self.STEP * np.eye(motors)
+        moved = projected(model.transforms(ways) @ homogeneous(points)) - points
+        slopes = moved.reshape(motors, -1) / self.STEP
+        squares, vectors = np.linalg.eigh(slopes @ slopes.T / len(points))
+        squares = np.maximum(squares, RANK_OF_SQUARES * squares[-1])
+        return np.asarray(vectors * (self.SPREAD_PX * IMAGE_UNIT / np.sqrt(squares)) @ vectors.T)
+
+    def _refined(self, model: ProjectiveModel, points: Array, goal: Array, words: Array) -> Plan:
+        starts, arcs, motors = words.shape
+        size = arcs * motors
+        damping = np.ones(starts)
+        values, slopes = self._values(model, points, goal, words)
+        costs = (values**2).sum(1)
+        for _ in range(self.ROUNDS):
+            hessian = slopes @ slopes.swapaxes(1, 2)
+            scale = np.eye(size) * (1 + hessian)
+            gradient = slopes @ values[..., None]
+            steps = np.linalg.solve(hessian + damping[:, None, None] * scale, gradient)
+            tried = np.clip(words - steps.reshape(words.shape), -1, 1)
+            new_values, new_slopes = self._values(model, points, goal, tried)
+            new_costs = (new_values**2).sum(1)
+            better = new_costs < costs
+            words[better], costs[better] = tried[better], new_costs[better]
+            values[better], slopes[better] = new_values[better], new_slopes[better]
+            damping = np.where(better, damping / 4, damping * 6)
+            if costs.min() < self.ENOUGH_PX**2:
+                break
+        best = int(costs.argmin())
+        off = values[best, : goal.size].reshape(goal.shape) * IMAGE_UNIT
+        return Plan(words[best], float(lengths_px(off).max()))
+
+    def _values(
+        self, model: ProjectiveModel, points: Array, goal: Array, words: Array
+    ) -> tuple[Array, Array]:
+        """What is to be least (s, n), in pixels, and its derivatives by words (s, a m, n).
+
+        That is how far marks end off the goal, how far they are outside the limits on their way, and effort.
+        """
+        starts, arcs, motors = words.shape
+        size = arcs * motors
+        varied = words[:, :, None] + np.concatenate([np.zeros((1, motors)), self.STEP * np.eye(motors)])
+        transforms = model.transforms(varied)
+        columns = np.broadcast_to(homogeneous(points), (starts, len(points), 3, 1))
+        moved = np.zeros((starts, size, len(points), 3, 1))
+        outside, outside_slopes = [], []
+        for arc in range(arcs):
+            here = transforms[:, arc, :1]
+            own = slice(arc * motors, (arc + 1) * motors)
+            moved[:, : own.start] = here @ moved[:, : own.start]
+            moved[:, own] = (transforms[:, arc, 1:] - here) @ columns[:, None] / self.STEP
+            columns = here[:, 0] @ columns
+            depth = np.maximum(columns[..., 2:, 0], NEAREST)
+            seen = columns[..., :2, 0] / depth
+            deeper = moved[..., 2:, 0] * (columns[..., 2:, 0] > NEAREST)[:, None]
+            slopes = (moved[..., :2, 0] - seen[:, None] * deeper) / depth[:, None]
+            slopes = slopes * (np.abs(seen) < FARTHEST)[:, None]
+            seen = np.clip(seen, -FARTHEST, FARTHEST)
+            beyond = np.maximum(np.abs(seen) - self._limits, 0)
+            outside.append(beyond)
+            outside_slopes.append((np.sign(seen) * (beyond > 0))[:, None] * slopes)
+        values = np.concatenate([seen - goal, *outside], 1).reshape(starts, -1) / IMAGE_UNIT
+        derivatives = np.concatenate([slopes, *outside_slopes], 2).reshape(starts, size, -1) / IMAGE_UNIT
+        effort = self.EFFORT_PX * words.reshape(starts, size)
+        of_effort = np.broadcast_to(self.EFFORT_PX * np.eye(size), (starts, size, size))
+        return np.concatenate([values, effort], 1), np.concatenate([derivatives, of_effort], 2)

@@ -1,0 +1,122 @@
+"""What arcs do to marks in images: against matrix exponentials, and against plane geometry."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from agents.docking.projective_model import Motion, ProjectiveModel, exponential, homography
+from calfree_gym.image import IMAGE_UNIT
+from tests.agents.docking.robot import WHEELS, Robot
+
+
+def generators(rng, size):
+    """Those of arcs, of marks at any height, seen by any camera."""
+    for _ in range(size):
+        n = rng.normal(size=3)
+        n /= np.linalg.norm(n)
+        v = np.cross(n, rng.normal(size=3))
+        x, y, z = rng.normal() * n
+        k = rng.normal(size=(3, 3))
+        moves = -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) - np.outer(v, n) / rng.uniform(0.2, 1)
+        yield k @ moves @ np.linalg.inv(k)
+
+
+def motions(robot, count, size=0.3):
+    """Motions from anywhere, of which all marks are seen before and after."""
+    found = []
+    while len(found) < count:
+        robot.reset()
+        before, words = robot.last, robot.rng.uniform(-size, size, len(robot.bend))
+        robot.step(words)
+        if robot.seen(robot.pose)[1].all():
+            found.append(Motion(before, words, robot.last, np.ones(len(before), bool)))
+    return found
+
+
+def taught(robot, count=40):
+    """A model that has learned from so many motions."""
+    model = ProjectiveModel(4, len(robot.bend))
+    for each in motions(robot, count):
+        model.learn(each)
+    model.fit(20)
+    return model
+
+
+def worst_px(model, seen):
+    """How far off any point of these motions is predicted, in pixels."""
+    return max(np.abs(model.predict(m.before, m.words) - m.after).max() for m in seen) / IMAGE_UNIT
+
+
+def test_the_exponential_of_an_arc_is_that_of_its_matrix():
+    for each in generators(np.random.default_rng(0), 30):
+        size = max(1.0, np.abs(expm(each)).max())
+        np.testing.assert_allclose(exponential(each), expm(each), atol=1e-7 * size)
+    assert np.isfinite(exponential(np.zeros((2, 3, 3)))).all()
+
+
+@pytest.mark.parametrize("base", WHEELS)
+def test_it_predicts_any_arc_of_linear_motors_once_it_has_learned(base):
+    robot = Robot(1, base, bend=0.0)
+    assert worst_px(taught(robot), motions(robot, 30)) < 1.5
+
+
+def test_it_learns_curved_motors_nearly_as_well_though_of_another_form():
+    robot = Robot(2)
+    model = taught(robot)
+    assert np.sign(model.curvature).tolist() == np.sign(robot.bend).tolist()
+    assert worst_px(model, motions(robot, 30)) < 12
+
+
+def test_mistaken_points_hardly_matter():
+    robot = Robot(3, bend=0.0)
+    model = taught(robot)
+    model.motions[3].after[0] += 0.5
+    model.motions[9].after[2] -= 0.5
+    model.fit(20)
+    assert worst_px(model, motions(robot, 20)) < 6.0
+
+
+def test_the_homography_of_its_own_marks_carries_it_over_a_turn_of_the_camera():
+    robot = Robot(4, bend=0.0)
+    model, before = taught(robot), robot.seen(np.zeros(3))[0]
+    robot.knock(15)
+    seen = motions(robot, 20)
+    lost = worst_px(model, seen)
+    model.carry_over(np.tile(homography(before, robot.seen(np.zeros(3))[0]), (4, 1, 1)))
+    assert worst_px(model, seen) < 2 < 20 < lost
+    for each in seen:
+        model.learn(each)
+    model.fit(10)
+    assert worst_px(model, seen) < 0.5
+
+
+def test_a_homography_is_found_whatever_its_sign():
+    rng = np.random.default_rng(5)
+    g = np.eye(3) + rng.normal(0, 0.2, (3, 3))
+    points = rng.uniform(-1, 1, (5, 2))
+    columns = np.column_stack([points, np.ones(5)]) @ g.T
+    found = homography(points, columns[:, :2] / columns[:, 2:])
+    np.testing.assert_allclose(found, g / np.cbrt(np.linalg.det(g)), atol=1e-9)
+
+
+def test_a_mark_that_comes_behind_the_camera_is_not_predicted_in_the_image():
+    robot = Robot(6, bend=0.0)
+    model = taught(robot)
+    robot.pose = np.array([-0.6, 0.0, 0.0])
+    start = robot.seen(robot.pose)[0]
+    turn = np.linalg.lstsq(robot.wheels, [0, 0, np.pi], rcond=None)[0]
+    robot.drive(turn)
+    assert (np.abs(robot.seen(robot.pose)[0]) < 1).all()  # projected, though nobody sees them
+    assert (np.abs(model.predict(start, turn)).max(-1) > 2).all()
+
+
+def test_what_it_knows_is_saved_and_goes_on_alike():
+    robot = Robot(7, noise_px=0.5)
+    model, other = taught(robot, 12), ProjectiveModel(4, 2)
+    other.restore(model.arrays())
+    for each in (model, other):
+        each.learn(model.motions[0])
+        each.fit(3)
+    np.testing.assert_array_equal(model.entries, other.entries)
+    with pytest.raises(ValueError, match=r"saved entries have shape \(4, 2, 8\)"):
+        ProjectiveModel(4, 3).restore(model.arrays())
