@@ -160,8 +160,8 @@ class Trial:
         planner: Makes the plans.
     """
 
-    FIRST_WORD, EXPLORE_PX = 0.06, 30.0
-    """The first word, and how far such motions are to move images. Choice: sixty times the noise."""
+    FIRST_WORD, EXPLORE_PX = 0.06, 60.0
+    """The first word, and how far such motions are to move images. Choice: a hundred times the noise."""
     LEAST, MOST = 0.01, 0.5
     """Within these, words explore."""
     SHORTER = 0.6

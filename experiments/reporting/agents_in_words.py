@@ -54,6 +54,8 @@ _KNOWN = {
     "recurrent_servo": _Known("pretrained network (ours)", _OLIVE),
     "unified_servo": _Known("unified servo (ours)", _PURPLE),
     "jacobian_servo": _Known("Jacobian servo", _PURPLE, _DASHED),
+    "arcs": _Known("arcs by a projective model (ours)", _BLUE, _DASHED),
+    "commuting_servo": _Known("commuting servo (ours)", _PINK, _DASHED),
     "safe_start": _Known("careful start (ours)", _PURPLE, _DOTTED),
     "affine_stereo": _Known("Hollinghurst & Cipolla (1994)", _TEAL),
     "model_based": _Known("calibrated robot", _RED, _DASHED),

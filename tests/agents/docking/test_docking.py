@@ -24,7 +24,7 @@ def live(name, robot, count):
 
 def test_arcs_docks_at_once_later_in_fewer_motions_and_after_a_knock():
     robot = Robot(20, noise_px=0.5, slip=0.01)
-    agent, (docked, motions, off) = live("arcs", robot, 4)
+    agent, (docked, motions, off) = live("arcs", robot, 3)
     assert docked.all()
     assert (off < 0.02).all()
     assert motions[1:].mean() < 0.7 * motions[0]
@@ -43,20 +43,29 @@ def test_a_jacobian_servo_docks_on_omnidirectional_wheels_and_stops_beside_the_d
     assert off.max() > 0.05
 
 
-def test_a_commutator_moves_the_robot_aside_and_no_motor_does():
-    robot = Robot(22)
+def before_the_dock(robot):
+    """A trial that begins 1 m before the dock, and what executes its motions: returns and words sent."""
     agent = agents.make("commuting_servo", robot)
     robot.reset()
     robot.pose = np.array([-1.0, 0.0, 0.0])
     trial = ServoTrial(agent.observed(robot.look()), agent.new_findings())
-    steps = trial.test()
-    observed = agent.observed(robot.step(next(steps))[0])
-    for _ in range(3):
-        try:
-            observed = agent.observed(robot.step(steps.send(observed))[0])
-        except StopIteration as ended:
-            trial.find_ways(ended.value)
-            break
+
+    def made(motions):
+        sent, observed = [], None
+        while True:
+            try:
+                sent.append(motions.send(observed))
+            except StopIteration as ended:
+                return ended.value, sent
+            observed = agent.observed(robot.step(sent[-1])[0])
+
+    return trial, made
+
+
+def test_a_commutator_moves_the_robot_aside_and_no_motor_does():
+    robot = Robot(22)
+    trial, made = before_the_dock(robot)
+    trial.find_ways(made(trial.test())[0])
     before = robot.pose
     for words in trial.commutator(20.0):
         robot.step(words)
@@ -67,18 +76,10 @@ def test_a_commutator_moves_the_robot_aside_and_no_motor_does():
 
 def test_marks_that_are_lost_are_looked_for_where_the_robot_came_from():
     robot = Robot(23)
-    agent = agents.make("jacobian_servo", robot)
-    robot.reset()
-    robot.pose = np.array([-1.0, 0.0, 0.0])
-    trial = ServoTrial(agent.observed(robot.look()), agent.new_findings())
+    trial, made = before_the_dock(robot)
     away = np.linalg.lstsq(robot.wheels, [0, 0, 2.0], rcond=None)[0]
-    way = trial.drive([away, away])
-    sent = [next(way)]
-    for _ in range(3):
-        sent.append(way.send(agent.observed(robot.step(sent[-1])[0])))
-    with pytest.raises(StopIteration) as ended:
-        way.send(agent.observed(robot.step(sent[-1])[0]))
-    assert ended.value.value is False
+    seen, sent = made(trial.drive([away, away]))
+    assert not seen
     np.testing.assert_allclose(sent, [away, away, -away, -away])
     np.testing.assert_allclose(robot.pose, [-1, 0, 0], atol=1e-9)
 
