@@ -298,7 +298,8 @@ class Arms(ABC):
     def shown(self, row: int) -> tuple[Array, Flags, Array]:
         """What frames show of a row, by camera: gripper and object points (2, 2, 2), seen (2, 2), target.
 
-        The target (1, 2, 2), around which the task is done, is the object, unless the task has another.
+        The target (1, 2, 2), around which the task is done, is the object, unless the task has another. All
+        are copies.
         """
         pairs = list(self.shown_points)
         points, visible = (each[row, pairs] for each in self.delivered[:2])

@@ -1,8 +1,9 @@
-"""What people see: frames of the scene with what both cameras see at its side, and MuJoCo's viewer."""
+"""What people see: frames of the scene with what the cameras see at its side, and MuJoCo's viewer."""
 
 from __future__ import annotations
 
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,28 +15,102 @@ from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import Arms
 from calfree_gym.engine.config import check_size
-from calfree_gym.geometry import Array
+from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import CAMERAS, PIXELS_PER_UNIT
-from calfree_gym.rendering.renderer import Image, View
+from calfree_gym.rendering.renderer import Image, Renderer, View
 from calfree_gym.rendering.stereo_images import FOR_PEOPLE, StereoImages
 from calfree_gym.robot.arms.movemaster import Movemaster
 from calfree_gym.robot.arms.robot import ROOM
 from calfree_gym.robot.rays import RIG_GROUP, SEEN
 
 FINER = 2
-"""The scene is drawn so many times larger, and then reduced: so its edges are smooth."""
+"""A scene is drawn so many times larger, and then reduced: so its edges are smooth."""
 GRIPPER_COLOUR, OBJECT_COLOUR = (242, 13, 140), (13, 179, 64)
 _SHIFT = 4
 """Bits of a pixel's fraction, in OpenCV's drawing."""
 
 
-class SceneFrame:
-    """Draws one arm: the scene, and at its side both camera images, with points and tolerance.
+class Frame(ABC):
+    """Draws one robot: the scene, and what its cameras see, see `beside`, with points and tolerance.
 
     Args:
-        arms: The arms.
+        arms: The robots.
         width: Of a frame, in pixels; at least its height, half of which is an image's.
         height: Of a frame, in pixels.
+
+    Raises:
+        ValueError: The size is not allowed.
+    """
+
+    _renderer: Renderer
+
+    def __init__(self, arms: Arms, width: int, height: int) -> None:
+        check_size(width, height)
+        self._arms, self._image_size = arms, height // 2
+        self._size = width - (len(arms.robot.cameras) > 1) * self._image_size, height
+
+    def draw(self, row: int) -> Image:
+        """A frame (height, width, 3) of one row."""
+        scene, *images = self.views(row)
+        shown = self._arms.shown(row)
+        for camera, (image, name) in enumerate(zip(images, self._arms.robot.cameras, strict=True)):
+            self.mark(image, camera, *shown)
+            _write(image, name)
+        return beside(scene, images)
+
+    @abstractmethod
+    def views(self, row: int, configuration: Array | None = None) -> list[Image]:
+        """What a frame of one row is made of, without points.
+
+        Args:
+            row: The row.
+            configuration: All that moves (q,), where it is to be other than now.
+
+        Returns:
+            The scene, and of each camera its image (height / 2, height / 2, 3).
+        """
+
+    @abstractmethod
+    def mark(self, image: Image, camera: int, points: Array, seen: Flags, target: Array) -> None:
+        """Draws what is shown, see `Arms.shown`, on the image of a camera."""
+
+    @abstractmethod
+    def _view(self) -> mujoco.MjvCamera:
+        """From where the scene is drawn."""
+
+    @abstractmethod
+    def _housing(self, camera: int) -> str:
+        """The name of a camera's housing."""
+
+    def _scene(self, groups: Sequence[int]) -> Image:
+        """The scene (height, width, 3) as model and state are now."""
+        view = View(self._view(), *(FINER * side for side in self._size))
+        ((scene, _),) = self._renderer.draw([view], groups)
+        return reduced(scene[::-1], self._size)
+
+    def camera_in_scene(self, camera: int) -> Array:
+        """Where in the scene (x, y), in pixels, a camera's housing was drawn last."""
+        model, data = self._renderer.model, self._renderer.data
+        view, housing = self._view(), model.geom(self._housing(camera)).id
+        azimuth, elevation = np.radians([view.azimuth, view.elevation])
+        ahead = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), 0])
+        ahead[2] = np.sin(elevation)
+        right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+        away = data.geom_xpos[housing] - (view.lookat - view.distance * ahead)
+        middle = np.array(self._size) / 2
+        focal = middle[1] / np.tan(np.radians(model.vis.global_.fovy) / 2)
+        return np.asarray(middle + focal * np.array([right, np.cross(ahead, right)]) @ away / (ahead @ away))
+
+    def close(self) -> None:
+        """Frees the GL context."""
+        self._renderer.close()
+
+
+class SceneFrame(Frame):
+    """Draws one arm, and what both cameras see.
+
+    Args:
+        arms, width, height: See `Frame`.
         as_agents_see: Whether camera images have the light and the covers of the world, by which agents see;
             else they have those of the scene, which people see best.
 
@@ -45,67 +120,58 @@ class SceneFrame:
     """
 
     def __init__(self, arms: Arms, width: int, height: int, as_agents_see: bool) -> None:
-        check_size(width, height)
+        super().__init__(arms, width, height)
         self._light = None if as_agents_see else FOR_PEOPLE
-        self._arms, self._width, self._height = arms, width, height
-        self._images = StereoImages(arms.simulation, arms.robot.rig, height // 2, for_people=True)
+        self._images = StereoImages(arms.simulation, arms.robot.rig, self._image_size, for_people=True)
+        self._renderer = self._images.renderer
 
-    def draw(self, row: int) -> Image:
-        """A frame (height, width, 3) of one row."""
-        arms = self._arms
-        scene, *insets = self.views(row)
-        for camera, (inset, name) in enumerate(zip(insets, CAMERAS, strict=True)):
-            points, seen, target = arms.shown(row)
-            tolerance_px = float(arms.tolerance) * PIXELS_PER_UNIT
-            draw_points(inset, points[:, camera], seen[:, camera], target[0, camera], tolerance_px)
-            _write(inset, name)
-        return beside(scene, insets)
-
-    def views(self, row: int, configuration: Array | None = None) -> tuple[Image, Image, Image]:
-        """What a frame of one row is made of, without points.
-
-        Args:
-            row: The row.
-            configuration: All that moves (q,), where it is to be other than now.
-
-        Returns:
-            The scene (height, width - height / 2, 3), and the images (height / 2, height / 2, 3) of the left
-            and the right camera.
-        """
+    def views(self, row: int, configuration: Array | None = None) -> list[Image]:
+        """See `Frame`."""
         arms, images = self._arms, self._images
         left, right = images.colours(row, arms.world(row), configuration=configuration, light=self._light)
         images.shine(FOR_PEOPLE)
         model, data = images.picture
         dress_cameras(model, arms)
         mujoco.mj_kinematics(model, data)
-        size = self._width - images.size, self._height
-        finer = FINER * size[0], FINER * size[1]
-        ((scene, _),) = images.renderer.draw([View(_view(arms), *finer)], (*SEEN, RIG_GROUP))
-        return np.asarray(cv2.resize(scene[::-1], size, interpolation=cv2.INTER_AREA), np.uint8), left, right
+        return [self._scene((*SEEN, RIG_GROUP)), left, right]
 
-    def camera_in_scene(self, camera: int) -> Array:
-        """Where in the scene (x, y), in pixels, the left or the right camera's housing was drawn last."""
-        model, data = self._images.picture
-        housing = model.geom(f"{self._arms.simulation.prefix}{CAMERAS[camera]}_housing").id
-        view = _view(self._arms)
-        azimuth, elevation = np.radians([view.azimuth, view.elevation])
-        ahead = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), 0])
-        ahead[2] = np.sin(elevation)
-        right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
-        away = data.geom_xpos[housing] - (view.lookat - view.distance * ahead)
-        half = self._height / 2
-        focal = half / np.tan(np.radians(model.vis.global_.fovy) / 2)
-        x, y = focal * np.array([right, np.cross(ahead, right)]) @ away / (ahead @ away)
-        return np.array([(self._width - half) / 2 + x, half + y])
+    def mark(self, image: Image, camera: int, points: Array, seen: Flags, target: Array) -> None:
+        """See `Frame`."""
+        tolerance_px = float(self._arms.tolerance) * PIXELS_PER_UNIT
+        draw_points(image, points[:, camera], seen[:, camera], target[0, camera], tolerance_px)
 
-    def close(self) -> None:
-        """Frees the GL context."""
-        self._images.close()
+    def _housing(self, camera: int) -> str:
+        return f"{self._arms.simulation.prefix}{CAMERAS[camera]}_housing"
+
+    def _view(self) -> mujoco.MjvCamera:
+        """From before and above the arm, at its side."""
+        rig, view = self._arms.robot.rig, mujoco.MjvCamera()
+        ahead = (rig.target - rig.position.mean(0)) * [1, 1, 0]
+        ahead /= np.linalg.norm(ahead)
+        view.lookat[:] = rig.target + rig.scale * (0.15 * np.array([0, 0, 1]) - 0.2 * ahead)
+        view.azimuth = 148.0 + np.degrees(np.arctan2(ahead[1], ahead[0]))
+        view.distance, view.elevation = 1.5 * rig.scale, -22.0
+        return view
 
 
-def beside(scene: Image, insets: Sequence[Image]) -> Image:
-    """A frame: the scene, and at its side both camera images, one above the other."""
-    return np.hstack([scene, np.vstack(insets)])
+def reduced(picture: Image, size: tuple[int, int]) -> Image:
+    """A picture of a smaller size, width and height."""
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def beside(scene: Image, images: Sequence[Image]) -> Image:
+    """A frame: the scene, and at its side both cameras' images, one above the other.
+
+    That of a single camera lies in the upper right corner of the scene.
+    """
+    if len(images) > 1:
+        return np.hstack([scene, np.vstack(images)])
+    (image,) = images
+    frame, size = scene.copy(), len(image)
+    edge = size + max(1, size // 100)
+    frame[:edge, -edge:] = 255
+    frame[:size, -size:] = image
+    return frame
 
 
 def draw_points(
@@ -137,17 +203,6 @@ def _write(image: Image, name: str) -> None:
     place = round(14 * scale), round(40 * scale)
     for colour, width in (((255, 255, 255), 3), ((30, 30, 30), 1)):
         cv2.putText(image, name, place, cv2.FONT_HERSHEY_SIMPLEX, 1.1 * scale, colour, width, cv2.LINE_AA)
-
-
-def _view(arms: Arms) -> mujoco.MjvCamera:
-    """From where the scene is drawn: before and above the arm, at its side."""
-    rig, view = arms.robot.rig, mujoco.MjvCamera()
-    ahead = (rig.target - rig.position.mean(0)) * [1, 1, 0]
-    ahead /= np.linalg.norm(ahead)
-    view.lookat[:] = rig.target + rig.scale * (0.15 * np.array([0, 0, 1]) - 0.2 * ahead)
-    view.azimuth = 148.0 + np.degrees(np.arctan2(ahead[1], ahead[0]))
-    view.distance, view.elevation = 1.5 * rig.scale, -22.0
-    return view
 
 
 def dress_cameras(model: mujoco.MjModel, arms: Arms) -> None:

@@ -117,7 +117,7 @@ class ArmEnv(Environment, gym.Env[Any, Any]):
         )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The scene, and at its side both camera images with the image points (height, width, 3).
+        """The scene, and at its side the camera images with the image points (height, width, 3).
 
         Coloured rings are the points as observed; a thin one was seen there last, and is not seen now. The
         white ring around the object's point is the tolerance. With render_mode="human" MuJoCo's viewer shows

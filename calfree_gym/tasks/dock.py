@@ -24,7 +24,7 @@ from calfree_gym.engine.spaces import (
 )
 from calfree_gym.engine.vector import ArmVectorEnv
 from calfree_gym.errors import check_choice, check_whole
-from calfree_gym.geometry import Array, Rows
+from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import PIXELS_PER_UNIT, lengths
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.docking.base import BASES, MARKS, WHEEL_RADIUS, Base
@@ -232,6 +232,12 @@ class DockArms(Arms):
             told = np.clip(PRIVILEGED[name](self), -FARTHEST_TOLD, FARTHEST_TOLD)
             observed[name] = told.astype(np.float32)
         return observed, *self.judged(achieved, desired)
+
+    def shown(self, row: int) -> tuple[Array, Flags, Array]:
+        """See `Arms`: the dock's marks, then their goals (2 M, C, 2), seen (2 M, C); the goals (M, C, 2)."""
+        points, seen = (each[row].copy() for each in self.delivered)
+        points = points.reshape(2 * self.config.marks, self.config.cameras, 2)
+        return points, seen.reshape(points.shape[:2]), points[self.config.marks :]
 
     def judged(self, achieved: Any, desired: Any) -> tuple[Any, Any]:
         distances = image_distances(achieved, desired)

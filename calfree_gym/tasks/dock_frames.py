@@ -1,77 +1,72 @@
-"""What people see of a base that docks: the scene, and at its side the image points of each camera."""
+"""What people see of a base that docks: the scene, and what its cameras see."""
 
 from __future__ import annotations
 
-from typing import Any
-
-import cv2
 import mujoco
 import numpy as np
 
-from calfree_gym.engine.config import check_size
-from calfree_gym.engine.frames import FINER, Viewer, draw_points
+from calfree_gym.engine.arms import Arms
+from calfree_gym.engine.frames import FINER, Frame, Viewer, draw_points, reduced
+from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import PIXELS_PER_UNIT
 from calfree_gym.rendering.renderer import Image, Renderer, View
+from calfree_gym.rendering.stereo_images import LensMap
+from calfree_gym.world import World
 
 GROUPS = (0,)
-GREY = 70
-"""Of what a camera sees apart from marks, which is not drawn."""
 
 
-class DockFrame:
-    """Draws one base: the scene, and at its side the points that its cameras see, with the tolerance.
+class DockFrame(Frame):
+    """Draws one base, and what its cameras see.
 
     Args:
-        arms: The bases.
-        width: Of a frame, in pixels; at least its height, half of which is an image's.
-        height: Of a frame, in pixels.
-        as_agents_see: Nothing changes: there are no rendered images.
+        arms, width, height: See `Frame`.
+        as_agents_see: Nothing changes: agents see no images.
 
     Raises:
         ValueError: The size is not allowed.
         gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
     """
 
-    def __init__(self, arms: Any, width: int, height: int, as_agents_see: bool) -> None:
-        check_size(width, height)
-        self._arms, self._size = arms, (width - height // 2, height)
-        self._picture = model, data = arms.simulation.picture()
-        self._renderer = Renderer(model, data, FINER * max(self._size), for_people=True)
+    def __init__(self, arms: Arms, width: int, height: int, as_agents_see: bool) -> None:
+        super().__init__(arms, width, height)
+        self._picture = arms.simulation.picture()
+        self._renderer = Renderer(*self._picture, FINER * max(self._size), for_people=True)
 
-    def draw(self, row: int) -> Image:
-        """A frame (height, width, 3) of one row."""
+    def views(self, row: int, configuration: Array | None = None) -> list[Image]:
+        """See `Frame`."""
         arms = self._arms
-        arms.simulation.show(row, self._picture)
-        view = View(self._view(row), *(FINER * side for side in self._size))
-        ((scene, _),) = self._renderer.draw([view], GROUPS)
-        scene = np.asarray(cv2.resize(scene[::-1], self._size, interpolation=cv2.INTER_AREA), np.uint8)
-        insets = [self._inset(row, camera) for camera in range(arms.config.cameras)]
-        empty = np.full_like(insets[0], GREY)
-        return np.hstack([scene, np.vstack([*insets, empty][:2])])
+        arms.simulation.show(row, self._picture, configuration=configuration)
+        images = [self._image(camera, arms.world(row)) for camera in range(len(arms.robot.cameras))]
+        return [self._scene(GROUPS), *images]
 
-    def _inset(self, row: int, camera: int) -> Image:
-        """What a camera sees (height / 2, height / 2, 3): of each mark its goal, tolerance and the dock's."""
-        arms, size = self._arms, self._size[1] // 2
-        inset = np.full((size, size, 3), GREY, np.uint8)
-        points, visible = (
-            each[row].reshape(2, -1, arms.config.cameras, *each.shape[2:]) for each in arms.delivered
-        )
-        for achieved, desired, seen in zip(*points[:, :, camera], visible[:, :, camera].T, strict=True):
-            tolerance = float(arms.tolerance) * PIXELS_PER_UNIT
-            draw_points(inset, np.stack([desired, achieved]), seen[::-1], desired, tolerance)
-        return inset
+    def _image(self, camera: int, world: World) -> Image:
+        lens = world.focal_length[camera], world.principal_point[camera], world.lens_k1[camera]
+        lens_map = LensMap.of(*lens, FINER * self._image_size)
+        self._renderer.model.cam_fovy[camera] = 2 * np.degrees(np.arctan(lens_map.half))
+        view = mujoco.MjvCamera()
+        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, camera
+        side = lens_map.source
+        ((pinhole, _),) = self._renderer.draw([View(view, side, side)], GROUPS, shadows=False)
+        return reduced(lens_map.colours(pinhole), (self._image_size,) * 2)
 
-    def _view(self, row: int) -> mujoco.MjvCamera:
-        """From behind the base, at its side."""
-        arms, view = self._arms, mujoco.MjvCamera()
-        x, y, heading = arms.rolling.dock[row]
-        view.lookat[:] = (x + arms.rolling.poses[row, 0]) / 2 + 0.3, (y + arms.rolling.poses[row, 1]) / 2, 0.3
-        view.azimuth, view.elevation, view.distance = np.degrees(heading) + 55, -28, 3.2
+    def mark(self, image: Image, camera: int, points: Array, seen: Flags, target: Array) -> None:
+        """See `Frame`: of each mark the own one, with the tolerance, and the dock's."""
+        tolerance_px = float(self._arms.tolerance) * PIXELS_PER_UNIT
+        marks = len(target)
+        for mark in range(marks):
+            pair = [marks + mark, mark]
+            draw_points(image, points[pair, camera], seen[pair, camera], target[mark, camera], tolerance_px)
+
+    def _housing(self, camera: int) -> str:
+        return f"{self._arms.robot.cameras[camera]}_camera"
+
+    def _view(self) -> mujoco.MjvCamera:
+        """From behind all starts, at their side: the dock as built is at the room's origin."""
+        view = mujoco.MjvCamera()
+        view.lookat[:] = -0.45, 0.0, 0.35
+        view.azimuth, view.elevation, view.distance = -40, -28, 3.3
         return view
-
-    def close(self) -> None:
-        """Frees the GL context."""
-        self._renderer.close()
 
 
 class DockViewer(Viewer):

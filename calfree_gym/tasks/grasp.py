@@ -305,7 +305,7 @@ class GraspArms(ContactArms):
 
     def shown(self, row: int) -> tuple[Array, Flags, Array]:
         """See `Arms`: the target is where the object is to be lifted to."""
-        return *super().shown(row)[:2], self.goals[row].reshape(1, 2, 2)
+        return *super().shown(row)[:2], self.goals[row].copy().reshape(1, 2, 2)
 
     @property
     def off_table(self) -> Flags:

@@ -75,7 +75,7 @@ def _film(options: argparse.Namespace) -> int:
     with closing(config.env.make(config.perturbations, tell=required.privileged)) as env:
         unwrapped: Any = env.unwrapped
         try:
-            screen = Screen(unwrapped.arms, config.width, height, sensors)
+            screen = Screen(unwrapped, config.width, height, sensors)
         except gymnasium.error.DependencyNotInstalled as error:
             raise ConfigError(f"{error}") from None
         with closing(screen), FilmFiles(folder, config.width, config.height, *rates) as files:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image as Pictures
 from PIL import ImageDraw, ImageFont
 
-from calfree_gym.engine.arms import Arms
-from calfree_gym.engine.frames import GRIPPER_COLOUR, OBJECT_COLOUR, SceneFrame, beside, draw_points
+from calfree_gym.engine.frames import GRIPPER_COLOUR, OBJECT_COLOUR, beside
 from calfree_gym.geometry import Array, Flags
-from calfree_gym.image import CAMERAS, IMAGE_SIZE, PIXELS_PER_UNIT
+from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.vision.image_formation import ImageFormation
 
 Image = NDArray[np.uint8]
@@ -23,8 +22,8 @@ Colour = tuple[int, int, int]
 DARK, LIGHT = (30, 30, 34), (240, 240, 240)
 ALARM, SUCCESS, FAILURE = (222, 80, 16), (40, 170, 105), (140, 140, 146)
 GOOD_NEWS = (120, 225, 140)
-LEGEND = (("gripper", GRIPPER_COLOUR), ("object", OBJECT_COLOUR), ("rings: seen", LIGHT))
-"""From the left, under the caption."""
+SEEN = ("rings: seen", LIGHT)
+"""Under the caption, right of what the colours mean."""
 EXPECTED = ("crosses: expected", LIGHT)
 """Likewise, of agents that expect something."""
 MOST_BARS = 10
@@ -61,6 +60,7 @@ class ScreenWords(NamedTuple):
         good: Whether that is good news.
         announced: Across the scene; nothing, if empty.
         unit: What a trial is called.
+        marks: What is marked in magenta, and what in green.
         trials: All so far, also those that were not shown.
         expected: Whether the agent has expected anything so far.
     """
@@ -69,6 +69,7 @@ class ScreenWords(NamedTuple):
     good: bool = False
     announced: str = ""
     unit: str = "trial"
+    marks: tuple[str, str] = ("gripper", "object")
     trials: tuple[Trial, ...] = ()
     expected: bool = False
 
@@ -111,7 +112,8 @@ class Lettering:
         x, colour = float(self._edge), GOOD_NEWS if words.good else LIGHT
         fits = fitting(words.caption, self._font, self._scene - 2 * self._edge)
         draw.text((x, height + 0.34 * self._band), words.caption, colour, fits, anchor="lm")
-        for text, colour in (*LEGEND, EXPECTED) if words.expected else LEGEND:
+        marks = zip(words.marks, (GRIPPER_COLOUR, OBJECT_COLOUR), strict=True)
+        for text, colour in (*marks, SEEN, *[EXPECTED] * words.expected):
             draw.text((x, height + 0.72 * self._band), text, colour, self._small, anchor="lm")
             x += self._small.getlength(text + "   ")
 
@@ -161,10 +163,11 @@ class Markings(NamedTuple):
     """What is marked in the images.
 
     Attributes:
-        points: Where points were seen last (4, 2), in image units: gripper left, right, object left, right.
-        seen: Which of them are seen now (4,).
-        target: Around which the task is done (2, 2), left and right.
-        predicted: Where they are expected (4, 2), NaN where they are not; or None.
+        points: Where k points were seen last in c cameras (k, c, 2), in image units.
+        seen: Which of them are seen now (k, c).
+        target: Around which the task is done (t, c, 2).
+        predicted: Where gripper left, right, object left, right are expected (4, 2), NaN where they are not;
+            or None.
     """
 
     points: Array
@@ -195,10 +198,10 @@ NO_ALARM = Alarm()
 
 
 class Screen:
-    """Draws one arm.
+    """Draws one robot.
 
     Args:
-        arms: The arm, and no other.
+        env: Its environment, unwrapped.
         width: Of a picture, in pixels.
         height: Of a picture, in pixels; even.
         sensors: Whether camera images have the light, the blur, exposure and noise by which agents see.
@@ -207,9 +210,9 @@ class Screen:
         gymnasium.error.DependencyNotInstalled: OpenGL is missing; names the package to install.
     """
 
-    def __init__(self, arms: Arms, width: int, height: int, sensors: bool) -> None:
-        self._arms = arms
-        self._frame = SceneFrame(arms, width, height, sensors)
+    def __init__(self, env: Any, width: int, height: int, sensors: bool) -> None:
+        self._arms = env.arms
+        self._frame = env.frame_of(env.arms, width, height, sensors)
         self._sensors = ImageFormation(height // 2) if sensors else None
         self._font, self._stroke = font(height / 28), max(1, height // 300)
 
@@ -223,12 +226,14 @@ class Screen:
         """
         scene, *images = self._frame.views(0, configuration)
         world = self._arms.world(0)
-        for camera, name in enumerate(CAMERAS):
+        for camera, name in enumerate(self._arms.robot.cameras):
             image = images[camera]
             if self._sensors is not None:
                 image = self._sensors.image(image, world, camera, np.zeros(2))
             if marks is not None:
-                self._mark(image, marks, camera)
+                self._frame.mark(image, camera, marks.points, marks.seen, marks.target)
+                if marks.predicted is not None:
+                    draw_crosses(image, marks.predicted[camera::2])
             if name == alarm.camera:
                 image = _alarmed(image, alarm.flash)
                 if alarm.now:
@@ -237,13 +242,6 @@ class Screen:
                     cv2.circle(scene, place, radius, ALARM, width, cv2.LINE_AA)
             images[camera] = self._named(image, name)
         return beside(scene, images)
-
-    def _mark(self, image: Image, marks: Markings, camera: int) -> None:
-        tolerance = float(self._arms.tolerance) * PIXELS_PER_UNIT
-        target = marks.target[camera]
-        draw_points(image, marks.points[camera::2], marks.seen[camera::2], target, tolerance)
-        if marks.predicted is not None:
-            draw_crosses(image, marks.predicted[camera::2])
 
     def _named(self, image: Image, name: str) -> Image:
         picture = Pictures.fromarray(image)

@@ -50,16 +50,19 @@ class TaskInWords(NamedTuple):
         told_by: What only its truth tells; nothing, of reaching.
         trial: What a trial is.
         done: What has happened where the trial was a success.
+        marks: What is marked in magenta, and what in green.
     """
 
     told_by: str
     trial: str
     done: str
+    marks: tuple[str, str] = ("gripper", "object")
 
 
 TASKS = (
     TaskInWords("lifted_mm", "grasp", "lifted"),
     TaskInWords("depth_mm", "insertion", "inserted"),
+    TaskInWords("offset_mm", "docking", "docked", ("own marks", "the dock's")),
     TaskInWords("", "reach", "reached"),
 )
 
@@ -92,6 +95,8 @@ def _measured(info: Mapping[str, Any]) -> list[str]:
     if "depth_mm" in truth:
         inside = truth["depth_mm"] > 0 and truth["lateral_mm"] < MM * RADIUS
         return [f"peg {truth['depth_mm']:.0f} mm in the hole" if inside else "peg outside the hole"]
+    if "offset_mm" in truth:
+        return [f"{truth['offset_mm']:.0f} mm and {truth['heading_deg']:.0f}° off"]
     off = f"{truth['error_px']:.0f} px off"
     if "contacts" not in info:
         return [off]
@@ -214,7 +219,7 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def _words(self, announced: str = "", good: bool = False) -> ScreenWords:
         status = self._status
-        said = caption(self._agent, status), good, announced, status.task.trial
+        said = caption(self._agent, status), good, announced, status.task.trial, status.task.marks
         return ScreenWords(*said, tuple(self._trials), self._expected)
 
     def _announce(self, configuration: Array | None) -> None:
@@ -244,10 +249,7 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def _look(self, predicted: Array | None = None) -> None:
         """Shows what is seen now."""
-        points, visible, *_ = self._arms.delivered
-        shown = list(self._arms.shown_points)
-        target = self._arms.shown(0)[2][0]
-        self._marks = Markings(points[0, shown], visible[0, shown], target.copy(), predicted)
+        self._marks = Markings(*self._arms.shown(0), predicted)
         status = self._status
         words, seconds = self._words(good=status.success), END if status.over else LOOK
         picture = self._show(seconds, None, self._marks, words, self._alarm)

@@ -98,6 +98,13 @@ def along(poses: Array, arcs: Array) -> Array:
     return np.stack([x, y, poses[:, 2] + turn], -1)
 
 
+def arc_to(pose: Array) -> Array:
+    """The arc (3,) that leads from the origin to a pose (3,): the inverse of `along`."""
+    chord, half = np.sinc(pose[2] / (2 * np.pi)), pose[2] / 2
+    cosine, sine = np.cos(half) / chord, np.sin(half) / chord
+    return np.array([cosine * pose[0] + sine * pose[1], cosine * pose[1] - sine * pose[0], pose[2]])
+
+
 def placed(frame: Array, poses: Array) -> Array:
     """Poses (..., 3) that are relative to frames (..., 3), as the frames themselves are given."""
     cosine, sine = np.cos(frame[..., 2]), np.sin(frame[..., 2])

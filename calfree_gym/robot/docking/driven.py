@@ -9,7 +9,7 @@ from mujoco.batch import Batch
 
 from calfree_gym.geometry import Array, Rows
 from calfree_gym.robot.docking.base import WHEEL_RADIUS, Base
-from calfree_gym.robot.docking.model import at_poses, model_of
+from calfree_gym.robot.docking.model import at_poses, model_of, pose_of
 from calfree_gym.robot.docking.simulation import RollingSimulation
 from calfree_gym.robot.grasping.simulation import smooth
 from calfree_gym.robot.simulation import keep_in_copies
@@ -67,11 +67,11 @@ class DrivenSimulation(RollingSimulation):
         control = before + self._shares * (ways / WHEEL_RADIUS)[:, None]
         ids = None if isinstance(rows, slice) else rows
         self._batch.rollout(len(self._shares), control, record=(), ids=ids)
-        x, y, _, w, i, j, k = self._qpos[rows, :7].T
-        heading = np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
-        turned = heading - self.poses[rows, 2]
+        there = pose_of(self._qpos[rows])
+        turned = there[:, 2] - self.poses[rows, 2]
         turned -= 2 * np.pi * np.round(turned / (2 * np.pi))
-        self.poses[rows] = np.stack([x, y, self.poses[rows, 2] + turned], -1)
+        there[:, 2] = self.poses[rows, 2] + turned
+        self.poses[rows] = there
 
     def configuration(self, row: int) -> Array:
         """See `RollingSimulation`."""

@@ -7,20 +7,23 @@ axle and the rear caster; the front caster, a little higher, catches a base that
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
 from calfree_gym.geometry import Array, quaternion_of
 from calfree_gym.robot.docking.base import TRACK, WHEEL_RADIUS, Base
 
-HALF_APART = 0.035
+HALF_APART = 0.055
 """From a mark's point on the front to each of its pair (m)."""
 FREE = 7
 """Numbers of a pose in qpos; then come the wheels."""
 UP = np.array([0.0, 0.0, 1.0])
 _FRONT = np.array([0.13, 0.0, 0.08])
-"""Where the rods of the marks begin, above the axle (m)."""
-_MARK, _CASTER = 0.015, 0.03
+_FOOT = np.array([0.0, 0.0, 0.1])
+"""Where the rods of the marks begin, and the masts of the cameras, from the axle (m)."""
+_OWN, _MARK, _CASTER = 0.022, 0.03, 0.03
 _COLOURS = "0.95 0.05 0.55 1", "0.05 0.70 0.25 1"
 """Of the marks of base and dock."""
 
@@ -40,7 +43,7 @@ def model_of(base: Base) -> mujoco.MjModel:
         for x, lifted in ((-0.15, 0.0), (0.15, 0.003))
     )
     own = "".join(
-        f'<geom name="own{i}{end}" size="{_MARK / 2}" rgba="{_COLOURS[0]}" class="seen"/>'
+        f'<geom name="own{i}{end}" size="{_OWN}" rgba="{_COLOURS[0]}" class="seen"/>'
         f'<geom name="rod{i}{end}" type="cylinder" size=".002 .1" rgba=".6 .6 .6 1" class="seen"/>'
         for i in range(len(base.marks))
         for end in (0, 1)
@@ -51,6 +54,8 @@ def model_of(base: Base) -> mujoco.MjModel:
         for i in range(len(base.marks))
     )
     eyes = "".join(
+        f'<camera name="{name}"/><geom name="{name}_mast" type="cylinder" size=".012 .1" rgba=".3 .4 .6 1" '
+        'class="seen"/>'
         f'<geom name="{name}_camera" type="box" size=".018 .018 .03" rgba=".1 .1 .1 1" class="seen"/>'
         for name in base.cameras
     )
@@ -62,23 +67,30 @@ def model_of(base: Base) -> mujoco.MjModel:
             <geom friction="0.9 0.005 0.0001"/>
             <default class="seen"><geom type="sphere" contype="0" conaffinity="0" mass="0"/></default>
           </default>
-          <visual><headlight ambient=".4 .4 .4"/><global offwidth="4096" offheight="4096"/></visual>
+          <visual>
+            <headlight ambient=".6 .6 .6" diffuse=".15 .15 .15"/>
+            <map shadowclip="1"/>
+            <global offwidth="4096" offheight="4096"/>
+          </visual>
+          <statistic center="-.5 0 .3" extent="2.5"/>
           <asset>
-            <texture name="floor" type="2d" builtin="checker" rgb1=".82 .82 .8" rgb2=".74 .74 .72"
+            <texture type="skybox" builtin="flat" rgb1=".83 .87 .91" width="64" height="64"/>
+            <texture name="floor" type="2d" builtin="checker" rgb1=".97 .98 .98" rgb2=".91 .93 .93"
               width="64" height="64"/>
-            <material name="floor" texture="floor" texrepeat="16 16"/>
+            <material name="floor" texture="floor" texuniform="true"/>
           </asset>
           <worldbody>
-            <light pos="0 0 4" dir="0 0 -1"/>
-            <geom name="floor" type="plane" size="8 8 .1" material="floor"/>
+            <light pos="-.5 0 4" dir="0 0 -1" directional="true" diffuse=".25 .25 .25"/>
+            <geom name="floor" type="plane" size="0 0 .1" material="floor"/>
             <body name="base" pos="0 0 {WHEEL_RADIUS}">
               <freejoint/>
               <geom type="cylinder" size=".2 .06" pos="-.05 0 .06" mass="8" rgba=".3 .4 .6 1"
                 contype="0" conaffinity="0"/>
-              <geom type="cylinder" size=".015 .2" pos=".05 0 .3" rgba=".3 .4 .6 1" class="seen"/>
               {casters}{wheels}{own}{eyes}
             </body>
-            <body name="dock" mocap="true">{docks}</body>
+            <body name="dock" mocap="true">
+              <geom type="cylinder" size=".2 .002" pos="-.05 0 0" rgba=".55 .8 .6 1" class="seen"/>{docks}
+            </body>
           </worldbody>
           <actuator>{servos}</actuator>
         </mujoco>"""
@@ -93,19 +105,32 @@ def at_poses(poses: Array, height: float, size: int) -> Array:
     return configurations
 
 
+def pose_of(configurations: Array) -> Array:
+    """Poses (..., 3) of bases in configurations (..., q), headings within +-pi."""
+    x, y, _, w, i, j, k = np.moveaxis(configurations[..., :FREE], -1, 0)
+    heading = np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
+    return np.stack([x, y, heading], -1)
+
+
 def dress(model: mujoco.MjModel, base: Base, marks: Array, centres: Array, axes: Array) -> None:
     """Puts marks (d, 3), and cameras by their centres (c, 3) and axes (c, 3, 3), where a world has them."""
     for i, mark in enumerate(marks):
         for end, apart in enumerate((-HALF_APART, HALF_APART)):
             end_of_rod = mark + np.array([0, apart, -WHEEL_RADIUS])
             model.geom(f"own{i}{end}").pos[:] = end_of_rod
-            rod, way = model.geom(f"rod{i}{end}"), end_of_rod - _FRONT
-            rod.pos[:], rod.size[1] = _FRONT + way / 2, np.linalg.norm(way) / 2
-            mujoco.mju_quatZ2Vec(rod.quat, way)
+            _join(model.geom(f"rod{i}{end}"), _FRONT, end_of_rod)
         model.geom(f"dock{i}").pos[:] = mark
         post = model.geom(f"post{i}")
         post.pos[:], post.size[1] = mark * [1, 1, 0.5], mark[2] / 2
     for name, centre, turn in zip(base.cameras, centres, axes, strict=True):
-        eye = model.geom(f"{name}_camera")
-        eye.pos[:], eye.quat[:] = centre - WHEEL_RADIUS * UP, quaternion_of(turn)
+        for eye in (model.camera(name), model.geom(f"{name}_camera")):
+            eye.pos[:], eye.quat[:] = centre - WHEEL_RADIUS * UP, quaternion_of(turn)
+        _join(model.geom(f"{name}_mast"), _FOOT, eye.pos)
     model.geom_sameframe[:] = 0
+
+
+def _join(rod: Any, start: Array, end: Array) -> None:
+    """Puts a cylinder between two points."""
+    way = end - start
+    rod.pos[:], rod.size[1] = (start + end) / 2, np.linalg.norm(way) / 2
+    mujoco.mju_quatZ2Vec(rod.quat, way)

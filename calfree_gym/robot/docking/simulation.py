@@ -10,8 +10,8 @@ import numpy as np
 from calfree_gym.geometry import Array, Rows, quaternion_about, rotation_matrix
 from calfree_gym.image import PIXELS_PER_UNIT
 from calfree_gym.pool import OfWorlds
-from calfree_gym.robot.docking.base import SPEED, WHEEL_RADIUS, Base, along, before, placed, relative
-from calfree_gym.robot.docking.model import FREE, UP, at_poses, dress, model_of
+from calfree_gym.robot.docking.base import SPEED, WHEEL_RADIUS, Base, along, arc_to, before, placed, relative
+from calfree_gym.robot.docking.model import FREE, UP, at_poses, dress, model_of, pose_of
 from calfree_gym.robot.simulation import Picture
 from calfree_gym.vision.cameras import pinhole
 
@@ -101,10 +101,18 @@ class RollingSimulation(OfWorlds):
         model = model_of(self._base)
         return model, mujoco.MjData(model)
 
-    def show(self, row: int, picture: Picture) -> Picture:
-        """Puts a row on a picture, which is changed, and returned."""
+    def between(self, before: Array, after: Array, share: float) -> Array:
+        """A configuration (q,) so far along the arc between both, which turns by half a turn at most."""
+        start, end = pose_of(before), pose_of(after)
+        there = before + share * (after - before)
+        pose = along(start[None], share * arc_to(relative(start, end))[None])
+        there[:FREE] = at_poses(pose, there[2], FREE)[0]
+        return there
+
+    def show(self, row: int, picture: Picture, configuration: Array | None = None) -> Picture:
+        """Puts a row on a picture, as it is or in a configuration (q,); it is changed, and returned."""
         model, data = picture
-        data.qpos[:] = self.configuration(row)
+        data.qpos[:] = self.configuration(row) if configuration is None else configuration
         x, y, heading = self.dock[row]
         data.mocap_pos[0], data.mocap_quat[0] = (x, y, 0), quaternion_about(UP, heading)
         dress(model, self._base, self._marks[row], self._centres[row, 0], self._axes[row, 0])

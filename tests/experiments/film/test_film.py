@@ -62,12 +62,13 @@ def test_without_opengl_the_error_is_one_line(film_data, write_config, tmp_path,
 def test_marks_and_alarms_are_drawn_where_they_belong():
     env = gym.make("CalFree/Reach-v0", world="nominal", dynamics="kinematic")
     env.reset(seed=0)
-    screen = Screen(env.unwrapped.arms, 324, 216, sensors=False)
+    screen = Screen(env.unwrapped, 324, 216, sensors=False)
     nothing = screen.draw(None, None)
     assert nothing.shape == (216, 324, 3)
-    points = np.array([[0.5, 0.5], [-0.5, -0.5], [0.9, -0.9], [0.9, -0.9]])
+    points = np.array([[[0.5, 0.5], [-0.5, -0.5]], [[0.9, -0.9], [0.9, -0.9]]])
+    seen = np.ones((2, 2), bool)
     expected = np.array([[0.0, 0.5], [np.nan, np.nan], [0.9, 0.9], [0.9, 0.9]])
-    marked = screen.draw(None, Markings(points, np.ones(4, bool), points[2:], expected))
+    marked = screen.draw(None, Markings(points, seen, points[1:], expected))
     new = near(marked, GRIPPER_COLOUR) & ~near(nothing, GRIPPER_COLOUR)
     left, right = new[:108, 216:], new[108:216, 216:]
     assert left[78:84, 51:57].any(), "the gripper's cross, left"
@@ -85,8 +86,8 @@ def test_marks_and_alarms_are_drawn_where_they_belong():
     off = [np.abs(each[image].astype(int) - nothing[image]).mean() for each in (alarmed, flashing)]
     assert off[0] < 1 < 20 < off[1]
     outside = np.array([[1.2, 0.0], [np.nan, 0.0], [1.2, 0.0], [np.nan, 0.0]])
-    unseen = screen.draw(None, Markings(points, np.ones(4, bool), points[2:], outside))
-    without = screen.draw(None, Markings(points, np.ones(4, bool), points[2:]))
+    unseen = screen.draw(None, Markings(points, seen, points[1:], outside))
+    without = screen.draw(None, Markings(points, seen, points[1:]))
     np.testing.assert_array_equal(unseen, without, "a cross outside the image is not drawn")
     moved = screen.draw(env.unwrapped.arms.simulation.configuration(0) + 0.3, None)
     assert (np.abs(moved.astype(int) - nothing)[:, :216].max(-1) > 60).sum() > 300
@@ -105,6 +106,29 @@ def test_a_camera_is_ringed_where_its_housing_is_drawn(opengl):
         assert housing.max() < 110, "the housing is dark"
         assert scene[round(y), round(x) + 25 : round(x) + 35].min() > 190, "the room is light"
     frame.close()
+    env.close()
+
+
+def test_a_base_is_filmed_with_what_its_camera_sees_and_its_camera_is_ringed():
+    env = gym.make("CalFree/Dock-v0", world="wild")
+    env.reset(seed=0, options={"pose": (-0.6, 0, 0)})
+    arms = env.unwrapped.arms
+    screen = Screen(env.unwrapped, 324, 216, sensors=False)
+    bare = screen.draw(None, None)
+    points, seen, own = arms.shown(0)
+    green = bare.astype(int)[..., 1] - bare[..., 0]
+    pixels = np.round((points[:4, 0] + 1) * 54 - 0.5).astype(int) + np.array([216, 0])
+    assert all(green[y - 1 : y + 2, x - 1 : x + 2].max() > 90 for x, y in pixels), "balls are at image points"
+    marked = screen.draw(None, Markings(points, seen, own), Alarm("front", now=True))
+    assert near(marked, GRIPPER_COLOUR)[:108, 216:].sum() > near(bare, GRIPPER_COLOUR)[:108, 216:].sum() + 50
+    assert near(marked[:108, -1], ALARM).all()
+    assert near(marked[:, :210], ALARM).sum() > 50
+    ahead = arms.simulation.configuration(0)
+    ahead[0] += 0.3
+    moved = screen.draw(ahead, None)
+    assert (moved[:, :210] != bare[:, :210]).any()
+    assert (moved[:108, 216:] != bare[:108, 216:]).any()
+    screen.close()
     env.close()
 
 

@@ -6,6 +6,7 @@ import pytest
 
 import agents
 from calfree_gym.image import lengths_px
+from calfree_gym.robot.docking.model import pose_of
 from experiments.film.command import Predictions
 from experiments.film.pictures import Trial
 from experiments.film.recorder import (
@@ -83,7 +84,7 @@ def test_the_arm_moves_smoothly_from_look_to_look(recorded):
     assert [each[3] for each in way] == [1] * len(way)
     assert not any(each[1].seen.any() for each in way), "it does not look on its way"
     assert last[1].seen.any()
-    np.testing.assert_array_equal(last[1].points, recorder.unwrapped.arms.delivered[0][0])
+    np.testing.assert_array_equal(last[1].points.reshape(4, 2), recorder.unwrapped.arms.delivered[0][0])
     assert last[2].caption.endswith(f"motion 1 · {info['truth']['error_px']:.0f} px off")
     seen = len(shots.all)
     recorder.step(np.zeros(3, np.float32))
@@ -204,11 +205,29 @@ def test_what_the_physics_passed_is_shown_jaws_and_object_too(recorded):
     np.testing.assert_array_equal(way[-1], joints(recorder))
     assert (np.abs(np.diff(way, axis=0)).max(0) > 1e-3).sum() >= 7, "arm, turn and both jaws move"
     assert np.abs(way[0] - before).max() < np.abs(way[-1] - before).max()
-    np.testing.assert_array_equal(shots.all[-1][1].target, recorder.unwrapped.arms.goals[0].reshape(2, 2))
+    np.testing.assert_array_equal(shots.all[-1][1].target[0], recorder.unwrapped.arms.goals[0].reshape(2, 2))
     seen = len(shots.all)
     recorder.reset()
     home = shots.all[seen][0]
     np.testing.assert_array_equal(home[-7:], joints(recorder)[-7:], "the next object lies there")
+
+
+@pytest.mark.parametrize(
+    ("base", "dynamics"), [("differential", "kinematic"), ("omni", "kinematic"), ("differential", "physics")]
+)
+def test_a_base_rolls_along_the_arc_on_which_half_the_words_end_half_way(base, dynamics):
+    words = np.array([0.3, 0.5, 0.1])[: 3 if base == "omni" else 2]
+    env = gym.make("CalFree/Dock-v0", world="nominal", base=base, keep_in_view=False, dynamics=dynamics)
+    simulation, ends = env.unwrapped.arms.simulation, []
+    for share in (0, 0.5, 1):
+        env.reset(seed=0, options={"pose": (-1, 0.1, 3.0)})
+        env.step((share * words).astype(np.float32))
+        ends.append(simulation.configuration(0))
+    before, half, after = ends
+    off = {"kinematic": 1e-6, "physics": 5e-3}[dynamics]
+    np.testing.assert_allclose(pose_of(simulation.between(before, after, 0.5)), pose_of(half), atol=off)
+    np.testing.assert_allclose(pose_of(simulation.between(before, after, 1.0)), pose_of(after), atol=1e-9)
+    env.close()
 
 
 def test_the_caption_says_where_a_trial_is():
@@ -232,6 +251,7 @@ def test_the_caption_says_where_a_trial_is():
         ({"truth": {"error_px": 9, "depth_mm": -20.0, "lateral_mm": 1.0}}, "peg outside the hole"),
         ({"truth": {"error_px": 9, "depth_mm": 12.2, "lateral_mm": 30.0}}, "peg outside the hole"),
         ({"truth": {"error_px": 9, "depth_mm": 12.2, "lateral_mm": 1.0}}, "peg 12 mm in the hole"),
+        ({"truth": {"error_px": 9, "offset_mm": 41.6, "heading_deg": 3.2}}, "42 mm and 3° off"),
         ({"truth": {"error_px": 9}, "contacts": 0, "peak_force": 0.0}, "9 px off · touches nothing"),
         ({"truth": {"error_px": 9}, "contacts": 2, "peak_force": 8.6}, "9 px off · touches with 9 N"),
     ],
@@ -240,13 +260,18 @@ def test_each_task_tells_what_is_true_of_it(info, said):
     assert caption("someone", TrialStatus(1, 9, info)) == f"someone · trial 1 · motion 9 · {said}"
 
 
-@pytest.mark.parametrize("name", ["Reach", "SafeReach", "Grasp", "Insert"])
+@pytest.mark.parametrize("name", ["Reach", "SafeReach", "Grasp", "Insert", "Dock"])
 def test_every_environment_tells_it(name):
     env = gym.make(f"CalFree/{name}-v0")
     info = env.reset(seed=0)[1]
     words = caption("someone", TrialStatus(1, 0, info, success=True))
-    done = {"Grasp": "lifted", "Insert": "inserted"}.get(name, "reached")
+    done = {"Grasp": "lifted", "Insert": "inserted", "Dock": "docked"}.get(name, "reached")
     assert f" · {done} in 0 motions · " in words
-    outcome = {"Grasp": "not held", "Insert": "peg outside the hole", "SafeReach": "touches nothing"}
+    outcome = {
+        "Grasp": "not held",
+        "Insert": "peg outside the hole",
+        "SafeReach": "touches nothing",
+        "Dock": "° off",
+    }
     assert words.endswith(outcome.get(name, "px off"))
     env.close()
