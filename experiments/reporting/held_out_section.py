@@ -348,16 +348,21 @@ def _stretch(own: pd.DataFrame, failed: int, cap: float) -> _Stretch:
     return _Stretch(table.columns.to_numpy(float), worlds)
 
 
+_MOST_MARKS = 3
+"""So many powers of ten beside 1 are told apart in a narrow panel."""
+
+
 def _in_one_panel(scenario: ScenarioConfig) -> bool:
     known = knocks(scenario)
     return known is None or len(known) >= _MOST_PANELS
 
 
 def _scale(axes: Axes, longest: float, what: str) -> None:
-    """From 1 to the longest, with a mark at each power of ten."""
+    """From 1 to the longest, with a mark at each power of ten, or at each second one of many."""
     axes.set_xscale("log")
     axes.set_xlim(0.9, 1.1 * max(longest, 2))
-    marks(axes.xaxis, [10.0**power for power in range(int(np.log10(max(longest, 2))) + 1)])
+    powers = int(np.log10(max(longest, 2)))
+    marks(axes.xaxis, [10.0**power for power in range(0, powers + 1, 1 if powers <= _MOST_MARKS else 2)])
     axes.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}k" if x >= 1000 else f"{x:g}")
     axes.set_xlabel(what)
     axes.tick_params(labelleft=True)
