@@ -67,7 +67,7 @@ class Planner:
             rest: Words (a, m) that are left of an earlier plan.
         """
         motors = model.curvature.size
-        spread, plans = self._spread(model, points), []
+        spread, plans = self._spread(model, points), list[Plan]()
         for arcs, starts in enumerate(self.STARTS, 1):
             words = self._rng.standard_normal((starts, arcs, motors)) @ spread
             if rest is not None and len(rest) == arcs:
