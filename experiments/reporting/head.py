@@ -38,7 +38,6 @@ _KNOWN_IN_WORDS = {
     "`pose`": "where it stands",
     "`wheels`": "what its wheels do",
     "image scale": "image size",
-    "noise": "image noise",
     "camera model": "how cameras project",
     "arm": "its arm",
     "chain of joints": "that its arm is a chain",
@@ -112,7 +111,8 @@ def _of_held_out(held: HeldOut) -> tuple[_Cells, str]:
     met = knocks(held.scenario)
     knock = f" The knock: {met[0].words}." if met else ""
     return found, (
-        f"The median world, in trials that only test; one that fails counts as {held.cap} motions.{knock}"
+        "The median world, in test trials, which teach nothing; a failed one counts as "
+        f"{held.cap} motions. {_GOOD}: at the first checkpoint.{knock}"
     )
 
 

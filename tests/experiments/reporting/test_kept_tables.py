@@ -54,7 +54,7 @@ def test_a_suite_is_one_table_a_scenario(kept, finished_once):
         "| agent | what it must know | motions per reach before → right after the knock | "
         "motions until 95 % of trials succeed → again after it |"
     )
-    assert servo.startswith(f"| {in_words('unified_servo', 'unified_servo')} | image size, image noise |")
+    assert servo.startswith(f"| {in_words('unified_servo', 'unified_servo')} | image size, noise |")
     commit = json.loads((kept / "quick" / "tables.json").read_text())["commit"]
     assert lines[-1] == f"*Made from `experiments/results/quick`, code of commit {commit}.*"
     assert tables_named("quick", kept) == tables_named("quick/aimed", kept)
