@@ -36,10 +36,9 @@ class Planner:
     """
 
     STARTS = (3, 8, 14)
-    """With so many plans it begins where it has one arc, two, three. Choice: 98 % of plans by a true model
-    arrive."""
+    """With so many plans of one arc, two, three it begins. Choice: four times as many are no better."""
     ROUNDS = 10
-    """Of Levenberg and Marquardt's method. Choice: more leave no fewer plans that do not arrive."""
+    """Of Levenberg and Marquardt's method. Choice: three times as many found no better plans."""
     ENOUGH_PX = 2.0
     """So near a plan arrives. Choice: within the usual tolerance of 2.5 px."""
     NEARLY, WORTH = 3.0, 1.5
