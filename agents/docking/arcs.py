@@ -19,12 +19,12 @@ from ..base.registration import agent
 from ..base.storage import prefixed, under
 from .observation import DockObservation
 from .planner import Planner
-from .projective_model import Motion, ProjectiveModel, homography
+from .projective_model import DrivenArc, ProjectiveModel, homography
 
 Motions = Generator[Array, DockObservation, None]
 
 
-class Known:
+class KnownOfArcs:
     """What is known of a robot: how words move marks, where its own are seen, and how far to rely on that.
 
     Attributes:
@@ -119,26 +119,26 @@ class Arcs(ProcedureAgent):
     def kind(self) -> str:
         return f"Arcs(cameras={self.cameras})"
 
-    def _unknown(self) -> Known:
-        return Known(len(self._edges), self._motors, self.cameras)
+    def _unknown(self) -> KnownOfArcs:
+        return KnownOfArcs(len(self._edges), self._motors, self.cameras)
 
     def observed(self, raw: Any) -> DockObservation:
         return DockObservation.of(raw)
 
-    def new_findings(self) -> Known:
+    def new_findings(self) -> KnownOfArcs:
         known = self._unknown()
         known.restore(self.known.arrays())
         return known
 
-    def procedure(self, first: Any, findings: Known) -> Procedure:
+    def procedure(self, first: Any, findings: KnownOfArcs) -> Procedure:
         """See `ProcedureAgent`: explores where nothing is known, then plans arc by arc."""
-        trial = Trial(first, findings, Planner(self._edges, np.random.default_rng(self.seed)))
+        trial = ArcsTrial(first, findings, Planner(self._edges, np.random.default_rng(self.seed)))
         while not trial.now.last:
             yield from trial.drive() if findings.model.entries.any() else trial.explore()
 
-    def learn_trial(self, findings: Known, last: Any, ended: bool) -> None:
+    def learn_trial(self, findings: KnownOfArcs, last: Any, ended: bool) -> None:
         """See `ProcedureAgent`."""
-        findings.model.fit(Trial.ROUNDS)
+        findings.model.fit(ArcsTrial.ROUNDS)
         self.known = findings
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -148,7 +148,7 @@ class Arcs(ProcedureAgent):
         self.known.restore(arrays)
 
 
-class Trial:
+class ArcsTrial:
     """One trial of `Arcs`.
 
     Attributes:
@@ -176,7 +176,7 @@ class Trial:
     """What is expected worse is worth a new fit, of so many rounds; a plan that leaves more, yet moves no
     mark so far, is worth exploring anew. Choice."""
 
-    def __init__(self, first: DockObservation, known: Known, planner: Planner) -> None:
+    def __init__(self, first: DockObservation, known: KnownOfArcs, planner: Planner) -> None:
         self.now, self.known, self._planner = first, known, planner
         self._rest: Array | None = None
         self._surprises = 0
@@ -193,7 +193,7 @@ class Trial:
         seen = before.visible & self.now.visible
         if self._look() or not seen.any():
             return 0.0
-        model.learn(Motion(before.points, words, self.now.points, seen))
+        model.learn(DrivenArc(before.points, words, self.now.points, seen))
         return float(lengths_px(expected - self.now.points)[seen].max())
 
     def explore(self) -> Motions:

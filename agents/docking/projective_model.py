@@ -35,7 +35,7 @@ FARTHEST = 8.0
 """No image point is predicted farther out than so many image units (a guard)."""
 
 
-class Motion(NamedTuple):
+class DrivenArc(NamedTuple):
     """What a motion did.
 
     Attributes:
@@ -114,7 +114,7 @@ class ProjectiveModel:
     def __init__(self, points: int, motors: int) -> None:
         self.entries = np.zeros((points, motors, 8))
         self.curvature = np.zeros(motors)
-        self.motions: list[Motion] = []
+        self.motions: list[DrivenArc] = []
         self._prior, self._deviation = self.entries, self.PRIOR
 
     def transforms(self, words: Array) -> Array:
@@ -125,7 +125,7 @@ class ProjectiveModel:
         """Where points (..., p, 2) are seen after words (..., m)."""
         return projected(self.transforms(words) @ homogeneous(points))
 
-    def learn(self, motion: Motion) -> None:
+    def learn(self, motion: DrivenArc) -> None:
         """Remembers a motion; `fit` learns from it."""
         self.motions = [*self.motions, motion][-self.KEPT :]
 
@@ -195,7 +195,7 @@ class ProjectiveModel:
         known |= {"deviation": np.array([self._deviation])}
         if self.motions:
             stacked = (np.stack(each).astype(float) for each in zip(*self.motions, strict=True))
-            known |= dict(zip(Motion._fields, stacked, strict=True))
+            known |= dict(zip(DrivenArc._fields, stacked, strict=True))
         return known
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -208,9 +208,9 @@ class ProjectiveModel:
         self.motions = []
         if "words" in arrays:
             shapes = ((None, points, 2), (None, motors), (None, points, 2), (None, points))
-            read = [checked_array(arrays, *each) for each in zip(Motion._fields, shapes, strict=True)]
+            read = [checked_array(arrays, *each) for each in zip(DrivenArc._fields, shapes, strict=True)]
             for before, words, after, seen in zip(*read, strict=True):
-                self.motions.append(Motion(before, words, after, seen > 0))
+                self.motions.append(DrivenArc(before, words, after, seen > 0))
 
 
 def _transforms(words: Array, entries: Array, curvature: Array) -> Array:
@@ -228,7 +228,7 @@ class _Residuals:
         deviation: Of them.
     """
 
-    def __init__(self, motions: list[Motion], prior: Array, deviation: float) -> None:
+    def __init__(self, motions: list[DrivenArc], prior: Array, deviation: float) -> None:
         before, self._words, self._after, seen = (np.stack(each) for each in zip(*motions, strict=True))
         self._before, self._prior, self._deviation = homogeneous(before), prior, deviation
         self._units = seen[..., None] / (ProjectiveModel.DEVIATION_PX * IMAGE_UNIT)

@@ -76,7 +76,7 @@ class DockingServo(ProcedureAgent):
 
 
 @agent("jacobian_servo", "Tests each motor, then corrects its Jacobian by every motion.", tasks=("dock",))
-class JacobianServo(DockingServo):
+class DockingJacobianServo(DockingServo):
     """Solves -d = J c°, executes, corrects J by what was seen (Broyden 1965), repeats.
 
     Where a step came hardly nearer, motors are tested anew. Where it lost marks, it is undone, and halved.
@@ -87,7 +87,7 @@ class JacobianServo(DockingServo):
 
     def procedure(self, first: Any, findings: Learned) -> Procedure:
         """See `ProcedureAgent`."""
-        trial = ServoTrial(first, findings)
+        trial = DockingTrial(first, findings)
         jacobian = yield from trial.test()
         while True:
             before, words = trial.now, trial.shortened(jacobian, trial.solve(jacobian))
@@ -120,7 +120,7 @@ class CommutingServo(DockingServo):
 
     def procedure(self, first: Any, findings: Learned) -> Procedure:
         """See `ProcedureAgent`."""
-        trial = ServoTrial(first, findings)
+        trial = DockingTrial(first, findings)
         while True:
             jacobian = yield from trial.test()
             trial.find_ways(jacobian)
@@ -145,7 +145,7 @@ class CommutingServo(DockingServo):
                 findings.aside = findings.aside + self.BLEND * missed * aside / (aside**2 + 1)
 
 
-class ServoTrial:
+class DockingTrial:
     """Motions of one trial.
 
     Attributes:

@@ -13,7 +13,7 @@ from calfree_gym.picture_reach import PictureLook
 
 
 @dataclass
-class Frame:
+class FilmFrame:
     """One look: in words, and as a file of both pictures with what is seen."""
 
     said: str
@@ -25,7 +25,7 @@ class RecordedReach:
     """A reach and all looks of it; `outcome` is None where it has not ended."""
 
     number: int
-    frames: list[Frame] = field(default_factory=list)
+    frames: list[FilmFrame] = field(default_factory=list)
     outcome: ReachRecord | None = None
 
 
@@ -66,7 +66,7 @@ class Recording:
         how = f"{look.px:.1f} px off" if look.visible.all() else "a mark is not seen"
         when = f"motion {len(now.frames)}" if now.frames else "from home"
         said = f"reach {now.number} of {self.count}, {when}: {how}"
-        now.frames.append(Frame(said, jpeg(side_by_side(look))))
+        now.frames.append(FilmFrame(said, jpeg(side_by_side(look))))
         if sys.stdout.isatty():
             print(f"\r\033[K{said}", end="", flush=True)
 

@@ -8,7 +8,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 
-from calfree_gym.cli.recording import Frame, Noticed, RecordedReach
+from calfree_gym.cli.recording import FilmFrame, Noticed, RecordedReach
 
 BAR, GAP, HEIGHT = 28, 12, 160
 """Of the bars, in px."""
@@ -120,7 +120,7 @@ def _pictures(reach: RecordedReach) -> str:
     return f"<h3>Reach {reach.number}</h3>{shown}"
 
 
-def _figure(frame: Frame) -> str:
+def _figure(frame: FilmFrame) -> str:
     picture = b64encode(frame.picture).decode()
     said = escape(frame.said)
     return (

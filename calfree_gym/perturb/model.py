@@ -22,7 +22,7 @@ _FIXED, _TRACK, _TRACKCOM = (
 )
 
 
-class Parts(NamedTuple):
+class ModelParts(NamedTuple):
     """What perturbations must know of a robot; see `calfree_gym.robot.arms.robot.Robot`.
 
     Attributes:
@@ -53,7 +53,7 @@ def joints_of(model: Any) -> tuple[tuple[str, ...], tuple[bool, ...]]:
     return tuple(name for name, _ in found), tuple(slides for _, slides in found)
 
 
-def plain_world(parts: Parts, **fields: Any) -> World:
+def plain_world(parts: ModelParts, **fields: Any) -> World:
     """A world without faults, in which `fields` are given."""
     cameras, motors = max(1, len(parts.cameras)), len(parts.motors)
     focal = IMAGE_SIZE / 2 / math.tan(math.radians(FOVY) / 2)
@@ -99,7 +99,7 @@ class PerturbedModel:
 
     _written: World | None
 
-    def __init__(self, model: Any, data: Any, parts: Parts) -> None:
+    def __init__(self, model: Any, data: Any, parts: ModelParts) -> None:
         self._parts = parts
         self.attach(model, data)
         self.built = self._written = self._read()

@@ -8,7 +8,7 @@ from typing import Any
 from calfree_gym.errors import near_misses
 from calfree_gym.perturb.actions import bounded
 from calfree_gym.perturb.images import is_colour_image
-from calfree_gym.perturb.model import Parts, joints_of, names_of
+from calfree_gym.perturb.model import ModelParts, joints_of, names_of
 from calfree_gym.perturb.observations import Keys, Path, check_path, images_by_name, keys_of, leaf
 from calfree_gym.perturb.simulation import FREE, HOW_TO, Adapter, Env, adapter_of
 from calfree_gym.perturbations.base import Perturbation
@@ -58,7 +58,7 @@ class Scope:
         self.images: dict[str, Keys | None] = dict(images_by_name(space, self._cameras))
         if images is not None:
             self.images = {name: None if path is None else keys_of(path) for name, path in images.items()}
-        self.parts = Parts((), ())
+        self.parts = ModelParts((), ())
         for name, keys in self.images.items():
             if model and name not in (*self._cameras, RENDER):
                 raise ValueError(f"images names {self._no_camera(name)}")
@@ -71,7 +71,7 @@ class Scope:
         if env.render_mode is not None and (self.rendered in self._cameras or not shown):
             shown.append(self.rendered)
         names, slides = joints_of(model) if model else ((), ())
-        self.parts = Parts(tuple(dict.fromkeys(shown)), self._motors(model), names, slides)
+        self.parts = ModelParts(tuple(dict.fromkeys(shown)), self._motors(model), names, slides)
 
     @property
     def frames_can_be_at_fault(self) -> bool:

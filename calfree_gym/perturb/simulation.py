@@ -26,7 +26,7 @@ HOW_TO = """no MuJoCo model is found behind {env}. If it has one, say where:
     Perturb(env, schedule, adapter=Mine())"""
 
 
-class Simulation(NamedTuple):
+class FoundSimulation(NamedTuple):
     """MuJoCo's own MjModel and MjData."""
 
     model: Any
@@ -118,7 +118,7 @@ def adapter_of(env: Env) -> Adapter | None:
     return adapter if isinstance(model, mujoco.MjModel) and isinstance(data, mujoco.MjData) else None
 
 
-def find_simulation(env: Env) -> Simulation:
+def find_simulation(env: Env) -> FoundSimulation:
     """The model behind an environment, and its data.
 
     Raises:
@@ -130,4 +130,4 @@ def find_simulation(env: Env) -> Simulation:
     adapter = found or adapter_of(env)
     if adapter is None:
         raise ValueError(HOW_TO.format(env=type(env.unwrapped).__name__))
-    return Simulation(*adapter.simulation(env))
+    return FoundSimulation(*adapter.simulation(env))

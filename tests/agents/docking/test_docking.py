@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import agents
-from agents.docking.servo import ServoTrial
+from agents.docking.servo import DockingTrial
 from tests.agents.docking.robot import Robot
 
 
@@ -48,7 +48,7 @@ def before_the_dock(robot):
     agent = agents.make("commuting_servo", robot)
     robot.reset()
     robot.pose = np.array([-1.0, 0.0, 0.0])
-    trial = ServoTrial(agent.observed(robot.look()), agent.new_findings())
+    trial = DockingTrial(agent.observed(robot.look()), agent.new_findings())
 
     def made(motions):
         sent, observed = [], None

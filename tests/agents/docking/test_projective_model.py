@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from agents.docking.projective_model import Motion, ProjectiveModel, exponential, homography
+from agents.docking.projective_model import DrivenArc, ProjectiveModel, exponential, homography
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.docking.robot import WHEELS, Robot
 
@@ -29,7 +29,7 @@ def motions(robot, count, size=0.3):
         before, words = robot.last, robot.rng.uniform(-size, size, len(robot.bend))
         robot.step(words)
         if robot.seen(robot.pose)[1].all():
-            found.append(Motion(before, words, robot.last, np.ones(len(before), bool)))
+            found.append(DrivenArc(before, words, robot.last, np.ones(len(before), bool)))
     return found
 
 

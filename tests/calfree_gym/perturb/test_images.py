@@ -5,10 +5,10 @@ import pytest
 
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturb.images import faulty
-from calfree_gym.perturb.model import Parts, plain_world
+from calfree_gym.perturb.model import ModelParts, plain_world
 from calfree_gym.vision.cameras import image_points
 
-WORLD = plain_world(Parts(("top",), ()))
+WORLD = plain_world(ModelParts(("top",), ()))
 PLACE = np.zeros(2)
 
 
