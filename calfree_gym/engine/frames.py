@@ -30,7 +30,7 @@ _SHIFT = 4
 """Bits of a pixel's fraction, in OpenCV's drawing."""
 
 
-class Frame(ABC):
+class RobotFrame(ABC):
     """Draws one robot: the scene, and what its cameras see, see `beside`, with points and tolerance.
 
     Args:
@@ -106,11 +106,11 @@ class Frame(ABC):
         self._renderer.close()
 
 
-class SceneFrame(Frame):
+class SceneFrame(RobotFrame):
     """Draws one arm, and what both cameras see.
 
     Args:
-        arms, width, height: See `Frame`.
+        arms, width, height: See `RobotFrame`.
         as_agents_see: Whether camera images have the light and the covers of the world, by which agents see;
             else they have those of the scene, which people see best.
 
@@ -126,7 +126,7 @@ class SceneFrame(Frame):
         self._renderer = self._images.renderer
 
     def views(self, row: int, configuration: Array | None = None) -> list[Image]:
-        """See `Frame`."""
+        """See `RobotFrame`."""
         arms, images = self._arms, self._images
         left, right = images.colours(row, arms.world(row), configuration=configuration, light=self._light)
         images.shine(FOR_PEOPLE)
@@ -136,7 +136,7 @@ class SceneFrame(Frame):
         return [self._scene((*SEEN, RIG_GROUP)), left, right]
 
     def mark(self, image: Image, camera: int, points: Array, seen: Flags, target: Array) -> None:
-        """See `Frame`."""
+        """See `RobotFrame`."""
         tolerance_px = float(self._arms.tolerance) * PIXELS_PER_UNIT
         draw_points(image, points[:, camera], seen[:, camera], target[0, camera], tolerance_px)
 

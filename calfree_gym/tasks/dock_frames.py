@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from calfree_gym.engine.arms import Arms
-from calfree_gym.engine.frames import FINER, Frame, Viewer, draw_points, reduced
+from calfree_gym.engine.frames import FINER, RobotFrame, Viewer, draw_points, reduced
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import PIXELS_PER_UNIT
 from calfree_gym.rendering.renderer import Image, Renderer, View
@@ -16,11 +16,11 @@ from calfree_gym.world import World
 GROUPS = (0,)
 
 
-class DockFrame(Frame):
+class DockFrame(RobotFrame):
     """Draws one base, and what its cameras see.
 
     Args:
-        arms, width, height: See `Frame`.
+        arms, width, height: See `RobotFrame`.
         as_agents_see: Nothing changes: agents see no images.
 
     Raises:
@@ -34,7 +34,7 @@ class DockFrame(Frame):
         self._renderer = Renderer(*self._picture, FINER * max(self._size), for_people=True)
 
     def views(self, row: int, configuration: Array | None = None) -> list[Image]:
-        """See `Frame`."""
+        """See `RobotFrame`."""
         arms = self._arms
         arms.simulation.show(row, self._picture, configuration=configuration)
         images = [self._image(camera, arms.world(row)) for camera in range(len(arms.robot.cameras))]
@@ -51,7 +51,7 @@ class DockFrame(Frame):
         return reduced(lens_map.colours(pinhole), (self._image_size,) * 2)
 
     def mark(self, image: Image, camera: int, points: Array, seen: Flags, target: Array) -> None:
-        """See `Frame`: of each mark the own one, with the tolerance, and the dock's."""
+        """See `RobotFrame`: of each mark the own one, with the tolerance, and the dock's."""
         tolerance_px = float(self._arms.tolerance) * PIXELS_PER_UNIT
         marks = len(target)
         for mark in range(marks):

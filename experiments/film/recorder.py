@@ -249,7 +249,8 @@ class FilmRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def _look(self, predicted: Array | None = None) -> None:
         """Shows what is seen now."""
-        self._marks = Markings(*self._arms.shown(0), predicted)
+        points, seen, target = self._arms.shown(0)
+        self._marks = Markings(points, seen, target, predicted)
         status = self._status
         words, seconds = self._words(good=status.success), END if status.over else LOOK
         picture = self._show(seconds, None, self._marks, words, self._alarm)
