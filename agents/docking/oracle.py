@@ -24,7 +24,7 @@ ROLLING = {
     2: np.array([[0.5, 0.0, -1.0], [0.5, 0.0, 1.0]]),
     3: np.stack([-np.sin(_OMNI), np.cos(_OMNI), np.full(3, 2.0)], -1) * 2 / 3,
 }
-"""By the number of motors: how far a base comes ahead and to the left, and by how many tracks it turns (m, 3),
+"""By the number of motors m: how far a base comes ahead and to the left, and how many tracks it turns (m, 3),
 where one wheel rolls by 1 m: left, right; or on a rim ahead to the left, to the right, and behind."""
 GRID = np.linspace(-1, 1, 2001)
 """Words at which motors' curves are inverted."""
