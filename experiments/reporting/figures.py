@@ -87,7 +87,7 @@ def draw_worlds(axes: Axes, x: Any, worlds: Array, line: Line, agents: int) -> N
 def drawn_in_words(worlds: int, agents: int) -> str:
     """What the lines of `draw_worlds` are."""
     if worlds < ENOUGH_WORLDS:
-        return "Lines: the median world; thin: each world."
+        return f"Lines: the median world; thin: each world, where there are fewer than {ENOUGH_WORLDS}."
     if agents <= _BANDED:
         return "Lines: the median world; bands: the 10th to 90th percentile of worlds."
     return "Lines: the median world."

@@ -302,15 +302,15 @@ def learning_picture(finished: FinishedSuite, held: HeldOut) -> Figure:
             1, len(stretches), figsize=(width, _HEIGHT), sharey=True, squeeze=False, layout="constrained"
         )
         motions_axis(panels[0, 0], held.cap)
-        for axes, stretch in zip(panels[0], stretches, strict=True):
+        titles = _alike_high([fill(_title(scenario, stretch), letters) for stretch in stretches])
+        for axes, stretch, title in zip(panels[0], stretches, titles, strict=True):
             for label, of_agent in curves.items():
                 if stretch in of_agent:
                     motions, worlds = of_agent[stretch].motions, of_agent[stretch].worlds
                     draw_worlds(axes, np.maximum(motions, 1), worlds, lines[label], len(curves))
             longest = max(of[stretch].motions[-1] for of in curves.values() if stretch in of)
             _scale(axes, longest, "motions since" if stretch else "motions lived")
-            title = _title(scenario, stretch).replace(" by ", " by\N{NO-BREAK SPACE}")
-            axes.set_title(fill(title, letters), weight="bold", size=10)
+            axes.set_title(title, weight="bold", size=10)
         say(figure, f"Motions per reach (a failure counts as {held.cap})", _said(finished, scenario, curves))
         ends = [
             _end(agent, curves[agent.label], stretches[-1], longest, lines[agent.label])
@@ -368,6 +368,12 @@ def _scale(axes: Axes, longest: float, what: str) -> None:
     axes.tick_params(labelleft=True)
 
 
+def _alike_high(titles: list[str]) -> list[str]:
+    """Titles with as many lines: panels that are drawn one by one stay level."""
+    lines = max(title.count("\n") for title in titles)
+    return [title + "\n" * (lines - title.count("\n")) for title in titles]
+
+
 def _title(scenario: ScenarioConfig, stretch: int) -> str:
     known = knocks(scenario)
     if known is None:
@@ -376,7 +382,8 @@ def _title(scenario: ScenarioConfig, stretch: int) -> str:
         return ""
     if _in_one_panel(scenario):
         return f"{len(known)} changes of the world"
-    return known[min(stretch, len(known)) - 1].words if stretch else "from the beginning"
+    words = known[min(stretch, len(known)) - 1].words if stretch else "from the beginning"
+    return words.replace(" by ", " by\N{NO-BREAK SPACE}")
 
 
 def _said(finished: FinishedSuite, scenario: ScenarioConfig, curves: _Curves) -> str:
