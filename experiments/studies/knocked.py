@@ -30,7 +30,7 @@ NOISE_PX = 0.5
 GRIPPER = "robot0:grip"
 SUCCESS = 0.02
 """Within so many metres when the 50 steps of the environment are over."""
-EPISODES, DEMONSTRATED = 50, 150
+EPISODES, DEMONSTRATED = 100, 150
 FIRST_DEMONSTRATION = 10_000
 """Seed of the first one; those of the episodes are below."""
 MIDDLE = 25
