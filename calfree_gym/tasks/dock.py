@@ -27,7 +27,7 @@ from calfree_gym.errors import check_choice, check_whole
 from calfree_gym.geometry import Array, Flags, Rows
 from calfree_gym.image import PIXELS_PER_UNIT, lengths
 from calfree_gym.robot.arms.robot import Robot
-from calfree_gym.robot.docking.base import BASES, MARKS, WHEEL_RADIUS, Base
+from calfree_gym.robot.docking.base import BASES, MARKS, MOST_CAMERAS, WHEEL_RADIUS, Base
 from calfree_gym.robot.docking.berths import DOCKED_DEGREES, DOCKED_M, Berths
 from calfree_gym.robot.docking.driven import DrivenSimulation
 from calfree_gym.robot.docking.simulation import RollingSimulation
@@ -41,7 +41,6 @@ from calfree_gym.vision.tracking.tracker import StereoTracker
 from calfree_gym.world import World, WorldChoice
 
 GOALS_OF_DOCKING = ("marks", "shown")
-MOST_CAMERAS = 2
 FARTHEST_TOLD = 1000.0
 """Privileged quantities are told within this, in m and rad (a guard)."""
 

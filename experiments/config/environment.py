@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import fields
+from importlib import import_module
 from numbers import Real
 from typing import Annotated, Any, Literal, Self
 
@@ -16,11 +17,8 @@ from calfree_gym.engine.config import LARGEST_POOL, MOST_TOLERANCE
 from calfree_gym.errors import near_misses
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME, digest_of, robot_of
 from calfree_gym.robot.arms.chain import SLIDE
-from calfree_gym.robot.docking.base import MARKS
+from calfree_gym.robot.docking.base import MARKS, MOST_CAMERAS
 from calfree_gym.robot.grasping.shapes import check_shape
-from calfree_gym.tasks.dock import MOST_CAMERAS
-from calfree_gym.tasks.dock import PRIVILEGED as DOCKING
-from calfree_gym.tasks.reach import PRIVILEGED
 from calfree_gym.world import DISTRIBUTIONS
 from experiments.config.model import Model, known
 
@@ -183,7 +181,10 @@ class EnvironmentConfig(Model):
     @property
     def privileged(self) -> tuple[str, ...]:
         """All that its argument `tell` can add."""
-        return tuple(DOCKING if self.task == "dock" else PRIVILEGED)
+        task = import_module(
+            f"calfree_gym.tasks.{'dock' if self.task == 'dock' else 'reach'}"
+        )  # needs MuJoCo 3.17
+        return tuple(task.PRIVILEGED)
 
     def make(
         self, perturbations: tuple[dict[str, Any], ...] = (), tell: tuple[str, ...] = ()

@@ -26,6 +26,7 @@ _WHEELS = {"differential": ("left", "right"), "omni": ("left", "right", "rear")}
 _OMNI = np.radians([60.0, -60.0, 180.0])
 """Where the wheels of an omnidirectional base stand, from ahead to the left; each rolls along the rim."""
 BASES = tuple(_WHEELS)
+MOST_CAMERAS = max(_EYES)
 
 
 class Base:
