@@ -236,7 +236,12 @@ def test_configuration_page_tells_the_defaults():
     text = " ".join((ROOT / "docs/configuration.md").read_text().split())
     for key, field in config.EnvironmentConfig.model_fields.items():
         if not field.is_required():
-            told = {True: "true", False: "false", None: "null", (): "none"}.get(field.default, field.default)
+            default = field.default
+            told = (
+                str(default).lower()
+                if isinstance(default, bool)
+                else {None: "null", (): "none"}.get(default, default)
+            )
             assert re.search(rf"`{key}` \(`?{re.escape(str(told))}\b", text), key
 
 

@@ -196,7 +196,7 @@ def test_hints_name_what_can_be_installed():
             text = path.read_text()
             assert "calfree-gym[" not in text, path
             named |= set(re.findall(r"to_install\([\"'](\w+)[\"']\)", text))
-    assert named == {"agents", "cluster", "vision"} <= extras.keys()
+    assert named == {"agents", "cluster", "perturb", "vision"} <= extras.keys()
 
 
 def test_the_citation_is_of_this_version():
