@@ -108,23 +108,24 @@ def _span(amounts: set[int]) -> str:
 
 def about_environment(env: EnvironmentConfig) -> str:
     """An environment in words; of an arm that is not built in, its model's name, motors and digest."""
+    others = env.model_dump(exclude_defaults=True, exclude=_SAID)
+    ends = f"tolerance {env.tolerance_px:g} px, {env.dynamics} dynamics"
+    ends += "".join(f", {name} {value}" for name, value in others.items())
+    if env.task == "dock":
+        return f"{env.id}, {env.world} worlds, {env.base} base, {ends}"
     arm = ""
     if not isinstance(env.arm, str):
         told = as_told(env.arm)
         arm = f" arm {told['model']} (motors {', '.join(told['motors'])}; digest {told['digest'][:12]}),"
     mounts = env.camera_mount if isinstance(env.camera_mount, str) else " and ".join(env.camera_mount)
-    others = env.model_dump(exclude_defaults=True, exclude=_SAID)
-    return (
-        f"{env.id}, {env.world} worlds,{arm} cameras on the {mounts}, tolerance {env.tolerance_px:g} px, "
-        f"{env.dynamics} dynamics" + "".join(f", {name} {value}" for name, value in others.items())
-    )
+    return f"{env.id}, {env.world} worlds,{arm} cameras on the {mounts}, {ends}"
 
 
 SUCCESS_IN_WORDS = (
     "Success: the true error at the end is within the tolerance (in grasping: lifted; in inserting: in the "
     "hole)."
 )
-_SAID = {"id", "world", "arm", "camera_mount", "tolerance_px", "dynamics"}
+_SAID = {"id", "world", "arm", "base", "camera_mount", "tolerance_px", "dynamics"}
 """Of an environment, what its words always tell."""
 
 
