@@ -1,6 +1,6 @@
 """Demonstrations for learners, without a leader arm: an agent reaches, and a `LeRobotDataset` has it.
 
-Needs `lerobot[dataset]`. Run as it is, in the repository, the bench of our tests stands in for the arm;
+Needs `lerobot[dataset]`. By `make record` the bench of our tests stands in for the arm;
 LeRobot's own flags (`--robot.type=so101_follower ...`) name a real one, with cameras left and right.
 """
 
