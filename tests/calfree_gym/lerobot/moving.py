@@ -14,6 +14,7 @@ from tests.calfree_gym.lerobot.so101 import MOTORS
 
 def main():
     path, ending = Path(sys.argv[1]), sys.argv[2]
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored in jobs in the background
     robot = FakeSO101(0, power=path)
     robot.connect(calibrate=False)
     robot.bus.calibration = robot.bus.read_calibration()
