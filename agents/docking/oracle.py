@@ -19,13 +19,6 @@ DOCKED = SCALE * np.array([[0.5, 0.0], [-0.5, 0.0]])
 """Two points of the floor (2, 2) as a robot sees them from above that has docked."""
 EVERYWHERE = np.full(DOCKED.shape, np.inf)
 """None of them can be lost."""
-_OMNI = np.radians([60.0, -60.0, 180.0])
-ROLLING = {
-    2: np.array([[0.5, 0.0, -1.0], [0.5, 0.0, 1.0]]),
-    3: np.stack([-np.sin(_OMNI), np.cos(_OMNI), np.full(3, 2.0)], -1) * 2 / 3,
-}
-"""By the number of motors m: how far a base comes ahead and to the left, and how many tracks it turns (m, 3),
-where one wheel rolls by 1 m: left, right; or on a rim ahead to the left, to the right, and behind."""
 GRID = np.linspace(-1, 1, 2001)
 """Words at which motors' curves are inverted."""
 
@@ -63,18 +56,17 @@ def from_above(wheels: Array) -> tuple[ProjectiveModel, Array]:
     """What words do to points of the floor as a robot sees them from above, but for motors' curves.
 
     Args:
-        wheels: As `tell=("wheels",)` tells them (2 m + 1,).
+        wheels: As `tell=("wheels",)` tells them (4 m,).
 
     Returns:
         A model without curvatures, and those curvatures (m,).
     """
-    motors = len(wheels) // 2
+    motors = len(wheels) // 4
     model = ProjectiveModel(len(DOCKED), motors)
-    arcs = wheels[:motors, None] * ROLLING[motors] / [1, 1, wheels[-1]]
-    for motor, (ahead, left, turn) in enumerate(arcs):
+    for motor, (ahead, left, turn) in enumerate(wheels[: 3 * motors].reshape(motors, 3)):
         moved = np.array([[0.0, turn, -SCALE * ahead], [-turn, 0.0, -SCALE * left], [0.0, 0.0, 0.0]])
         model.entries[:, motor] = moved.reshape(9)[:8]
-    return model, wheels[motors:-1]
+    return model, wheels[3 * motors :]
 
 
 def seen_from(pose: Array) -> Array:

@@ -265,14 +265,16 @@ class DockArms(Arms):
         return np.full(self.rows, LOOK_SECONDS)
 
     def wheels(self) -> Array:
-        """Of all rows (N, 2 m + 1): m a wheel rolls at a word of 1, curvatures, the track in m."""
+        """Of all rows (N, 4 m): how far a base comes ahead, to the left and about by a word of 1 of each
+        motor, in m and rad, but for its curve; then the curvatures."""
         worlds = [None if self.needs_seed(row) else self.world(row) for row in range(self.rows)]
         motors = len(self.base.motors)
-        told = np.zeros((self.rows, 2 * motors + 1))
+        told = np.zeros((self.rows, 4 * motors))
         for row, world in enumerate(worlds):
             if world is not None:
                 rolled = WHEEL_RADIUS * self.base.span * world.motor_sign * world.motor_gain
-                told[row] = np.concatenate([rolled, world.motor_curvature, world.link_lengths])
+                arcs = self.base.arc(np.diag(rolled), world.link_lengths)
+                told[row] = np.concatenate([arcs.ravel(), world.motor_curvature])
         return told
 
 
