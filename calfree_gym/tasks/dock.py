@@ -265,8 +265,10 @@ class DockArms(Arms):
         return np.full(self.rows, LOOK_SECONDS)
 
     def wheels(self) -> Array:
-        """Of all rows (N, 4 m): how far a base comes ahead, to the left and about by a word of 1 of each
-        motor, in m and rad, but for its curve; then the curvatures."""
+        """What words do in all rows (N, 4 m): the arc (3,) of a word of 1 of each motor, then its curvatures.
+
+        An arc is how far a base comes ahead and to the left, in m, and about, in rad, but for the curve.
+        """
         worlds = [None if self.needs_seed(row) else self.world(row) for row in range(self.rows)]
         motors = len(self.base.motors)
         told = np.zeros((self.rows, 4 * motors))
@@ -368,9 +370,9 @@ class DockEnv(ArmEnv, arms=DockArms):
             dock are `wheel_radius`, `track`, `slip` and `dock_moved`.
         keep_in_view: Whether worlds, perturbations and starts are drawn again from which the dock is not
             seen, or by which the docked pose is not.
-        tell: Privileged quantities, as further observation keys: "pose" (3,), and "wheels" (2 m + 1,): how
-            far each wheel rolls at a word of 1, in m, with its sign; the curvature of each, c in w + c w
-            (w**2 - 1); the track in m.
+        tell: Privileged quantities, as further observation keys: "pose" (3,), and "wheels" (4 m,): how
+            far a word of 1 of each motor brings the base ahead, to the left (m) and about (rad); then the
+            curvature of each, c in w + c w (w**2 - 1).
         truth, reward, render_mode, width, height: As for `StereoArmEnv`.
 
     Raises:
