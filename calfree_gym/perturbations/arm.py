@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from calfree_gym.perturbations.base import (
     Draw,
+    Factor,
     Level,
     Perturbation,
     amount,
@@ -40,35 +41,23 @@ class JointZero(Perturbation):
 
 
 @dataclass(frozen=True)
-class LinkLength(Perturbation):
+class LinkLength(Factor):
     """Multiplies a link's length by `factor` (drawn: 0.9-1.1)."""
 
     type: ClassVar[str] = "link_length"
+    quantity: ClassVar[str] = "link_lengths"
     link: str = one_of("links")
     factor: float = factor(0.9, 1.1)
 
-    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        link = robot.links.index(self.link)
-        return with_entry(world, "link_lengths", link, world.link_lengths[link] * self.factor)
-
-    def inverse(self) -> Perturbation:
-        return replace(self, factor=1 / self.factor)
-
 
 @dataclass(frozen=True)
-class MotorGain(Perturbation):
+class MotorGain(Factor):
     """Multiplies a motor's gain by `factor` (drawn: 0.67-1.5)."""
 
     type: ClassVar[str] = "motor_gain"
+    quantity: ClassVar[str] = "motor_gain"
     motor: str = one_of("motors")
     factor: float = factor(0.67, 1.5)
-
-    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        motor = robot.motors.index(self.motor)
-        return with_entry(world, "motor_gain", motor, world.motor_gain[motor] * self.factor)
-
-    def inverse(self) -> Perturbation:
-        return replace(self, factor=1 / self.factor)
 
 
 @dataclass(frozen=True)

@@ -178,34 +178,40 @@ class Perturbation:
         """As in YAML: the type and what was given."""
         return {"type": self.type, **self._given()}
 
+    def _entry(self, robot: Robot) -> int | tuple[()]:
+        """The place, along a field's first axis, of the part of the robot that it names; () is all of it."""
+        for name, allowed in self.settings().items():
+            if allowed.part:
+                return getattr(robot, allowed.part).index(getattr(self, name))
+        return ()
+
     def _given(self) -> dict[str, Any]:
         return {k: v for k, v in asdict(self).items() if v is not None}  # type: ignore[call-overload]
 
 
-class CameraFactor(Perturbation):
-    """Multiplies one camera's entry of a field of the world by a factor.
+class Factor(Perturbation):
+    """Multiplies a field of the world, or the entry of the part that is named, by a factor.
 
     Attributes:
-        entry: The field.
+        quantity: The field.
     """
 
-    entry: ClassVar[str]
-    camera: str
+    quantity: ClassVar[str]
     factor: float
 
-    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
-        camera = robot.cameras.index(self.camera)
-        return with_entry(world, self.entry, camera, getattr(world, self.entry)[camera] * self.factor)
+    def change(self, world: World, robot: Robot | None = None) -> World:
+        entry = self._entry(robot or self.built)
+        return with_entry(world, self.quantity, entry, getattr(world, self.quantity)[entry] * self.factor)
 
     def inverse(self) -> Perturbation:
         return replace(self, factor=1 / self.factor)  # type: ignore[type-var]
 
 
 class Level(Perturbation):
-    """Sets the field that its type names, or a camera's or motor's entry of it; as a drift, adds to it.
+    """Sets the field that its type names, or the entry of the part that is named; as a drift, adds to it.
 
     Attributes:
-        quantity: The setting that holds the level; another one may be the camera or the motor.
+        quantity: The setting that holds the level; another one may name the camera or the motor.
     """
 
     quantity: ClassVar[str]
@@ -220,11 +226,6 @@ class Level(Perturbation):
         for level in np.ravel(there).tolist():
             self.check(self.quantity, int(level) if whole else level)
         return with_entry(world, self.type, place, there)
-
-    def _entry(self, robot: Robot) -> int | tuple[()]:
-        if hasattr(self, "motor"):
-            return robot.motors.index(self.motor)
-        return robot.cameras.index(self.camera) if hasattr(self, "camera") else ()
 
 
 def with_entry(world: World, name: str, index: int | tuple[()], value: Any) -> World:

@@ -11,7 +11,7 @@ import numpy as np
 from calfree_gym.geometry import quaternion_about, quaternion_between, quaternion_product
 from calfree_gym.perturbations.base import (
     DRIFT_STEPS,
-    CameraFactor,
+    Factor,
     Perturbation,
     amount,
     factor,
@@ -64,11 +64,11 @@ class CameraAim(Perturbation):
 
 
 @dataclass(frozen=True)
-class CameraZoom(CameraFactor):
+class CameraZoom(Factor):
     """Multiplies a camera's focal length by `factor` (drawn: 0.8-1.25)."""
 
     type: ClassVar[str] = "camera_zoom"
-    entry: ClassVar[str] = "focal_length"
+    quantity: ClassVar[str] = "focal_length"
     camera: str = one_of("cameras")
     factor: float = factor(0.8, 1.25)
 

@@ -10,7 +10,7 @@ from calfree_gym.geometry import direction_between
 from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.perturbations.base import (
     DRIFT_STEPS,
-    CameraFactor,
+    Factor,
     Level,
     Perturbation,
     amount,
@@ -94,11 +94,11 @@ class Light(Perturbation):
 
 
 @dataclass(frozen=True)
-class Exposure(CameraFactor):
+class Exposure(Factor):
     """Multiplies the brightness of a camera's images by `factor` (drawn: 0.6-1.6)."""
 
     type: ClassVar[str] = "exposure"
-    entry: ClassVar[str] = "exposure"
+    quantity: ClassVar[str] = "exposure"
     camera: str = one_of("cameras")
     factor: float = factor(0.6, 1.6)
 

@@ -9,6 +9,7 @@ from typing import ClassVar, cast
 import numpy as np
 
 from calfree_gym.perturbations.base import (
+    Factor,
     Level,
     Perturbation,
     amount,
@@ -16,7 +17,6 @@ from calfree_gym.perturbations.base import (
     one_of,
     setting,
     uniform,
-    with_entry,
 )
 from calfree_gym.robot.arms.robot import Robot
 from calfree_gym.robot.docking.base import MARKS, Base
@@ -39,33 +39,22 @@ class OfABase(Perturbation):
 
 
 @dataclass(frozen=True)
-class WheelRadius(OfABase):
+class WheelRadius(OfABase, Factor):
     """Multiplies a wheel's radius by `factor` (drawn: 0.8-1.25), as a worn or another wheel has it."""
 
     type: ClassVar[str] = "wheel_radius"
+    quantity: ClassVar[str] = "motor_gain"
     wheel: str = one_of("wheels")
     factor: float = factor(0.8, 1.25)
 
-    def change(self, world: World, robot: Robot = BUILT) -> World:
-        wheel = robot.wheels.index(self.wheel)
-        return with_entry(world, "motor_gain", wheel, world.motor_gain[wheel] * self.factor)
-
-    def inverse(self) -> Perturbation:
-        return replace(self, factor=1 / self.factor)
-
 
 @dataclass(frozen=True)
-class Track(OfABase):
+class Track(OfABase, Factor):
     """Multiplies how far the wheels stand apart by `factor` (drawn: 0.8-1.25)."""
 
     type: ClassVar[str] = "track"
+    quantity: ClassVar[str] = "link_lengths"
     factor: float = factor(0.8, 1.25)
-
-    def change(self, world: World, robot: Robot = BUILT) -> World:
-        return world.replace(link_lengths=world.link_lengths * self.factor)
-
-    def inverse(self) -> Perturbation:
-        return replace(self, factor=1 / self.factor)
 
 
 @dataclass(frozen=True)
