@@ -22,6 +22,11 @@ STANDARD_KEYS = ("achieved_goal", "desired_goal", "observation")
 """What every controller gets. All other keys are privileged: asked for by `tell=`."""
 
 
+def privileged_in(raw: RawObservation) -> dict[str, Array]:
+    """What was asked for by `tell=`, by name."""
+    return {name: np.asarray(raw[name], float) for name in raw if name not in STANDARD_KEYS}
+
+
 @dataclass(frozen=True)
 class Observation:
     """Image points, flags and registers after one motion.
@@ -49,7 +54,7 @@ class Observation:
             points=points.reshape(POINTS, 2),
             visible=rest[:POINTS] > 0.5,
             registers=rest[POINTS:],
-            privileged={name: np.asarray(raw[name], float) for name in raw if name not in STANDARD_KEYS},
+            privileged=privileged_in(raw),
         )
 
     def estimated(self, points: Array, visible: Flags) -> Observation:

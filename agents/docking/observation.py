@@ -9,7 +9,7 @@ import numpy as np
 
 from calfree_gym.image import lengths_px
 
-from ..base.observation import STANDARD_KEYS, Array, Flags, RawObservation
+from ..base.observation import STANDARD_KEYS, Array, Flags, RawObservation, privileged_in
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class DockObservation:
             visible=state[:count] > 0.5,
             shown=state[count : 2 * count] > 0.5,
             registers=state[2 * count :],
-            privileged={name: np.asarray(raw[name], float) for name in raw if name not in STANDARD_KEYS},
+            privileged=privileged_in(raw),
         )
 
     @property

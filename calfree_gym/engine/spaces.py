@@ -73,20 +73,38 @@ def control_words(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 def placed_objects(options: dict[str, Any] | None, rows: int, robot: Robot) -> NDArray[np.float64] | None:
     """The object of reset's options (rows, 3) in m, or None without one."""
+    objects = given_option(options, "object", rows, "(x, y, z) in metres")
+    if objects is not None:
+        check_near(objects, robot)
+    return objects
+
+
+def given_option(
+    options: dict[str, Any] | None, name: str, rows: int, what: str
+) -> NDArray[np.float64] | None:
+    """Three numbers a row (rows, 3) from the one option that reset has, or None without it.
+
+    Args:
+        options: As given.
+        name: Of the option.
+        rows: So many; one may be given for all.
+        what: The numbers, as errors call them.
+
+    Raises:
+        ValueError: There is another option, or these are no such numbers.
+    """
     options = checked_options(options)
+    if unknown := sorted(options.keys() - {name}):
+        raise ValueError(f"reset has no option {', '.join(map(repr, unknown))}; allowed: {name!r}")
     if not options:
         return None
-    if unknown := sorted(options.keys() - {"object"}):
-        raise ValueError(f"reset has no option {', '.join(map(repr, unknown))}; allowed: 'object'")
     try:
-        position = np.asarray(options["object"], np.float64)
+        found = np.asarray(options[name], np.float64)
     except (TypeError, ValueError):
-        position = np.empty(0)
-    if position.shape not in ((3,), (rows, 3)) or not np.isfinite(position).all():
-        raise ValueError(f"options['object'] is {options['object']!r}; it must be (x, y, z) in metres")
-    objects = np.broadcast_to(position, (rows, 3))
-    check_near(objects, robot)
-    return objects
+        found = np.empty(0)
+    if found.shape not in ((3,), (rows, 3)) or not np.isfinite(found).all():
+        raise ValueError(f"options[{name!r}] is {options[name]!r}; it must be {what}")
+    return np.broadcast_to(found, (rows, 3))
 
 
 def checked_options(options: Any) -> dict[str, Any]:

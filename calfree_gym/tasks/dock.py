@@ -16,7 +16,7 @@ from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
     Observation,
     action_space,
-    checked_options,
+    given_option,
     image_distances,
     joined,
     state_box,
@@ -152,20 +152,7 @@ class DockArms(Arms):
         Raises:
             ValueError: It is no pose.
         """
-        options = checked_options(options)
-        if unknown := sorted(options.keys() - {"pose"}):
-            raise ValueError(f"reset has no option {', '.join(map(repr, unknown))}; allowed: 'pose'")
-        if not options:
-            return None
-        try:
-            pose = np.asarray(options["pose"], np.float64)
-        except (TypeError, ValueError):
-            pose = np.empty(0)
-        if pose.shape not in ((3,), (self.rows, 3)) or not np.isfinite(pose).all():
-            raise ValueError(
-                f"options['pose'] is {options['pose']!r}; it must be (x, y, heading) in m and rad"
-            )
-        return np.broadcast_to(pose, (self.rows, 3))
+        return given_option(options, "pose", self.rows, "(x, y, heading) in m and rad")
 
     def next_objects(self, rows: NDArray[np.intp], given: Array | None) -> Array:
         """See `Arms`: poses (n, 3) before the docks.
