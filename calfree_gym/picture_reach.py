@@ -12,14 +12,11 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import lengths_px
+from calfree_gym.reaching import SQUARE, Array, farthest_px, reaching_observation, reaching_spaces
 from calfree_gym.vision import Marks, StereoTracker
 
-Array = NDArray[Any]
 Pictures = Sequence[NDArray[np.uint8]]
 """Of both cameras, left and right: RGB (h, w, 3)."""
-SQUARE = ((1.0, 1.0), (1.0, 1.0))
-"""Halves of the width and the height of both images, in image units, where they are square."""
 
 
 class PairTracker(Protocol):
@@ -48,7 +45,7 @@ class PictureLook(NamedTuple):
     @property
     def px(self) -> float:
         """The image distance in the worse camera, where the longer side of an image is 512 px."""
-        return float(lengths_px(self.points[:2] - self.points[2:]).max())
+        return farthest_px(self.points)
 
 
 class PictureReach(gym.Env[dict[str, Array], Array]):
@@ -77,13 +74,7 @@ class PictureReach(gym.Env[dict[str, Array], Array]):
         max_motions: int,
         edges: Any = SQUARE,
     ) -> None:
-        ends = np.ravel(edges).astype(np.float32)
-        points = gym.spaces.Box(-ends, ends)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (motors,), np.float32)
-        state = gym.spaces.Box(-1.0, 1.0, (4 + motors,), np.float32)
-        self.observation_space = gym.spaces.Dict(  # type: ignore[assignment]
-            achieved_goal=points, desired_goal=points, observation=state
-        )
+        self.observation_space, self.action_space = reaching_spaces(motors, edges)  # type: ignore[assignment]
         self.registers, self.motions = np.zeros(motors), 0
         self.look: PictureLook | None = None
         self._tracker = tracker_of(marks)
@@ -127,13 +118,8 @@ class PictureReach(gym.Env[dict[str, Array], Array]):
     def _observe(self) -> tuple[dict[str, Array], bool]:
         """The observation, and whether gripper and object are seen at one place in both images."""
         self.look = look = self._seen()
-        observation = {
-            "achieved_goal": look.points[:2].ravel(),  # gripper, left and right
-            "desired_goal": look.points[2:].ravel(),  # object
-            "observation": np.concatenate([look.visible, np.clip(self.registers, -1, 1)]),
-        }
-        floats = {name: values.astype(np.float32) for name, values in observation.items()}
-        return floats, bool(look.visible.all() and look.px <= self._tolerance_px)
+        registers = np.clip(self.registers, -1, 1)
+        return reaching_observation(look.points, look.visible, registers, self._tolerance_px)
 
     def _seen(self) -> PictureLook:
         """Looks. A camera that shows the same picture again, though motors have moved, is frozen."""

@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike
 
 from calfree_gym.errors import check_choice, check_whole
 from calfree_gym.geometry import Array, rotation_matrix
-from calfree_gym.image import IMAGE_UNIT, inside, lengths_px
+from calfree_gym.image import IMAGE_UNIT, inside
+from calfree_gym.perturb.actions import bounded
 from calfree_gym.perturb.simulation import find_simulation
+from calfree_gym.reaching import reaching_observation, reaching_spaces
 from calfree_gym.streams import stream
 from calfree_gym.vision.cameras import pinhole
 
@@ -127,10 +129,7 @@ class StereoPoints(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._check()
         self._rng, _ = seeding.np_random()
         motors = len(words.entries)
-        goal = gym.spaces.Box(-1.0, 1.0, (4,), np.float32)
-        state = gym.spaces.Box(-1.0, 1.0, (4 + motors,), np.float32)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (motors,), np.float32)
-        self.observation_space = gym.spaces.Dict(achieved_goal=goal, desired_goal=goal, observation=state)
+        self.observation_space, self.action_space = reaching_spaces(motors)
         self._registers, self._points = np.zeros(motors), np.zeros((2, 2, 2))
 
     def reset(
@@ -171,14 +170,8 @@ class StereoPoints(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._points[seen] = found[seen]  # a lost point keeps its last value
         if self._tell is not None:
             self._registers[:] = np.clip(self._tell(self.env), -1, 1)
-        observation = {
-            "achieved_goal": self._points[0].ravel(),
-            "desired_goal": self._points[1].ravel(),
-            "observation": np.concatenate([seen.ravel(), self._registers]),
-        }
-        floats = {name: values.astype(np.float32) for name, values in observation.items()}
-        far = lengths_px(self._points[0] - self._points[1]).max()
-        return floats, bool(seen.all() and far <= self._tolerance_px)
+        points = self._points.reshape(4, 2)
+        return reaching_observation(points, seen.ravel(), self._registers, self._tolerance_px)
 
     def _look(self) -> tuple[Array, Any]:
         """Image points (2, 2, 2) of gripper and object, left and right, and which (2, 2) are seen."""
@@ -197,8 +190,8 @@ class StereoPoints(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def _check(self) -> None:
         """See the class."""
-        box = self.env.action_space
-        if not isinstance(box, gym.spaces.Box) or len(box.shape) != 1 or not np.isfinite(box.high).all():
+        box: Any = self.env.action_space
+        if not bounded(box):
             raise ValueError(f"actions are {box}; words need a box of finite numbers (n,)")
         for entry in self._words.entries:
             check_whole("an entry of words", entry, 0, box.shape[0] - 1)
