@@ -10,7 +10,6 @@ from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
-import yaml
 
 import calfree_gym
 
@@ -197,8 +196,3 @@ def test_hints_name_what_can_be_installed():
             assert "calfree-gym[" not in text, path
             named |= set(re.findall(r"to_install\([\"'](\w+)[\"']\)", text))
     assert named == {"agents", "cluster", "perturb", "vision"} <= extras.keys()
-
-
-def test_the_citation_is_of_this_version():
-    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())
-    assert citation["version"] == calfree_gym.__version__
