@@ -15,10 +15,9 @@ from markdown.extensions.toc import slugify
 
 import agents
 from calfree_gym import ENV_IDS, WorldDistribution, nominal
-from calfree_gym.envs.single import StereoArmEnv
 from calfree_gym.perturbations import TYPES
 from calfree_gym.robot.arms.movemaster import MOTORS, MOVEMASTER
-from calfree_gym.tasks.reach import observation_space
+from calfree_gym.tasks.reach import StereoArmEnv, observation_space
 from experiments.__main__ import _parser
 from experiments.config import loading
 from experiments.config import suite as config
@@ -245,7 +244,7 @@ def test_configuration_page_tells_the_defaults():
             assert re.search(rf"`{key}` \(`?{re.escape(str(told))}\b", text), key
 
 
-@pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md"])
+@pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md", "RELEASING.md", "SECURITY.md"])
 def test_links_of_a_page_lead_somewhere(page):
     for link in re.findall(r"\]\(([^)\s]+)\)", (ROOT / page).read_text()):
         if not re.match("https?:", link):

@@ -1,6 +1,7 @@
 """The examples run as they are told to, and do what they say."""
 
 import importlib.util
+import json
 import os
 import pydoc
 import re
@@ -8,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import stable_baselines3
@@ -132,3 +134,17 @@ def test_zoo_settings_build_and_train(name):
     before = parameters_to_vector(model.policy.parameters()).detach().clone()
     model.learn(110 if algorithm == "sac" else 4096)
     assert not torch.equal(before, parameters_to_vector(model.policy.parameters()))
+
+
+def test_the_notebook_runs_from_top_to_bottom():
+    plt.switch_backend("agg")
+    cells = json.loads((EXAMPLES / "first_reach.ipynb").read_text())["cells"]
+    names = {}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), names)
+            assert cell["outputs"] == [], "what is printed is made anew"
+    plt.close("all")
+    first, *later = names["reaches"].values()
+    assert first[-1] < 4 < first[0]
+    assert max(map(len, later)) < len(first)

@@ -38,7 +38,13 @@ def check_motions(servo: Any) -> None:
 
 
 S = TypeVar("S")
-_TEST_MOTIONS = re.compile(r"UnifiedServo\(estimator='test_motions', ([^()]*), patience=[^()]*\)")
+_OF_0_1 = {
+    r"UnifiedServo\(estimator='test_motions', ([^()]*), patience=[^()]*\)": r"PaperServo(\1)",
+    r"UnifiedServo\(estimator=": "JacobianServo(estimator=",
+    r"(FactoredTable\(cells=\d+), points=\d+": r"\1",
+    ", on_change=keep$": "",  # what tables do
+}
+"""From what files of version 0.1 name, as regular expressions, to what that is called now."""
 
 
 UNIFIED = "unified_servo"
@@ -122,8 +128,9 @@ class ServoAgent(ProcedureAgent):
         return repr(self.servo)
 
     def present_kind(self, saved: str) -> str:
-        """See `ProcedureAgent`. In version 0.1 the paper's servo was a unified one by test motions."""
-        return _TEST_MOTIONS.sub(r"PaperServo(\1)", saved)
+        for earlier, present in _OF_0_1.items():
+            saved = re.sub(earlier, present, saved)
+        return saved
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         arrays = self.filter.arrays()

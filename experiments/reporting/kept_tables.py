@@ -20,17 +20,21 @@ import agents
 from agents.base.registration import AGENTS as REGISTERED
 from calfree_gym.errors import near_misses
 from experiments.config.environment import EnvironmentConfig
+from experiments.config.loading import read_mapping
 from experiments.config.requirements import requirements
 from experiments.config.suite import AgentConfig
 from experiments.errors import ConfigError
 from experiments.reporting.pages import tables_markdown
 from experiments.reporting.tables import Table, must_know
+from experiments.running.finished import TIMES, read_times
 from experiments.running.results_folder import write_whole
 from experiments.running.versions import REPOSITORY
 
 KEPT = REPOSITORY / "experiments" / "results"
-AGENTS = "agents"
-"""The one table that is made from the code alone."""
+AGENTS, BUDGETS = "agents", "budgets"
+"""Tables that no result keeps: one is made from the code alone, one from the times of all kept suites."""
+CORES = 2
+"""On which kept results are made."""
 _MARKER = re.compile(r"^<!-- (?:table: (?P<name>\S.*?)|(?P<end>end of table)) -->$", re.MULTILINE)
 
 
@@ -38,9 +42,9 @@ def tables_named(name: str, kept: Path = KEPT) -> str:
     """The Markdown of a table of README.md or docs/.
 
     Args:
-        name: "agents", a folder of kept results such as "quick", or one table in it, as "quick/wild"; then,
-            where not all columns are to be shown, those that are, as "quick/wild: agent, success"; or which
-            rows are not, as "quick/wild without oracle".
+        name: "agents", "budgets", a folder of kept results such as "quick", or one table in it, as
+            "quick/wild"; then, where not all columns are to be shown, those that are, as "quick/wild: agent,
+            success"; or which rows are not, as "quick/wild without oracle".
         kept: Holds the folders of kept results.
 
     Raises:
@@ -48,10 +52,12 @@ def tables_named(name: str, kept: Path = KEPT) -> str:
     """
     if name == AGENTS:
         return agents_table().markdown()
+    if name == BUDGETS:
+        return budgets_table(kept).markdown()
     name, _, columns = name.partition(": ")
     name, _, without = name.partition(" without ")
     folder, _, chosen = name.partition("/")
-    allowed = [AGENTS, *sorted(path.name for path in kept.glob("*") if _files(path))]
+    allowed = [AGENTS, BUDGETS, *sorted(path.name for path in kept.glob("*") if _files(path))]
     if folder not in allowed:
         hint = near_misses(folder, allowed)
         raise ConfigError(f"no results are kept as {folder!r}{hint}; allowed: {', '.join(allowed)}")
@@ -81,6 +87,17 @@ def agents_table() -> Table:
         known = must_know(required.privileged, required.prior_knowledge)
         rows.append((f"[`{name}`](agent-settings.md#{name})", REGISTERED[name].does, known))
     return Table.of(AGENTS, "Agents", ["agent", "what it does", "what it must know"], rows)
+
+
+def budgets_table(kept: Path = KEPT) -> Table:
+    """How long each suite that keeps its times has taken, and what it is for."""
+    rows = []
+    for times in sorted(kept.glob(f"*/{TIMES}")):
+        suite = times.parent.name
+        question = read_mapping(REPOSITORY / "configs" / f"{suite}.yaml")["question"]
+        minutes = read_times(times)["wall_seconds"].sum() / 60 / CORES
+        rows.append((f"`{suite}`", f"{minutes:.0f}", question))
+    return Table.of(BUDGETS, "Budgets", ["suite", "minutes on two cores", "what it asks"], rows)
 
 
 def _chosen(table: Table, columns: str, without: str) -> Table:

@@ -1,6 +1,5 @@
 """The one surface: predict, learn, save and load, for every agent."""
 
-import json
 import warnings
 import zipfile
 import zlib
@@ -14,7 +13,7 @@ import pytest
 import agents
 from calfree_gym.tasks.reach import PRIVILEGED
 from tests.agents.neural.quick import QUICK
-from tests.agents.trials import assert_same_arrays, motions_of
+from tests.agents.trials import motions_of
 from tests.arms.own import ARMS
 
 NAMES = agents.names()
@@ -204,27 +203,6 @@ def test_what_was_saved_for_an_arm_of_other_motors_says_so(name, tmp_path):
     four = agents.make(name, gym.make("CalFree/Reach-v0", arm=ARMS["scara"]))
     with pytest.raises(ValueError, match=r"three\.npz was saved for 3 motors; this agent's .* has 4"):
         four.load(tmp_path / "three.npz")
-
-
-@pytest.mark.parametrize("patience", [6, 2])
-@pytest.mark.parametrize(("name", "over"), [("paper_servo", ""), ("grid_table", "over ")])
-def test_what_version_0_1_saved_loads_with_a_warning(name, over, patience, tmp_path):
-    """It called the paper's servo a unified one by test motions, which had a patience of no use."""
-    agent, _ = make(name)
-    agent.learn(40).save(tmp_path / "new.npz")
-    with np.load(tmp_path / "new.npz") as file:
-        arrays = dict(file)
-    kind = (header := json.loads(str(arrays["calfree.json"])))["kind"]
-    now, once = (
-        f"{over}{servo}redundancy" for servo in ("PaperServo(", "UnifiedServo(estimator='test_motions', ")
-    )
-    assert now in kind
-    header["kind"] = kind.replace(now, once).replace("border=0.95", f"border=0.95, patience={patience}")
-    np.savez(tmp_path / "old.npz", **{**arrays, "calfree.json": np.array(json.dumps(header))})
-    with pytest.warns(UserWarning, match=r"old\.npz names .*test_motions.*which is now .*PaperServo"):
-        again = make(name)[0].load(tmp_path / "old.npz")
-    assert again.num_timesteps == 40
-    assert_same_arrays(again, agent)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,5 +1,7 @@
 """What is asked in each task, by hand-made points; and what environments say of their task."""
 
+import importlib
+
 import numpy as np
 import pytest
 from gymnasium.envs.registration import load_env_creator
@@ -135,3 +137,8 @@ def test_environments_say_what_their_task_is_and_names_of_earlier_versions_make_
     assert rows.get_attr("task") == (env.task,)
     earlier = [load_env_creator(f"calfree_gym.envs.{entry}") for entry in EARLIER[name]]
     assert earlier == [type(env), type(rows)]
+
+
+def test_modules_of_earlier_versions_say_where_they_are_now():
+    with pytest.warns(DeprecationWarning, match=r"calfree_gym\.envs is now calfree_gym\.tasks"):
+        importlib.reload(importlib.import_module("calfree_gym.envs"))

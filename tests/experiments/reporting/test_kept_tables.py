@@ -47,6 +47,13 @@ def test_every_agent_says_what_it_must_know():
     assert known["joint_space_servo"] == "`joint_angles`, image scale, noise, word limit"
 
 
+def test_budgets_are_the_times_of_runs_on_two_cores(kept):
+    times = "run,wall_seconds,decision,learning\na,200,,\nb,160.0,1e-3,\n"
+    (kept / "quick" / "timings.csv").write_text(times)
+    (row,) = tables_named("budgets", kept).splitlines()[2:]
+    assert row.startswith("| `quick` | 3 | A camera is knocked")
+
+
 def test_a_suite_is_one_table_a_scenario(kept, finished_once):
     lines = tables_named("quick/aimed", kept).splitlines()
     head, _, servo = lines[0], lines[1], lines[3]
@@ -82,8 +89,8 @@ def test_a_benchmark_is_its_tables_or_one_of_them(kept):
 
 def test_what_is_not_kept_is_answered_by_what_is(kept):
     for name, said in {
-        "quik": r"'quik' \(did you mean quick\?\); allowed: agents, controllers, quick",
-        "only_a_report": "allowed: agents, controllers, quick",
+        "quik": r"'quik' \(did you mean quick\?\); allowed: agents, budgets, controllers, quick",
+        "only_a_report": "allowed: agents, budgets, controllers, quick",
         "controllers/later: sucess": r"no column 'sucess' .*success\?\); allowed: agent, success",
         "controllers/later without memry": r"no row 'memry' \(did you mean memory\?\)",
         "controllers/latr": r"no table 'latr' \(did you mean later\?\); allowed: first, later",
