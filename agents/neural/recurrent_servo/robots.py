@@ -35,8 +35,8 @@ NOISE_PX = 3.0
 DROPOUT = 0.2
 """In a tenth of the lives, points are lost with a probability up to this."""
 AIM, SHIFT, ZOOM = math.radians(25), 0.1, 0.25
-"""A camera that is changed turns its view by up to so much (rad). Half of them move by about so much (m), half
-zoom by up to e to the power of so much, a third roll by any angle."""
+"""A camera that is changed turns its view by up to so much (rad). Half of them move by about so much (m),
+half zoom by up to e to the power of so much, and a third roll by any angle."""
 
 
 class Worlds(NamedTuple):

@@ -267,6 +267,10 @@ def _worlds(given: argparse.Namespace) -> dict[str, NDArray[np.float32]]:
     return worlds
 
 
+NOT_SETTINGS = ("out", "start", "worlds_file", "compile")
+"""Options that do not say what is trained."""
+
+
 def _record(given: argparse.Namespace, updates_made: int, started: float) -> dict[str, object]:
     """How a network came about, for its file."""
     settings = {
