@@ -301,7 +301,7 @@ class TrainingRobots:
 
     def detach(self) -> None:
         """Lets no gradient flow to earlier motions."""
-        self._registers, self._last = self._registers.detach(), self._last.detach()
+        self._registers, self._last = cut(self._registers), cut(self._last)
 
     def _uniform(self, *shape: int) -> Tensor:
         return torch.rand(shape, device=self._device)
@@ -311,6 +311,12 @@ class TrainingRobots:
 
     def _some(self, share: float, count: int) -> Tensor:
         return (self._uniform(count) < share).float()
+
+
+def cut(tensor: Tensor) -> Tensor:
+    """The same tensor, at which a gradient ends; it takes one, so that all windows compile alike."""
+    tensor = tensor.detach()
+    return tensor.requires_grad_() if tensor.is_floating_point() else tensor
 
 
 def _rotation(vectors: Tensor) -> Tensor:

@@ -12,11 +12,11 @@ import argparse
 import math
 import platform
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -25,7 +25,7 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from .network import RecurrentServoNetwork, RecurrentState, chosen, places_in, save_network
-from .robots import MOTORS, MOUNTS, SHAPES, TOLERANCE, TrainingRobots, draw_worlds, worlds_on
+from .robots import MOTORS, MOUNTS, SHAPES, TOLERANCE, Look, TrainingRobots, cut, draw_worlds, worlds_on
 
 GRADIENT_BOUND = 5.0
 """Of the loss of one robot by its words or its memory (a guard): few wild trials must not rule the batch."""
@@ -33,10 +33,13 @@ LONGEST = 12
 """Motions after which a trial ends without rendezvous. Choice, as all numbers here."""
 NEW_LIFE, CHANGED = 0.15, 0.1
 """Shares of the robots that begin another life, and of which a camera changes, between two windows."""
-OF_PLACES = 0.02
-"""Weight of the negative log-likelihood of the places where objects are met, against that of a motion."""
+OF_PLACES, MOST_SURPRISE = 0.02, 50.0
+"""Weight of the negative log-likelihood of where an object is met, against that of a motion, and its most."""
 CURVE = 26
 """Trials of a life that are told apart in what is printed; the last stands for all after."""
+
+
+Step = Callable[..., tuple[Tensor, Tensor, Look, RecurrentState]]
 
 
 class Window(NamedTuple):
@@ -58,7 +61,8 @@ def make_window(
     robots: TrainingRobots,
     memory: RecurrentState,
     motions: int,
-    finishing: float | Tensor,
+    finishing: Tensor,
+    step: Step,
 ) -> tuple[Window, RecurrentState]:
     """Lets all robots go on with the network; those that have reached their object begin the next trial.
 
@@ -67,36 +71,54 @@ def make_window(
         robots: Make the motions.
         memory: Of the lives so far.
         motions: So many, ways home included.
-        finishing: Weight in [0, 1] of the last pixels against the whole way, see `motion_loss`.
+        finishing: Weight () in [0, 1] of the last pixels against the whole way, see `motion_loss`.
+        step: `go_on`, or that compiled.
 
     Returns:
         What it came to, and the memory.
     """
     robots.detach()
-    memory = RecurrentState(*(part.detach() for part in memory))
-    look, moved = robots.look(), None
-    loss = look.points.new_zeros(())
-    made, ended = look.points.new_zeros(2, CURVE)
+    memory = RecurrentState(*(cut(part) for part in memory))
+    look = robots.look()
+    loss = finishing.new_zeros(())
+    made, ended = loss.new_zeros(2, CURVE)
     for _ in range(motions):
-        over = look.reached | (robots.motions >= LONGEST)
-        if network.features:
-            met = look.reached & (robots.motions > 0)
-            surprise = places_in(memory).surprise(look.registers.detach())
-            loss = loss + OF_PLACES * (met * surprise.clamp(max=50)).mean()
-        words, memory = network(look.points, look.visible, look.registers, memory)
-        memory = RecurrentState(*(_bounded_gradient(part) for part in memory))
-        memory = chosen(over, network.begin_trial(memory), memory)
-        which, moved = (robots.trials - 1).clamp(max=CURVE - 1), (~over).to(loss.dtype)
-        made = made.scatter_add(0, which, moved)
-        ended = ended.scatter_add(0, which, 1 - moved)
-        robots.move(_bounded_gradient(words), ~over)
-        robots.begin_trials(over)
-        look = robots.look()
-        loss = loss + (moved * motion_loss(look.true_points, finishing)).mean()
+        trial = (robots.trials - 1).clamp(max=CURVE - 1)
+        cost, moved, look, memory = step(network, robots, look, memory, finishing)
+        loss = loss + cost
+        made, ended = made.scatter_add(0, trial, moved), ended.scatter_add(0, trial, 1 - moved)
     return Window(loss / motions, made, ended), memory
 
 
-def motion_loss(points: Tensor, finishing: float | Tensor) -> Tensor:
+def go_on(
+    network: RecurrentServoNetwork,
+    robots: TrainingRobots,
+    look: Look,
+    memory: RecurrentState,
+    finishing: Tensor,
+) -> tuple[Tensor, Tensor, Look, RecurrentState]:
+    """Each robot makes a motion, or, once the network has seen the end of the trial, begins the next.
+
+    Returns:
+        The loss (), which robots have made a motion (n,), what is seen now, and the memory.
+    """
+    over = look.reached | (robots.motions >= LONGEST)
+    moved = (~over).to(finishing.dtype)
+    loss = finishing.new_zeros(())
+    if network.features:
+        met = look.reached & (robots.motions > 0)
+        surprise = places_in(memory).surprise(look.registers.detach()).clamp(max=MOST_SURPRISE)
+        loss = OF_PLACES * (met * surprise).mean()
+    words, memory = network(look.points, look.visible, look.registers, memory)
+    memory = RecurrentState(*(bounded_gradient(part) for part in memory))
+    memory = chosen(over, network.begin_trial(memory), memory)
+    robots.move(bounded_gradient(words), ~over)
+    robots.begin_trials(over)
+    look = robots.look()
+    return loss + (moved * motion_loss(look.true_points, finishing)).mean(), moved, look, memory
+
+
+def motion_loss(points: Tensor, finishing: Tensor) -> Tensor:
     """What a motion that ends at true image points (n, 4, 2) costs (n,).
 
     On the whole way the logarithm of the image distance counts, so that to halve it is worth as much far away
@@ -109,20 +131,22 @@ def motion_loss(points: Tensor, finishing: float | Tensor) -> Tensor:
     return (1 - finishing) * way + finishing * (2 * near + 0.6 * far)
 
 
-def _bounded_gradient(tensor: Tensor) -> Tensor:
-    """The same tensor (n, ...), through which the gradient of a row is at most `GRADIENT_BOUND` / n long."""
-    if not tensor.requires_grad:
-        return tensor
+class _BoundedGradient(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, tensor: Tensor) -> Tensor:
+        return tensor.view_as(tensor)
 
-    def bounded(gradient: Tensor) -> Tensor:
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
         gradient = torch.nan_to_num(gradient)
         lengths = gradient.flatten(1).norm(dim=1).clamp(min=1e-12)
         shares = (GRADIENT_BOUND / len(gradient) / lengths).clamp(max=1)
         return gradient * shares.view(-1, *[1] * (gradient.ndim - 1))
 
-    tensor = tensor.view_as(tensor)
-    tensor.register_hook(bounded)
-    return tensor
+
+def bounded_gradient(tensor: Tensor) -> Tensor:
+    """The same tensor (n, ...), through which the gradient of a row is at most `GRADIENT_BOUND` / n long."""
+    return _BoundedGradient.apply(tensor) if tensor.is_floating_point() else tensor
 
 
 CLIP = 0.5
@@ -142,6 +166,7 @@ def train(
     learning_rate: float,
     updates: int,
     seconds: float = math.inf,
+    step: Step | None = None,
 ) -> Iterator[Window]:
     """Trains a network by windows of its robots' lives.
 
@@ -152,6 +177,7 @@ def train(
         learning_rate: Of Adam at its height; it rises, and falls to a hundredth as half a cosine.
         updates: How many at most.
         seconds: For how long at most.
+        step: `go_on`, where it was compiled.
 
     Yields:
         What each window came to, once the weights are updated.
@@ -171,8 +197,8 @@ def train(
         robots.change_cameras(torch.rand(robots.robots, device=device) < CHANGED)
         robots.begin_lives(begun)
         memory = chosen(begun, network.begin(robots.robots), memory)
-        finishing = min(1.0, max(0.0, (done - first) / (last - first)))
-        window, memory = make_window(network, robots, memory, motions, finishing)
+        finishing = torch.full((), min(1.0, max(0.0, (done - first) / (last - first))), device=device)
+        window, memory = make_window(network, robots, memory, motions, finishing, step or go_on)
         optimiser.zero_grad()
         window.loss.backward()
         norm = nn.utils.clip_grad_norm_(network.parameters(), CLIP)
@@ -209,7 +235,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--start", help="file of weights of a network without features, to begin with")
     parser.add_argument("--learning-rate", type=float, default=1e-3, help="of Adam")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
-    parser.add_argument("--compile", action="store_true", help="let torch.compile fuse the network's kernels")
+    parser.add_argument("--compile", action="store_true", help="let torch.compile fuse kernels")
     given = parser.parse_args(arguments)
 
     torch.set_num_threads(1)
@@ -221,10 +247,11 @@ def main(arguments: list[str] | None = None) -> None:
         start_from(network, given.start)
     network.to(device)
     robots = TrainingRobots(worlds, given.robots)
-    if given.compile:
-        network.compile(dynamic=False)
     print(f"{len(worlds.noise)} worlds, {time.process_time() / 60:.1f} CPU minutes", flush=True)
-    progress = train(network, robots, given.motions, given.learning_rate, given.updates, 60 * given.minutes)
+    step = torch.compile(go_on, dynamic=False) if given.compile else go_on
+    progress = train(
+        network, robots, given.motions, given.learning_rate, given.updates, 60 * given.minutes, step
+    )
     started = said = saved = time.monotonic()
     losses, motions, trials, update = [], 0, 0, 0
     for update, window in enumerate(progress, 1):
@@ -273,11 +300,7 @@ NOT_SETTINGS = ("out", "start", "worlds_file", "compile")
 
 def _record(given: argparse.Namespace, updates_made: int, started: float) -> dict[str, object]:
     """How a network came about, for its file."""
-    settings = {
-        key: value
-        for key, value in vars(given).items()
-        if key not in ("out", "start", "worlds_file", "compile")
-    }
+    settings = {key: value for key, value in vars(given).items() if key not in NOT_SETTINGS}
     command = " ".join(f"--{key.replace('_', '-')} {value}" for key, value in settings.items())
     last = given.worlds_from + len(MOUNTS) * given.worlds_a_mount - 1
     return {
