@@ -44,8 +44,7 @@ class Places(NamedTuple):
     def told(self, registers: Tensor, variance: Tensor) -> "Places":
         """The regression after a Kalman step: the object is met at registers (n, m), with variance (n,)."""
         spread = self.covariance @ self.features[:, :, None]
-        expected = (spread * self.features[:, :, None]).sum(1) + variance[:, None]
-        gain = spread / expected[:, :, None]
+        gain = spread / (self.variance + variance)[:, None, None]
         return self._replace(
             weights=self.weights + (registers - self.registers)[:, :, None] * gain.transpose(1, 2),
             covariance=self.covariance - gain * spread.transpose(1, 2),

@@ -118,6 +118,11 @@ def go_on(
     return loss + (moved * motion_loss(look.true_points, finishing)).mean(), moved, look, memory
 
 
+def finite(memory: RecurrentState) -> Tensor:
+    """Whether all that a robot remembers is finite (n,)."""
+    return torch.stack([part.flatten(1).isfinite().all(1) for part in memory if part.ndim > 1]).all(0)
+
+
 def motion_loss(points: Tensor, finishing: Tensor) -> Tensor:
     """What a motion that ends at true image points (n, 4, 2) costs (n,).
 
@@ -193,7 +198,7 @@ def train(
         rate = learning_rate * min(1.0, (update + 1) / WARM_UP) * (0.505 + 0.495 * math.cos(math.pi * done))
         for parameters in optimiser.param_groups:
             parameters["lr"] = rate
-        begun = torch.rand(robots.robots, device=device) < NEW_LIFE
+        begun = (torch.rand(robots.robots, device=device) < NEW_LIFE) | ~finite(memory)
         robots.change_cameras(torch.rand(robots.robots, device=device) < CHANGED)
         robots.begin_lives(begun)
         memory = chosen(begun, network.begin(robots.robots), memory)
@@ -203,7 +208,8 @@ def train(
         window.loss.backward()
         norm = nn.utils.clip_grad_norm_(network.parameters(), CLIP)
         for each in network.parameters():
-            each.grad = torch.where(norm.isfinite(), each.grad, 0)
+            if each.grad is not None:
+                each.grad = torch.where(norm.isfinite(), each.grad, 0)
         optimiser.step()
         yield window
 
