@@ -13,6 +13,9 @@ class InContext(RecurrentServo):
     what to keep of a trial for the next ones (RL²; Duan et al. 2016). Its weights are frozen: what `learn`
     changes is its memory. `predict` begins each trial with this memory, and does not change it.
 
+    The weights kept with the code began as those of `recurrent_servo` (64 CPU minutes), and learned on one
+    H200 for six minutes, 2,633 updates, from 8,192 robots in as many worlds.
+
     Args:
         env: The environment; observations and words must have the shapes of the training, so three motors.
         seed: Of no effect: nothing is drawn.

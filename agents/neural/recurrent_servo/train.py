@@ -211,7 +211,7 @@ def train(
             if each.grad is not None:
                 each.grad = torch.where(norm.isfinite(), each.grad, 0)
         optimiser.step()
-        yield window
+        yield window._replace(loss=window.loss.detach())
 
 
 def start_from(network: RecurrentServoNetwork, path: str) -> None:
@@ -259,21 +259,14 @@ def main(arguments: list[str] | None = None) -> None:
         network, robots, given.motions, given.learning_rate, given.updates, 60 * given.minutes, step
     )
     started = said = saved = time.monotonic()
-    losses, motions, trials, update = [], 0, 0, 0
+    recent: list[Window] = []
+    update = 0
     for update, window in enumerate(progress, 1):
-        losses.append(window.loss.detach())
-        motions, trials = motions + window.motions, trials + window.trials
+        recent.append(window)
         if (now := time.monotonic()) > said + SAID_EVERY:
-            minutes, loss = (now - started) / 60, torch.stack(losses).mean()
-            curve = ", ".join(
-                f"{span}: {motions[slice(*ends)].sum() / trials[slice(*ends)].sum():.2f}"
-                for span, ends in SPANS.items()
-            )
-            print(
-                f"update {update}, {minutes:.1f} minutes: loss {loss:.4f}, motions by trial {curve}",
-                flush=True,
-            )
-            losses, motions, trials, said = [], 0, 0, now
+            print(f"update {update}, {(now - started) / 60:.1f} minutes: {_in_words(recent)}", flush=True)
+            recent.clear()
+            said = now
         if now > saved + SAVED_EVERY:
             save_network(given.out, network, SHAPES, _record(given, update, started))
             saved = now
@@ -286,6 +279,13 @@ SPANS = {"1": (0, 1), "2-5": (1, 5), "6-25": (5, 25), "later": (25, 26)}
 """Of trials, in these lines."""
 
 
+def _in_words(windows: list[Window]) -> str:
+    loss, motions, trials = (torch.stack(each).mean(0).cpu() for each in zip(*windows, strict=True))
+    by_trial = (motions[slice(*span)].sum() / trials[slice(*span)].sum() for span in SPANS.values())
+    lengths = ", ".join(f"{length:.2f} in {name}" for name, length in zip(SPANS, by_trial, strict=True))
+    return f"loss {loss:.4f}, motions a trial {lengths}"
+
+
 def _worlds(given: argparse.Namespace) -> dict[str, NDArray[np.float32]]:
     """Worlds on both mounts, from the file that was given, or drawn."""
     if given.worlds_file and Path(given.worlds_file).exists():
@@ -296,23 +296,24 @@ def _worlds(given: argparse.Namespace) -> dict[str, NDArray[np.float32]]:
     ]
     worlds = {name: np.concatenate([each[name] for each in drawn]) for name in drawn[0]}
     if given.worlds_file:
-        np.savez_compressed(given.worlds_file, **worlds)
+        np.savez_compressed(given.worlds_file, **worlds)  # type: ignore[arg-type]
     return worlds
 
 
-NOT_SETTINGS = ("out", "start", "worlds_file", "compile")
+NOT_SETTINGS = ("out", "worlds_file", "compile")
 """Options that do not say what is trained."""
 
 
 def _record(given: argparse.Namespace, updates_made: int, started: float) -> dict[str, object]:
     """How a network came about, for its file."""
-    settings = {key: value for key, value in vars(given).items() if key not in NOT_SETTINGS}
+    settings = {
+        name: value for name, value in vars(given).items() if value is not None and name not in NOT_SETTINGS
+    }
     command = " ".join(f"--{key.replace('_', '-')} {value}" for key, value in settings.items())
     last = given.worlds_from + len(MOUNTS) * given.worlds_a_mount - 1
     return {
         "command": f"{PROGRAM} {command} --out FILE",
         **settings,
-        "start": given.start and Path(given.start).name,
         "updates_made": updates_made,
         "worlds": f"wild, kinematic, seeds {given.worlds_from} to {last}, mounts {' and '.join(MOUNTS)}",
         "learned_by": "analytic gradient of the image distance through the simulated robots",
