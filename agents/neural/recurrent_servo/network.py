@@ -22,7 +22,7 @@ from calfree_gym.image import IMAGE_UNIT
 from ...base.checks import check_number
 from ...base.observation import STANDARD_KEYS
 from ...base.storage import AgentFile, content, written
-from .places import LEAST_VARIANCE, Features, Places
+from .places import LEAST_VARIANCE, Features, PlaceRegression
 
 NOISE_FLOOR = 4 * IMAGE_UNIT
 """Image distances below this look alike to the network. Choice: a few times the noise of image points."""
@@ -59,7 +59,7 @@ class RecurrentState(NamedTuple):
         looks: Observations so far (n,).
         information: Sum of Δr Δrᵀ over the motions seen (n, m, m), weighted.
         moment: Sum of Δd Δrᵀ (n, 4, m), weighted alike.
-        weights, covariance, features: See `Places`; empty without features.
+        weights, covariance, features: See `PlaceRegression`; empty without features.
         home: The gripper's sensor vector (n, 4) when this trial began.
         jump: By how much it was another one than in the trial before (n, 4).
     """
@@ -264,9 +264,9 @@ def _inputs(
     )
 
 
-def places_in(memory: RecurrentState) -> Places:
+def places_in(memory: RecurrentState) -> PlaceRegression:
     """The regression in a memory."""
-    return Places(memory.weights, memory.covariance, memory.features)
+    return PlaceRegression(memory.weights, memory.covariance, memory.features)
 
 
 def _of_places(registers: Tensor, memory: RecurrentState) -> Tensor:
@@ -346,7 +346,7 @@ _LIFE = "life."
 """Begins the names of tensors that are memory, not weights."""
 
 
-class Saved(NamedTuple):
+class SavedNetwork(NamedTuple):
     """What stands in a file of weights.
 
     Attributes:
@@ -382,7 +382,7 @@ def save_network(
     num_timesteps: int = 0,
     life: RecurrentState | None = None,
 ) -> None:
-    """Writes what `load_network` reads: see `Saved`, and `observation_format` for the shapes."""
+    """Writes what `load_network` reads: see `SavedNetwork`, and `observation_format` for the shapes."""
     header = {
         "kind": kind_of(network.features),
         "observation_format": dict(shapes),
@@ -401,7 +401,9 @@ def save_network(
         file.write(save(tensors, {_HEADER: json.dumps(header)}))  # of several entries the order would change
 
 
-def load_network(path: AgentFile, shapes: Mapping[str, list[int]], kind: str = "recurrent_servo") -> Saved:
+def load_network(
+    path: AgentFile, shapes: Mapping[str, list[int]], kind: str = "recurrent_servo"
+) -> SavedNetwork:
     """Reads a network that observes what `shapes` says.
 
     Raises:
@@ -453,7 +455,7 @@ def load_network(path: AgentFile, shapes: Mapping[str, list[int]], kind: str = "
             raise ValueError("a weight is not finite")
     except (RuntimeError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is damaged: {error}") from error
-    return Saved(network, header["training"], motions, life)
+    return SavedNetwork(network, header["training"], motions, life)
 
 
 def _metadata(found: bytes) -> dict[str, str]:

@@ -17,7 +17,7 @@ LEAST_VARIANCE = 3e-6
 """Of a register that is told (a guard): its root is about a pixel."""
 
 
-class Places(NamedTuple):
+class PlaceRegression(NamedTuple):
     """The regression of n robots with m motors, by f features.
 
     Attributes:
@@ -41,7 +41,7 @@ class Places(NamedTuple):
         spread = (self.covariance @ self.features[:, :, None]).squeeze(-1)
         return (spread * self.features).sum(1).clamp(min=0)
 
-    def told(self, registers: Tensor, variance: Tensor) -> "Places":
+    def told(self, registers: Tensor, variance: Tensor) -> "PlaceRegression":
         """The regression after a Kalman step: the object is met at registers (n, m), with variance (n,)."""
         spread = self.covariance @ self.features[:, :, None]
         gain = spread / (self.variance + variance)[:, None, None]
@@ -50,7 +50,7 @@ class Places(NamedTuple):
             covariance=self.covariance - gain * spread.transpose(1, 2),
         )
 
-    def forgotten(self, share: Tensor) -> "Places":
+    def forgotten(self, share: Tensor) -> "PlaceRegression":
         """The regression drawn back to its prior by a share (n,)."""
         left = (1 - share)[:, None, None]
         prior = torch.diag_embed((1 - left[:, :, 0]).expand_as(self.features))

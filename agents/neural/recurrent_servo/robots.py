@@ -119,10 +119,7 @@ def draw_worlds(count: int, mount: str, first_seed: int) -> dict[str, NDArray[np
 
     Where motors stop is found by sending them there.
     """
-    import gymnasium as gym  # training on a machine without MuJoCo needs neither
-
-    from calfree_gym.geometry import rotation_matrix
-    from calfree_gym.robot.arms.movemaster import HOME, SPAN
+    import gymnasium as gym  # training with worlds that were drawn elsewhere needs none
 
     env: Any = gym.make_vec(
         "calfree_gym:CalFree/Reach-v0",
@@ -139,14 +136,12 @@ def draw_worlds(count: int, mount: str, first_seed: int) -> dict[str, NDArray[np
             observation, *_ = env.step(np.full((count, MOTORS), sign, np.float32))
         ends.append(observation["observation"][:, 4:])
     objects = [env.reset()[1]["truth"]["object"] for _ in range(OBJECTS)]
-    worlds = {
-        name: np.stack([getattr(world, name) for world in env.worlds])
-        for name in (*FIELDS, "motor_sign", "motor_gain", "motor_curvature", "joint_zeros", "focal_length")
-    }
-    scale = worlds["motor_sign"] * worlds["motor_gain"] * SPAN
+    worlds = {name: np.stack([getattr(world, name) for world in env.worlds]) for name in FIELDS}
+    robot = env.arms.robot
+    scale = worlds["motor_sign"] * worlds["motor_gain"] * robot.span
     drawn = {
         "turning": np.full(count, mount == "waist"),
-        "rest": HOME + worlds["joint_zeros"][:, :MOTORS],
+        "rest": robot.home + worlds["joint_zeros"][:, :MOTORS],
         "linear": scale * (1 - worlds["motor_curvature"]),
         "cubic": scale * worlds["motor_curvature"],
         "lowest": ends[1],
@@ -154,7 +149,7 @@ def draw_worlds(count: int, mount: str, first_seed: int) -> dict[str, NDArray[np
         "wrist": worlds["joint_zeros"][:, 1:].sum(1) - np.pi / 2,
         "links": worlds["link_lengths"],
         "position": worlds["camera_position"],
-        "axes": np.array([[rotation_matrix(q) for q in world.camera_orientation] for world in env.worlds]),
+        "axes": _axes(worlds["camera_orientation"]),
         "focal": worlds["focal_length"] * IMAGE_UNIT,
         "principal": worlds["principal_point"] * IMAGE_UNIT,
         "k1": worlds["lens_k1"],
@@ -164,7 +159,22 @@ def draw_worlds(count: int, mount: str, first_seed: int) -> dict[str, NDArray[np
     return {name: values.astype(np.float32) for name, values in drawn.items()}
 
 
-FIELDS = ("link_lengths", "camera_position", "principal_point", "lens_k1", "point_noise")
+FIELDS = (
+    *("camera_position", "camera_orientation", "focal_length", "principal_point", "lens_k1", "point_noise"),
+    *("link_lengths", "joint_zeros", "motor_sign", "motor_gain", "motor_curvature"),
+)
+"""Of a `World` that are read."""
+
+
+def _axes(orientation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Axes (..., 3, 3), as columns, of unit quaternions (..., 4)."""
+    w, x, y, z = np.moveaxis(orientation, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def worlds_on(device: torch.device, drawn: Mapping[str, NDArray[np.float32]]) -> Worlds:

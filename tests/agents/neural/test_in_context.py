@@ -8,7 +8,7 @@ import torch
 import agents
 from agents.base.prior_knowledge import PriorKnowledge
 from agents.neural.recurrent_servo.network import KEPT
-from agents.neural.recurrent_servo.places import Places
+from agents.neural.recurrent_servo.places import PlaceRegression
 
 UNSEEN = 1000
 """Seed of the first test world; those of training are 100,000 and more."""
@@ -71,7 +71,9 @@ def test_the_regression_of_places_is_bayesian():
     rng = np.random.default_rng(0)
     features, registers = rng.standard_normal((6, 4)), rng.standard_normal((6, 3))
     variances = rng.uniform(0.1, 1, 6)
-    places = Places(torch.zeros(1, 3, 4).double(), torch.eye(4).double()[None], torch.zeros(1, 4).double())
+    places = PlaceRegression(
+        torch.zeros(1, 3, 4).double(), torch.eye(4).double()[None], torch.zeros(1, 4).double()
+    )
     for told, where, variance in zip(features, registers, variances, strict=True):
         places = places._replace(features=torch.tensor(told)[None])
         places = places.told(torch.tensor(where)[None], torch.tensor([variance]))
