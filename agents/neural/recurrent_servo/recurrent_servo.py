@@ -21,6 +21,7 @@ class RecurrentServo(Agent):
 
     It was trained by the analytic gradient of the image distance through simulated robots, whose true image
     points the trainer knew (`python -m agents.neural.recurrent_servo.train`); neither imitation nor a reward.
+    The weights kept with the code are of an earlier trainer, which took derivatives from displaced twins.
     Its weights are frozen: `learn` makes motions and changes nothing. What it finds out about a world lives
     in `state` for one trial, and every trial begins from nothing.
 

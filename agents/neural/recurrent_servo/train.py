@@ -38,8 +38,8 @@ OF_PLACES, MOST_SURPRISE = 0.02, 50.0
 CURVE = 26
 """Trials of a life that are told apart in what is printed; the last stands for all after."""
 
-
 Step = Callable[..., tuple[Tensor, Tensor, Look, RecurrentState]]
+"""`go_on`, or that compiled."""
 
 
 class Window(NamedTuple):
@@ -72,7 +72,7 @@ def make_window(
         memory: Of the lives so far.
         motions: So many, ways home included.
         finishing: Weight () in [0, 1] of the last pixels against the whole way, see `motion_loss`.
-        step: `go_on`, or that compiled.
+        step: One motion of all.
 
     Returns:
         What it came to, and the memory.
@@ -182,7 +182,7 @@ def train(
         learning_rate: Of Adam at its height; it rises, and falls to a hundredth as half a cosine.
         updates: How many at most.
         seconds: For how long at most.
-        step: `go_on`, where it was compiled.
+        step: One motion of all; `go_on` where none is given.
 
     Yields:
         What each window came to, once the weights are updated.
@@ -289,7 +289,10 @@ def _in_words(windows: list[Window]) -> str:
 def _worlds(given: argparse.Namespace) -> dict[str, NDArray[np.float32]]:
     """Worlds on both mounts, from the file that was given, or drawn."""
     if given.worlds_file and Path(given.worlds_file).exists():
-        return dict(np.load(given.worlds_file))
+        worlds = dict(np.load(given.worlds_file))
+        if (count := len(worlds["noise"])) != len(MOUNTS) * given.worlds_a_mount:
+            raise ValueError(f"{given.worlds_file} holds {count} worlds, not --worlds-a-mount of each")
+        return worlds
     drawn = [
         draw_worlds(given.worlds_a_mount, mount, given.worlds_from + i * given.worlds_a_mount)
         for i, mount in enumerate(MOUNTS)
