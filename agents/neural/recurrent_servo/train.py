@@ -299,7 +299,7 @@ def _worlds(given: argparse.Namespace) -> dict[str, NDArray[np.float32]]:
     ]
     worlds = {name: np.concatenate([each[name] for each in drawn]) for name in drawn[0]}
     if given.worlds_file:
-        np.savez_compressed(given.worlds_file, **worlds)  # type: ignore[arg-type]
+        np.savez_compressed(given.worlds_file, **worlds)
     return worlds
 
 
