@@ -10,6 +10,12 @@ agent(
     extra="agents",
     arms="any of its network's motors",
 )("neural.recurrent_servo.recurrent_servo.RecurrentServo")
+agent(
+    "in_context",
+    "The same with a memory that outlasts trials; learns without changing a weight.",
+    extra="agents",
+    arms="any of its network's motors",
+)("neural.recurrent_servo.in_context.InContext")
 
 TUNED = {
     "sac": "Soft actor-critic.",

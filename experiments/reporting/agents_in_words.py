@@ -52,6 +52,7 @@ _KNOWN = {
     "cooperstock_milios": _Known("Cooperstock & Milios (1993)", _SKY),
     "self_supervised": _Known("self-supervised network (ours)", _BLUE),
     "recurrent_servo": _Known("pretrained network (ours)", _OLIVE),
+    "in_context": _Known("pretrained network that remembers (ours)", _OLIVE, _DASHED),
     "unified_servo": _Known("unified servo (ours)", _PURPLE),
     "jacobian_servo": _Known("Jacobian servo", _PURPLE, _DASHED),
     "arcs": _Known("arcs by a projective model (ours)", _BLUE, _DASHED),

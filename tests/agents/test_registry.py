@@ -169,7 +169,7 @@ def test_agents_that_know_one_arm_refuse_others_and_name_those_that_act_on_any(a
     for name in ("affine_stereo", "model_based", "self_calibrating"):
         with pytest.raises(ValueError, match=f"{name} is built on the arm 'movemaster'") as refused:
             agents.make(name, env)
-    of_any = re.search("allowed with any arm: (.*);", str(refused.value))[1].split(", ")
+    of_any = re.search("allowed with any arm: (.*?);", str(refused.value))[1].split(", ")
     assert {*of_any} == {name for name in NAMES if not AGENTS[name].arms}
     env.reset(seed=0)
     for name in set(of_any) - {*agents.NEURAL}:

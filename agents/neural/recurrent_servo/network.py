@@ -3,14 +3,16 @@
 Its memory is a gated recurrent unit (Cho et al. 2014) and a least-squares estimate of the Jacobian. The unit
 decides how far the estimate is to be trusted, forgotten and corrected; a damped Gauss-Newton step follows.
 Where a point is lost, the step leads some of the way back to where all points were seen last.
+
+With features, all of this outlasts the trial (RL²; Duan et al. 2016), with a regression of where objects
+were met (see `places`), towards which the step leads as far as the unit trusts it.
 """
 
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-import gymnasium as gym
 import torch
 from safetensors.torch import load, save
 from torch import Tensor, nn
@@ -20,6 +22,7 @@ from calfree_gym.image import IMAGE_UNIT
 from ...base.checks import check_number
 from ...base.observation import STANDARD_KEYS
 from ...base.storage import AgentFile, content, written
+from .places import LEAST_VARIANCE, Features, PlaceRegression
 
 NOISE_FLOOR = 4 * IMAGE_UNIT
 """Image distances below this look alike to the network. Choice: a few times the noise of image points."""
@@ -38,6 +41,11 @@ LEAST_RIDGE, LEAST_DAMPING = 0.01, 0.002
 """Of those that it sets (guards): they keep the inverses within what float32 can hold."""
 GATES = 6
 """Numbers that rule estimate and step: keep, take, ridge, damping, limit, retreat."""
+PLACE_GATES = 3
+"""Numbers that rule the regression: trust, variance, forget."""
+RIGHT_BY, WRONG_BY = 1e-5, 0.1
+"""Variance of the place to which a step leads: of one of no length, and by the square of its length. Choice;
+the unit multiplies both."""
 
 
 class RecurrentState(NamedTuple):
@@ -51,6 +59,9 @@ class RecurrentState(NamedTuple):
         looks: Observations so far (n,).
         information: Sum of Δr Δrᵀ over the motions seen (n, m, m), weighted.
         moment: Sum of Δd Δrᵀ (n, 4, m), weighted alike.
+        weights, covariance, features: See `PlaceRegression`; empty without features.
+        home: The gripper's sensor vector (n, 4) when this trial began.
+        jump: By how much it was another one than in the trial before (n, 4).
     """
 
     hidden: Tensor
@@ -60,6 +71,11 @@ class RecurrentState(NamedTuple):
     looks: Tensor
     information: Tensor
     moment: Tensor
+    weights: Tensor
+    covariance: Tensor
+    features: Tensor
+    home: Tensor
+    jump: Tensor
 
 
 class RecurrentServoNetwork(nn.Module):
@@ -68,13 +84,18 @@ class RecurrentServoNetwork(nn.Module):
     Args:
         motors: m.
         hidden: Width h of the recurrent unit and of the layers around it.
+        features: Of places; 0: it keeps nothing from trial to trial.
     """
 
-    def __init__(self, motors: int = 3, hidden: int = 128) -> None:
+    def __init__(self, motors: int = 3, hidden: int = 128, features: int = 0) -> None:
         super().__init__()
-        self.motors, self.hidden = motors, hidden
+        self.motors, self.hidden, self.features = motors, hidden, features
         self._outputs = [COORDINATES * motors, COORDINATES * motors, motors, GATES]
         inputs = 35 + (4 + COORDINATES) * motors  # see `_inputs`
+        if features:
+            self._outputs.append(PLACE_GATES)
+            inputs += 1 + COORDINATES + motors  # see `_of_places`
+            self.of_view = Features(features, hidden)
         self.encoder = nn.Sequential(nn.Linear(inputs, hidden), nn.SiLU())
         self.unit = nn.GRUCell(hidden, hidden)
         first, last = nn.Linear(hidden + inputs, hidden), nn.Linear(hidden, sum(self._outputs))
@@ -86,16 +107,31 @@ class RecurrentServoNetwork(nn.Module):
         """The first m words of a trial (m, m), to which the decoder adds; at first one motor at a time."""
 
     def begin(self, robots: int) -> RecurrentState:
-        """The memory of `robots` robots at the beginning of a trial."""
+        """The memory of `robots` robots that know nothing."""
         like = self.test_words.new_zeros
         return RecurrentState(
             hidden=like(robots, self.hidden),
             points=like(robots, 4, 2),
             registers=like(robots, self.motors),
-            seen=torch.zeros(robots, dtype=torch.bool),
-            looks=torch.zeros(robots, dtype=torch.long),
+            seen=like(robots, dtype=torch.bool),
+            looks=like(robots, dtype=torch.long),
             information=like(robots, self.motors, self.motors),
             moment=like(robots, COORDINATES, self.motors),
+            weights=like(robots, self.motors, self.features),
+            covariance=torch.diag_embed(like(robots, self.features) + 1),
+            features=like(robots, self.features),
+            home=like(robots, COORDINATES),
+            jump=like(robots, COORDINATES),
+        )
+
+    def begin_trial(self, memory: RecurrentState) -> RecurrentState:
+        """The memory at the beginning of a robot's next trial."""
+        if not self.features:
+            return self.begin(len(memory.looks))
+        return memory._replace(
+            points=torch.zeros_like(memory.points),
+            registers=torch.zeros_like(memory.registers),
+            seen=torch.zeros_like(memory.seen),
         )
 
     def forward(
@@ -111,9 +147,12 @@ class RecurrentServoNetwork(nn.Module):
         """
         motion = _last_motion(points, visible, registers, memory)
         inputs = _inputs(points, visible, registers, memory, motion)
+        if self.features:
+            memory = self._first_view(points, memory, motion)
+            inputs = torch.cat([inputs, _of_places(registers, memory)], 1)
         hidden = self.unit(self.encoder(inputs), memory.hidden)
         decoded = self.decoder(torch.cat([hidden, inputs], 1))
-        prior, correction, extra, gates = decoded.split(self._outputs, 1)
+        prior, correction, extra, gates, *place_gates = decoded.split(self._outputs, 1)
         keep, take = torch.sigmoid(gates[:, 0] + 2), torch.sigmoid(gates[:, 1] + 1)
         ridge, damping = RIDGE * gates[:, 2:4].clamp(-STEEPEST_GATE, STEEPEST_GATE).exp().T
         limit, retreat = torch.sigmoid(gates[:, 4:5]), torch.sigmoid(gates[:, 5:])
@@ -123,9 +162,11 @@ class RecurrentServoNetwork(nn.Module):
         jacobian = _jacobian(information, moment, LEAST_RIDGE + ridge, prior.view_as(moment))
         jacobian = jacobian + correction.view_as(moment)
         step = _gauss_newton(jacobian, motion.distance, LEAST_DAMPING + damping)
+        if self.features:
+            step, memory = _by_places(step, registers, memory, motion, *place_gates)
         step = torch.where(motion.seen[:, None], step, (1 - retreat) * step + retreat * motion.back)
         words = limit * torch.tanh((step + FREELY * extra) / limit) + self._tests(memory.looks)
-        return words.clamp(-1, 1), RecurrentState(
+        return words.clamp(-1, 1), memory._replace(
             hidden=hidden,
             points=torch.where(motion.seen[:, None, None], points, memory.points),
             registers=torch.where(motion.seen[:, None], registers, memory.registers),
@@ -133,6 +174,17 @@ class RecurrentServoNetwork(nn.Module):
             looks=memory.looks + 1,
             information=information,
             moment=moment,
+        )
+
+    def _first_view(self, points: Tensor, memory: RecurrentState, motion: "_Motion") -> RecurrentState:
+        """The memory with what is seen when all points are seen for the first time in a trial."""
+        first = (motion.seen & ~memory.seen)[:, None]
+        home = points[:, :2].flatten(1)
+        jump = (home - memory.home) * (memory.looks > 0)[:, None]
+        return memory._replace(
+            features=torch.where(first, self.of_view(points.flatten(1)), memory.features),
+            home=torch.where(first, home, memory.home),
+            jump=torch.where(first, jump, memory.jump),
         )
 
     def _tests(self, looks: Tensor) -> Tensor:
@@ -212,35 +264,114 @@ def _inputs(
     )
 
 
+def places_in(memory: RecurrentState) -> PlaceRegression:
+    """The regression in a memory."""
+    return PlaceRegression(memory.weights, memory.covariance, memory.features)
+
+
+def _of_places(registers: Tensor, memory: RecurrentState) -> Tensor:
+    """What the network is shown of the regression (n, 5 + m), and of how the gripper's view has jumped."""
+    places = places_in(memory)
+    way = (places.registers - registers).clamp(-1, 1)
+    doubt = 0.5 * torch.log(places.variance + LEAST_VARIANCE)[:, None]
+    return torch.cat([2 * way, 0.3 * doubt, 3 * memory.jump], 1)
+
+
+def _by_places(
+    step: Tensor, registers: Tensor, memory: RecurrentState, motion: "_Motion", gates: Tensor
+) -> tuple[Tensor, RecurrentState]:
+    """A step (n, m) that leads to where the object is expected, once the regression is told of it."""
+    steepness = gates.clamp(-STEEPEST_GATE, STEEPEST_GATE)
+    trust, forget = torch.sigmoid(gates[:, :1] - 2), torch.sigmoid(2 * steepness[:, 2] - 6)
+    step = step.clamp(-1, 1)
+    variance = LEAST_VARIANCE + steepness[:, 1].exp() * (RIGHT_BY + WRONG_BY * step.square().sum(1))
+    variance = torch.where(motion.seen, variance, torch.inf)
+    places = places_in(memory).forgotten(forget).told(registers + step, variance)
+    step = step + trust * (places.registers - registers - step)
+    return step, memory._replace(**places._asdict())
+
+
 def _jacobian(
     information: Tensor, moment: Tensor, ridge: Tensor | float, prior: Tensor | float = 0.0
 ) -> Tensor:
     """Estimate (n, 4, m) of J, drawn towards `prior` (n, 4, m) by the ridge (n,)."""
-    ridge = torch.as_tensor(ridge).reshape(-1, 1, 1)
-    identity = torch.eye(information.shape[-1], dtype=information.dtype)
-    return (moment + ridge * prior) @ torch.linalg.inv(information + ridge * identity)
+    ridge = _of_each(ridge, information)
+    return (moment + ridge * prior) @ _inverse(information + ridge * _identity(information))
 
 
 def _gauss_newton(jacobian: Tensor, distance: Tensor, damping: Tensor | float) -> Tensor:
     """The damped least-squares solution c (n, m) of J c = -d, with J (n, 4, m) and d (n, 4)."""
     transposed = jacobian.transpose(1, 2)
-    identity = torch.eye(jacobian.shape[-1], dtype=jacobian.dtype)
-    normal = transposed @ jacobian + torch.as_tensor(damping).reshape(-1, 1, 1) * identity
-    return -(torch.linalg.inv(normal) @ transposed @ distance[:, :, None]).squeeze(-1)
+    normal = transposed @ jacobian + _of_each(damping, jacobian) * _identity(jacobian)
+    return -(_inverse(normal) @ transposed @ distance[:, :, None]).squeeze(-1)
 
 
-KEPT = Path(__file__).parent / "weights.safetensors"
-"""The network that comes with the code."""
+def _of_each(number: Tensor | float, matrices: Tensor) -> Tensor:
+    """A number (n, 1, 1) of each matrix, or of all."""
+    if not isinstance(number, Tensor):
+        number = torch.full((1,), number, device=matrices.device)
+    return number.reshape(-1, 1, 1)
+
+
+def _identity(matrices: Tensor) -> Tensor:
+    return torch.eye(matrices.shape[-1], dtype=matrices.dtype, device=matrices.device)
+
+
+def _inverse(matrices: Tensor) -> Tensor:
+    """Inverses (n, m, m), without the check for which a device would have to be waited for."""
+    return torch.linalg.inv_ex(matrices).inverse
+
+
+Tensors = TypeVar("Tensors", bound=tuple[Tensor, ...])
+
+
+def chosen(where: Tensor, first: Tensors, second: Tensors) -> Tensors:
+    """Two named tuples of tensors (n, ...) as one: the first where (n,) so marked, else the second."""
+    return type(first)(
+        *(
+            torch.where(where.reshape(-1, *[1] * (old.ndim - 1)), new, old)
+            for new, old in zip(first, second, strict=True)
+        )
+    )
+
+
+KEPT = {
+    "recurrent_servo": Path(__file__).parent / "weights.safetensors",
+    "in_context": Path(__file__).parent / "in_context.safetensors",
+}
+"""The networks that come with the code, by agent."""
 _HEADER = "calfree"
-_KIND = "recurrent_servo"
 _FIELDS = ("observation_format", "hidden", "num_timesteps", "training")
+_LIFE = "life."
+"""Begins the names of tensors that are memory, not weights."""
+
+
+class SavedNetwork(NamedTuple):
+    """What stands in a file of weights.
+
+    Attributes:
+        network: The network.
+        training: How it was trained.
+        num_timesteps: Motions of `learn`.
+        life: Its memory of one robot, where it keeps one from trial to trial.
+    """
+
+    network: RecurrentServoNetwork
+    training: dict[str, Any]
+    num_timesteps: int
+    life: RecurrentState
 
 
 def observation_format(observations: Any, actions: Any) -> dict[str, list[int]]:
     """Shapes of all that a network observes and sends, by key, of one robot's spaces."""
-    spaces: Mapping[str, gym.Space[Any]] = getattr(observations, "spaces", {})
+    spaces: Mapping[str, Any] = getattr(observations, "spaces", {})
     shapes = {key: list(spaces[key].shape or ()) for key in STANDARD_KEYS if key in spaces}
     return shapes | {"words": list(actions.shape)}
+
+
+def kind_of(features: int) -> str:
+    """The agent whose network has so many features."""
+    return "in_context" if features else "recurrent_servo"
 
 
 def save_network(
@@ -249,28 +380,35 @@ def save_network(
     shapes: Mapping[str, list[int]],
     training: Mapping[str, Any],
     num_timesteps: int = 0,
+    life: RecurrentState | None = None,
 ) -> None:
-    """Writes a network, what it observes (see `observation_format`) and how it was trained."""
+    """Writes what `load_network` reads: see `SavedNetwork`, and `observation_format` for the shapes."""
     header = {
-        "kind": _KIND,
+        "kind": kind_of(network.features),
         "observation_format": dict(shapes),
         "hidden": network.hidden,
         "num_timesteps": num_timesteps,
         "training": dict(training),
     }
-    tensors = {name: tensor.float().contiguous() for name, tensor in network.state_dict().items()}
+    if network.features:
+        header["features"] = network.features
+    tensors = {
+        name: tensor.detach().float().cpu().contiguous() for name, tensor in network.state_dict().items()
+    }
+    if life is not None:
+        tensors |= {_LIFE + name: part.contiguous() for name, part in life._asdict().items()}
     with written(path) as file:
         file.write(save(tensors, {_HEADER: json.dumps(header)}))  # of several entries the order would change
 
 
 def load_network(
-    path: AgentFile, shapes: Mapping[str, list[int]]
-) -> tuple[RecurrentServoNetwork, dict[str, Any], int]:
-    """Reads a network that observes what `shapes` says, how it was trained, and its motions of `learn`.
+    path: AgentFile, shapes: Mapping[str, list[int]], kind: str = "recurrent_servo"
+) -> SavedNetwork:
+    """Reads a network that observes what `shapes` says.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is damaged, no such network, or of another observation format.
+        ValueError: The file is damaged, of another agent than `kind`, or of another observation format.
     """
     found = content(path)
     try:
@@ -280,8 +418,8 @@ def load_network(
         raise ValueError(f"{path} is damaged or no safetensors file: {error!r}") from error
     if not isinstance(header, dict):
         raise ValueError(f"{path} is damaged: its header is {header!r:.80}; it must be a mapping")
-    if header.get("kind") != _KIND:
-        raise ValueError(f"{path} holds {header.get('kind', 'no known agent')}; this agent is {_KIND}")
+    if header.get("kind") != kind:
+        raise ValueError(f"{path} holds {header.get('kind', 'no known agent')}; this agent is {kind}")
     if missing := [name for name in _FIELDS if name not in header]:
         raise ValueError(f"{path} is damaged: its header has no {', '.join(missing)}")
     try:
@@ -291,6 +429,7 @@ def load_network(
             raise ValueError(
                 f"hidden is {hidden}, but its unit.weight_hh is {getattr(recurrent, 'shape', None)}"
             )
+        features = check_number("features", header.get("features", 0), least=0, most=1000, whole=True)
         motions = check_number("num_timesteps", header["num_timesteps"], least=0, whole=True)
         if not isinstance(header["training"], dict):
             raise ValueError(f"training is {header['training']!r:.80}; it must be a mapping")
@@ -303,13 +442,20 @@ def load_network(
             "it acts where the keys and shapes are the same, with as many motors"
         )
     try:
-        network = RecurrentServoNetwork(saved["words"][0], hidden)
+        network = RecurrentServoNetwork(saved["words"][0], hidden, features)
+        lived = {name: tensors.pop(name) for name in [*tensors] if name.startswith(_LIFE)}
         network.load_state_dict(tensors)
-        if not all(torch.isfinite(tensor).all() for tensor in tensors.values()):
+        network = network.double().requires_grad_(False)
+        life = network.begin(1)
+        if lived:
+            life = RecurrentState(**{name.removeprefix(_LIFE): part for name, part in lived.items()})
+        if [part.shape for part in life] != [part.shape for part in network.begin(1)]:
+            raise ValueError("its memory does not fit")
+        if not all(torch.isfinite(tensor).all() for tensor in (*tensors.values(), *life)):
             raise ValueError("a weight is not finite")
-    except (RuntimeError, ValueError) as error:
+    except (RuntimeError, TypeError, ValueError) as error:
         raise ValueError(f"{path} is damaged: {error}") from error
-    return network, header["training"], motions
+    return SavedNetwork(network, header["training"], motions, life)
 
 
 def _metadata(found: bytes) -> dict[str, str]:

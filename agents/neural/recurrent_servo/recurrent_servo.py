@@ -13,7 +13,7 @@ from ...base.checks import check_number
 from ...base.observation import POINTS, RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.storage import AgentFile
-from .network import KEPT, RecurrentState, load_network, observation_format, save_network
+from .network import KEPT, RecurrentState, chosen, load_network, observation_format, save_network
 
 
 class RecurrentServo(Agent):
@@ -21,6 +21,7 @@ class RecurrentServo(Agent):
 
     It was trained by the analytic gradient of the image distance through simulated robots, whose true image
     points the trainer knew (`python -m agents.neural.recurrent_servo.train`); neither imitation nor a reward.
+    The weights kept with the code are of an earlier trainer, which took derivatives from displaced twins.
     Its weights are frozen: `learn` makes motions and changes nothing. What it finds out about a world lives
     in `state` for one trial, and every trial begins from nothing.
 
@@ -36,6 +37,7 @@ class RecurrentServo(Agent):
         ValueError: The environment has another observation format than the network.
     """
 
+    kind = "recurrent_servo"
     prior_knowledge = frozenset(
         {
             PriorKnowledge.TRAINING_WORLDS,
@@ -52,7 +54,7 @@ class RecurrentServo(Agent):
         super().__init__(env, seed)
         torch.set_num_threads(1)
         self._shapes = observation_format(env.observation_space, env.action_space)
-        self.load(KEPT if weights is None else weights)
+        self.load(KEPT[self.kind] if weights is None else weights)
 
     def predict(
         self,
@@ -67,17 +69,11 @@ class RecurrentServo(Agent):
             raise foreign(f"is {state!r}")
         registers = np.atleast_2d(observation["observation"])[:, POINTS:]
         begins = self._beginnings.where(registers, None if state is None else len(state.looks), episode_start)
-        memory = self._network.begin(len(begins))
+        memory = self._at_beginning(len(begins))
         if state is not None:
             if [old.shape for old in state] != [new.shape for new in memory]:
                 raise foreign("is of another network")
-            begun = torch.from_numpy(begins)
-            memory = RecurrentState(
-                *(
-                    torch.where(begun.reshape(-1, *[1] * (old.ndim - 1)), new, old)
-                    for new, old in zip(memory, state, strict=True)
-                )
-            )
+            memory = chosen(torch.from_numpy(begins), memory, state)
         points = np.concatenate([observation["achieved_goal"], observation["desired_goal"]], -1)
         rest = np.atleast_2d(observation["observation"])
         with torch.inference_mode():
@@ -92,7 +88,7 @@ class RecurrentServo(Agent):
         return words.numpy().astype(np.float32).reshape(*shape, -1), memory
 
     def learn(self, total_timesteps: int, callback: Callback | None = None) -> Self:
-        """Makes motions, trial after trial, and learns nothing from them. See `Agent`."""
+        """Makes motions, trial after trial; the weights stay. See `Agent`."""
         check_number("total_timesteps", total_timesteps, least=0, whole=True)
         target = self.num_timesteps + total_timesteps
         go_on, over, state = True, True, None
@@ -103,6 +99,7 @@ class RecurrentServo(Agent):
             words, state = self.predict(observation, state)
             observation, _, terminated, truncated, _ = self.env.step(words)
             over = bool(terminated or truncated)
+            self._made_a_motion(observation, state, over)
             self.num_timesteps += 1
             go_on = callback is None or callback(self)
         return self
@@ -112,6 +109,14 @@ class RecurrentServo(Agent):
         save_network(path, self._network, self._shapes, self.training, self.num_timesteps)
 
     def load(self, path: AgentFile) -> Self:
-        network, self.training, self.num_timesteps = load_network(path, self._shapes)
-        self._network = network.double().requires_grad_(False)
+        self._network, self.training, self.num_timesteps, self._life = load_network(
+            path, self._shapes, self.kind
+        )
         return self
+
+    def _at_beginning(self, robots: int) -> RecurrentState:
+        """What so many robots remember as a trial begins."""
+        return self._network.begin(robots)
+
+    def _made_a_motion(self, observation: RawObservation, state: RecurrentState, over: bool) -> None:
+        """In `learn`, a motion has led to this observation, with which the trial may be over."""
