@@ -108,7 +108,7 @@ class CameraNearer(Perturbation):
 
     type: ClassVar[str] = "camera_nearer"
     camera: str = one_of("cameras")
-    share: float = amount(uniform(0.1, 0.9), most=0.99)
+    share: float = amount(uniform(0.1, 0.9), least=-99, most=0.99)
 
     def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
         camera = robot.cameras.index(self.camera)
