@@ -37,8 +37,8 @@ from experiments.statistics import (
 )
 
 ENOUGH_TO_FAIL = 8
-"""In fewer worlds than `ENOUGH_WORLDS`, but in so many, an interval wholly on the wrong side tells enough.
-Choice: what no world of eight shows, at most a third of all worlds do (95 %, Clopper & Pearson)."""
+"""In so many worlds an interval wholly on the wrong side tells enough. Choice: what none of eight shows, a
+third of all worlds does at most (Clopper & Pearson, one-sided 95 %)."""
 FIRST_MOTION_PX, EXPECTED_PX = 4, 16
 """Columns of `motions_to_...`: where a first motion counts as a reach, and what an expectation is about."""
 NEAR_PX = 16
@@ -260,9 +260,9 @@ def verdict_of(criterion: Criterion, found: Measured | None, null: Measured | No
         return Verdict.NOT_CONFIRMED
     if found is None or found.worlds < ENOUGH_WORLDS or math.isnan(others):
         return Verdict.UNTESTED
-    if mine <= 1 or -1 < others <= 1:
-        return Verdict.MIXED
-    return Verdict.CONFIRMED if others < 0 else Verdict.VACUOUS
+    if mine > 1 and others <= -1:
+        return Verdict.CONFIRMED
+    return Verdict.VACUOUS if min(mine, others) > 1 else Verdict.MIXED
 
 
 def judge(results: pd.DataFrame, suite: Suite) -> list[JudgedClaim]:
