@@ -29,7 +29,7 @@ class ScenarioConfig(Model):
     """A lifetime: where, for how many motions or trials, and how the world is perturbed.
 
     Attributes:
-        worlds: In how many it is, in place of the suite's: the first ones of the same seed.
+        worlds: If given, it is in no more than so many, the first ones of the suite's.
         motions: Of a life; an agent may have its own number.
         places: Objects lie in turn at so many places, those of the first trials; else each at its own.
         perturbations: See `parse_schedule`; an event may come `at: {share: 0.5}` of a life's motions.
@@ -179,7 +179,7 @@ class AgentConfig(Model):
     Attributes:
         label: Tells apart two of the same name.
         motions: Of its life, where a scenario is counted in motions, in place of the scenario's.
-        worlds: How many it meets, in place of the scenario's or the suite's: the first ones.
+        worlds: How many it meets, in place of the suite's: the first ones of the same seed.
     """
 
     later = frozenset({"motions", "worlds"})
@@ -329,7 +329,7 @@ class Suite(Model):
 
     def worlds_of(self, agent: AgentConfig, part: ScenarioConfig | SweepConfig) -> int:
         """How many worlds an agent meets in a scenario or sweep."""
-        return agent.worlds or part.worlds or self.worlds
+        return agent.worlds or min(self.worlds, part.worlds or self.worlds)
 
     @property
     def parts(self) -> tuple[ScenarioConfig | SweepConfig, ...]:

@@ -215,8 +215,8 @@ def seeds_of_suites(folder: Path) -> dict[int, str]:
             continue
         data = read_mapping(path)
         if isinstance(data.get("worlds"), int):
-            parts = [each for key in ("scenarios", "sweeps", "agents") for each in data.get(key, ())]
-            most = max(data["worlds"], *(each.get("worlds", 0) for each in parts if isinstance(each, dict)))
+            own = (each.get("worlds", 0) for each in data.get("agents", ()) if isinstance(each, dict))
+            most = max(data["worlds"], *own, 0)
             found |= dict.fromkeys(world_seeds(data.get("seed", 0), most, data.get("first_world")), path.name)
     return found
 

@@ -48,15 +48,16 @@ def test_a_sweep_has_the_worlds_of_each_agent(suite_data):
 
 def test_a_scenario_has_its_worlds_and_an_agent_its_own_in_each(suite_data):
     (scenario,) = suite_data["scenarios"]
-    suite_data["scenarios"].append({**scenario, "name": "long", "worlds": 4})
+    suite_data["scenarios"].append({**scenario, "name": "long", "worlds": 2})
     suite_data["agents"][1]["worlds"] = 3
-    found = runs(suite_data)
+    found = runs(suite_data, worlds=4)
     amounts = Counter((run.scenario.name, run.agent.label) for run in found)
-    assert [*amounts.values()] == [2, 3, 4, 3]
+    assert [*amounts.values()] == [4, 3, 2, 3]
     seeds = {run.world: run.world_seed for run in found if run.scenario.name == "aimed"}
-    assert all(seeds.get(run.world, run.world_seed) == run.world_seed for run in found)
+    assert all(seeds[run.world] == run.world_seed for run in found)
+    assert len(runs(suite_data, worlds=1)) == 1 + 3 + 1 + 3
     suite_data["scenarios"][1].pop("worlds")
-    assert {*ids(suite_data)} <= {run.id for run in found}  # how many there are is no part of a run
+    assert {run.id for run in found} <= {*ids(suite_data, worlds=4)}  # how many is no part of a run
 
 
 @pytest.mark.parametrize(
