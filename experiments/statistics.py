@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 LEVEL = 0.95
 """Of all intervals in tables."""
 ENOUGH_WORLDS = 20
-"""With fewer, numbers over worlds have no interval, single worlds are drawn, and nobody is ranked."""
+"""With fewer, numbers over worlds have no interval, single worlds are drawn, and nobody is ranked. Functions
+take another number as `enough`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,25 +55,29 @@ SHARE = (0.0, 1.0)
 """The bounds of a share."""
 
 
-def mean_share(successes: Array) -> Estimate:
+def mean_share(successes: Array, enough: int = ENOUGH_WORLDS) -> Estimate:
     """The mean over worlds of a share of trials, with its interval where there are enough worlds.
 
     Args:
         successes: Of 0 and 1, or each world's share: (worlds,) or (worlds, trials).
+        enough: Worlds.
 
     Raises:
         ValueError: There is no world, or a value outside 0 to 1.
     """
     successes = np.asarray(successes, float)
-    return mean_shares(successes.reshape(len(successes), -1).mean(axis=1)[:, None])[0]
+    return mean_shares(successes.reshape(len(successes), -1).mean(axis=1)[:, None], enough=enough)[0]
 
 
-def mean_shares(values: Array, bounds: tuple[float, float] = SHARE) -> list[Estimate]:
+def mean_shares(
+    values: Array, bounds: tuple[float, float] = SHARE, enough: int = ENOUGH_WORLDS
+) -> list[Estimate]:
     """As `mean_share`, for each column of shares (worlds, points), as a curve has them.
 
     Args:
         values: Shares, or differences of shares.
         bounds: The lowest and the highest value that a world can have.
+        enough: Worlds.
 
     Raises:
         ValueError: There is no world, or a value outside the bounds.
@@ -83,7 +88,7 @@ def mean_shares(values: Array, bounds: tuple[float, float] = SHARE) -> list[Esti
         span = f"{values.min():g} to {values.max():g} in {len(values)} worlds" if values.size else "no world"
         raise ValueError(f"found {span}; allowed: one world or more, from {low:g} to {high:g}")
     means = values.mean(axis=0)
-    if len(values) < ENOUGH_WORLDS:
+    if len(values) < enough:
         return [Estimate(float(value)) for value in means]
     weights = world_weights(len(values))
     seen, unseen = weights[:, :-1] @ values, weights[:, -1:]
@@ -123,18 +128,19 @@ def performance_profile(errors: Array, within: Sequence[float]) -> list[Estimate
 # one bad world in ten does not move it.
 
 
-def median_world(values: Array) -> Estimate:
+def median_world(values: Array, enough: int = ENOUGH_WORLDS) -> Estimate:
     """The median over worlds, with its interval where there are enough.
 
     Args:
         values: One a world (n,); NaN in those that have none, which are left out.
+        enough: Worlds.
     """
     values = np.asarray(values, float)
     found = np.sort(values[~np.isnan(values)])
     if not found.size:
         return Estimate(np.nan)
     value = float(np.median(found))
-    if len(values) < ENOUGH_WORLDS:
+    if len(values) < enough:
         return Estimate(value)
     ranks = _ranks(len(found))
     return Estimate(value, *(float(found[rank]) for rank in ranks)) if ranks else Estimate(value)
@@ -189,15 +195,15 @@ def relative_change(before: Array, after: Array) -> Estimate:
 # Two agents in the same worlds (n,). Pairing takes out what the worlds have in common.
 
 
-def paired_motions(values: Array, reference: Array) -> Estimate:
+def paired_motions(values: Array, reference: Array, enough: int = ENOUGH_WORLDS) -> Estimate:
     """By how much motions or seconds differ in the median world."""
-    return median_world(np.asarray(values, float) - np.asarray(reference, float))
+    return median_world(np.asarray(values, float) - np.asarray(reference, float), enough)
 
 
-def paired_shares(shares: Array, reference: Array) -> Estimate:
+def paired_shares(shares: Array, reference: Array, enough: int = ENOUGH_WORLDS) -> Estimate:
     """By how much the mean over worlds of a share of trials differs."""
     difference = np.asarray(shares, float) - np.asarray(reference, float)
-    return mean_shares(difference[:, None], (-1.0, 1.0))[0]
+    return mean_shares(difference[:, None], (-1.0, 1.0), enough)[0]
 
 
 def share_of_worlds(values: Array, reference: Array) -> Estimate:

@@ -75,7 +75,9 @@ ORIENTATION: dict[str, Callable[[GraspObservation, Array], float]] = {
     "least_squares": by_least_squares,
     "both_images": by_both_images,
     "one_image": by_one_image,
+    "unturned": lambda *_: 0.0,
 }
+"""By `kind`; with the last one jaws stay as they are: so it is told what turning is worth."""
 
 
 def _between_lines(first: Array, second: Array) -> float:

@@ -48,6 +48,7 @@ from calfree_gym.perturbations.arm import (
 from calfree_gym.perturbations.base import Perturbation
 from calfree_gym.perturbations.camera import (
     CameraAim,
+    CameraNearer,
     CameraReplace,
     CameraRoll,
     CameraShift,
@@ -74,6 +75,7 @@ __all__ = [
     "Backlash",
     "Blur",
     "CameraAim",
+    "CameraNearer",
     "CameraReplace",
     "CameraRoll",
     "CameraShift",

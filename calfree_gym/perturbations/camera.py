@@ -100,6 +100,30 @@ class CameraShift(Perturbation):
 
 
 @dataclass(frozen=True)
+class CameraNearer(Perturbation):
+    """Moves a camera by a `share` (drawn: 0.1-0.9) of the way to the next one, and turns it to its view.
+
+    The last one's next is the first; a robot's only camera stays where it is.
+    """
+
+    type: ClassVar[str] = "camera_nearer"
+    camera: str = one_of("cameras")
+    share: float = amount(uniform(0.1, 0.9), least=-99, most=0.99)
+
+    def change(self, world: World, robot: Robot = MOVEMASTER) -> World:
+        camera = robot.cameras.index(self.camera)
+        other = (camera + 1) % len(robot.cameras)
+        here, there = world.camera_position[[camera, other]]
+        views = world.camera_orientation
+        world = with_entry(world, "camera_position", camera, here + self.share * (there - here))
+        turned = quaternion_between(views[camera], views[other], self.share)
+        return with_entry(world, "camera_orientation", camera, turned)
+
+    def inverse(self) -> Perturbation:
+        return replace(self, share=-self.share / (1 - self.share))
+
+
+@dataclass(frozen=True)
 class CameraReplace(Perturbation):
     """Replaces a camera by another, drawn from `seed` as in wild worlds.
 

@@ -1,6 +1,5 @@
 """What a paper claims or asks, and how it is put to the test: read from YAML into frozen models."""
 
-from collections.abc import Iterator
 from typing import Literal, Self
 
 from pydantic import Field, model_validator
@@ -10,7 +9,9 @@ from experiments.config.model import Model, Name
 Measure = Literal[
     "success",
     "near",
+    "far",
     "rendezvous",
+    "quickly",
     "motions",
     "most_motions",
     "worst_world",
@@ -23,7 +24,9 @@ Measure = Literal[
 
 - success: the true error at the end is within the tolerance.
 - near: the true error at the end is within 16 px.
-- rendezvous: the last observation was.
+- far: the true distance at the end is more than 10 mm.
+- rendezvous: the last observation was within the tolerance.
+- quickly: it was, after at most `within` motions.
 - motions: motions of a reach; a trial without a rendezvous counts as the cap.
 - most_motions: the same, such that 95 % of all trials need no more.
 - worst_world: the same, of the world in which they are most.
@@ -77,6 +80,7 @@ class Number(Model):
         than: If given, the number is by how much `of` differs from it, world by world.
         relative: Whether that is told as a share of what it is at `than`.
         look: Seconds that a look takes, for seconds.
+        within: Motions, for quickly.
     """
 
     measure: Measure
@@ -84,11 +88,14 @@ class Number(Model):
     than: TrialsOf | None = None
     relative: bool = False
     look: float | None = Field(None, gt=0, allow_inf_nan=False)
+    within: int | None = Field(None, gt=0)
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if (self.measure == "seconds") != (self.look is not None):
             raise ValueError("seconds need look, the seconds that a look takes; other measures have none")
+        if (self.measure == "quickly") != (self.within is not None):
+            raise ValueError("quickly needs within, the most motions; other measures have none")
         if self.relative and self.than is None:
             raise ValueError("relative needs than, what it is relative to")
         if self.measure == "kept" and (self.than is None or self.relative):
@@ -105,13 +112,15 @@ class Number(Model):
 
 
 class Criterion(Number):
-    """A number, and what it must be: its whole interval lies there.
+    """A number, and what it must be: its whole interval lies there, and that of a null agent does not.
 
     Attributes:
+        null_agent: One without what is claimed, which should fail; a suite refuses a criterion without one.
         above: It must lie above this.
         below: It must lie below this.
     """
 
+    null_agent: Name | None = None
     above: float | None = Field(None, allow_inf_nan=False)
     below: float | None = Field(None, allow_inf_nan=False)
 
@@ -121,7 +130,20 @@ class Criterion(Number):
             raise ValueError("one of above and below is the threshold")
         if self.measure in EXTREMES:
             raise ValueError(f"{self.measure} has no interval to judge by; it can only be required")
+        if self.null_agent in (compared := [each.agent for each in self.trials()]):
+            raise ValueError(
+                f"null_agent is {self.null_agent!r}; it must be another agent than {' and '.join(compared)}"
+            )
         return self
+
+    def by_null(self) -> Number:
+        """The same number of the null agent, in place of `of`'s on either side."""
+
+        def by_null(trials: TrialsOf) -> TrialsOf:
+            own = trials.agent == self.of.agent
+            return trials.model_copy(update={"agent": self.null_agent}) if own else trials
+
+        return self.model_copy(update={"of": by_null(self.of), "than": self.than and by_null(self.than)})
 
 
 class Requirement(Number):
@@ -150,7 +172,7 @@ class Claim(Model):
         kind: A question is what the paper leaves open; its words are the answer that it suggests.
         section: Of the paper, where it is of the paper.
         words: The claim in our words.
-        criteria: It is confirmed where all of them are met.
+        criteria: It is confirmed where all of them are.
         remark: What they do not show.
     """
 
@@ -161,8 +183,8 @@ class Claim(Model):
     criteria: tuple[Criterion, ...] = Field(min_length=1, strict=False)
     remark: str = ""
 
-    def trials(self) -> Iterator[tuple[int, TrialsOf]]:
-        """All trials that it is about, each with the criterion's index."""
-        for i, criterion in enumerate(self.criteria):
-            for each in criterion.trials():
-                yield i, each
+    @model_validator(mode="after")
+    def _one_kind_of_reach(self) -> Self:
+        if {"success", "rendezvous"} <= {each.measure for each in self.criteria}:
+            raise ValueError(f"{self.name} mixes success and rendezvous; allowed: one of them in a claim")
+        return self

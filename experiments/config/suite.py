@@ -29,16 +29,22 @@ class ScenarioConfig(Model):
     """A lifetime: where, for how many motions or trials, and how the world is perturbed.
 
     Attributes:
+        worlds: If given, it is in no more than so many, the first ones of the suite's.
         motions: Of a life; an agent may have its own number.
+        places: Objects lie in turn at so many places, those of the first trials; else each at its own.
         perturbations: See `parse_schedule`; an event may come `at: {share: 0.5}` of a life's motions.
         agents: Labels of those that take part; all of the suite where none is given.
         evaluation: Its own, where it is not the suite's.
     """
 
+    later = frozenset({"worlds", "places"})
+
     name: Name
     env: EnvironmentConfig
+    worlds: int | None = Field(default=None, gt=0)
     motions: int | None = Field(None, gt=0)
     trials: int | None = Field(None, gt=0, validate_default=True)
+    places: int | None = Field(default=None, gt=0)
     perturbations: tuple[dict[str, Any], ...] = Field((), strict=False)
     evaluation: EvaluationConfig | None = None
     agents: tuple[Name, ...] | None = Field(None, min_length=1, strict=False)
@@ -49,6 +55,15 @@ class ScenarioConfig(Model):
         if "motions" in info.data and (info.data["motions"] is None) == (value is None):
             given = "neither is" if value is None else "both are"
             raise ValueError(f"a lifetime has a number of motions or a number of trials; {given} given")
+        return value
+
+    @field_validator("places")
+    @classmethod
+    def _of_trials_in_one_world(cls, value: int | None, info: ValidationInfo) -> int | None:
+        if value is not None and {"env", "trials"} <= info.data.keys():
+            env, trials = info.data["env"], info.data["trials"]
+            if env.task != "reach" or env.redraw != "never" or trials is None:
+                raise ValueError("allowed: in reaching, in one world, where a lifetime is counted in trials")
         return value
 
     @field_validator("perturbations")
@@ -83,7 +98,13 @@ class ScenarioConfig(Model):
         """
         motions = self.motions_of(agent)
         schedule = with_shares_as_motions(self.perturbations, motions)
-        own = {"motions": motions, "perturbations": schedule, "agents": None, "evaluation": None}
+        own = {
+            "motions": motions,
+            "perturbations": schedule,
+            "agents": None,
+            "evaluation": None,
+            "worlds": None,
+        }
         return self.model_copy(update=own)
 
     @property
@@ -101,11 +122,15 @@ class SweepConfig(Model):
     """One setting of one perturbation, varied: what agents reach at each value, without learning.
 
     Attributes:
+        worlds: As in a scenario.
         agents: Labels of those that take part; all of the suite where none is given.
     """
 
+    later = frozenset({"worlds"})
+
     name: Name
     env: EnvironmentConfig
+    worlds: int | None = Field(default=None, gt=0)
     do: dict[str, Any]
     vary: str
     over: tuple[int | float, ...] = Field(min_length=1, strict=False)
@@ -280,8 +305,16 @@ class Suite(Model):
     @classmethod
     def _claims_about_this_suite(cls, value: tuple[Claim, ...], info: ValidationInfo) -> tuple[Claim, ...]:
         for i, claim in enumerate(distinctly_named(value)):
-            for j, trials in claim.trials():
-                _check_about(trials, info.data, f"claims.{i}.criteria.{j} ({claim.name})")
+            for j, criterion in enumerate(claim.criteria):
+                where = f"claims.{i}.criteria.{j} ({claim.name})"
+                if criterion.null_agent is None:
+                    compared = {each.agent for each in criterion.trials()}
+                    others = [a.label for a in info.data.get("agents", ()) if a.label not in compared]
+                    raise ValueError(
+                        f"{where}: no null agent, which should fail; allowed: {', '.join(others)}"
+                    )
+                for trials in (*criterion.trials(), *criterion.by_null().trials()):
+                    _check_about(trials, info.data, where)
         return value
 
     @field_validator("required")
@@ -294,9 +327,9 @@ class Suite(Model):
                 _check_about(trials, info.data, f"required.{i}")
         return value
 
-    def worlds_of(self, agent: AgentConfig) -> int:
-        """How many worlds an agent meets."""
-        return agent.worlds or self.worlds
+    def worlds_of(self, agent: AgentConfig, part: ScenarioConfig | SweepConfig) -> int:
+        """How many worlds an agent meets in a scenario or sweep."""
+        return agent.worlds or min(self.worlds, part.worlds or self.worlds)
 
     @property
     def parts(self) -> tuple[ScenarioConfig | SweepConfig, ...]:

@@ -113,7 +113,7 @@ def _measured(times: Path) -> Iterator[tuple[Work, tuple[float, float, float]]]:
                 continue
             wall, decision, learning = mine[[*TIMED[1:]]].median()
             if isinstance(part, SweepConfig):
-                work = _work(agent, part, None, suite.worlds_of(agent))
+                work = _work(agent, part, None, suite.worlds_of(agent, part))
             else:
                 work = _work(agent, part.lived_by(agent), suite.evaluation_of(part), 1)
             if work.unit == "trials":  # whose motions are not known

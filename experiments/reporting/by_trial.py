@@ -19,6 +19,7 @@ from experiments.config.in_words import Knock, again_and_again, knocks
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.evaluation import robot_seconds_at
 from experiments.reporting.agents_in_words import in_words, lines_of
+from experiments.reporting.distance import HOW_FAR, Distances, distance_rows, distance_tables, distances
 from experiments.reporting.figures import (
     DARK_GREY,
     STYLE,
@@ -132,6 +133,12 @@ class OwnTrials:
         runs.loc[~runs.index.isin(found.index)] = worst[measure]
         return Blocks(edges, runs.to_numpy(dtype=float), measure in (SUCCESS, RENDEZVOUS))
 
+    def distances(self, agent: str, first: float, end: float) -> Distances | None:
+        """Those of an agent's trials in a block; None where no run has finished."""
+        rows = self.rows
+        mine = rows[(rows["agent"] == agent) & (rows["trial"] >= first) & (rows["trial"] < end)]
+        return distances(mine) if len(mine) else None
+
 
 def own_trials(finished: FinishedSuite, scenario: ScenarioConfig) -> OwnTrials:
     """What the agents' own trials in a scenario come to."""
@@ -187,7 +194,7 @@ def trial_section(finished: FinishedSuite, own: OwnTrials) -> Section:
         label: {measure: each.estimates() for measure, each in of_blocks.items()}
         for label, of_blocks in of_agent.items()
     }
-    shown, intervals, summary = [], [], []
+    shown, intervals, far, summary = [], [], [], []
     for i, (first, end) in enumerate(pairwise(edges)):
         for label, amount in own.worlds.items():
             block, found = span(first, end), {measure: each[i] for measure, each in estimates[label].items()}
@@ -200,6 +207,10 @@ def trial_section(finished: FinishedSuite, own: OwnTrials) -> Section:
                 summary_row(name, "by_trial", label, block, measure, each, amount)
                 for measure, each in found.items()
             ]
+            if how_far := own.distances(label, first, end):
+                far.append(([block, label], how_far))
+                summary += distance_rows(name, "by_trial", label, block, how_far)
+    of_distances = distance_tables(name, scenario.env, ["trials", "agent"], far)
     band = f"robot seconds, {LOOKS[0]:g} – {LOOKS[-1]:g} s a look"
     columns = ["trials", "agent", "motions per reach", band, "rendezvous"]
     with_intervals = ["trials", "agent", "motions per reach", "rendezvous", "success"]
@@ -210,8 +221,9 @@ def trial_section(finished: FinishedSuite, own: OwnTrials) -> Section:
         tables=(
             Table.of(f"{name}-trials", f"{name}, trial by trial", columns, shown),
             Table.of(f"{name}-trials-intervals", f"{name}, with intervals", with_intervals, intervals),
+            *of_distances,
         ),
-        note=_HOW_TO_READ,
+        note=_HOW_TO_READ + HOW_FAR * len(of_distances),
         summary=summary,
     )
 
@@ -298,7 +310,7 @@ def arms_sections(finished: FinishedSuite, trials: Sequence[OwnTrials]) -> list[
     edges = edges_of(first, (1, *COARSE))
     names = [span(start, end) for start, end in pairwise(edges)]
     ends = [f"trial {names[0]}", f"trials {names[-1]}"]
-    rows, summary = [], []
+    rows, far, summary = [], [], []
     motions: dict[tuple[str, str], Array] = {}
     for own in trials:
         arm = own.scenario.name
@@ -313,7 +325,11 @@ def arms_sections(finished: FinishedSuite, trials: Sequence[OwnTrials]) -> list[
             measured = [(block, MOTIONS, each) for block, each in zip(names, found, strict=True)]
             measured += [("all", SUCCESS, success), ("all", RENDEZVOUS, rendezvous)]
             summary += [summary_row(arm, "by_arm", label, *each, worlds) for each in measured]
+            if how_far := own.distances(label, *edges[[0, -1]]):
+                far.append(([arm, label], how_far))
+                summary += distance_rows(arm, "by_arm", label, "all", how_far)
     columns = ["arm", "agent", *ends, "rendezvous"]
+    of_distances = distance_tables("arms", first.env, ["arm", "agent"], far)
     environments = [[own.scenario.name, about_environment(own.scenario.env)] for own in trials]
     what = Table.of("arms-environments", "What each arm is", ["arm", "environment"], environments)
     figure = _arms_figure(finished, trials, ends, motions)
@@ -326,8 +342,8 @@ def arms_sections(finished: FinishedSuite, trials: Sequence[OwnTrials]) -> list[
                 f"{few_worlds(finished, first)}"
             ),
             figures={"arms": save(figure, finished.out / "figures", "arms")},
-            tables=(Table.of("arms", "Agents by arms", columns, rows),),
-            note=_ARMS,
+            tables=(Table.of("arms", "Agents by arms", columns, rows), *of_distances),
+            note=_ARMS + HOW_FAR * len(of_distances),
             summary=summary,
         ),
         Section(title="What each arm is", tables=(what,)),

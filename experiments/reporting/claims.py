@@ -1,8 +1,10 @@
 """Claims of the paper: what was measured for each criterion, the verdicts, and their section of the report.
 
-A claim stands or falls by the whole interval of each number that is a criterion of it.
+A claim stands or falls by the whole interval of each number that is a criterion of it, and by whether an
+agent without what is claimed, its null agent, fails by the same number.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -13,6 +15,7 @@ import pandas as pd
 from experiments.config.claims import EXTREMES, Claim, Criterion, Number, Requirement, TrialsOf
 from experiments.config.suite import ScenarioConfig, Suite, SweepConfig
 from experiments.reporting.by_trial import seconds_per_reach
+from experiments.reporting.distance import FAR_MM
 from experiments.reporting.finished_suite import (
     MOTIONS,
     RENDEZVOUS,
@@ -33,6 +36,9 @@ from experiments.statistics import (
     relative_change,
 )
 
+ENOUGH_TO_FAIL = 8
+"""In so many worlds an interval wholly on the wrong side tells enough. Choice: what none of eight shows, a
+third of all worlds does at most (Clopper & Pearson, one-sided 95 %)."""
 FIRST_MOTION_PX, EXPECTED_PX = 4, 16
 """Columns of `motions_to_...`: where a first motion counts as a reach, and what an expectation is about."""
 NEAR_PX = 16
@@ -43,7 +49,9 @@ correction."""
 _MEASURES = {
     "success": "success",
     "near": f"true error within {NEAR_PX} px",
+    "far": f"ends more than {FAR_MM} mm off",
     "rendezvous": "rendezvous",
+    "quickly": "rendezvous",
     "motions": "motions per reach",
     "most_motions": "motions per reach of 95 % of trials",
     "worst_world": "motions per reach in the worst world",
@@ -57,11 +65,15 @@ _HOW_TO_READ = (
     "means over worlds, motions and seconds medians over worlds of each world's mean. Where two are "
     "compared, it is in the same worlds: the mean of the differences of shares, the median of those of "
     "motions; a change is that of the mean over worlds, as a share of what it was, with a t interval. "
-    "Confirmed: the whole interval meets the criterion. Not confirmed: none of it does. Mixed: neither, "
-    "or the criteria of a claim differ. Untested: a run has not finished, no world has such trials, or "
-    "there are fewer than 20 worlds. Questions are what the paper leaves open; judged is the answer that "
-    f"it suggests. {SUCCESS_IN_WORDS} Rendezvous: the last observation was. Motions per reach: without a "
-    "rendezvous the cap. A world whose lifetime was over before such trials is left out."
+    "In round brackets the margin: by how many half-intervals, of the half that points to the threshold, "
+    "the number meets it; from -1 down none of the interval does. A null agent is one without what is "
+    "claimed, by the same measure in the same cells. Confirmed: the whole interval meets the criterion, and "
+    "none of the null agent's does. Vacuous: the null agent's whole interval meets it, too. Not confirmed: "
+    f"none of the interval does, in {ENOUGH_TO_FAIL} worlds or more. Mixed: none of these, or criteria "
+    "differ. Untested: a run has not finished, no world has such trials, or fewer than "
+    f"{ENOUGH_WORLDS} worlds tell neither. Questions are what the paper leaves open; judged is the answer "
+    f"that it suggests. {SUCCESS_IN_WORDS} Rendezvous: the last observation was. Motions per reach: without "
+    "a rendezvous the cap. A world whose lifetime was over before such trials is left out."
 )
 
 
@@ -97,7 +109,7 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Number) -> Measured
     for trials in criterion.trials():
         rows = with_cost(results[results["agent"] == trials.agent], _part(suite, trials))
         (agent,) = (each for each in suite.agents if each.label == trials.agent)
-        if rows["world"].nunique() < suite.worlds_of(agent):
+        if rows["world"].nunique() < suite.worlds_of(agent, _part(suite, trials)):
             return None
         chosen.append(_chosen(rows, trials))
     if criterion.measure == "kept":
@@ -114,7 +126,7 @@ def measured(results: pd.DataFrame, suite: Suite, criterion: Number) -> Measured
     if criterion.relative:
         return Measured(relative_change(others, mine), len(both))
     paired = paired_shares if is_share(criterion) else paired_motions
-    return Measured(paired(mine, others), len(both))
+    return Measured(paired(mine, others, ENOUGH_TO_FAIL), len(both))
 
 
 def is_share(criterion: Number) -> bool:
@@ -150,6 +162,10 @@ def _values(
     columns = {"success": SUCCESS, "rendezvous": RENDEZVOUS, "motions": MOTIONS, "worst_world": MOTIONS}
     if criterion.measure in columns:
         return trials[columns[criterion.measure]].astype(float)
+    if criterion.within is not None:
+        return ((trials[RENDEZVOUS] == 1) & (trials["motions"] <= criterion.within)).astype(float)
+    if criterion.measure == "far":
+        return (trials["distance_mm"] > FAR_MM).astype(float)
     if criterion.measure == "near":
         return (trials["error_px"] <= NEAR_PX).astype(float)
     if criterion.measure == "first_motion":
@@ -182,7 +198,8 @@ def _estimate(values: "pd.Series[float]", criterion: Number) -> Measured | None:
     found = values.to_numpy()
     if criterion.measure == "worst_world":
         return Measured(Estimate(float(found.max())), len(found))
-    return Measured(mean_share(found) if is_share(criterion) else median_world(found), len(found))
+    of_worlds = mean_share if is_share(criterion) else median_world
+    return Measured(of_worlds(found, ENOUGH_TO_FAIL), len(found))
 
 
 class Verdict(StrEnum):
@@ -191,6 +208,7 @@ class Verdict(StrEnum):
     CONFIRMED = "confirmed"
     MIXED = "mixed"
     NOT_CONFIRMED = "not confirmed"
+    VACUOUS = "vacuous"
     UNTESTED = "untested"
 
 
@@ -201,48 +219,60 @@ class JudgedClaim:
     Attributes:
         claim: The claim.
         found: Each criterion's number; None where there is none.
+        nulls: The same numbers of the null agents.
         verdicts: Of each criterion.
     """
 
     claim: Claim
     found: tuple[Measured | None, ...]
+    nulls: tuple[Measured | None, ...]
     verdicts: tuple[Verdict, ...]
 
     @property
     def verdict(self) -> Verdict:
-        """Confirmed where all criteria are, not confirmed where none of them can be, else mixed.
-
-        A criterion without a number leaves the claim untested.
-        """
+        """That of all criteria where they agree; untested where one is, and none has failed; else mixed."""
         kinds = set(self.verdicts)
-        if Verdict.UNTESTED in kinds:
+        if Verdict.UNTESTED in kinds and Verdict.NOT_CONFIRMED not in kinds:
             return Verdict.UNTESTED
         return kinds.pop() if len(kinds) == 1 else Verdict.MIXED
 
 
-def verdict_of(criterion: Criterion, found: Measured | None) -> Verdict:
-    """Confirmed where the whole interval meets the criterion, not confirmed where none does, else mixed.
+def margin(criterion: Criterion, found: Measured | None) -> float:
+    """By how many half-intervals a number meets its threshold, of the half that points to it.
 
-    Untested by fewer than `ENOUGH_WORLDS`: numbers are given, and no verdict.
+    Above 1 the whole interval meets it, from -1 down none does. NaN where there is no number, or too few
+    worlds.
     """
-    if found is None or found.worlds < ENOUGH_WORLDS:
+    if found is None or found.worlds < ENOUGH_TO_FAIL:
+        return math.nan
+    value, low, high = found.estimate.value, found.estimate.low, found.estimate.high
+    beyond, worse, better = value - (criterion.above or 0.0), value - low, high - value
+    if criterion.below is not None:
+        beyond, worse, better = criterion.below - value, better, worse
+    half = worse if beyond > 0 else better
+    return beyond / half if half else math.copysign(math.inf, beyond or -1.0)
+
+
+def verdict_of(criterion: Criterion, found: Measured | None, null: Measured | None) -> Verdict:
+    """What a number, and that of the null agent, come to: see `_HOW_TO_READ`."""
+    mine, others = margin(criterion, found), margin(criterion, null)
+    if mine <= -1:
+        return Verdict.NOT_CONFIRMED
+    if found is None or found.worlds < ENOUGH_WORLDS or math.isnan(others):
         return Verdict.UNTESTED
-    low, high = found.estimate.low, found.estimate.high
-    if criterion.above is not None:
-        passes, fails = low > criterion.above, high <= criterion.above
-    else:
-        assert criterion.below is not None
-        passes, fails = high < criterion.below, low >= criterion.below
-    return Verdict.CONFIRMED if passes else Verdict.NOT_CONFIRMED if fails else Verdict.MIXED
+    if mine > 1 and others <= -1:
+        return Verdict.CONFIRMED
+    return Verdict.VACUOUS if min(mine, others) > 1 else Verdict.MIXED
 
 
 def judge(results: pd.DataFrame, suite: Suite) -> list[JudgedClaim]:
     """All claims of a suite, by its results."""
     judged = []
     for claim in suite.claims:
-        found = tuple(measured(results, suite, criterion) for criterion in claim.criteria)
-        verdicts = tuple(verdict_of(*each) for each in zip(claim.criteria, found, strict=True))
-        judged.append(JudgedClaim(claim, found, verdicts))
+        found = tuple(measured(results, suite, each) for each in claim.criteria)
+        nulls = tuple(measured(results, suite, each.by_null()) for each in claim.criteria)
+        verdicts = tuple(map(verdict_of, claim.criteria, found, nulls))
+        judged.append(JudgedClaim(claim, found, nulls, verdicts))
     return judged
 
 
@@ -252,15 +282,20 @@ def claims_section(judged: Sequence[JudgedClaim]) -> Section:
     for each in judged:
         claim, name = each.claim, each.claim.name.replace("_", " ")
         verdicts.append([name, claim.words, claim.kind, claim.section, str(each.verdict)])
-        judgements = zip(claim.criteria, each.found, each.verdicts, strict=True)
-        for i, (criterion, found, verdict) in enumerate(judgements):
-            numbers = [described(criterion), number_of(criterion, found), threshold(criterion)]
-            rows.append(["" if i else name, *numbers, str(verdict)])
-            where = criterion.of.scenario, "claims", criterion.of.agent, f"{claim.name}.{i}"
-            measure, worlds = f"{criterion.measure}: {verdict}", found.worlds if found else 0
-            summary.append(summary_row(*where, measure, found.estimate if found else None, worlds))
+        judgements = zip(claim.criteria, each.found, each.nulls, each.verdicts, strict=True)
+        for i, (criterion, found, null, verdict) in enumerate(judgements):
+            asked = f"{described(criterion)}: {threshold(criterion)}"
+            own, others = with_margin(criterion, found), with_margin(criterion, null)
+            rows.append(["" if i else name, asked, own, f"{criterion.null_agent}: {others}", str(verdict)])
+            for agent, what, of in (
+                (criterion.of.agent, verdict, found),
+                (criterion.null_agent, "null agent", null),
+            ):
+                where = criterion.of.scenario, "claims", str(agent), f"{claim.name}.{i}"
+                number, worlds = (of.estimate, of.worlds) if of else (None, 0)
+                summary.append(summary_row(*where, f"{criterion.measure}: {what}", number, worlds))
     of_claims = ["claim or question", "in words", "kind", "section", "verdict"]
-    of_criteria = ["claim or question", "criterion", "measured", "must be", "verdict"]
+    of_criteria = ["claim or question", "criterion", "measured", "null agent", "verdict"]
     remarks = " ".join(f"{each.claim.words} {each.claim.remark}" for each in judged if each.claim.remark)
     return Section(
         title="Claims",
@@ -272,6 +307,12 @@ def claims_section(judged: Sequence[JudgedClaim]) -> Section:
         note=f"{_HOW_TO_READ} {remarks}".strip(),
         summary=summary,
     )
+
+
+def with_margin(criterion: Criterion, found: Measured | None) -> str:
+    """A criterion's number with its interval and, in round brackets, its margin."""
+    by, said = margin(criterion, found), number_of(criterion, found)
+    return said if math.isnan(by) else f"{said} ({written(by, '+.1f')})"
 
 
 def required_section(results: pd.DataFrame, suite: Suite) -> Section:
@@ -298,7 +339,8 @@ def _required(requirement: Requirement, found: Measured | None) -> list[str]:
 def described(criterion: Number) -> str:
     """What a criterion measures, in words."""
     look = f", {criterion.look:g} s a look" if criterion.look else ""
-    words = f"{_in_words(criterion.of)}: {_MEASURES[criterion.measure]}{look}"
+    within = f" in {counted(criterion.within, 'motion')} at most" if criterion.within else ""
+    words = f"{_in_words(criterion.of)}: {_MEASURES[criterion.measure]}{look}{within}"
     if criterion.than is None:
         return words
     of, than = criterion.of, criterion.than

@@ -65,7 +65,7 @@ class FinishedSuite:
 
     def worlds_in(self, part: ScenarioConfig | SweepConfig) -> dict[str, int]:
         """In how many worlds, the first ones of the suite's, each agent of a part is, by its label."""
-        return {agent.label: self.suite.worlds_of(agent) for agent in self.suite.agents_in(part)}
+        return {agent.label: self.suite.worlds_of(agent, part) for agent in self.suite.agents_in(part)}
 
     def fewest_worlds(self, part: ScenarioConfig | SweepConfig) -> int:
         """In how many worlds that agent of a part is that is in the fewest."""

@@ -1,7 +1,7 @@
 """What a suite comes to in a minute: its one table, and at most three sentences made from its numbers.
 
-Who is told where to go and who moves at random are ceiling and floor, and not compared. Where an agent is in
-fewer than 20 worlds nobody is ranked: then it is said how far agents lie apart.
+Who is told where to go and who moves at random are ceiling and floor, and not compared. Who is in fewer than
+20 worlds is not ranked; where nearly all are, it is only said how far agents lie apart.
 """
 
 import math
@@ -153,6 +153,9 @@ def sentences(finished: FinishedSuite, held: HeldOut) -> list[str]:
     """At most three: who needs the fewest motions, what the first change costs, and who reaches again."""
     scenario = held.scenario
     agents = [each for each in finished.suite.agents_in(scenario) if not _aside(finished, each)]
+    ranked = [each for each in agents if held.worlds[each.label] >= ENOUGH_WORLDS]
+    few = len(ranked) < min(2, len(agents))
+    agents = agents if few else ranked
     found = {in_words(each.label, each.name): held.moments[each.label] for each in agents}
     changed = any(BEFORE in of_agent for of_agent in found.values())
     when, until = (BEFORE, AFTER) if changed else (AT_THE_END, BEGINNING)
@@ -161,12 +164,9 @@ def sentences(finished: FinishedSuite, held: HeldOut) -> list[str]:
         for each in agents
         if (times := held.times[each.label].get(until))
     }
-    few = finished.fewest_worlds(scenario) < ENOUGH_WORLDS
-    said = [
-        _fewest({words: of[when] for words, of in found.items() if when in of}, _WHEN[when], few),
-        _cost(found) if changed else "",
-        _again(medians, changed),
-    ]
+    said = [_fewest({words: of[when] for words, of in found.items() if when in of}, _WHEN[when], few)]
+    if not few:
+        said += [_cost(found) if changed else "", _again(medians, changed)]
     return [sentence for sentence in said if sentence]
 
 

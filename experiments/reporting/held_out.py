@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from experiments.config.suite import ScenarioConfig
+from experiments.reporting.distance import Distances, distances
 from experiments.reporting.finished_suite import (
     MOTIONS,
     RENDEZVOUS,
@@ -50,7 +51,7 @@ class HeldOutMoment:
         motions: Per reach, of the median world; a trial without a rendezvous counts as the cap.
         among_reached: Motions of trials with a rendezvous, in the median of the worlds that have any.
         errors_px: True errors at the end of the trials (worlds, trials); infinite in failed runs.
-        distance_mm: Median true distance at the end of a trial, of finished runs only.
+        distances: At the end of a trial, of finished runs only.
     """
 
     finished: int
@@ -60,7 +61,7 @@ class HeldOutMoment:
     motions: Estimate
     among_reached: Estimate
     errors_px: Array
-    distance_mm: float
+    distances: Distances
 
 
 class Times(NamedTuple):
@@ -185,7 +186,7 @@ def _moment(rows: pd.DataFrame, failed: list[int], cap: int) -> HeldOutMoment:
         motions=median_world(worlds[MOTIONS].to_numpy()),
         among_reached=median_world(worlds["among_reached"].to_numpy(float)),
         errors_px=np.array([np.resize(each, trials) for each in errors] + infinite),
-        distance_mm=float(rows["distance_mm"].median()),
+        distances=distances(rows),
     )
 
 

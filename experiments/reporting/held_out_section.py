@@ -13,6 +13,7 @@ from experiments.config.in_words import again_and_again, knocks
 from experiments.config.suite import AgentConfig, ScenarioConfig
 from experiments.evaluation import THRESHOLDS_PX
 from experiments.reporting.agents_in_words import ASIDE, in_words, lines_of
+from experiments.reporting.distance import HOW_FAR, distance_rows, distance_tables
 from experiments.reporting.figures import (
     STYLE,
     Line,
@@ -120,11 +121,17 @@ def _moments(finished: FinishedSuite, held: HeldOut) -> Section:
                 summary_row(*where, RENDEZVOUS, rendezvous, amount),
                 summary_row(*where, MOTIONS, motions, amount),
                 summary_row(*where, f"{MOTIONS}_among_reached", reached, with_any),
-                summary_row(*where, "distance_mm", moment.distance_mm, moment.finished),
+                *distance_rows(*where, moment.distances),
             ]
     columns = ["agent", "when", "worlds", "motions per reach", "rendezvous"]
     with_intervals = ["agent", "when", "rendezvous", "motions of those that reached", "success"]
     title = f"{scenario.name}, with intervals"
+    far = (
+        ([label, when], moment.distances)
+        for label, of_agent in held.moments.items()
+        for when, moment in of_agent.items()
+    )
+    how_far = distance_tables(scenario.name, scenario.env, ["agent", "when"], far)
     return Section(
         title=f"{scenario.name}: held-out trials",
         text=about(finished, scenario),
@@ -132,8 +139,9 @@ def _moments(finished: FinishedSuite, held: HeldOut) -> Section:
         tables=(
             Table.of(f"{scenario.name}-moments", scenario.name, columns, shown),
             Table.of(f"{scenario.name}-intervals", title, with_intervals, intervals),
+            *how_far,
         ),
-        note=_MOMENTS,
+        note=_MOMENTS + HOW_FAR * len(how_far),
         summary=summary,
     )
 

@@ -3,8 +3,8 @@
 The report is made from this file alone; only times, which differ in each repetition, stand beside it in a
 file of their own.
 
-Errors are rounded up to tenths of a pixel: what was within a whole number of pixels stays within it, and
-nothing else comes in. Seconds are rounded to tenths, distances to millimetres. That is far finer than worlds
+Errors and distances are rounded up to tenths of a pixel and of a millimetre: what was within a whole number
+stays within it, and nothing else comes in. Seconds are rounded to tenths. That is far finer than worlds
 differ, and makes the file some ten times smaller.
 """
 
@@ -78,7 +78,7 @@ MOST_OWN_TRIALS = 2_000
 """Of a lifetime counted in motions: the first are all kept, and of more than this every k-th. They are
 drawn, in means of many trials, and stand in no table but those of claims, which look at the first ones;
 held-out trials do."""
-_FINENESS = {"error_px": 10, "expected_px": 10, "distance_mm": 1, "robot_seconds": 10}
+_FINENESS = {"error_px": 10, "expected_px": 10, "distance_mm": 10, "robot_seconds": 10}
 """Steps in a unit."""
 _COUNTERS = ("lifetime_motions", "motions_since_perturbation", "trial")
 """Columns that grow from row to row by little."""
@@ -239,6 +239,6 @@ def _compact(field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray | pa.A
     if field.type == pa.int64():
         return column.cast(pa.int32())
     if steps := _FINENESS.get(field.name):
-        rounded = np.ceil if field.name.endswith("_px") else np.round
+        rounded = np.ceil if field.name.endswith(("_px", "_mm")) else np.round
         return pa.array(rounded(column.to_numpy() * steps) / steps, from_pandas=True)
     return column

@@ -1,7 +1,7 @@
 """Sweeps: success and motions against one setting of a perturbation."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import fill
 
@@ -16,6 +16,7 @@ from calfree_gym.perturbations import TYPES
 from experiments.config.in_words import axis_in_words
 from experiments.config.suite import AgentConfig, SweepConfig
 from experiments.reporting.agents_in_words import in_words, lines_of
+from experiments.reporting.distance import HOW_FAR, Distances, distance_rows, distance_tables, distances
 from experiments.reporting.figures import STYLE, Line, LineEnd, label_lines, marks, motions_axis, save, say
 from experiments.reporting.finished_suite import (
     MOTIONS,
@@ -61,6 +62,7 @@ class Point:
         at_once: Share of them that do so by their first motion.
         motions: Of the median world; a trial without a rendezvous counts as the cap.
         among_reached: Median of those with a rendezvous; no number where hardly any has one.
+        distances: At the end of the trials of a run that finished.
     """
 
     value: float
@@ -70,6 +72,7 @@ class Point:
     at_once: float = 0.0
     motions: Estimate = _NO_NUMBER
     among_reached: Estimate = _NO_NUMBER
+    distances: Distances | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +110,7 @@ def points(rows: pd.DataFrame, sweep: SweepConfig, agent: str, worlds: int) -> l
 
 
 def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int, cap: int) -> Point:
-    in_view = rows[rows["in_view"].astype(bool)]
+    in_view = rows[rows["in_view"].astype(bool) & (rows["world"] < worlds)]
     trials = in_view["world"].nunique() if len(rows) else worlds
     if not trials:
         return Point(value, 0)
@@ -126,6 +129,7 @@ def _point(rows: pd.DataFrame, value: float, agent: str, worlds: int, cap: int) 
         float((reached <= 1).sum()) / trials,
         median_world(motions),
         median_world(reached) if len(reached) >= max(1, _ENOUGH * trials) else _NO_NUMBER,
+        distances(mine) if len(mine) else None,
     )
 
 
@@ -162,13 +166,24 @@ def sweep_sections(finished: FinishedSuite, found: Sequence[Swept]) -> list[Sect
                 ("median_motions", point.among_reached),
             )
         ]
+        summary += [
+            row
+            for label, of_agent in each.points.items()
+            for point in of_agent
+            if point.distances
+            for row in distance_rows(name, "sweep", label, f"{point.value:g}", point.distances)
+        ]
+        far = (
+            ([label, f"{at.value:g}"], at.distances) for label, at in _shown(each) if at.distances is not None
+        )
+        how_far = distance_tables(name, each.sweep.env, ["agent", each.sweep.vary], far)
         sections.append(
             Section(
                 title=f"Sweep {name}",
                 text=_about(finished, each.sweep),
                 figures={name: save(figure, folder, name)},
-                tables=(_table(each),),
-                note=_HOW_TO_READ,
+                tables=(_table(each), *how_far),
+                note=_HOW_TO_READ + HOW_FAR * len(how_far),
                 summary=summary,
             )
         )
@@ -191,13 +206,17 @@ def _about(finished: FinishedSuite, sweep: SweepConfig) -> str:
     )
 
 
+def _shown(found: Swept) -> Iterator[tuple[str, Point]]:
+    """By label, the points that stand in tables."""
+    indices = np.unique(np.linspace(0, len(found.sweep.over) - 1, _SHOWN).round().astype(int))
+    return ((label, curve[i]) for label, curve in found.points.items() for i in indices)
+
+
 def _table(found: Swept) -> Table:
     sweep = found.sweep
-    indices = np.unique(np.linspace(0, len(sweep.over) - 1, _SHOWN).round().astype(int))
     rows = [
         [label, f"{at.value:g}", percent(at.rendezvous), number(at.among_reached), percent(at.success)]
-        for label, curve in found.points.items()
-        for at in (curve[i] for i in indices)
+        for label, at in _shown(found)
     ]
     columns = ["agent", sweep.vary, "rendezvous", "motions of those that reached", "success"]
     return Table.of(sweep.name, f"Sweep {sweep.name}", columns, rows)

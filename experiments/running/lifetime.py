@@ -92,6 +92,7 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
         env: The agent's environment, with its schedule of perturbations.
         seed: Seeds world, objects and noise.
         on_trial: Called with the record of each finished trial.
+        places: Objects lie in turn where the first so many lay; None: each at its own place.
     """
 
     def __init__(
@@ -99,9 +100,12 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
         env: gymnasium.Env[Any, Any],
         seed: int,
         on_trial: Callable[[TrialRecord], None] = lambda record: None,
+        places: int | None = None,
     ):
         super().__init__(env)
         self._on_trial = on_trial
+        self._places = places
+        self._objects: list[Any] = []
         self._trial = 0
         self._count_from_zero()
         self._begin(*env.reset(seed=seed))
@@ -118,7 +122,9 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
         refuse_options(options)
         if self._meter.motions:
             self._trial += 1
-            self._begin(*self.env.reset())
+            again = self._places is not None and self._trial >= self._places
+            options = {"object": self._objects[self._trial % len(self._objects)]} if again else None
+            self._begin(*self.env.reset(options=options))
         return copy.deepcopy(self._first)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -137,6 +143,8 @@ class LifetimeRecorder(LifetimeCounts, gymnasium.Wrapper[Any, Any, Any, Any]):
         self._applied_by_reset = self._applied()
         self._first = observation, info
         self._meter = TrialMeter(self.env, self._trial, info)
+        if self._places is not None and len(self._objects) < self._places:
+            self._objects.append(info["truth"]["object"])
 
     def _applied(self) -> list[Any]:
         env: Any = self.env.unwrapped

@@ -115,9 +115,9 @@ def world_seeds(suite_seed: int, worlds: int, first: int | None = None) -> tuple
     return tuple(_seed(suite_seed, _WORLD, world) for world in range(worlds))
 
 
-def _worlds(suite: Suite, agent: AgentConfig) -> tuple[int, ...]:
-    """What seeds the worlds that an agent meets."""
-    return world_seeds(suite.seed, suite.worlds_of(agent), suite.first_world)
+def _worlds(suite: Suite, agent: AgentConfig, part: ScenarioConfig | SweepConfig) -> tuple[int, ...]:
+    """What seeds the worlds that an agent meets in a scenario or sweep."""
+    return world_seeds(suite.seed, suite.worlds_of(agent, part), suite.first_world)
 
 
 def _alone(agent: AgentConfig) -> AgentConfig:
@@ -146,7 +146,7 @@ def _lifetimes(suite: Suite) -> list[LifetimeRun]:
         )
         for scenario in suite.scenarios
         for agent in suite.agents_in(scenario)
-        for world, seed in enumerate(_worlds(suite, agent))
+        for world, seed in enumerate(_worlds(suite, agent, scenario))
     ]
 
 
@@ -154,8 +154,8 @@ def _sweeps(suite: Suite) -> list[SweepRun]:
     return [
         SweepRun(
             agent=_alone(agent),
-            sweep=sweep.model_copy(update={"agents": None}),
-            world_seeds=_worlds(suite, agent),
+            sweep=sweep.model_copy(update={"agents": None, "worlds": None}),
+            world_seeds=_worlds(suite, agent, sweep),
             agent_seed=_seed(suite.seed, _AGENT, 0),
         )
         for sweep in suite.sweeps

@@ -81,7 +81,7 @@ def _recorder(
     if rows > 1:
         return RowsRecorder(scenario.env, rows, privileged, scenario.perturbations, run.world_seed, on_trial)
     env = scenario.env.make(scenario.perturbations, privileged)
-    return LifetimeRecorder(env, run.world_seed, on_trial)
+    return LifetimeRecorder(env, run.world_seed, on_trial, scenario.places)
 
 
 @dataclass

@@ -154,7 +154,7 @@ def test_an_agent_gets_what_it_requires():
 def table(*rows):
     """From (agent, value, world, in view, success, motions)."""
     names = ["agent", "value", "world", "in_view", "success", "motions"]
-    data = pd.DataFrame(rows, columns=names).assign(scenario="roll")
+    data = pd.DataFrame(rows, columns=names).assign(scenario="roll", distance_mm=1.0)
     return data.assign(rendezvous=data["success"], error_px=np.where(data["success"], 1.0, 30.0))
 
 
@@ -170,7 +170,7 @@ def test_points_are_of_the_trials_in_view():
         *(("servo", 190.0, world, True, world == 7, 5) for world in range(11)),
     )
     of = SweepConfig(**ROLL, over=(0, 90, 180, 190))
-    reached, hidden, missed, once = points(with_cost(data, of), of, "servo", 5)
+    reached, hidden, missed, once = points(with_cost(data, of), of, "servo", 11)
     assert (reached.trials, reached.at_once) == (4, 0.25)
     assert reached.success.value == 0.75
     assert not reached.success.has_interval
@@ -193,6 +193,15 @@ def test_an_agent_whose_run_failed_has_reached_nothing():
     assert np.isnan(failed.among_reached.value)
     (alone,) = points(rows[:0], of, "broken", 2)
     assert (alone.trials, alone.success.value) == (2, 0)
+
+
+def test_worlds_that_an_agent_does_not_meet_are_no_failures():
+    of = SweepConfig(name="s", env=ENV, do={"type": "camera_roll"}, vary="degrees", over=[0])
+    data = pd.DataFrame({"agent": ["few", *["many"] * 3], "world": [0, 0, 1, 2], "motions": 7})
+    data = data.assign(scenario="s", value=0.0, in_view=True, success=True, rendezvous=True, distance_mm=1.0)
+    for agent, worlds in (("few", 1), ("many", 3)):
+        (found,) = points(with_cost(data, of), of, agent, worlds)
+        assert (found.trials, found.rendezvous.value) == (worlds, 1)
 
 
 def test_the_figure_shows_the_points():

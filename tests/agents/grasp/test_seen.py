@@ -57,6 +57,7 @@ def test_an_angle_needs_the_object_and_the_gripper_in_one_image():
     directions = np.array([[1.0, 0, 0.2], [0, 1, 0.3], [0.9, 0.1, -1], [0, 1.1, 0.4]])
     now = gripper(directions, axis=(0.5, 0.3, 0))
     true = turn_needed("least_squares", now)
+    assert turn_needed("unturned", now) == 0 != true
     now.visible[TIP, 0] = False
     assert turn_needed("least_squares", now) == pytest.approx(true)
     assert turn_needed("both_images", now) is None

@@ -15,6 +15,7 @@ from calfree_gym import nominal
 from calfree_gym.perturbations import (
     TYPES,
     CameraAim,
+    CameraNearer,
     CameraRoll,
     CameraShift,
     CameraZoom,
@@ -79,6 +80,16 @@ def test_a_shift_moves_the_camera_by_its_distance_without_turning_it():
     apart = np.linalg.norm(world.camera_position - nominal().camera_position, axis=1)
     np.testing.assert_allclose(apart, [0.05, 0.0])
     np.testing.assert_array_equal(world.camera_orientation, nominal().camera_orientation)
+
+
+def test_a_camera_that_is_nearer_goes_and_turns_to_the_other():
+    built = nominal()
+    apart = built.camera_position[1] - built.camera_position[0]
+    world = CameraNearer("left", 0.75).apply(built, RNG(0))
+    np.testing.assert_allclose(world.camera_position[1] - world.camera_position[0], 0.25 * apart)
+    np.testing.assert_array_equal(world.camera_orientation[1], built.camera_orientation[1])
+    left = [np.abs(each.camera_orientation[0] @ each.camera_orientation[1]) for each in (built, world)]
+    assert np.arccos(left[1]) == pytest.approx(0.25 * np.arccos(left[0]))
 
 
 def test_arm_and_motor_perturbations_do_what_they_say():

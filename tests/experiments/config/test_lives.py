@@ -1,5 +1,7 @@
 """Lives of different lengths in one scenario: of an agent's own motions, with events at a share of them."""
 
+from collections import Counter
+
 import pytest
 
 from experiments.config.loading import load
@@ -42,6 +44,29 @@ def test_a_sweep_has_the_worlds_of_each_agent(suite_data):
     suite_data["sweeps"] = [{"name": "aim", "env": env, "do": do, "vary": "degrees", "over": [0, 5]}]
     suite_data["agents"][1]["worlds"] = 5
     assert [len(run.world_seeds) for run in runs(suite_data)[-2:]] == [2, 5]
+
+
+def test_a_scenario_has_its_worlds_and_an_agent_its_own_in_each(suite_data):
+    (scenario,) = suite_data["scenarios"]
+    suite_data["scenarios"].append({**scenario, "name": "long", "worlds": 2})
+    suite_data["agents"][1]["worlds"] = 3
+    found = runs(suite_data, worlds=4)
+    amounts = Counter((run.scenario.name, run.agent.label) for run in found)
+    assert [*amounts.values()] == [4, 3, 2, 3]
+    seeds = {run.world: run.world_seed for run in found if run.scenario.name == "aimed"}
+    assert all(seeds[run.world] == run.world_seed for run in found)
+    assert len(runs(suite_data, worlds=1)) == 1 + 3 + 1 + 3
+    suite_data["scenarios"][1].pop("worlds")
+    assert {run.id for run in found} <= {*ids(suite_data, worlds=4)}  # how many is no part of a run
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [({"places": 2}, "counted in trials"), ({"worlds": 0}, "greater than 0"), ({"worlds": 1.5}, "integer")],
+)
+def test_places_and_worlds_that_cannot_be(suite_data, refused, change, said):
+    suite_data["scenarios"][0] |= change
+    assert said in refused(suite_data)
 
 
 @pytest.mark.parametrize("share", [0, 1, -0.5, 1.5, True, "half"])

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from pydantic import ValidationError
 
 from experiments.config.claims import Claim, Criterion, Number, Requirement, TrialsOf
 from experiments.config.loading import load
@@ -18,6 +19,7 @@ from experiments.reporting.claims import (
     claims_section,
     described,
     judge,
+    margin,
     measured,
     required_section,
     verdict_of,
@@ -28,6 +30,7 @@ from experiments.statistics import Estimate, mean_share, paired_motions
 from tests.experiments.reporting.made_up import CAP, results
 
 WORLDS = 20
+AGENTS = ["paper_servo", "unified_servo"]
 CONFIGS = Path(__file__).parents[3] / "configs"
 ENV = {"id": "CalFree/Reach-v0", "world": "wild", "dynamics": "kinematic"}
 SUITE = {
@@ -40,7 +43,7 @@ SUITE = {
     ],
     "sweeps": [{"name": "aim", "env": ENV, "do": {"type": "camera_aim"}, "vary": "degrees", "over": [0, 5]}],
     "evaluation": {"every": 100, "trials": 10},
-    "agents": ["paper_servo", "unified_servo"],
+    "agents": AGENTS,
 }
 
 
@@ -133,15 +136,60 @@ def test_equal_agents_confirm_no_difference():
     same = [rows(agent, np.full((WORLDS, 3), 7)) for agent in ("paper_servo", "unified_servo")]
     faster = Criterion(measure="motions", of=trials_of(), than=trials_of("unified_servo"), below=0)
     found = measured(pd.concat(same), Suite.model_validate(SUITE), faster)
-    assert verdict_of(faster, found) is Verdict.NOT_CONFIRMED
+    assert verdict_of(faster, found, None) is Verdict.NOT_CONFIRMED
 
 
-def test_four_worlds_give_numbers_and_no_verdicts():
-    works = claim(Criterion(measure="rendezvous", of=trials_of(), above=0.1))
-    of = Suite.model_validate({**SUITE, "claims": [works.model_dump()], "worlds": 4})
-    (judged,) = judge(rows("paper_servo", np.full((4, 5), 7)), of)
-    assert judged.verdict is Verdict.UNTESTED
-    assert judged.found[0].estimate.value == pytest.approx(1)
+@pytest.mark.parametrize(
+    ("worlds", "mine", "null", "verdict"),
+    [
+        (WORLDS, 1.0, 0.0, Verdict.CONFIRMED),
+        (WORLDS, 1.0, 1.0, Verdict.VACUOUS),
+        (WORLDS, 1.0, 0.5, Verdict.MIXED),
+        (WORLDS, 0.0, 0.0, Verdict.NOT_CONFIRMED),
+        (8, 0.0, 0.0, Verdict.NOT_CONFIRMED),
+        (8, 1.0, 0.0, Verdict.UNTESTED),
+        (7, 0.0, 0.0, Verdict.UNTESTED),
+    ],
+)
+def test_a_claim_stands_where_its_null_agent_falls(worlds, mine, null, verdict):
+    """Shares of worlds in which every trial reaches; eight worlds can only tell that it falls."""
+    works = claim(Criterion(measure="rendezvous", of=trials_of(), above=0.5, null_agent="random"))
+    suite = {**SUITE, "worlds": worlds, "claims": [works.model_dump()], "agents": [*AGENTS, "random"]}
+    made = [
+        rows(agent, np.where(np.arange(worlds)[:, None] < share * worlds, [7] * 3, CAP))
+        for agent, share in (("paper_servo", mine), ("random", null))
+    ]
+    (judged,) = judge(pd.concat(made), Suite.model_validate(suite))
+    assert judged.verdict is verdict
+    (found,), (others,) = judged.found, judged.nulls
+    assert (found.estimate.value, others.estimate.value) == pytest.approx((mine, null))
+
+
+def test_the_null_agent_takes_the_place_of_the_agent_on_either_side():
+    faster = {"measure": "motions", "of": trials_of(motions=100), "below": 0, "null_agent": "random"}
+    own = Criterion(**faster, than=trials_of()).by_null()
+    assert [each.agent for each in own.trials()] == ["random", "random"]
+    beside = Criterion(**faster, than=trials_of("unified_servo")).by_null()
+    assert [each.agent for each in beside.trials()] == ["random", "unified_servo"]
+
+
+def test_pairs_are_over_the_worlds_of_both(rng):
+    mine, others = rng.integers(3, 30, (8, 4)), rng.integers(3, 30, (WORLDS, 4))
+    both = pd.concat([rows("paper_servo", mine), rows("unified_servo", others)])
+    agents = [{"name": "paper_servo", "worlds": 8}, "unified_servo"]
+    number = Number(measure="motions", of=trials_of(), than=trials_of("unified_servo"))
+    found = measured(both, Suite.model_validate(SUITE | {"agents": agents}), number)
+    assert found.worlds == 8
+    assert found.estimate.value == np.median(mine.mean(axis=1) - others[:8].mean(axis=1))
+    assert measured(both, Suite.model_validate(SUITE), number) is None  # twelve runs are missing
+
+
+def test_far_and_quickly_are_shares_of_all_trials():
+    made = rows("paper_servo", np.tile([1, 3, CAP], (WORLDS, 1)))
+    made["distance_mm"] = np.tile([10.0, 10.1, 300.0], WORLDS)
+    assert found_in(made, "far").estimate.value == pytest.approx(2 / 3)
+    assert found_in(made, "quickly", within=1).estimate.value == pytest.approx(1 / 3)
+    assert found_in(made, "quickly", within=CAP).estimate.value == pytest.approx(2 / 3)
 
 
 def test_what_was_expected_is_held_against_what_came():
@@ -168,21 +216,39 @@ def test_seconds_depend_on_the_look():
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "bound", "expected"),
+    ("low", "high", "bound", "half_intervals", "expected"),
     [
-        (0.96, 1.0, {"above": 0.95}, Verdict.CONFIRMED),
-        (0.9, 1.0, {"above": 0.95}, Verdict.MIXED),
-        (0.8, 0.94, {"above": 0.95}, Verdict.NOT_CONFIRMED),
-        (1.0, 1.9, {"below": 2.0}, Verdict.CONFIRMED),
-        (1.0, 2.1, {"below": 2.0}, Verdict.MIXED),
-        (2.0, 3.0, {"below": 2.0}, Verdict.NOT_CONFIRMED),
+        (0.96, 1.0, {"above": 0.95}, 1.5, Verdict.CONFIRMED),
+        (0.9, 1.0, {"above": 0.95}, 0, Verdict.MIXED),
+        (0.8, 0.94, {"above": 0.95}, -8 / 7, Verdict.NOT_CONFIRMED),
+        (1.0, 1.9, {"below": 2.0}, 0.55 / 0.45, Verdict.CONFIRMED),
+        (1.0, 2.1, {"below": 2.0}, 0.45 / 0.55, Verdict.MIXED),
+        (2.0, 3.0, {"below": 2.0}, -1, Verdict.NOT_CONFIRMED),
+        (0.0, 0.0, {"below": 0.0}, -np.inf, Verdict.NOT_CONFIRMED),
+        (-1.0, -1.0, {"below": 0.0}, np.inf, Verdict.CONFIRMED),
     ],
 )
-def test_the_whole_interval_decides(low, high, bound, expected):
+def test_the_whole_interval_decides(low, high, bound, half_intervals, expected):
     test = Criterion(measure="success", of=trials_of(), **bound)
-    estimate = Estimate((low + high) / 2, low, high)
-    assert verdict_of(test, Measured(estimate, WORLDS)) is expected
-    assert verdict_of(test, Measured(estimate, WORLDS - 1)) is Verdict.UNTESTED
+    estimate, failed = Estimate((low + high) / 2, low, high), Measured(Estimate(*failure(bound)), WORLDS)
+    assert margin(test, Measured(estimate, WORLDS)) == pytest.approx(half_intervals)
+    assert verdict_of(test, Measured(estimate, WORLDS), failed) is expected
+    few = Verdict.NOT_CONFIRMED if expected is Verdict.NOT_CONFIRMED else Verdict.UNTESTED
+    assert verdict_of(test, Measured(estimate, WORLDS - 1), failed) is few
+
+
+def failure(bound):
+    """A number, and the limits of its interval, on the wrong side."""
+    ((side, threshold),) = bound.items()
+    return (threshold + 2, threshold + 1, threshold + 3) if side == "below" else (threshold - 1,) * 3
+
+
+def test_the_margin_is_in_halves_of_the_interval_that_point_to_the_threshold():
+    skewed = Measured(Estimate(0.9, 0.5, 0.95), WORLDS)
+    for bound, expected in ((0.7, 0.5), (0.92, -0.4)):
+        of = Criterion(measure="success", of=trials_of(), above=bound)
+        assert margin(of, skewed) == pytest.approx(expected)
+    assert np.isnan(margin(of, None))
 
 
 def claim(*criteria, name="a_claim"):
@@ -196,25 +262,30 @@ def claim(*criteria, name="a_claim"):
         (["confirmed", "mixed"], Verdict.MIXED),
         (["confirmed", "not confirmed"], Verdict.MIXED),
         (["not confirmed", "not confirmed"], Verdict.NOT_CONFIRMED),
-        (["not confirmed", "untested"], Verdict.UNTESTED),
+        (["confirmed", "untested"], Verdict.UNTESTED),
+        (["not confirmed", "untested"], Verdict.MIXED),
+        (["vacuous", "vacuous"], Verdict.VACUOUS),
     ],
 )
 def test_a_claim_is_as_good_as_its_tests(verdicts, expected):
-    test = Criterion(measure="success", of=trials_of(), above=0.5)
-    assert JudgedClaim(claim(test, test), (None, None), tuple(map(Verdict, verdicts))).verdict is expected
+    test, none = Criterion(measure="success", of=trials_of(), above=0.5), (None, None)
+    assert JudgedClaim(claim(test, test), none, none, tuple(map(Verdict, verdicts))).verdict is expected
 
 
 def test_the_report_says_which_claims_stand():
-    faster = Criterion(measure="motions", of=trials_of(motions=100), than=trials_of(), below=-1)
-    works = claim(Criterion(measure="rendezvous", of=trials_of(), above=0.8), name="it_works")
+    null = {"null_agent": "random"}
+    faster = Criterion(measure="motions", of=trials_of(motions=100), than=trials_of(), below=-1, **null)
+    works = claim(Criterion(measure="rendezvous", of=trials_of(), above=0.8, **null), name="it_works")
     learns = claim(faster, name="it_learns")
-    unseen = claim(Criterion(measure="success", of=trials_of("unified_servo"), above=0.5), name="unseen")
+    other = trials_of("unified_servo")
+    unseen = claim(Criterion(measure="success", of=other, above=0.5, **null), name="unseen")
     claims = [each.model_dump() for each in (works, learns, unseen)]
     seven = np.full((WORLDS, 5), 7)
     at = [rows("paper_servo", seven, lifetime_motions=motions) for motions in (0, 100)]
+    at.append(rows("random", np.full((WORLDS, 5), CAP)))
     judged = judge(
         pd.concat([*at, rows("unified_servo", seven, scenario="away")]),
-        Suite.model_validate({**SUITE, "claims": claims}),
+        Suite.model_validate({**SUITE, "claims": claims, "agents": [*AGENTS, "random"]}),
     )
     assert [each.verdict for each in judged] == ["confirmed", "not confirmed", "untested"]
     (said,) = verdicts_in_words(judged)
@@ -229,14 +300,22 @@ def test_the_report_says_which_claims_stand():
     for table in section.tables:
         assert [row[-1] for row in table.rows] == ["confirmed", "not confirmed", "untested"]
     assert "rendezvous" in described(works.criteria[0])
-    assert len(section.summary) == 3
+    assert [row["agent"] for row in section.summary[:2]] == ["paper_servo", "random"]
+    first = section.tables[1].frame.iloc[0]
+    assert first["criterion"].endswith("rendezvous: above 80 %")
+    assert first["measured"] == "100 % [89 %, 100 %] (+1.8)"
+    assert first["null agent"] == "random: 0 % [0 %, 11 %] (-7.2)"
 
 
 @pytest.mark.parametrize(
     ("of", "test", "said"),
     [
         ({"scenario": "hom", "motions": 0}, {}, "hom"),
-        ({"agent": "unified_servo", "scenario": "away", "trials": [1, 2]}, {}, "paper_servo"),
+        (
+            {"agent": "unified_servo", "scenario": "away", "trials": [1, 2]},
+            {"null_agent": "paper_servo"},
+            "allowed: paper_servo",
+        ),
         ({"scenario": "away", "trials": [1, 51]}, {}, "up to 50"),
         ({"motions": 501}, {}, "up to 500"),
         ({"scenario": "aim", "value": 4}, {}, "0, 5"),
@@ -244,6 +323,15 @@ def test_the_report_says_which_claims_stand():
         ({"trials": [3, 2]}, {}, "first and the last"),
         ({"motions": 0}, {"measure": "speed"}, "measure"),
         ({"motions": 0}, {"measure": "seconds"}, "look"),
+        ({"motions": 0}, {"measure": "quickly"}, "within"),
+        (
+            {"motions": 0},
+            {"null_agent": None},
+            "(c): no null agent, which should fail; allowed: unified_servo",
+        ),
+        ({"motions": 0}, {"null_agent": "paper_servo"}, "another agent than paper_servo"),
+        ({"motions": 0}, {"null_agent": "unified"}, "did you mean unified_servo"),
+        ({"scenario": "away", "trials": [1, 2]}, {}, "unified_servo"),
         ({"motions": 0}, {"below": 0.9}, "above"),
         ({"motions": 0}, {"relative": True}, "relative"),
         ({"motions": 0}, {"measure": "kept"}, "kept"),
@@ -252,12 +340,18 @@ def test_the_report_says_which_claims_stand():
 )
 def test_wrong_claims_are_told(tmp_path, write_config, of, test, said):
     trials = {"agent": "paper_servo", "scenario": "home", **of}
-    criterion = {"measure": "success", "of": trials, "above": 0.5, **test}
+    criterion = {"measure": "success", "of": trials, "above": 0.5, "null_agent": "unified_servo", **test}
     wrong = write_config([{"name": "c", "section": "1", "words": "w", "criteria": [criterion]}])
     wrong.rename(tmp_path / "claims.yaml")
     with pytest.raises(ConfigError, match="claims") as error:
         load(write_config({**SUITE, "claims": "claims.yaml"}))
     assert said in str(error.value)
+
+
+def test_success_and_rendezvous_are_not_mixed_in_a_claim():
+    both = [Criterion(measure=each, of=trials_of(), above=0.5) for each in ("success", "rendezvous")]
+    with pytest.raises(ValidationError, match="a_claim mixes success and rendezvous"):
+        claim(*both)
 
 
 OF = {"agent": "oracle", "scenario": "noise", "value": 0.5}

@@ -106,9 +106,16 @@ def test_equal_agents_are_not_told_apart(finished):
 
 
 def test_few_worlds_rank_nobody(finished):
-    best, *_ = sentences(*both(finished(*five(4), worlds=4)))
+    (best,) = sentences(*both(finished(*five(4), worlds=4)))
     assert f"2.0 ({WORDS['memory']}) to 10.1 ({WORDS['paper_servo']}) motions per reach" in best
     assert "fewest" not in best
+
+
+def test_who_is_in_few_worlds_is_not_ranked_beside_the_others(finished):
+    few = ["unified_servo", {"name": "memory", "worlds": 8}, "paper_servo"]
+    said = " ".join(sentences(*both(finished(*five(), agents=few))))
+    assert f"{WORDS['unified_servo']} needs the fewest motions per reach" in said
+    assert WORDS["memory"] not in said
 
 
 def both(finished):

@@ -59,7 +59,7 @@ def test_failed_runs_are_worst_at_every_moment_but_have_no_distance(perturbed_at
     found = moments(perturbed_at_different_motions, 4, CAP)
     assert [m.success.value for m in found.values()] == [0.5, 0.25, 0.5]
     assert [m.finished for m in found.values()] == [2, 2, 2]
-    assert found["at the end"].distance_mm == 15
+    assert found["at the end"].distances.median == 15
     assert found["before"].motions.value == (20 + CAP) / 2
     assert found["before"].among_reached.value == 15
     assert (found["before"].errors_px == [[3], [3], [np.inf], [np.inf]]).all()

@@ -62,8 +62,9 @@ def test_a_summary_has_every_number_of_the_report_which_is_that_of_the_rows(fini
     assert summary[["config", "commit", "code", "mujoco"]].notna().all(axis=None)
     shown = summary[summary["table"] == "held_out"]
     motions = {f"motions_per_reach{of}" for of in ("", "_among_reached")}
-    assert set(shown["measure"]) == {"success", "rendezvous", "distance_mm", *motions}
-    assert len(shown) == 2 * 3 * 5
+    distances = {"distance_mm", "distance_mm_95", "far"}
+    assert set(shown["measure"]) == {"success", "rendezvous", *motions, *distances}
+    assert len(shown) == 2 * 3 * 7
     held_out = rows[(rows["agent"] == "unified_servo") & (rows["phase"] == "eval")]
     end = held_out[held_out["lifetime_motions"] == 90]
     before = held_out[held_out["motions_since_perturbation"].isna() & (held_out["lifetime_motions"] == 50)]
@@ -84,9 +85,10 @@ def test_rows_are_those_of_the_logs(finished_once):
         for exact in ("trial", "motions", "lifetime_motions", "success", "rendezvous", "phase"):
             assert list(mine[exact]) == list(logged[exact])
         assert np.abs(mine["robot_seconds"].to_numpy() - logged["robot_seconds"]).max() <= 0.051
-        up = mine["error_px"].to_numpy() - logged["error_px"]
-        assert up.min() > -1e-9
-        assert up.max() < 0.1
+        for rounded in ("error_px", "distance_mm"):
+            up = mine[rounded].to_numpy() - logged[rounded]
+            assert up.min() > -1e-9
+            assert up.max() < 0.1
         for px in (2, 4, 8, 16):
             assert list(mine["error_px"] <= px) == list(logged["error_px"] <= px)
 

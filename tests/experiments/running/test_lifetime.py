@@ -1,3 +1,4 @@
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -34,6 +35,26 @@ def test_trials_are_the_same_however_often_an_agent_resets():
             make_trial(recorder)
     assert records[0] == records[1]
     assert [record.trial for record in records[0]] == [0, 1, 2, 3]
+
+
+def test_objects_come_again_at_the_same_places_and_other_trials_do_not_change():
+    def lived(places):
+        env = gym.make("calfree_gym:CalFree/Reach-v0", dynamics="kinematic", max_episode_steps=1)
+        recorder, objects, seen = LifetimeRecorder(env, seed=5, places=places), [], []
+        for _ in range(7):
+            observation, info = recorder.reset()
+            objects.append(info["truth"]["object"])
+            seen.append(observation["desired_goal"])
+            recorder.step(np.zeros(3, np.float32))
+        return np.array(objects), np.array(seen)
+
+    objects, seen = lived(3)
+    others, _ = lived(None)
+    np.testing.assert_array_equal(objects[:3], others[:3])
+    np.testing.assert_allclose(objects[3:6], objects[:3], atol=1e-12)
+    np.testing.assert_allclose(objects[6], objects[0], atol=1e-12)
+    assert len(np.unique(others, axis=0)) == 7
+    assert len(np.unique(seen, axis=0)) == 7  # by the noise
 
 
 def test_a_repeated_first_observation_is_a_new_object():
