@@ -67,9 +67,9 @@ class WheelMap(OfWorlds):
         ripple = np.sin(rate * (counted + words) + phase) - np.sin(rate * counted + phase)
         return np.asarray(turned + self._swing[rows] * ripple)
 
-    def within_stops(self, registers: Array, rows: Rows) -> Array:
-        """Sums of words, as they are."""
-        return registers
+    def within_stops(self, before: Array, goal: Array, rows: Rows) -> Array:
+        """The goal: wheels have no stops."""
+        return goal
 
     def positions(self, registers: Array, rows: Rows) -> Array:
         """Sums of words, as they are: what wheels turn depends on each word."""
