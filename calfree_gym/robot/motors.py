@@ -12,9 +12,10 @@ first:
 
     register = (1 - |coupling|) * s + coupling * s of the next
 
-A shaft stops where its joint does, and with it all motors that drive it on. Where the gear ripples, t may
-pass +-1, beyond which that curve is straight. Where home and zero error lie beyond a stop, home is at that
-stop. Then backlash and motions that do not repeat exactly keep a motor from going where it is sent.
+A shaft stops where its joint does: its own motor gives way then, and the others go on. Where the gear
+ripples, t may pass +-1, beyond which that curve is straight. Where home and zero error lie beyond a stop,
+home is at that stop. Then backlash and motions that do not repeat exactly keep a motor from going where it is
+sent.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 _GRID, _NEWTON_STEPS = 64, 4
 """Of the curve's inverse: from the middle of one of so many parts, Newton's steps are exact to rounding
 (guards)."""
+_SETTLING = 100
+"""Steps, for shafts of which one is stopped: exact to rounding with the largest coupling (a guard)."""
 _RIPPLE_BISECTIONS = 60
 """Of its inverse where the gear ripples, which Newton's steps may leave: exact to rounding (a guard)."""
 
@@ -51,28 +54,6 @@ def curve_inverse(values: Array, curvature: Array) -> Array:
         register = register - error / (1 + curvature * (3 * square - 1))
         register = np.minimum(np.maximum(register, -1.0), 1.0)
     return register
-
-
-def until_stalled(before: Array, words: Array, shafts: Array, lowest: Array, highest: Array) -> Array:
-    """Registers (m,) at which coupled motors come to rest, which all move alike until one is stopped.
-
-    Args:
-        before: Where they begin (m,).
-        words: What they are to execute (m,).
-        shafts: Turns of shafts by registers (m, m).
-        lowest: Turns at which the shafts stop (m,).
-        highest: The same at the other end.
-    """
-    registers, left = before.copy(), words.copy()
-    for _ in words:
-        turns, way = (shafts * registers).sum(-1), (shafts * left).sum(-1)
-        room = np.where(way > 0, highest - turns, lowest - turns)
-        shares = np.divide(room, way, out=np.full_like(way, np.inf), where=way != 0)
-        first = int(shares.argmin())
-        share = float(np.clip(shares[first], 0.0, 1.0))
-        registers, left = registers + share * left, (1 - share) * left
-        left[shafts[first] * left * way[first] > 0] = 0.0
-    return registers
 
 
 class MotorMap(OfWorlds):
@@ -138,18 +119,21 @@ class MotorMap(OfWorlds):
         """Positions of the motors' joints (n, m) where their shafts have turned so far (n, m)."""
         return np.asarray(self._rest[rows] + self._travel(shafts, rows))
 
-    def within_stops(self, before: Array, goal: Array, rows: Rows) -> Array:
-        """Registers (n, m) that stops allow on the way from `before` to `goal` (n, m)."""
-        lowest, highest, shafts = self.lowest[rows], self.highest[rows], self._turns(goal, rows)
+    def within_stops(self, goal: Array, rows: Rows) -> Array:
+        """Registers (n, m) that stops allow, where motors were sent to `goal` (n, m)."""
+        lowest, highest = self.lowest[rows], self.highest[rows]
+        shafts = self._turns(goal, rows)
         stopped = np.minimum(np.maximum(shafts, lowest), highest)
         if not self._couples:
             return stopped
-        coupled = np.asarray(self._coupling[rows].any(-1, keepdims=True))
-        there = np.where(coupled, goal, stopped)
-        for i in np.flatnonzero(coupled[:, 0] & (stopped != shafts).any(-1)):
-            way = goal[i] - before[i], self._shafts[rows][i]
-            there[i] = until_stalled(before[i], *way, lowest[i], highest[i])
-        return there
+        free_rows = np.asarray((stopped == shafts).all(-1, keepdims=True))
+        if free_rows.all():
+            return goal
+        coupling = self._coupling[rows]
+        for _ in range(_SETTLING):
+            free = (goal - coupling * np.roll(stopped, -1, -1)) / (1 - np.abs(coupling))
+            stopped = np.minimum(np.maximum(free, lowest), highest)
+        return np.where(free_rows | (stopped == free), goal, self.registers_of(stopped, rows))
 
     def _turns(self, registers: Array, rows: Rows) -> Array:
         """How far the shafts have turned (n, m) at `registers` (n, m)."""
@@ -291,12 +275,12 @@ class Registers(OfWorlds):
         if not exact:
             longest = self._longest[rows]
             sent = np.minimum(np.maximum(words, -longest), longest) * self._factor[rows]
-        after = joints = self._motors.within_stops(before, before + sent, rows)
+        after = joints = self._motors.within_stops(before + sent, rows)
         if not exact:
             stood = self.joints[rows]
             along = np.where(stood == before, after, stood + (after - before))
             joints = np.where(np.abs(words) <= self._dead_zone[rows], stood, along)
-            joints = self._motors.within_stops(stood, joints, rows)
+            joints = self._motors.within_stops(joints, rows)
         self.executed[rows], self.joints[rows] = after, joints
         return self._motors.positions(joints, rows)
 

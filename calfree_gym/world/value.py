@@ -18,7 +18,7 @@ MAX_LATENCY = 10
 MAX_TEXTURE = 2**31 - 1
 MAX_SHORTFALL = 0.9
 MAX_SLIP = 0.3
-MAX_COUPLING = 0.45
+MAX_COUPLING = 0.4
 """From 0.5 on, a motor could go with the next joint more than with its own."""
 BUILT_LIGHT = np.array([-0.2, 0.45, -1.0]) / np.linalg.norm([-0.2, 0.45, -1.0])
 """Where the built robot's lamp shines."""

@@ -67,7 +67,7 @@ class WheelMap(OfWorlds):
         ripple = np.sin(rate * (counted + words) + phase) - np.sin(rate * counted + phase)
         return np.asarray(turned + self._swing[rows] * ripple)
 
-    def within_stops(self, before: Array, goal: Array, rows: Rows) -> Array:
+    def within_stops(self, goal: Array, rows: Rows) -> Array:
         """The goal: wheels have no stops."""
         return goal
 
