@@ -38,8 +38,9 @@ _GRID, _NEWTON_STEPS = 64, 4
 (guards)."""
 _SETTLING = 100
 """Steps, for shafts of which one is stopped: exact to rounding with the largest coupling (a guard)."""
-_RIPPLE_BISECTIONS = 60
-"""Of its inverse where the gear ripples, which Newton's steps may leave: exact to rounding (a guard)."""
+_RIPPLE_DIVISIONS = 10
+"""So often it is divided where the gear ripples, as Newton's steps may leave it: exact to rounding (a
+guard)."""
 
 
 def curve_inverse(values: Array, curvature: Array) -> Array:
@@ -178,16 +179,12 @@ class MotorMap(OfWorlds):
         found = curve_inverse(values, self._curvature[row])
         if not self._swing[row].any():
             return found
-        low, high, scale = (
-            np.full_like(found, -1.0),
-            np.full_like(found, 1.0),
-            self._linear[row] + self._cubic[row],
-        )
-        for _ in range(_RIPPLE_BISECTIONS):
-            middle = (low + high) / 2
-            above = self._travel(middle, row) / scale > values
-            low, high = np.where(above, low, middle), np.where(above, middle, high)
-        return np.where(self._swing[row] > 0, (low + high) / 2, found)
+        low, width, scale = np.full_like(found, -1.0), 2.0, self._linear[row] + self._cubic[row]
+        shares = (np.arange(1, _GRID) / _GRID).reshape(-1, *[1] * found.ndim)
+        for _ in range(_RIPPLE_DIVISIONS):
+            below = self._travel(low + width * shares, row) / scale <= values
+            low, width = low + width / _GRID * below.sum(0), width / _GRID
+        return np.where(self._swing[row] > 0, low + width / 2, found)
 
     def reaches(self, positions: Array, register: float, rows: Rows) -> Flags:
         """Which positions (n, m) shafts reach (n,) that turn at most so far; registers are then no larger."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -91,28 +91,34 @@ def _coarse(draw: Draw, robot: Robot) -> World:
 
 def _wild(draw: Draw, robot: Robot) -> World:
     """Cameras mounted roughly, on an arm that was never measured."""
-    built, motors, sees = nominal(robot), len(robot.motors), len(robot.cameras)
     cameras = [wild_camera(draw("cameras_" + name), i, robot.rig) for i, name in enumerate(robot.cameras)]
-    return World(
-        camera_position=np.stack([c["camera_position"] for c in cameras]),
-        camera_orientation=np.stack([c["camera_orientation"] for c in cameras]),
-        focal_length=np.array([c["focal_length"] for c in cameras]),
-        principal_point=built.principal_point,
-        lens_k1=np.array([c["lens_k1"] for c in cameras]),
-        link_lengths=built.link_lengths * draw("link_lengths").uniform(0.9, 1.1, len(robot.links)),
-        joint_zeros=_zeros(draw("joint_zeros"), 10.0, robot),
-        motor_sign=np.where(draw("motor_sign").integers(2, size=motors), 1.0, -1.0),
-        motor_gain=log_uniform(draw("motor_gain"), 0.5, 2.0, motors),
-        motor_curvature=draw("motor_curvature").uniform(-0.3, 0.4, motors),
-        point_noise=built.point_noise,
+    principal = {"principal_point": nominal(robot).principal_point}
+    return World(**_together(cameras), **principal, **_wild_arm(draw, robot))
+
+
+def _together(cameras: Sequence[dict[str, Array]]) -> dict[str, Array]:
+    """The fields of all cameras, from those of each."""
+    return {name: np.stack([each[name] for each in cameras]) for name in cameras[0]}
+
+
+def _wild_arm(draw: Draw, robot: Robot) -> dict[str, Any]:
+    """All of a wild world but the geometry of its cameras."""
+    built, motors, sees = nominal(robot), len(robot.motors), len(robot.cameras)
+    return {
+        "link_lengths": built.link_lengths * draw("link_lengths").uniform(0.9, 1.1, len(robot.links)),
+        "joint_zeros": _zeros(draw("joint_zeros"), 10.0, robot),
+        "motor_sign": np.where(draw("motor_sign").integers(2, size=motors), 1.0, -1.0),
+        "motor_gain": log_uniform(draw("motor_gain"), 0.5, 2.0, motors),
+        "motor_curvature": draw("motor_curvature").uniform(-0.3, 0.4, motors),
+        "point_noise": built.point_noise,
         **wild_light(draw("light")),
-        texture=np.array(draw("texture").integers(1, MAX_TEXTURE), float),
-        exposure=log_uniform(draw("exposure"), 0.7, 1.4, sees),
-        blur=draw("blur").uniform(0.0, 1.2, sees),
-        image_noise=draw("image_noise").uniform(1.0, 5.0, sees),
-        object_mass=log_uniform(draw("object_mass"), 0.05, 0.3),
-        object_friction=np.asarray(draw("object_friction").uniform(0.6, 1.2)),
-    )
+        "texture": np.array(draw("texture").integers(1, MAX_TEXTURE), float),
+        "exposure": log_uniform(draw("exposure"), 0.7, 1.4, sees),
+        "blur": draw("blur").uniform(0.0, 1.2, sees),
+        "image_noise": draw("image_noise").uniform(1.0, 5.0, sees),
+        "object_mass": log_uniform(draw("object_mass"), 0.05, 0.3),
+        "object_friction": np.asarray(draw("object_friction").uniform(0.6, 1.2)),
+    }
 
 
 def _rough(draw: Draw, robot: Robot) -> World:
@@ -139,17 +145,16 @@ def _wilder(draw: Draw, robot: Robot) -> World:
     """A wild arm whose motors are coupled and rippled, seen by any cameras from anywhere, with any noise."""
     if robot.wheels:
         raise ValueError("world 'wilder' is of arms: the cameras of a robot on wheels ride on it")
-    motors = len(robot.motors)
+    motors, ripple = len(robot.motors), draw("gear_ripple")
     cameras = [wilder_camera(draw("cameras_" + name), robot.rig) for name in robot.cameras]
-    ripple = draw("gear_ripple")
     period = log_uniform(ripple, *RIPPLE_PERIOD, motors)
     phase, depth = ripple.uniform(-np.pi, np.pi, motors), ripple.uniform(0, MOST_RIPPLE, motors)
-    return _wild(draw, robot).replace(
-        **{name: np.stack([camera[name] for camera in cameras]) for name in cameras[0]},
-        gear_ripple=np.stack([period, phase, depth], -1),
-        motor_coupling=draw("motor_coupling").uniform(-MOST_COUPLING, MOST_COUPLING, motors),
-        point_noise=draw("point_noise").uniform(0, 2),
-    )
+    wilder = {
+        "gear_ripple": np.stack([period, phase, depth], -1),
+        "motor_coupling": draw("motor_coupling").uniform(-MOST_COUPLING, MOST_COUPLING, motors),
+        "point_noise": draw("point_noise").uniform(0, 2),
+    }
+    return World(**_together(cameras), **{**_wild_arm(draw, robot), **wilder})
 
 
 def wild_light(rng: np.random.Generator) -> dict[str, Any]:
