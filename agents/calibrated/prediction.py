@@ -291,7 +291,7 @@ class StereoPair:
         self._k1 = model.lens_k1[..., None]
         position, axes = model.camera_position[..., None, :], model.camera_axes[..., None, :, :]
         self._flat, self._depth = pinhole(places[..., None, :, :], position, axes)
-        self.points, _ = image_points(self._flat, self._focal, np.zeros(2), self._k1)
+        self.points, _ = image_points(self._flat, self._focal, np.zeros(2), self._k1, 0.0, np.inf)
 
     @cached_property
     def by_place(self) -> Array:

@@ -137,9 +137,8 @@ class RobotModel:
             self.camera_position[..., None, :, :],
             self.camera_axes[..., None, :, :, :],
         )
-        seen, _ = image_points(
-            flat, self.focal_length[..., None, :, None], np.zeros(2), self.lens_k1[..., None, :]
-        )
+        focal, k1 = self.focal_length[..., None, :, None], self.lens_k1[..., None, :]
+        seen, _ = image_points(flat, focal, np.zeros(2), k1, 0.0, np.inf)
         return seen.reshape(*seen.shape[:-2], 4)
 
     def points(self, registers: Array, objects: Array) -> Array:

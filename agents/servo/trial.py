@@ -198,9 +198,9 @@ class ServoTrial:
     def test(self, motor: int) -> Motions:
         """Measures one motor's column of the Jacobian by a test motion, towards the object as last known.
 
-        Where the motor does not move or a point gets lost it tries the other way; where too little moves in
-        the images to stand out from noise it tries a larger word, back and forth, and motors that were never
-        tested begin with that.
+        Where the motor does not move or gives way at a stop, or a point gets lost, it tries the other way;
+        where too little moves in the images to stand out from noise it tries a larger word, back and forth,
+        and motors that were never tested begin with that.
         """
         slope = inner(self.jacobian[:, motor], self.now.distance)
         if slope:
@@ -221,12 +221,13 @@ class ServoTrial:
                 self.test_words[motor] *= -1 if stood % 2 else -self.GROWTH
             else:
                 self._tested[motor] = executed[motor]
-                moved_px = float(lengths_px(moved).max())
-                largest = abs(words[motor]) >= self.LARGEST_TEST
-                self._adapt(motor, float(executed[motor]), moved_px)
-                if self._measured(self.CLEAR)[motor]:
+                measured = self._measured(self.CLEAR)[motor]
+                stopped = not measured and 2 * abs(executed[motor]) < abs(words[motor])
+                if not stopped:
+                    self._adapt(motor, float(executed[motor]), float(lengths_px(moved).max()))
+                if measured:
                     return
-                if largest:
+                if not stopped and abs(words[motor]) >= self.LARGEST_TEST:
                     self.still[motor] = True
                     return
                 self.test_words[motor] *= -1

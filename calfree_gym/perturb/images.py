@@ -68,7 +68,7 @@ def _lens(height: int, width: int, focal: float, k1: float) -> tuple[Array, Arra
     pixels = np.stack(np.meshgrid(*map(np.arange, (width, height))), -1) - half
     radii = np.sqrt((pixels**2).sum(-1)) / (focal * height / IMAGE_SIZE)
     table = np.linspace(0, radii.max(), RADII)
-    flat, shown = undistort(np.stack([table, np.zeros(RADII)], -1), k1)
+    flat, shown = undistort(np.stack([table, np.zeros(RADII)], -1), k1, 0.0)
     ratios = flat[1:, 0] / table[1:]
     places = pixels * np.interp(radii, table[1:], ratios)[..., None] + half
     places[radii > table[shown].max()] = _BEYOND

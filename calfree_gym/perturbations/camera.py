@@ -22,7 +22,7 @@ from calfree_gym.perturbations.base import (
 )
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Robot
-from calfree_gym.world import World, wild_camera
+from calfree_gym.world import World, wild_camera, wilder_camera
 
 _OPTICAL_AXIS = np.array([0.0, 0.0, -1.0])
 
@@ -125,7 +125,9 @@ class CameraNearer(Perturbation):
 
 @dataclass(frozen=True)
 class CameraReplace(Perturbation):
-    """Replaces a camera by another, drawn from `seed` as in wild worlds.
+    """Replaces a camera by another, drawn from `seed` as in wild worlds; in wilder ones as there.
+
+    Wilder worlds are those with unequal pixels.
 
     As a drift, the camera goes a hundredth of the way that is left in each step.
     """
@@ -143,8 +145,7 @@ class CameraReplace(Perturbation):
     def _moved(self, world: World, share: float, robot: Robot) -> World:
         """Moves the camera by this share of the way to the other one."""
         camera = robot.cameras.index(self.camera)
-        other = wild_camera(np.random.default_rng(self.seed), camera, robot.rig)
-        for name, value in {**other, "principal_point": np.zeros(2)}.items():
+        for name, value in self._other(world, camera, robot).items():
             present = getattr(world, name)[camera]
             if name == "camera_orientation":
                 value = quaternion_between(present, value, share)
@@ -152,6 +153,14 @@ class CameraReplace(Perturbation):
                 value = present + share * (value - present)
             world = with_entry(world, name, camera, value)
         return world
+
+    def _other(self, world: World, camera: int, robot: Robot) -> dict[str, Any]:
+        """The fields of the other camera."""
+        rng = np.random.default_rng(self.seed)
+        if (world.pixel_aspect != 1).any():
+            return wilder_camera(rng, robot.rig)
+        square = {"principal_point": np.zeros(2), "lens_k2": 0.0, "pixel_aspect": 1.0}
+        return {**wild_camera(rng, camera, robot.rig), **square}
 
 
 @dataclass(frozen=True)

@@ -144,8 +144,7 @@ class StereoImages:
         """Lights and covers the row's scene, as it is now or in a configuration (q,); its lenses."""
         if self._worlds[row] is not world:
             self._worlds[row] = world
-            cameras = zip(world.focal_length, world.principal_point, world.lens_k1, strict=True)
-            self._lenses[row] = tuple(LensMap.of(*camera, self.size) for camera in cameras)
+            self._lenses[row] = tuple(LensMap.of(world, i, self.size) for i in range(len(self._cameras)))
         self.shine(light or Lighting.of(world))
         self._simulation.show(row, self.picture, configuration=configuration)
         return self._lenses[row]
@@ -219,22 +218,17 @@ class LensMap(NamedTuple):
     nearest: NDArray[np.int16]
 
     @classmethod
-    def of(cls, focal_length: float, principal_point: Array, k1: float, size: int) -> LensMap:
-        """The map of a camera for images of `size` pixels.
-
-        Args:
-            focal_length: In pixels of an image of 512.
-            principal_point: Offset (2,) in such pixels.
-            k1: Radial distortion.
-            size: Width and height of the image in pixels.
-        """
-        scale = size / IMAGE_SIZE
+    def of(cls, world: World, camera: int, size: int) -> LensMap:
+        """The map of a camera of a world for images of `size` pixels in width and height."""
+        focal_px = size / IMAGE_SIZE * world.focal_length[camera]
+        aspect = world.pixel_aspect[camera]
         pixels = np.arange(size) + 0.5 - size / 2
-        x, y = (pixels - scale * offset for offset in principal_point)
-        x, y = x / (scale * focal_length), y[:, None] / (scale * focal_length)
+        x, y = (pixels - size / IMAGE_SIZE * offset for offset in world.principal_point[camera])
+        x, y = x / focal_px, y[:, None] / (focal_px * aspect)
         radii = np.sqrt(x * x + y * y)
         table = np.linspace(0.0, radii.max(), RADII)
-        flat, shown = undistort(np.stack([table, np.zeros(RADII)], -1), k1)
+        lens = world.lens_k1[camera], world.lens_k2[camera]
+        flat, shown = undistort(np.stack([table, np.zeros(RADII)], -1), *lens)
         with np.errstate(invalid="ignore"):
             stretch = np.where(table > 0, flat[:, 0] / table, 1.0)
         end = table[shown].max()
@@ -242,7 +236,7 @@ class LensMap(NamedTuple):
         x, y = x * stretch, y * stretch
         shown_half = float(max(np.nanmax(np.abs(x)), np.nanmax(np.abs(y))))
         half = (1 + MARGIN) * shown_half
-        source = int(min(np.ceil(2 * half * scale * focal_length), np.ceil(LARGEST * size)))
+        source = int(min(np.ceil(2 * half * focal_px * max(1.0, aspect)), np.ceil(LARGEST * size)))
         half = max(half, shown_half * source / (source - MARGIN_PX))
         columns, rows = ((way / half + 1) * source / 2 - 0.5 for way in (x, -y))
         columns, rows = (np.where(np.isnan(way), -10, way).astype(np.float32) for way in (columns, rows))

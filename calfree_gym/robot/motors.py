@@ -1,14 +1,21 @@
 """Motors: what they execute of words, where their joints stand, and what registers tell.
 
 A motor's register is the sum of the words sent to it since home, within its end stops. The position of its
-joint follows the register through a smooth, strictly monotone curve that no controller knows:
+joint follows its shaft through a smooth, strictly monotone curve that no controller knows:
 
     position = home + zero error + sign * gain * span * (t + curvature * t * (t**2 - 1))
-    t = r + depth * period / (2 pi) * (sin(2 pi r / period + phase) - sin(phase))
+    t = s + depth * period / (2 pi) * (sin(2 pi s / period + phase) - sin(phase))
 
-The register is r. Where the gear ripples, t may pass +-1, beyond which that curve is straight. Where home and
-zero error lie beyond a stop, home is at that stop. Then backlash and motions that do not repeat exactly keep
-a motor from going where it is sent.
+The shaft's turn s is the register. Where motors are coupled, as by a belt that runs over the next joint, the
+registers are means of two shafts' turns, with weights whose magnitudes add to 1; the last motor's next is the
+first:
+
+    register = (1 - |coupling|) * s + coupling * s of the next
+
+A shaft stops where its joint does: its own motor gives way then, and the others go on. Where the gear
+ripples, t may pass +-1, beyond which that curve is straight. Where home and zero error lie beyond a stop,
+home is at that stop. Then backlash and motions that do not repeat exactly keep a motor from going where it is
+sent.
 """
 
 from __future__ import annotations
@@ -29,8 +36,11 @@ if TYPE_CHECKING:
 _GRID, _NEWTON_STEPS = 64, 4
 """Of the curve's inverse: from the middle of one of so many parts, Newton's steps are exact to rounding
 (guards)."""
-_RIPPLE_BISECTIONS = 60
-"""Of its inverse where the gear ripples, which Newton's steps may leave: exact to rounding (a guard)."""
+_SETTLING = 100
+"""Steps, for shafts of which one is stopped: exact to rounding with the largest coupling (a guard)."""
+_RIPPLE_DIVISIONS = 10
+"""So often it is divided where the gear ripples, as Newton's steps may leave it: exact to rounding (a
+guard)."""
 
 
 def curve_inverse(values: Array, curvature: Array) -> Array:
@@ -51,7 +61,8 @@ class MotorMap(OfWorlds):
     """The motor maps of N worlds, one row each.
 
     Attributes:
-        lowest, highest: Registers (N, m) at which each motor stops.
+        shape: (N, m).
+        lowest, highest: Turns (N, m) at which each shaft stops.
 
     Args:
         rows: N.
@@ -60,20 +71,22 @@ class MotorMap(OfWorlds):
 
     of_world: ClassVar[tuple[str, ...]] = (
         *("_rest", "_curvature", "_linear", "_cubic", "_of_angles", "_rate", "_phase", "_swing"),
-        *("lowest", "highest"),
+        *("_coupling", "_shafts", "lowest", "highest"),
     )
 
     def __init__(self, rows: int, robot: Robot) -> None:
         self._robot = robot
         self._ends = (robot.stops + np.stack([robot.stop_margin, -robot.stop_margin], -1)).T
         motors = len(robot.motors)
+        self.shape = rows, motors
         self._rest = np.zeros((rows, motors))
         self._linear = np.ones((rows, motors))
         self._cubic = np.zeros((rows, motors))
         self._curvature = np.zeros((rows, motors))
         self._rate, self._phase, self._swing = (np.zeros((rows, motors)) for _ in range(3))
         self._of_angles = np.stack([robot.rest(np.zeros(len(robot.joints)))] * rows)
-        self._ripples = False
+        self._coupling, self._shafts = np.zeros((rows, motors)), np.tile(np.eye(motors), (rows, 1, 1))
+        self._ripples = self._couples = False
         self.lowest = np.full((rows, motors), -1.0)
         self.highest = np.full((rows, motors), 1.0)
 
@@ -89,25 +102,58 @@ class MotorMap(OfWorlds):
         self._of_angles[row] = robot.rest(world.joint_zeros)
         period, self._phase[row], depth = world.gear_ripple.T
         self._rate[row], self._swing[row] = 2 * np.pi / period, depth * period / (2 * np.pi)
+        self._coupling[row] = world.motor_coupling
+        self._shafts[row] = np.linalg.inv(self.registers_of(np.eye(motors), row).T)
         self.note_worlds()
         ends = self._inverse((self._ends - self._rest[row]) / scale, row)
         self.lowest[row], self.highest[row] = ends.min(0), ends.max(0)
 
     def note_worlds(self) -> None:
         """See `OfWorlds`."""
-        self._ripples = bool(self._swing.any())
+        self._ripples, self._couples = bool(self._swing.any()), bool(self._coupling.any())
 
     def positions(self, registers: Array, rows: Rows) -> Array:
         """Positions of the motors' joints (n, m), in rad or m, at `registers` (n, m) of the given rows."""
-        return np.asarray(self._rest[rows] + self._travel(registers, rows))
+        return self.driven(self._turns(registers, rows), rows)
 
-    def _travel(self, registers: Array, rows: Rows | int) -> Array:
+    def driven(self, shafts: Array, rows: Rows) -> Array:
+        """Positions of the motors' joints (n, m) where their shafts have turned so far (n, m)."""
+        return np.asarray(self._rest[rows] + self._travel(shafts, rows))
+
+    def within_stops(self, goal: Array, rows: Rows) -> Array:
+        """Registers (n, m) that stops allow, where motors were sent to `goal` (n, m)."""
+        lowest, highest = self.lowest[rows], self.highest[rows]
+        shafts = self._turns(goal, rows)
+        stopped = np.minimum(np.maximum(shafts, lowest), highest)
+        if not self._couples:
+            return stopped
+        free_rows = np.asarray((stopped == shafts).all(-1, keepdims=True))
+        if free_rows.all():
+            return goal
+        coupling = self._coupling[rows]
+        for _ in range(_SETTLING):
+            free = (goal - coupling * np.roll(stopped, -1, -1)) / (1 - np.abs(coupling))
+            stopped = np.minimum(np.maximum(free, lowest), highest)
+        return np.where(free_rows | (stopped == free), goal, self.registers_of(stopped, rows))
+
+    def _turns(self, registers: Array, rows: Rows) -> Array:
+        """How far the shafts have turned (n, m) at `registers` (n, m)."""
+        if not self._couples:
+            return registers
+        return np.asarray((self._shafts[rows] * registers[:, None, :]).sum(-1))
+
+    def registers_of(self, shafts: Array, rows: Rows | int) -> Array:
+        """Registers (n, m) where shafts have turned so far (n, m)."""
+        coupling = self._coupling[rows]
+        return np.asarray((1 - np.abs(coupling)) * shafts + coupling * np.roll(shafts, -1, -1))
+
+    def _travel(self, shafts: Array, rows: Rows | int) -> Array:
         """How far the joints (n, m) have come from home."""
         linear, cubic = self._linear[rows], self._cubic[rows]
         if not self._ripples:
-            return np.asarray(registers * (linear + cubic * (registers * registers)))
+            return np.asarray(shafts * (linear + cubic * (shafts * shafts)))
         swing, phase = self._swing[rows], self._phase[rows]
-        turned = registers + swing * (np.sin(self._rate[rows] * registers + phase) - np.sin(phase))
+        turned = shafts + swing * (np.sin(self._rate[rows] * shafts + phase) - np.sin(phase))
         bent = np.where(swing > 0, np.clip(turned, -1.0, 1.0), turned)
         return np.asarray(bent * (linear + cubic * (bent * bent)) + (turned - bent) * (linear + 3 * cubic))
 
@@ -122,26 +168,26 @@ class MotorMap(OfWorlds):
 
     def registers(self, positions: Array, row: int) -> Array:
         """Registers (m,) at which the motors' joints of a row are at `positions` (m,)."""
+        return self.registers_of(self.shafts(positions, row), row)
+
+    def shafts(self, positions: Array, row: int) -> Array:
+        """How far the shafts of a row have turned (m,) where the motors' joints are at `positions` (m,)."""
         return self._inverse((positions - self._rest[row]) / (self._linear[row] + self._cubic[row]), row)
 
     def _inverse(self, values: Array, row: int) -> Array:
-        """Registers (..., m) at which joints of a row have come so many spans (..., m) from home."""
+        """Turns (..., m) of shafts at which joints of a row have come so many spans (..., m) from home."""
         found = curve_inverse(values, self._curvature[row])
         if not self._swing[row].any():
             return found
-        low, high, scale = (
-            np.full_like(found, -1.0),
-            np.full_like(found, 1.0),
-            self._linear[row] + self._cubic[row],
-        )
-        for _ in range(_RIPPLE_BISECTIONS):
-            middle = (low + high) / 2
-            above = self._travel(middle, row) / scale > values
-            low, high = np.where(above, low, middle), np.where(above, middle, high)
-        return np.where(self._swing[row] > 0, (low + high) / 2, found)
+        low, width, scale = np.full_like(found, -1.0), 2.0, self._linear[row] + self._cubic[row]
+        shares = (np.arange(1, _GRID) / _GRID).reshape(-1, *[1] * found.ndim)
+        for _ in range(_RIPPLE_DIVISIONS):
+            below = self._travel(low + width * shares, row) / scale <= values
+            low, width = low + width / _GRID * below.sum(0), width / _GRID
+        return np.where(self._swing[row] > 0, low + width / 2, found)
 
     def reaches(self, positions: Array, register: float, rows: Rows) -> Flags:
-        """Which positions (n, m) registers of at most this magnitude reach (n,)."""
+        """Which positions (n, m) shafts reach (n,) that turn at most so far; registers are then no larger."""
         travel = positions - self._rest[rows]
         ends = np.full_like(travel, register)
         there, back = self._travel(ends, rows), self._travel(-ends, rows)
@@ -171,7 +217,7 @@ class Registers(OfWorlds):
 
     def __init__(self, motors: MotorMap, bound: float) -> None:
         self._motors, self.bound = motors, bound
-        shape = motors.lowest.shape
+        shape = motors.shape
         self.executed, self.joints = np.zeros(shape), np.zeros(shape)
         self._stood = np.zeros((2, *shape))
         self._longest, self._factor, self._gain = (np.ones(shape) for _ in range(3))
@@ -221,18 +267,17 @@ class Registers(OfWorlds):
 
     def move(self, rows: Rows, words: Array) -> Array:
         """Executes control words (n, m): positions (n, m) to which the motors' joints are sent."""
-        lowest, highest = self._motors.lowest[rows], self._motors.highest[rows]
         exact = self._exact and not np.count_nonzero(self.joints != self.executed)  # faster than any
         before, sent = self.executed[rows], words
         if not exact:
             longest = self._longest[rows]
             sent = np.minimum(np.maximum(words, -longest), longest) * self._factor[rows]
-        after = joints = np.minimum(np.maximum(before + sent, lowest), highest)
+        after = joints = self._motors.within_stops(before + sent, rows)
         if not exact:
             stood = self.joints[rows]
             along = np.where(stood == before, after, stood + (after - before))
             joints = np.where(np.abs(words) <= self._dead_zone[rows], stood, along)
-            joints = np.minimum(np.maximum(joints, lowest), highest)
+            joints = self._motors.within_stops(joints, rows)
         self.executed[rows], self.joints[rows] = after, joints
         return self._motors.positions(joints, rows)
 

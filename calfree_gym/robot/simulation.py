@@ -91,7 +91,7 @@ class Simulation(OfWorlds, ABC):
 
     @abstractmethod
     def pinhole_pixels(self) -> tuple[Array, Array]:
-        """Image points at the last refresh, of cameras without lens distortion and principal point offset.
+        """Image points at the last refresh, of cameras without lens and offset, whose pixels are square.
 
         Returns:
             pixels: (N, p, 2), from the image's upper left corner, x right and y down, left and right of each
@@ -269,7 +269,7 @@ class ReachSimulation(Simulation):
         self._object[rows, self._mocap] = objects
 
     def pinhole_pixels(self) -> tuple[Array, Array]:
-        """Image points at the last refresh, of cameras without lens distortion and principal point offset.
+        """Image points at the last refresh, of cameras without lens and offset, whose pixels are square.
 
         Returns:
             pixels: (N, 4, 2), from the image's upper left corner, x right and y down, of the gripper left

@@ -20,29 +20,29 @@ if TYPE_CHECKING:
     from calfree_gym.world.value import World
 
 _CANDIDATES = 400
-"""About so many registers, on a grid, may the search start from."""
+"""From about so many turns, on a grid, may the search start."""
 _ITERATIONS = 30
 """Of a search (a guard: a dozen are enough)."""
 _STILL = 1e-9
-"""The search ends with a step of registers that is smaller."""
+"""The search ends with a step of shafts that is smaller."""
 _STARTS = 20
 """Where stops end the search before the point is reached, it begins anew from so many places of the grid."""
 _REACHED = 1e-5
 """At this distance (m) a point is reached."""
 _STEP = 1e-5
-"""Registers by which the Jacobian is differenced (a guard: a third of the digits)."""
+"""Turns by which the Jacobian is differenced (a guard: a third of the digits)."""
 _DAMPING = 1e-9
 """Of its steps (a guard: it is divided by)."""
 
 
 class InverseKinematics:
-    """Where registers must be for the gripper to be somewhere: the nearest of a grid, then damped steps.
+    """How far shafts must turn for the gripper to be somewhere: the nearest of a grid, then damped steps.
 
     The steps are those of Gauss-Newton, damped (Levenberg 1944), within the stops.
 
     Args:
-        gripper_at: From registers (k, motors) to gripper points (k, 3) in m.
-        lowest: Registers at which the motors stop (motors,).
+        gripper_at: From turns of shafts (k, motors) to gripper points (k, 3) in m.
+        lowest: Turns at which the shafts stop (motors,).
         highest: The same at the other end.
     """
 
@@ -56,38 +56,38 @@ class InverseKinematics:
         self._on_grid = gripper_at(self._grid)
         self._moved = _STEP * np.vstack([np.zeros(motors), np.eye(motors)])
 
-    def registers_at(self, point: Array, near: Array | None = None) -> Array:
-        """Registers (motors,) that bring the gripper nearest to `point` (3,) in m.
+    def shafts_at(self, point: Array, near: Array | None = None) -> Array:
+        """Turns of shafts (motors,) that bring the gripper nearest to `point` (3,) in m.
 
         Args:
             point: Where it should be.
-            near: Registers (motors,) from which the search starts, before it tries others.
+            near: Turns (motors,) from which the search starts, before it tries others.
         """
         found, least = np.empty(0), np.inf
         for start in self._starts(point, near):
-            registers, error = self._from(start, point)
+            shafts, error = self._from(start, point)
             if error < least:
-                found, least = registers, error
+                found, least = shafts, error
             if least <= _REACHED**2:
                 break
         return found
 
     def _starts(self, point: Array, near: Array | None) -> Iterator[Array]:
-        """Registers (motors,) from which the search may start, `near` first."""
+        """Turns (motors,) from which the search may start, `near` first."""
         if near is not None:
             yield near
         far = rounded(np.square(self._on_grid - point).sum(-1))
         yield from self._grid[far.argsort(kind="stable")[:_STARTS]]
 
-    def _from(self, registers: Array, point: Array) -> tuple[Array, float]:
-        """The nearest registers (motors,) behind a start, and the squared distance there."""
+    def _from(self, shafts: Array, point: Array) -> tuple[Array, float]:
+        """The nearest turns (motors,) behind a start, and the squared distance there."""
         damping, error = _DAMPING, np.inf
-        best = registers
+        best = shafts
         for _ in range(_ITERATIONS):
-            points = self._gripper_at(registers + self._moved)
+            points = self._gripper_at(shafts + self._moved)
             found = float(np.square(points[0] - point).sum())
             if found < error:
-                best, error, damping = registers, found, max(damping / 10, _DAMPING)
+                best, error, damping = shafts, found, max(damping / 10, _DAMPING)
                 jacobian = (points[1:] - points[0]).T / _STEP
                 residual = points[0] - point
             else:
@@ -98,8 +98,8 @@ class InverseKinematics:
             free = np.where(stopped, 0.0, 1.0)
             normal = jacobian.T @ jacobian * np.outer(free, free)
             step = np.linalg.solve(normal + np.diag(damping + stopped), gradient * free)
-            registers = np.clip(best - step, self._lowest, self._highest)
-            if np.abs(registers - best).max() < _STILL:
+            shafts = np.clip(best - step, self._lowest, self._highest)
+            if np.abs(shafts - best).max() < _STILL:
                 break
         return best, error
 
@@ -229,8 +229,8 @@ class Workspaces(OfWorlds):
         if inverse is None:
             inverse = self._inverse[row] = self._inverse_of(row)
         if near is not None:
-            near = self.motors.registers(near, row)
-        return inverse.registers_at(point, near)
+            near = self.motors.shafts(near, row)
+        return self.motors.registers_of(inverse.shafts_at(point, near), row)
 
     def home(self, row: int) -> Array:
         """Joint positions (j,) at home."""
@@ -288,8 +288,9 @@ class Workspaces(OfWorlds):
     def _inverse_of(self, row: int) -> InverseKinematics:
         one = slice(row, row + 1)
 
-        def gripper_at(registers: Array) -> Array:
-            return self.robot.gripper_position(self.motors.joints(registers, one), self._lengths[row])
+        def gripper_at(shafts: Array) -> Array:
+            angles = self.motors.angles(self.motors.driven(shafts, one), one)
+            return self.robot.gripper_position(angles, self._lengths[row])
 
         return InverseKinematics(gripper_at, self.motors.lowest[row], self.motors.highest[row])
 

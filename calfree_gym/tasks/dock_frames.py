@@ -41,8 +41,7 @@ class DockFrame(RobotFrame):
         return [self._scene(GROUPS), *images]
 
     def _image(self, camera: int, world: World) -> Image:
-        lens = world.focal_length[camera], world.principal_point[camera], world.lens_k1[camera]
-        lens_map = LensMap.of(*lens, FINER * self._image_size)
+        lens_map = LensMap.of(world, camera, FINER * self._image_size)
         self._renderer.model.cam_fovy[camera] = 2 * np.degrees(np.arctan(lens_map.half))
         view = mujoco.MjvCamera()
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, camera

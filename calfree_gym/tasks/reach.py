@@ -431,7 +431,7 @@ class StereoArmEnv(ArmEnv, arms=ReachArms):
 
     Args:
         world: A `World`, also as the dict of its `to_dict`, or the distribution to draw from: "nominal",
-            "coarse", "wild", "rough".
+            "coarse", "wild", "rough", "wilder".
         arm: "movemaster" (the paper's), a `calfree_gym.Arm`, or a mapping of its arguments.
         camera_mount: "waist" (cameras on the body that the first motor moves, turning with it: the object
             then moves in the images, and hindsight relabelling is not valid), "stand" (in the room), the name

@@ -12,6 +12,7 @@ from calfree_gym.world.distributions import (
     log_uniform,
     nominal,
     wild_camera,
+    wilder_camera,
     world_choices,
 )
 from calfree_gym.world.value import MAX_SHORTFALL, MAX_TEXTURE, World
@@ -31,5 +32,6 @@ __all__ = [
     "log_uniform",
     "nominal",
     "wild_camera",
+    "wilder_camera",
     "world_choices",
 ]

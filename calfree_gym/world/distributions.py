@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -11,7 +11,7 @@ import numpy as np
 
 from calfree_gym.errors import near_misses
 from calfree_gym.geometry import Array, looking_at, quaternion_about, quaternion_product
-from calfree_gym.image import IMAGE_SIZE
+from calfree_gym.image import IMAGE_SIZE, PIXELS_PER_UNIT
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
 from calfree_gym.robot.arms.robot import Rig, Robot
 from calfree_gym.streams import stream
@@ -24,6 +24,16 @@ WILD_ELEVATION, WILD_STRENGTH, WILD_AMBIENT = (30, 80), (0.3, 0.8), (0.3, 0.6)
 """Of the lamp of wild worlds, the first in degrees. Choice: every place of a room with one lamp."""
 SPAN_OF_A_HINGE = 2.0
 """What a slide's span is compared with (rad), where quantities of hinges are drawn in degrees."""
+WORK_SPACE = 0.4
+"""Half of how far the RV-M2's work space extends (m)."""
+WILDER_DISTANCE, WILDER_SHARE, WILDER_AIM = (0.3, 5.0), (0.4, 1.25), 0.8
+"""Of cameras of wilder worlds, for the RV-M2: their distance (m); how much of the image the work space fills
+from there; and how far from its middle they look at most (m): two in five see enough of it. Choice."""
+WILDER_OFFSET, WILDER_ASPECT, WILDER_BEND = 50.0, (0.8, 1.25), 0.08
+"""Their principal point (px), their pixels, and by what share either number of the lens moves the border."""
+RIPPLE_PERIOD, MOST_RIPPLE, MOST_COUPLING = (0.05, 0.5), 0.3, 0.3
+"""Of the motors of wilder worlds: periods in registers, depths up to four times what was measured of hobby
+servos, and couplings either way. Choice."""
 ENCODER_STEP, DETENT = 360 / 4096, 360 / 29
 """Of a hobby servo's encoder and of its gears, in degrees: see docs/worlds.md."""
 
@@ -81,28 +91,34 @@ def _coarse(draw: Draw, robot: Robot) -> World:
 
 def _wild(draw: Draw, robot: Robot) -> World:
     """Cameras mounted roughly, on an arm that was never measured."""
-    built, motors, sees = nominal(robot), len(robot.motors), len(robot.cameras)
     cameras = [wild_camera(draw("cameras_" + name), i, robot.rig) for i, name in enumerate(robot.cameras)]
-    return World(
-        camera_position=np.stack([c["camera_position"] for c in cameras]),
-        camera_orientation=np.stack([c["camera_orientation"] for c in cameras]),
-        focal_length=np.array([c["focal_length"] for c in cameras]),
-        principal_point=built.principal_point,
-        lens_k1=np.array([c["lens_k1"] for c in cameras]),
-        link_lengths=built.link_lengths * draw("link_lengths").uniform(0.9, 1.1, len(robot.links)),
-        joint_zeros=_zeros(draw("joint_zeros"), 10.0, robot),
-        motor_sign=np.where(draw("motor_sign").integers(2, size=motors), 1.0, -1.0),
-        motor_gain=log_uniform(draw("motor_gain"), 0.5, 2.0, motors),
-        motor_curvature=draw("motor_curvature").uniform(-0.3, 0.4, motors),
-        point_noise=built.point_noise,
+    principal = {"principal_point": nominal(robot).principal_point}
+    return World(**_together(cameras), **principal, **_wild_arm(draw, robot))
+
+
+def _together(cameras: Sequence[dict[str, Array]]) -> dict[str, Array]:
+    """The fields of all cameras, from those of each."""
+    return {name: np.stack([each[name] for each in cameras]) for name in cameras[0]}
+
+
+def _wild_arm(draw: Draw, robot: Robot) -> dict[str, Any]:
+    """All of a wild world but the geometry of its cameras."""
+    built, motors, sees = nominal(robot), len(robot.motors), len(robot.cameras)
+    return {
+        "link_lengths": built.link_lengths * draw("link_lengths").uniform(0.9, 1.1, len(robot.links)),
+        "joint_zeros": _zeros(draw("joint_zeros"), 10.0, robot),
+        "motor_sign": np.where(draw("motor_sign").integers(2, size=motors), 1.0, -1.0),
+        "motor_gain": log_uniform(draw("motor_gain"), 0.5, 2.0, motors),
+        "motor_curvature": draw("motor_curvature").uniform(-0.3, 0.4, motors),
+        "point_noise": built.point_noise,
         **wild_light(draw("light")),
-        texture=np.array(draw("texture").integers(1, MAX_TEXTURE), float),
-        exposure=log_uniform(draw("exposure"), 0.7, 1.4, sees),
-        blur=draw("blur").uniform(0.0, 1.2, sees),
-        image_noise=draw("image_noise").uniform(1.0, 5.0, sees),
-        object_mass=log_uniform(draw("object_mass"), 0.05, 0.3),
-        object_friction=np.asarray(draw("object_friction").uniform(0.6, 1.2)),
-    )
+        "texture": np.array(draw("texture").integers(1, MAX_TEXTURE), float),
+        "exposure": log_uniform(draw("exposure"), 0.7, 1.4, sees),
+        "blur": draw("blur").uniform(0.0, 1.2, sees),
+        "image_noise": draw("image_noise").uniform(1.0, 5.0, sees),
+        "object_mass": log_uniform(draw("object_mass"), 0.05, 0.3),
+        "object_friction": np.asarray(draw("object_friction").uniform(0.6, 1.2)),
+    }
 
 
 def _rough(draw: Draw, robot: Robot) -> World:
@@ -123,6 +139,22 @@ def _rough(draw: Draw, robot: Robot) -> World:
             [DETENT * registers, ripple.uniform(-np.pi, np.pi, motors), ripple.uniform(0, 0.07, motors)], -1
         ),
     )
+
+
+def _wilder(draw: Draw, robot: Robot) -> World:
+    """A wild arm whose motors are coupled and rippled, seen by any cameras from anywhere, with any noise."""
+    if robot.wheels:
+        raise ValueError("world 'wilder' is of arms: the cameras of a robot on wheels ride on it")
+    motors, ripple = len(robot.motors), draw("gear_ripple")
+    cameras = [wilder_camera(draw("cameras_" + name), robot.rig) for name in robot.cameras]
+    period = log_uniform(ripple, *RIPPLE_PERIOD, motors)
+    phase, depth = ripple.uniform(-np.pi, np.pi, motors), ripple.uniform(0, MOST_RIPPLE, motors)
+    wilder = {
+        "gear_ripple": np.stack([period, phase, depth], -1),
+        "motor_coupling": draw("motor_coupling").uniform(-MOST_COUPLING, MOST_COUPLING, motors),
+        "point_noise": draw("point_noise").uniform(0, 2),
+    }
+    return World(**_together(cameras), **{**_wild_arm(draw, robot), **wilder})
 
 
 def wild_light(rng: np.random.Generator) -> dict[str, Any]:
@@ -162,6 +194,29 @@ def wild_camera(rng: np.random.Generator, camera: int, rig: Rig) -> dict[str, Ar
     }
 
 
+def wilder_camera(rng: np.random.Generator, rig: Rig) -> dict[str, Array]:
+    """One camera's fields: 0.3 to 5 m from the work space's middle (RV-M2), no lower, on any side, any roll.
+
+    Numbers of the lens are relative to the image's border: any focal length bends it alike.
+    """
+    far = log_uniform(rng, *WILDER_DISTANCE) * rig.scale
+    side = random_direction(rng)
+    position = rig.target + far * np.array([side[0], side[1], abs(side[2])])
+    aim = rig.target + random_direction(rng) * (rig.scale * WILDER_AIM) * rng.uniform()
+    roll = quaternion_about(np.array([0.0, 0.0, 1.0]), rng.uniform(-np.pi, np.pi))
+    border = log_uniform(rng, *WILDER_SHARE) * far / (WORK_SPACE * rig.scale)
+    by_square, by_fourth = rng.uniform(-WILDER_BEND, WILDER_BEND, 2)
+    return {
+        "camera_position": position,
+        "camera_orientation": quaternion_product(looking_at(position, aim), roll),
+        "focal_length": np.asarray(PIXELS_PER_UNIT * border),
+        "principal_point": rng.uniform(-WILDER_OFFSET, WILDER_OFFSET, 2),
+        "lens_k1": np.asarray(by_square * border**2),
+        "lens_k2": np.asarray(by_fourth * border**4),
+        "pixel_aspect": np.asarray(log_uniform(rng, *WILDER_ASPECT)),
+    }
+
+
 def random_direction(rng: np.random.Generator) -> Array:
     """A unit vector (3,), uniform on the sphere."""
     vector = rng.standard_normal(3)
@@ -178,12 +233,13 @@ DISTRIBUTIONS: dict[str, Callable[[Draw, Robot], World]] = {
     "coarse": _coarse,
     "wild": _wild,
     "rough": _rough,
+    "wilder": _wilder,
 }
 
 
 @dataclass(frozen=True)
 class WorldDistribution:
-    """How to draw a world: "nominal", "coarse", "wild" or "rough".
+    """How to draw a world: "nominal", "coarse", "wild", "rough" or "wilder".
 
     Every group of fields has a random stream of its own, so that a new field changes no other draw.
     """

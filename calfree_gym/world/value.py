@@ -18,6 +18,8 @@ MAX_LATENCY = 10
 MAX_TEXTURE = 2**31 - 1
 MAX_SHORTFALL = 0.9
 MAX_SLIP = 0.3
+MAX_COUPLING = 0.4
+"""From 0.5 on, a motor could go with the next joint more than with its own."""
 BUILT_LIGHT = np.array([-0.2, 0.45, -1.0]) / np.linalg.norm([-0.2, 0.45, -1.0])
 """Where the built robot's lamp shines."""
 
@@ -27,17 +29,21 @@ class World:
     """Cameras, arm, motors, measurement and light of one robot. Compares by value; arrays are read-only.
 
     The fields from `light_direction` on matter to rendered images alone, `occluder` where points can be
-    hidden, and the last two where objects are grasped. Those from `backlash` to `gear_ripple` may be given as
-    one value for all motors, those from `exposure` to `image_noise` as one for all cameras.
+    hidden, and the last two where objects are grasped. Those from `backlash` to `motor_coupling` may be given
+    as one value for all motors; `lens_k2`, `pixel_aspect` and those from `exposure` to `image_noise` as one
+    for all cameras.
 
     Attributes:
         camera_position: Optical centres (c, 3) in m, in the order of the robot's cameras: in the room, with
             their mount where it is at home as built.
         camera_orientation: Quaternions (c, 4); a camera looks along its -z axis, y up.
-        focal_length: In pixels of the 512-pixel image (c,).
+        focal_length: In pixels of the 512-pixel image, along x (c,).
         principal_point: Offset from the image centre in pixels (c, 2), x right, y down.
         lens_k1: Radial distortion (c,): a pinhole point at radius r from the axis, in focal lengths,
-            appears at r * (1 + k1 * r**2).
+            appears at r * (1 + k1 * r**2 + k2 * r**4).
+        lens_k2: See `lens_k1` (c,).
+        pixel_aspect: Width of a pixel over its height (c,): the focal length along y is so many times that
+            along x.
         link_lengths: In m (l,), in the order of the arm's links.
         joint_zeros: True minus assumed position of the arm's joints, in rad or m (k,).
         motor_sign: +1 or -1 (m,), one a motor.
@@ -57,6 +63,8 @@ class World:
         dead_zone: Words of at most this size (m,) leave the joint where it is; registers count them.
         gear_ripple: Period, phase in rad and depth (m, 3): along the register the motor's gain varies between
             1 - depth and 1 + depth, see `robot.motors`; periods are registers at a `word_gain` of 1.
+        motor_coupling: Share of its register by which a motor goes with the shaft of the next one, and the
+            last with that of the first (m,), see `robot.motors`.
         light_direction: Where the lamp shines (3,), of unit length, in the room.
         light_strength: How brightly it lights what faces it (), relative to white.
         light_ambient: How brightly all is lit from everywhere (), likewise.
@@ -97,6 +105,9 @@ class World:
     word_gain: Array = field(default_factory=lambda: np.ones(()))
     dead_zone: Array = field(default_factory=lambda: np.zeros(()))
     gear_ripple: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    motor_coupling: Array = field(default_factory=lambda: np.zeros(()))
+    lens_k2: Array = field(default_factory=lambda: np.zeros(()))
+    pixel_aspect: Array = field(default_factory=lambda: np.ones(()))
     light_direction: Array = field(default_factory=BUILT_LIGHT.copy)
     light_strength: Array = field(default_factory=lambda: np.array(0.6))
     light_ambient: Array = field(default_factory=lambda: np.array(0.5))
@@ -190,10 +201,12 @@ class World:
     def to_dict(self) -> dict[str, Any]:
         """Plain lists and floats under the names of the fields; `from_dict` gets them back exactly.
 
-        Fields of a base are left out where there is none.
+        Fields of a base are left out where there is none; some that came later, where they change nothing.
         """
-        names = _NAMES if len(self.marks) else _NAMES[: -len(_OF_A_BASE)]
-        return {name: getattr(self, name).tolist() for name in names}
+        left_out = {name for name, usual in _CAME_LATER.items() if (getattr(self, name) == usual).all()}
+        if not len(self.marks):
+            left_out.update(_OF_A_BASE)
+        return {name: getattr(self, name).tolist() for name in _NAMES if name not in left_out}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> World:
@@ -228,6 +241,9 @@ class World:
                     f"World.{name} has shape {found}; it must be {must}: the robot's {what} are "
                     f"{', '.join(expected)}"
                 )
+        if robot.wheels and self.motor_coupling.any():
+            found = self.motor_coupling.tolist()
+            raise ValueError(f"World.motor_coupling is {found}; wheels are not coupled")
         if len(self.marks) != len(robot.marks):
             raise ValueError(
                 f"World.marks has shape {self.marks.shape}; it must be {robot.marks.shape}: so many marks "
@@ -266,6 +282,9 @@ _SHAPES: dict[str, tuple[int | str, ...]] = {
     "word_gain": ("m",),
     "dead_zone": ("m",),
     "gear_ripple": ("m", 3),
+    "motor_coupling": ("m",),
+    "lens_k2": ("c",),
+    "pixel_aspect": ("c",),
     "light_direction": (3,),
     "light_strength": (),
     "light_ambient": (),
@@ -281,10 +300,13 @@ _SHAPES: dict[str, tuple[int | str, ...]] = {
     "slip": (),
 }
 _OF_A_BASE = "marks", "dock", "slip"
+_CAME_LATER = {"motor_coupling": 0.0, "lens_k2": 0.0, "pixel_aspect": 1.0}
+"""Fields that stand in no dict where they have this value: worlds of before keep their dicts."""
 _NAMES = tuple(_SHAPES)
 _OF_ALL = (
     *("backlash", "repeatability", "register_noise", "register_step", "shortfall", "longest_motion"),
-    *("word_gain", "dead_zone", "gear_ripple", "exposure", "blur", "image_noise"),
+    *("word_gain", "dead_zone", "gear_ripple", "motor_coupling", "lens_k2", "pixel_aspect"),
+    *("exposure", "blur", "image_noise"),
 )
 """Fields of which one value may be given for all motors or cameras."""
 
@@ -324,6 +346,8 @@ _RANGES = {
         [1e3, _LARGEST, np.nextafter(1.0, 0.0)],
         "must have periods (first) in [0.001, 1000] and depths (third) in [0, 1)",
     ),
+    "motor_coupling": _Range(-MAX_COUPLING, MAX_COUPLING, f"must be within +-{MAX_COUPLING:g}"),
+    "pixel_aspect": _POSITIVE,
     "light_strength": _NOT_NEGATIVE,
     "light_ambient": _NOT_NEGATIVE,
     "texture": _Range(0.0, MAX_TEXTURE, f"must be a whole number from 0 to {MAX_TEXTURE}"),

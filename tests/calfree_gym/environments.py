@@ -10,8 +10,8 @@ OF_ARMS = sorted(name for name, kind in TYPES.items() if kind.built is MOVEMASTE
 """Types of perturbations that an arm can have."""
 TASKS = ("Reach", "SafeReach", "Grasp", "Insert")
 OF_CAMERAS = [
-    *("camera_position", "camera_orientation", "focal_length", "principal_point", "lens_k1"),
-    *("exposure", "blur", "image_noise"),
+    *("camera_position", "camera_orientation", "focal_length", "principal_point", "lens_k1", "lens_k2"),
+    *("pixel_aspect", "exposure", "blur", "image_noise"),
 ]
 """Fields of a world that have one entry a camera."""
 

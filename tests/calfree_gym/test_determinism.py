@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
-from calfree_gym import nominal
+from calfree_gym import WorldDistribution, nominal
 from calfree_gym import world as worlds
 from tests.arms.every import EVERY, arm_named
 from tests.arms.own import ARMS
@@ -76,7 +76,8 @@ def test_one_seed_is_one_trajectory(mount, dynamics, perturbations):
 
 
 SEEN = {"camera_mount": "stand", "image_size": 48}
-ROUGH = [nominal(), replace(nominal(), **FIELDS), replace(nominal(), shortfall=0.2)]
+WILDER = WorldDistribution("wilder").sample(0).replace(shortfall=0.2)
+ROUGH = [nominal(), replace(nominal(), **FIELDS), WILDER]
 CASES = {
     **{
         f"Reach {kind}": ("Reach", 0.2, {"dynamics": "kinematic", "observation": kind, **SEEN})

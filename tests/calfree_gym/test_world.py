@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from functools import partial
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,7 +16,7 @@ from calfree_gym import DISTRIBUTIONS, MOUNTS, World, WorldDistribution, nominal
 from calfree_gym.robot.arms.movemaster import CAMERA_POSITION, LENGTHS, MOVEMASTER
 from calfree_gym.robot.motors import MotorMap, curve_inverse
 from calfree_gym.robot.workspace import Workspaces, first_in_view, in_view
-from calfree_gym.vision.cameras import image_points, undistort
+from calfree_gym.vision.cameras import fold, image_points, undistort
 from calfree_gym.world import FOCAL_LENGTH
 from tests.arms.every import arm_named
 from tests.calfree_gym.environments import OF_CAMERAS
@@ -82,6 +83,9 @@ def test_worlds_are_values():
         ({"gear_ripple": (0, 0, 0.1)}, r"gear_ripple must have periods \(first\) in \[0.001, 1000\]"),
         ({"gear_ripple": (0.1, 0, 1)}, r"and depths \(third\) in \[0, 1\), found \[\[0.1, 0.0, 1.0\]"),
         ({"gear_ripple": 0.1}, r"gear_ripple has shape \(\); it must be \(3, 3\)"),
+        ({"motor_coupling": [0, 0.5, 0]}, r"motor_coupling must be within \+-0.4, found \[0.0, 0.5, 0.0\]"),
+        ({"lens_k2": [np.nan, 0]}, "lens_k2 must be finite"),
+        ({"pixel_aspect": 0}, "pixel_aspect must be positive"),
     ],
 )
 def test_worlds_that_cannot_be(fields, message):
@@ -126,7 +130,11 @@ LIGHT = {
 """Fields of light and images, each with a value that no built robot has."""
 
 
-@pytest.mark.parametrize("fields", [LIGHT, FIELDS, {"backlash": [0.1, 0, 0.2], "repeatability": 0.1}])
+WILDER = {"motor_coupling": [0.1, 0.0, -0.2], "lens_k2": [0.0, 0.1], "pixel_aspect": [1.0, 1.1]}
+"""Fields that stand in no dict where they are as built."""
+
+
+@pytest.mark.parametrize("fields", [LIGHT, FIELDS, WILDER, {"backlash": [0.1, 0, 0.2], "repeatability": 0.1}])
 def test_fields_that_came_later_make_worlds_differ_go_through_dicts_and_may_lack(fields):
     built = nominal()
     for name, value in fields.items():
@@ -147,6 +155,8 @@ def test_one_value_stands_for_all_motors(name):
     assert getattr(one, name).shape == np.shape([FIELDS[name]] * 3)
 
 
+NUMBERS = st.floats(-0.5, 0.5)
+"""Of lenses."""
 FIELDS_BEFORE = (
     *("camera_position", "camera_orientation", "focal_length", "principal_point", "lens_k1"),
     *("link_lengths", "joint_zeros", "motor_sign", "motor_gain", "motor_curvature"),
@@ -204,6 +214,61 @@ def test_wild_worlds_fill_the_ranges_they_are_said_to_have():
     assert len({w.texture.item() for w in worlds} - {0.0}) == len(worlds)
     assert not np.any([w.occluder for w in worlds])
     assert {tuple(w.motor_sign) for w in worlds} == set(itertools.product((-1, 1), repeat=3))
+
+
+def test_worlds_of_before_keep_their_dicts():
+    for name in ("nominal", "coarse", "wild", "rough"):
+        assert not WILDER.keys() & WorldDistribution(name).sample(0).to_dict().keys()
+    assert WILDER.keys() <= WorldDistribution("wilder").sample(0).to_dict().keys()
+
+
+def test_wilder_worlds_fill_the_ranges_they_are_said_to_have():
+    worlds = [WorldDistribution("wilder").sample(seed) for seed in range(400)]
+    ways = np.concatenate([w.camera_position - MOVEMASTER.rig.target for w in worlds])
+    distances = np.linalg.norm(ways, axis=1)
+    border = np.array([w.focal_length for w in worlds]) / 256
+    fields = {name: np.array([getattr(w, name) for w in worlds]) for name in worlds[0].to_dict()}
+    for values, low, high in [
+        (np.log(distances), np.log(0.3), np.log(5.0)),
+        (np.arctan2(ways[:, 1], ways[:, 0]), -np.pi, np.pi),
+        (ways[:, 2] / distances, 0, 1),
+        (np.log(border.ravel() * 0.4 / distances), np.log(0.4), np.log(1.25)),
+        (fields["principal_point"], -50, 50),
+        (np.log(fields["pixel_aspect"]), np.log(0.8), np.log(1.25)),
+        (fields["lens_k1"] / border**2, -0.08, 0.08),
+        (fields["lens_k2"] / border**4, -0.08, 0.08),
+        (fields["motor_coupling"], -0.3, 0.3),
+        (np.log(fields["gear_ripple"][..., 0]), np.log(0.05), np.log(0.5)),
+        (fields["gear_ripple"][..., 2], 0, 0.3),
+        (fields["point_noise"], 0, 2),
+        (np.log(fields["motor_gain"]), np.log(0.5), np.log(2)),
+    ]:
+        assert low - 1e-9 <= np.min(values) < low + 0.05 * (high - low)
+        assert high - 0.05 * (high - low) < np.max(values) <= high + 1e-9
+        assert abs(np.mean(values) - (low + high) / 2) < 0.1 * (high - low)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_one_wilder_draw_in_three_is_in_view_and_shows_half_of_the_work_space(mount):
+    mounts = MOVEMASTER.mounts(mount)
+    workspace, accepted = Workspaces(1, MOVEMASTER, mounts), []
+    for seed in range(60):
+        workspace.set_world(0, WorldDistribution("wilder").sample(seed))
+        accepted.append(workspace.in_view(0, whole=True))
+        if accepted[-1]:
+            others = workspace.candidates(np.random.default_rng(seed).random((1, 2000, 3)), np.array([0]))
+            assert others.reached[others.within].mean() > 0.99
+            assert others.seen[others.within].mean() > 0.4, "half of those by which it was judged"
+    assert np.mean(accepted) > 1 / 3
+
+
+def test_no_robot_on_wheels_has_a_wilder_world():
+    with pytest.raises(ValueError, match="'wilder' is of arms"):
+        gym.make("calfree_gym:CalFree/Dock-v0", world="wilder").reset(seed=0)
+    env = gym.make("calfree_gym:CalFree/Dock-v0").unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"motor_coupling is \[0.1, 0.1\]; wheels are not coupled"):
+        env.set_world(env.world.replace(motor_coupling=0.1))
 
 
 @pytest.mark.parametrize("name", ["movemaster", "scara", "gantry"])
@@ -298,10 +363,22 @@ def test_the_wrist_is_vertical_where_joint_zeros_are_right_and_tilts_by_their_su
 
 
 @settings(max_examples=60)
-@given(st.floats(-0.08, 0.08), st.tuples(st.floats(-1.4, 1.4), st.floats(-1.4, 1.4)))
-def test_undistort_inverts_the_lens_wherever_it_shows_anything(k1, point):
-    shown_at, shown = image_points(np.array(point), np.ones(1), np.zeros(2), np.array(k1))
+@given(NUMBERS, NUMBERS, st.tuples(st.floats(-1.4, 1.4), st.floats(-1.4, 1.4)))
+def test_undistort_inverts_the_lens_wherever_it_shows_anything(k1, k2, point):
+    shown_at, shown = image_points(np.array(point), np.ones(1), np.zeros(2), k1, k2, 0.99 * fold(k1, k2))
     if shown:
-        found, there = undistort(shown_at, k1)
+        found, there = undistort(shown_at, k1, k2)
         assert there
-        np.testing.assert_allclose(found, point, atol=1e-7)
+        np.testing.assert_allclose(found, point, atol=1e-6)
+
+
+@settings(max_examples=60)
+@given(NUMBERS, NUMBERS)
+def test_a_lens_shows_what_lies_before_its_image_folds_back(k1, k2):
+    """Radii grow in the image up to the fold, and no longer behind it."""
+    end = np.sqrt(fold(k1, k2))
+    radii = np.linspace(0, min(end, 5.0), 400)
+    assert (np.diff(radii * (1 + k1 * radii**2 + k2 * radii**4)) > -1e-12).all()
+    if end < 5:
+        behind = end * (1 + 1e-3 * np.arange(2))
+        assert np.diff(behind * (1 + k1 * behind**2 + k2 * behind**4)) < 1e-12

@@ -39,11 +39,10 @@ class WheelMap(OfWorlds):
 
     def __init__(self, rows: int, base: Base) -> None:
         shape = rows, len(base.motors)
-        self._span = base.span
+        self.shape, self._span = shape, base.span
         self._linear, self._cubic = np.ones(shape), np.zeros(shape)
         self._rate, self._phase, self._swing = (np.zeros(shape) for _ in range(3))
         self._ripples = False
-        self.lowest, self.highest = np.full(shape, -np.inf), np.full(shape, np.inf)
 
     def set_world(self, row: int, world: World) -> None:
         """Gives `row` the wheels of `world`."""
@@ -67,6 +66,10 @@ class WheelMap(OfWorlds):
         rate, phase = self._rate[rows], self._phase[rows]
         ripple = np.sin(rate * (counted + words) + phase) - np.sin(rate * counted + phase)
         return np.asarray(turned + self._swing[rows] * ripple)
+
+    def within_stops(self, goal: Array, rows: Rows) -> Array:
+        """The goal: wheels have no stops."""
+        return goal
 
     def positions(self, registers: Array, rows: Rows) -> Array:
         """Sums of words, as they are: what wheels turn depends on each word."""

@@ -1,5 +1,7 @@
 """A trial in a linear world: test words that adapt, stops that are met, steps that can be trusted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -53,6 +55,26 @@ def test_a_test_motion_moves_one_motor_and_towards_the_object(arm):
         words = moved(trial.test(motor), arm)
         assert np.flatnonzero(words[0]).tolist() == [motor]
         assert trial.now.distance @ trial.now.distance < before @ before
+
+
+class SlippingArm(LinearArm):
+    """Motors give way a little at their stops, as coupled ones do."""
+
+    def observed(self, words=0.0):
+        before = self.registers
+        seen = super().observed(words)
+        pushed = before + words - self.registers
+        return replace(seen, registers=seen.registers + 0.004 * pushed)
+
+
+def test_a_motor_that_gives_way_at_its_stop_is_tested_the_other_way():
+    arm = SlippingArm([10.0] * 3, highest=np.array([0.0, 1.0, 1.0]))
+    trial = trial_of(arm, TestMotions(3))
+    trial.test_words[0] = trial.LARGEST_TEST
+    words = moved(trial.test(0), arm)
+    assert words[:, 0].tolist() == [trial.LARGEST_TEST, -trial.LARGEST_TEST]
+    assert not trial.still.any()
+    np.testing.assert_allclose(trial.estimator.jacobian[:, 0], arm.jacobian[:, 0], rtol=0.05)
 
 
 def test_where_a_motor_stops_is_believed_when_it_does_not_move_at_all_by_a_second_word():

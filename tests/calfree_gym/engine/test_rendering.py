@@ -64,6 +64,34 @@ def test_image_points_are_where_the_rendered_marks_are(images_of, mount):
     assert max(errors) < 0.5
 
 
+@pytest.mark.parametrize("dynamics", ["physics", "kinematic"])
+@pytest.mark.parametrize("mount", calfree_gym.MOUNTS)
+def test_the_rendered_marks_of_wilder_worlds_are_where_the_cameras_formulas_put_them(
+    images_of, mount, dynamics
+):
+    """A camera is made from the fields of the world alone; a mark near the border is cut off."""
+    env = make(camera_mount=mount, world="wilder", dynamics=dynamics).unwrapped
+    errors, images = [], images_of(env)
+    for seed in range(6):
+        env.reset(seed=seed)
+        world, simulation = env.world.replace(texture=0.0), env.arms.simulation
+        _, data = simulation.show(0, simulation.picture())
+        point = data.body("object").xpos
+        seen = env.arms.true_points[0, 2:]
+        for camera, image in enumerate(images.colours(0, world, [MARKS_GROUP])):
+            there = data.camera(("left", "right")[camera])
+            x, y, z = there.xmat.reshape(3, 3).T @ (point - there.xpos)
+            flat = np.array([x, -y]) / -z
+            square = flat @ flat
+            bent = flat * (1 + world.lens_k1[camera] * square + world.lens_k2[camera] * square**2)
+            focal = world.focal_length[camera] * np.array([1, world.pixel_aspect[camera]])
+            expected = (bent * focal + world.principal_point[camera]) / (IMAGE_SIZE / 2)
+            np.testing.assert_allclose(seen[camera], expected, atol=1e-5)
+            errors.append(np.linalg.norm(green_centre(image) - expected) * IMAGE_SIZE / 2)
+    assert np.median(errors) < 0.5
+    assert max(errors) < 2, "a ball's middle is not the middle of its image, near a wide lens's border"
+
+
 @pytest.mark.parametrize("arm", ["movemaster", "torque"])
 def test_rays_hide_what_pixels_hide(images_of, arm):
     """The share of the object's ball that rays find in sight is that of its pixels."""
@@ -91,21 +119,34 @@ def _greens(image):
     return np.count_nonzero(green > 1.5 * np.maximum(red, blue))
 
 
-@pytest.mark.parametrize(("k1", "offset"), [(0.0, 0.0), (0.08, 12.0), (-0.08, -7.0)])
-def test_a_lens_map_is_the_lens(k1, offset):
+def camera(focal, offset, k1=0.0, k2=0.0, aspect=1.0):
+    """A world whose cameras have these numbers."""
+    lens = {"lens_k1": [k1, k1], "lens_k2": k2, "pixel_aspect": aspect}
+    return replace(nominal(), focal_length=[focal] * 2, principal_point=[[offset, -offset]] * 2, **lens)
+
+
+@pytest.mark.parametrize(
+    ("k1", "k2", "aspect", "offset"),
+    [
+        *((0.0, 0.0, 1.0, 0.0), (0.08, 0.0, 1.0, 12.0), (-0.08, 0.0, 1.0, -7.0)),
+        *((-0.1, 0.05, 0.8, 50.0), (0.1, -0.03, 1.25, -30.0)),
+    ],
+)
+def test_a_lens_map_is_the_lens(k1, k2, aspect, offset):
     """Each pixel comes from where the projection says that it goes to."""
     focal, size = 300.0, 128
-    lens = LensMap.of(focal, np.array([offset, -offset]), k1, size)
+    lens = LensMap.of(camera(focal, offset, k1, k2, aspect), 0, size)
     columns, rows = np.meshgrid(*[np.arange(lens.source, dtype=np.float32)] * 2)
     from_column, from_row = map(lens.depths, (columns, rows))  # of the nearest pixel: whence each comes
     flat = np.stack([from_column, lens.source - 1 - from_row], -1) + 0.5
     flat = (flat * 2 / lens.source - 1) * lens.half
     unit = 2 / IMAGE_SIZE
-    points, _ = image_points(flat, np.array(focal * unit), np.array([offset, -offset]) * unit, np.array(k1))
+    both = focal * unit * np.array([1, aspect])
+    points, _ = image_points(flat, both, np.array([offset, -offset]) * unit, k1, k2, np.inf)
     pixels = (np.arange(size) + 0.5) * 2 / size - 1
     shown = (from_column > 0) & (from_row > 0)
     assert shown.mean() > 0.95
-    nearest = 1.3 * focal / IMAGE_SIZE * 2 * lens.half / lens.source * 2
+    nearest = 1.3 * max(1, aspect) * focal / IMAGE_SIZE * 2 * lens.half / lens.source * 2
     for axis, way in ((0, pixels), (1, pixels[:, None])):
         assert np.abs(points[..., axis] - way)[shown].max() < nearest
         assert abs(np.mean((points[..., axis] - way)[shown])) < 0.05 * 2 / size, "shifted by part of a pixel"
@@ -114,7 +155,7 @@ def test_a_lens_map_is_the_lens(k1, offset):
 @pytest.mark.parametrize("size", [8, 16, 33, 64, 84, 96, 127, 256])
 @pytest.mark.parametrize("offset", [0.0, 9.0])
 def test_a_lens_that_shows_all_has_no_black_border(size, offset):
-    lens = LensMap.of(420.0, np.array([offset, -offset]), 0.0, size)
+    lens = LensMap.of(camera(420.0, offset), 0, size)
     assert lens.depths(np.ones((lens.source, lens.source), np.float32)).all()
     white = np.full((lens.source, lens.source, 3), 255, np.uint8)
     assert (lens.colours(white) == 255).all()

@@ -42,7 +42,7 @@ def test_a_lens_puts_points_where_our_own_cameras_see_them(k1):
         image[row - 1 : row + 2, column - 1 : column + 2] = 255
         middle = np.array([(width - 1) / 2, (height - 1) / 2])
         flat = (np.array([column, row]) - middle) / focal
-        there, _ = image_points(flat, np.array([focal]), middle, np.array(k1))
+        there, _ = image_points(flat, np.array([focal]), middle, k1, 0.0, np.inf)
         found = faulty(image, world(lens_k1=k1), 0, PLACE)[..., 0].astype(float)
         seen = [(found.sum(axis) @ np.arange(found.shape[1 - axis])) / found.sum() for axis in (0, 1)]
         np.testing.assert_allclose(seen, there, atol=0.3)

@@ -176,6 +176,17 @@ def test_a_drift_is_slow_and_keeps_its_direction(name):
         assert getattr(slow, kept, None) == getattr(drawn, kept, None)
 
 
+def test_a_replaced_camera_is_of_its_worlds_kind():
+    """In wilder worlds no camera has square pixels; in all others all have."""
+    for name, wilder in (("wild", False), ("nominal", False), ("wilder", True)):
+        world = WorldDistribution(name).sample(1)
+        there = parse_perturbation({"type": "camera_replace", "camera": "left", "seed": 5}).change(world)
+        assert (there.camera_position[1] == world.camera_position[1]).all()
+        assert (there.camera_position[0] != world.camera_position[0]).all()
+        for field, square in (("pixel_aspect", 1), ("lens_k2", 0), ("principal_point", 0)):
+            assert np.all(getattr(there, field)[0] != square) == wilder
+
+
 @pytest.mark.slow
 def test_a_camera_that_is_replaced_slowly_gets_there():
     sudden = parse_perturbation({"type": "camera_replace", "camera": "left", "seed": 5})

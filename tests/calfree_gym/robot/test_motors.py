@@ -1,14 +1,17 @@
-"""The map from registers to positions where gears ripple, against its formula and against brute force."""
+"""The map from registers to positions where gears ripple and motors are coupled: formula, brute force."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calfree_gym import nominal
+from calfree_gym import WorldDistribution, nominal
 from calfree_gym.robot.arms.movemaster import MOVEMASTER
-from calfree_gym.robot.motors import MotorMap
+from calfree_gym.robot.motors import MotorMap, Registers
+from calfree_gym.robot.workspace import Workspaces, first_in_view
 
 MOTOR, ONE = 1, slice(0, 1)
 ROUNDING = 1e-12
@@ -103,3 +106,62 @@ def test_a_rippled_gears_inverse_stops_and_reach_are_those_of_brute_force(both, 
     reached = motors.reaches(candidates, reach, np.array([0]))
     edge = np.abs(np.abs(dense) - reach) < 1e-9
     assert (reached == (np.abs(dense) <= reach))[~edge].all()
+
+
+def mixing(coupling):
+    """Registers (3,) from the turns of shafts, as a matrix (3, 3)."""
+    return np.diag(1 - np.abs(coupling)) + np.diag(coupling[:2], 1) + coupling[2] * np.eye(3, k=-2)
+
+
+couplings = st.lists(st.floats(-0.4, 0.4), min_size=3, max_size=3).map(np.array)
+
+
+@settings(max_examples=60)
+@given(rippled(), couplings, st.lists(st.floats(-1, 1), min_size=3, max_size=3))
+def test_coupled_motors_are_uncoupled_ones_whose_registers_are_mixed(both, coupling, shafts):
+    world, _ = both
+    plain, coupled = maps(world), maps(replace(world, motor_coupling=coupling))
+    shafts = np.clip(shafts, plain.lowest, plain.highest)
+    registers = shafts @ mixing(coupling).T
+    there = plain.positions(shafts, ONE)
+    np.testing.assert_allclose(coupled.positions(registers, ONE), there, atol=1e-9)
+    np.testing.assert_allclose(coupled.registers(there[0], 0), registers[0], atol=1e-9)
+    assert (np.abs(registers) <= np.abs(shafts).max() + ROUNDING).all(), "what shafts reach, registers do"
+
+
+@settings(max_examples=60)
+@given(rippled(), couplings, st.lists(st.floats(-1, 1), min_size=9, max_size=9))
+def test_a_coupled_motor_gives_way_only_where_its_own_joint_is_at_its_stop(both, coupling, words):
+    """Among all turns within the stops, one alone is such: a linear complementarity problem (P-matrix)."""
+    world = replace(both[0], motor_coupling=coupling)
+    motors, plain = maps(world), maps(both[0])
+    registers = Registers(motors, 1.0)
+    registers.set_world(0, world)
+    for word in np.reshape(words, (3, 3)):
+        goal = registers.executed[0] + word
+        there = registers.move(ONE, word[None])[0]
+        found = registers.executed[0]
+        shafts = np.linalg.solve(mixing(coupling), found)
+        np.testing.assert_allclose(there, plain.positions(shafts[None], ONE)[0], atol=1e-9)
+        low, high = shafts <= plain.lowest[0] + 1e-9, shafts >= plain.highest[0] - 1e-9
+        assert ((shafts >= plain.lowest[0] - 1e-9) & (shafts <= plain.highest[0] + 1e-9)).all()
+        assert (found == goal)[~low & ~high].all()
+        assert (found >= goal - 1e-9)[low & ~high].all()
+        assert (found <= goal + 1e-9)[high & ~low].all()
+
+
+@pytest.mark.parametrize("mount", ["waist", "stand"])
+def test_every_object_of_a_wilder_world_is_one_motion_from_home(mount):
+    """The registers that an environment tells for an object bring the gripper there."""
+    mounts = MOVEMASTER.mounts(mount)
+    for seed in range(4):
+        workspace = Workspaces(1, MOVEMASTER, mounts)
+        first_in_view(partial(WorldDistribution("wilder").sample, seed), workspace, 0, "a world", whole=True)
+        found = workspace.candidates(np.random.default_rng(seed).random((1, 1000, 3)), np.array([0]))
+        for point in found.points[found.within & found.reached][:5]:
+            registers = workspace.registers_at(0, point)
+            assert (np.abs(registers) <= 0.9).all()
+            moved = Registers(workspace.motors, 1.0)
+            joints = workspace.motors.angles(moved.move(ONE, registers[None]), ONE)
+            lengths = workspace._lengths
+            np.testing.assert_allclose(MOVEMASTER.gripper_position(joints, lengths)[0], point, atol=1e-4)

@@ -13,7 +13,7 @@ from tests.calfree_gym.environments import make
 WORLDS = 4
 OF_ALL_MOTORS = (
     *("backlash", "repeatability", "register_noise", "register_step", "shortfall", "longest_motion"),
-    *("word_gain", "dead_zone", "gear_ripple"),
+    *("word_gain", "dead_zone", "gear_ripple", "motor_coupling"),
 )
 
 
