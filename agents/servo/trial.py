@@ -29,6 +29,8 @@ class Findings(Generic[E]):
         estimator: What is known of the Jacobian.
         filter: What is known of observations.
         trusted: The observations that passed the filter, none of their points merely predicted.
+        jumped: Since this one of them the gripper is seen, more than once, elsewhere than expected: the world
+            has changed in mid-trial. 0: it has not.
         stops: Where motors are known to stop, if that is known beforehand.
         gave_up: Why no further motion is known, or nothing.
         given_up: Whether what was known at the trial's beginning has been given up.
@@ -39,6 +41,7 @@ class Findings(Generic[E]):
     estimator: E
     filter: ObservationFilter = field(default_factory=ObservationFilter)
     trusted: list[Observation] = field(default_factory=list)
+    jumped: int = 0
     stops: Stops | None = None
     gave_up: str = ""
     given_up: bool = False
