@@ -119,9 +119,10 @@ def figure(tables: Sequence[Table]) -> Figure:
     drawn = Figure(figsize=(7.0, 3.2), layout="constrained")
     axes = drawn.subplots()
     policies = list(shares.columns[1:])
+    step = 0.8 / len(policies)
     for place, name in enumerate(policies):
-        at = np.arange(len(shares)) + (place - (len(policies) - 1) / 2) * 0.2
-        axes.bar(at, 100 * shares[name].astype(float), 0.18, label=name)
+        at = np.arange(len(shares)) + (place - (len(policies) - 1) / 2) * step
+        axes.bar(at, 100 * shares[name].astype(float), 0.9 * step, label=name)
     axes.set_xticks(range(len(shares)), shares.iloc[:, 0])
     axes.set_ylim(0, 100)
     axes.set_ylabel("success (%)")
