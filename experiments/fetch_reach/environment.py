@@ -30,16 +30,17 @@ MIDDLE = 25
 """Steps of the environment."""
 
 
-def _aim(degrees: float, step: int = 0) -> list[dict[str, Any]]:
+def aim(degrees: float, step: int = 0) -> list[dict[str, Any]]:
+    """A schedule that turns the camera after so many steps, each time towards another side."""
     return [{"at": {"step": step}, "do": {"type": "camera_aim", "camera": CAMERA, "degrees": degrees}}]
 
 
 SCHEDULES = {
     "as built": [],
-    "5°": _aim(5),
-    "10°": _aim(10),
-    "20°": _aim(20),
-    "10° in mid-episode": _aim(10, MIDDLE),
+    "5°": aim(5),
+    "10°": aim(10),
+    "20°": aim(20),
+    "10° in mid-episode": aim(10, MIDDLE),
 }
 
 

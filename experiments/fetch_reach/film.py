@@ -22,9 +22,8 @@ from experiments.fetch_reach.environment import (
     CAMERA,
     GRIPPER,
     GRIPPER_AT_HOME,
-    MIDDLE,
-    SCHEDULES,
     SUCCESS,
+    aim,
     draw_goal,
     fetch,
     points_of,
@@ -41,7 +40,9 @@ SIZE, INSET, BAND = 360, 132, 40
 LASTS, END = 120, 3000
 """Of a step, and of the last one, in ms."""
 DARK, LIGHT, ALARM, GOOD_NEWS = (30, 30, 34), (240, 240, 240), (222, 80, 16), (120, 225, 140)
-KNOCK, CALIBRATED, SERVO = "10° in mid-episode", "calibrated", "unified_servo"
+DEGREES, KNOCKED = 10, 12
+"""How far the camera is turned, and after how many steps: while the gripper is on its way."""
+CALIBRATED, SERVO = "calibrated", "unified_servo"
 
 
 class _FilmedFetch(gym.Wrapper[Any, Any, Any, Any]):
@@ -132,7 +133,7 @@ def _film(options: argparse.Namespace) -> int:
 
 def _lived(name: str) -> list[tuple[Image, float]]:
     """The frames of the episode that is shown, as one policy lives through it."""
-    knocked = Perturb(fetch(), SCHEDULES[KNOCK], seed=0, images={CAMERA: None}, per="episode")
+    knocked = Perturb(fetch(), aim(DEGREES, KNOCKED), seed=0, images={CAMERA: None}, per="episode")
     filmed = _FilmedFetch(knocked)
     with closing(_SeededEpisodes(points_of(filmed))) as env:
         if name == SERVO:
@@ -151,11 +152,13 @@ def _panel(frame: Image, off: float, name: str, step: int, last: bool) -> Image:
     """A frame with words (SIZE + BAND, SIZE, 3)."""
     panel = Pictures.new("RGB", (SIZE, SIZE + BAND), DARK)
     panel.paste(Pictures.fromarray(frame), (0, 0))
-    draw, knocked = ImageDraw.Draw(panel), step > MIDDLE
+    draw, knocked = ImageDraw.Draw(panel), step > KNOCKED
     box = SIZE - INSET - 1, 0, SIZE - 1, INSET
     draw.rectangle(box, outline=ALARM if knocked else LIGHT, width=3)
     if knocked:
-        draw.text((SIZE - INSET, INSET + 4), "camera turned by 10°", ALARM, ImageFont.load_default(13))
+        draw.text(
+            (SIZE - INSET, INSET + 4), f"camera turned by {DEGREES}°", ALARM, ImageFont.load_default(13)
+        )
     reached = off < SUCCESS
     said = f"{name}: {100 * off:.0f} cm off" + (", reached" if last and reached else "")
     draw.text(
