@@ -29,24 +29,24 @@ class Findings(Generic[E]):
         estimator: What is known of the Jacobian.
         filter: What is known of observations.
         trusted: The observations that passed the filter, none of their points merely predicted.
-        jumped: Since this one of them the gripper is seen, more than once, elsewhere than expected: the world
-            has changed in mid-trial. 0: it has not.
         stops: Where motors are known to stop, if that is known beforehand.
         gave_up: Why no further motion is known, or nothing.
         given_up: Whether what was known at the trial's beginning has been given up.
         tried_again: Whether stops were forgotten, to see if motors still stop there.
         edges: Where images end (4, 2), in image units, for each point.
+        jumped: Since this one of `trusted` the gripper is seen, more than once, elsewhere than expected: the
+            world has changed in mid-trial. 0: it has not.
     """
 
     estimator: E
     filter: ObservationFilter = field(default_factory=ObservationFilter)
     trusted: list[Observation] = field(default_factory=list)
-    jumped: int = 0
     stops: Stops | None = None
     gave_up: str = ""
     given_up: bool = False
     tried_again: bool = False
     edges: Array = field(default_factory=lambda: np.ones((POINTS, 2)))
+    jumped: int = 0
 
     AT_STOPS: ClassVar[str] = "no motor that would bring the gripper nearer moves any farther"
 

@@ -119,9 +119,11 @@ def _film(options: argparse.Namespace) -> int:
     last = len(panels[0]) - 1
     pictures = []
     for step, shown in enumerate(zip(*panels, strict=True)):
-        named = zip((CALIBRATED, SERVO), shown, strict=True)
-        picture = np.hstack([_panel(*of_step, name, step, step == last) for name, of_step in named])
-        pictures.append(Pictures.fromarray(picture))
+        picture = [
+            _panel(frame, off, name, step, step == last)
+            for name, (frame, off) in zip((CALIBRATED, SERVO), shown, strict=True)
+        ]
+        pictures.append(Pictures.fromarray(np.hstack(picture)))
     colours = pictures[last].quantize(256, Pictures.Quantize.MEDIANCUT)
     first, *others = (each.quantize(palette=colours, dither=Pictures.Dither.NONE) for each in pictures)
     made_folder(options.out.parent)
@@ -152,16 +154,12 @@ def _panel(frame: Image, off: float, name: str, step: int, last: bool) -> Image:
     """A frame with words (SIZE + BAND, SIZE, 3)."""
     panel = Pictures.new("RGB", (SIZE, SIZE + BAND), DARK)
     panel.paste(Pictures.fromarray(frame), (0, 0))
-    draw, knocked = ImageDraw.Draw(panel), step > KNOCKED
-    box = SIZE - INSET - 1, 0, SIZE - 1, INSET
-    draw.rectangle(box, outline=ALARM if knocked else LIGHT, width=3)
-    if knocked:
-        draw.text(
-            (SIZE - INSET, INSET + 4), f"camera turned by {DEGREES}°", ALARM, ImageFont.load_default(13)
-        )
+    draw, small, usual = ImageDraw.Draw(panel), *map(ImageFont.load_default, (13, 17))
+    colour = ALARM if step > KNOCKED else LIGHT
+    draw.rectangle((SIZE - INSET - 1, 0, SIZE - 1, INSET), outline=colour, width=3)
+    if step > KNOCKED:
+        draw.text((SIZE - INSET, INSET + 4), f"camera turned by {DEGREES}°", ALARM, small)
     reached = off < SUCCESS
     said = f"{name}: {100 * off:.0f} cm off" + (", reached" if last and reached else "")
-    draw.text(
-        (10, SIZE + BAND // 2), said, GOOD_NEWS if reached else LIGHT, ImageFont.load_default(17), anchor="lm"
-    )
+    draw.text((10, SIZE + BAND // 2), said, GOOD_NEWS if reached else LIGHT, usual, anchor="lm")
     return np.asarray(panel)
