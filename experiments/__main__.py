@@ -12,6 +12,7 @@ COMMANDS = {
     "status": ("execution.commands", "show how far the runs in a results folder are"),
     "tune": ("tuning.command", "seek better settings of agents, as a configuration says"),
     "film": ("film.command", "film an agent at work, as MP4 and GIF"),
+    "film-knocked": ("fetch_reach.film", "film two policies in FetchReach, whose camera is turned"),
     "report": ("reporting.commands", "write the report of results again"),
     "keep": ("reporting.commands", "copy what was measured into experiments/results, with a report"),
     "results-tables": ("reporting.commands", "make the tables of README.md and docs/ anew"),
@@ -69,7 +70,7 @@ def _check_out(options: argparse.Namespace) -> None:
     out = getattr(options, "out", None)
     if options.command in ("run", "tune", "film", "report") and out and out.exists() and not out.is_dir():
         raise ConfigError(f"--out: {out} is a file; allowed: a folder, which need not be there yet")
-    if options.command == "benchmark" and out is not None and out.is_dir():
+    if options.command in ("benchmark", "film-knocked") and out is not None and out.is_dir():
         raise ConfigError(f"--out: {out} is a folder; allowed: a file, which need not be there yet")
 
 

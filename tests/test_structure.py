@@ -17,7 +17,7 @@ LAYERS = {
     "agents": "base neural servo calibrated knowledge memory body_schema grasp docking reference registry "
     "moved agents",
     "experiments": "errors options config evaluation experiments running statistics reporting execution "
-    "protocol tuning film arm_check studies __main__",
+    "protocol tuning film fetch_reach arm_check studies __main__",
 }
 """Subpackages and modules of each package, from the ground up; its own name stands for its `__init__`. Each
 may import those before it, and none after it."""

@@ -21,7 +21,7 @@ from ..servo.slopes import Slopes
 from .detector import NO_CAMERA, ChangeDetector, ChangeVerdict, Finding
 from .explanation import as_seen_now, explain_drift, explain_jump, since_mid_trial
 from .pairs import Cameras, HomeView, Pairs
-from .remembered import Remembered
+from .remembered import ArmChange, Remembered
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -170,7 +170,9 @@ class AdaptiveMemory:
         gripper tells of no change.
         """
         changed = self._announced | (self.detector.home.jumped(home.gripper) & home.visible[:2])
-        return self.known if self.on_change == "keep" or not changed.any() else self._recalled(home.gripper)
+        if self.on_change == "keep":
+            return self.known
+        return self._recalled(home.gripper) if changed.any() else self._back(home.gripper) or self.known
 
     def points_for(
         self, home: Observation, noise_px: float, start: Slopes | None = None
@@ -188,7 +190,7 @@ class AdaptiveMemory:
         """The user says that these cameras (2,) have changed before the next trial; both mean the arm."""
         self._announced = np.asarray(cameras, bool)
 
-    def learn(self, looks: Sequence[Observation], noise_px: float) -> None:
+    def learn(self, looks: Sequence[Observation], noise_px: float, jumped: int = 0) -> None:
         """Takes in a trial.
 
         One in which home was not seen teaches nothing, unless all is kept whatever changes.
@@ -196,6 +198,7 @@ class AdaptiveMemory:
         Args:
             looks: What was observed, at home first.
             noise_px: Standard deviation of an image coordinate.
+            jumped: The first look after a change that the servo met in mid-trial; 0: it met none.
         """
         pairs = Pairs.of_trial(looks, noise_px, self._trial)
         self._trial += 1
@@ -208,9 +211,13 @@ class AdaptiveMemory:
             return
         announced = self._announced if len(self.known.gripper) else NO_CAMERA
         self._announced = NO_CAMERA
-        finding = self.detector.examine(pairs, self.known, announced)
+        if archived := self._back(pairs.sensors[0]):
+            self.events.append(WorldEvent(int(pairs.trials[0]), "back", "recall"))
+            self.known, self.change, self._recent = archived, None, self._none
+        first = sum(look.shows_gripper for look in looks[:jumped])
+        finding = self.detector.examine(pairs, self.known, announced, first)
         if finding.verdict is ChangeVerdict.CHANGED and (
-            announced.any() or not self._was_only_wrong(finding)
+            announced.any() or first or not self._was_only_wrong(finding)
         ):
             self._meet_jump(finding)
         elif finding.verdict is not ChangeVerdict.CHANGED and len(finding.pairs):
@@ -234,7 +241,8 @@ class AdaptiveMemory:
         before, home, first = self.known.copy(), found.pairs.sensors[0], int(found.pairs.trials[0])
         since = since_mid_trial(before, found.pairs, found.first, found.cameras)
         if in_mid_trial := since is not None:
-            found = replace(found, pairs=since)
+            before.learn(found.pairs.only(np.arange(len(found.pairs)) < found.first))
+            found = replace(found, pairs=since, home_before=self.detector.home.before(first + 1))
         self.detector.begin_anew(first + in_mid_trial)
         archived = None if in_mid_trial else self._recalled(home)
         self.archive.add(before.arrays(), found.home_before)
@@ -291,6 +299,15 @@ class AdaptiveMemory:
             self.change = None
             if change.drifts:
                 self.detector.home.keep_since(self._trial - self.DRIFT_TRIALS)
+
+    def _back(self, gripper: Array) -> Remembered | None:
+        """What is archived of the world before a change in mid-trial, where that did not last until now.
+
+        Then home is seen for the first time since, and the gripper (4,) where it was before; but after a
+        change of the arm that may be so, too.
+        """
+        asked = self.events and self.events[-1].kind != ArmChange.kind
+        return self._recalled(gripper) if asked and not len(self.detector.home.sensors) else None
 
     def _recalled(self, gripper: Array) -> Remembered | None:
         """What is archived of a world in which the gripper at home was seen there (4,)."""

@@ -51,8 +51,9 @@ class ChangeDetector:
 
     A jump is accepted where home is seen elsewhere, and so is most of the rest of that trial, or home was
     seen there in an earlier trial already; or where observations away from home are inconsistent with what
-    is known, many of them in one trial or some again within a few trials. A single odd observation is a
-    mistake of the measurement.
+    is known, many of them in one trial or some again within a few trials; or where the servo has met a change
+    in mid-trial, and most of what was seen since contradicts what is known: if not, it teaches nothing. A
+    single odd observation is a mistake of the measurement.
 
     Attributes:
         home: The gripper's view at home.
@@ -91,13 +92,16 @@ class ChangeDetector:
         self.unconfirmed_home = np.empty((0, 4))
         self.usual_scores = np.empty((0, 2))
 
-    def examine(self, pairs: Pairs, known: Remembered, announced: Cameras = NO_CAMERA) -> Finding:
+    def examine(
+        self, pairs: Pairs, known: Remembered, announced: Cameras = NO_CAMERA, first: int = 0
+    ) -> Finding:
         """Examines one trial.
 
         Args:
             pairs: Its pairs; at home first.
             known: What is known so far.
             announced: Cameras (2,) of which somebody said that they have changed.
+            first: The first pair after a change that the servo met in mid-trial; 0: it met none.
         """
         trial, unconfirmed = int(pairs.trials[0]), self._none
         since = trial - int(self.suspects.trials[0]) if len(self.suspects) else 0
@@ -106,6 +110,12 @@ class ChangeDetector:
         self.home.add(pairs.sensors[0], float(pairs.noise_px[0]), trial)
         if since >= self.CONFIRM_TRIALS:
             unconfirmed = self._cleared(known)
+        if first and not jumped.any():
+            later = np.arange(len(pairs)) >= first
+            cameras = self._mostly_off(pairs.only(later), known)
+            if cameras.any():
+                return self._changed(pairs, cameras, first)
+            pairs = pairs.only(~later)
         gripper, object_ = self._inconsistent(pairs.away(), known)
         if jumped.any():
             return self._changed(pairs, jumped)

@@ -107,7 +107,7 @@ class Memory(KnowledgeAgent):
             self._given_up = 2 * self._given_up + 1 if findings.given_up else 0
             self._rests = self._given_up
         if findings.trusted:
-            self.adaptation.learn(findings.trusted, findings.filter.noise.px)
+            self.adaptation.learn(findings.trusted, findings.filter.noise.px, findings.jumped)
 
     @property
     def events(self) -> Sequence[WorldEvent]:

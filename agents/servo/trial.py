@@ -34,6 +34,8 @@ class Findings(Generic[E]):
         given_up: Whether what was known at the trial's beginning has been given up.
         tried_again: Whether stops were forgotten, to see if motors still stop there.
         edges: Where images end (4, 2), in image units, for each point.
+        jumped: Since this one of `trusted` the gripper is seen, more than once, elsewhere than expected: the
+            world has changed in mid-trial. 0: it has not.
     """
 
     estimator: E
@@ -44,6 +46,7 @@ class Findings(Generic[E]):
     given_up: bool = False
     tried_again: bool = False
     edges: Array = field(default_factory=lambda: np.ones((POINTS, 2)))
+    jumped: int = 0
 
     AT_STOPS: ClassVar[str] = "no motor that would bring the gripper nearer moves any farther"
 

@@ -18,7 +18,7 @@ from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure
 from ..base.registers import Stops
 from .image_model.least_distance import LEFT, Seeker
-from .image_model.smooth_points import SmoothPoints
+from .image_model.smooth_points import GRIPPER, SmoothPoints
 from .jacobian import Estimator, TestMotions
 from .paper import PaperServo
 from .perception import Gating
@@ -153,6 +153,8 @@ class Reach:
         self.now = yield from self.filter.settle(observation, before, expected, deviations_px)
         self._trusted.append(self.now)
         if self.filter.inconsistent.any():
+            if self.filter.inconsistent[GRIPPER].any() and not self._findings.jumped:
+                self._findings.jumped = len(self._trusted) - 1
             self.points.look_anew(self.now, self.filter.noise.px)
             self._nearest_px = np.inf
         else:

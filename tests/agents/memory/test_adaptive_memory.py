@@ -180,3 +180,29 @@ def test_a_camera_that_does_not_show_home_tells_of_no_change():
     for seen, knows in (([True] * 4, False), ([False, True, True, True], True)):
         home = Observation(points, np.array(seen), np.zeros(3))
         assert (adaptation.points_for(home, 0.5) is not None) == knows
+
+
+def test_changes_that_do_not_outlast_their_trial_leave_what_is_known_right():
+    """A camera is knocked in the middle of every trial, each time another way, and set right after it."""
+    world, rng = wild(4112), np.random.default_rng(0)
+    memory = AdaptiveMemory(known(world, 4))
+    for number in range(4, 9):
+        knocked = CameraAim(camera="left", degrees=10, direction=rng.uniform(-180, 180)).apply(world, rng)
+        earlier, later = looks_of(trial(world, number)), looks_of(trial(knocked, number, places=8))
+        memory.learn([*earlier[:4], *later[4:]], 0.5, jumped=4)
+    seen = trial(world, 300, places=9)
+    now_known = memory.known_for(looks_of(seen)[0])
+    assert np.median(now_known.errors(seen)[0]) < 2
+    assert len(now_known.gripper) > 4 * 5 + 5 * 2
+
+
+def test_a_servo_tells_memory_since_when_a_camera_has_been_elsewhere(make_env, monkeypatch):
+    trials = []
+    knock = [{"at": {"motion": 27}, "do": {"type": "camera_aim", "camera": "left", "degrees": 10}}]
+    env = make_env(perturbations=knock, terminate_on_success=False, max_episode_steps=6)
+    agent = agents.make("memory", env)
+    learn = agent.adaptation.learn
+    monkeypatch.setattr(agent.adaptation, "learn", lambda *each: (trials.append(each[2]), learn(*each)))
+    agent.learn(6 * 5)
+    assert trials[:4] == [0, 0, 0, 0]
+    assert trials[4] == 27 - 4 * 6 + 1

@@ -1,0 +1,1 @@
+"""FetchReach with a camera that is turned, and policies that know how its cameras were built."""
