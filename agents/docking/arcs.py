@@ -48,7 +48,7 @@ class KnownOfArcs:
     """Of its own marks so many count (a guard: small knocks are to show)."""
 
     def __init__(self, points: int, motors: int, cameras: int) -> None:
-        self.model, self._cameras = ProjectiveModel(points, motors), cameras
+        self.model, self._cameras = ProjectiveModel(points, motors, cameras), cameras
         self.goal, self.looks, self.trust = np.zeros((points, 2)), 0, self.FIRST_TRUST
 
     def look(self, goal: Array) -> bool:
@@ -59,13 +59,12 @@ class KnownOfArcs:
         """
         knocked = bool(self.looks and lengths_px(goal - self.goal).mean() > self.KNOCKED_PX)
         if knocked:
-            points = len(goal)
-            views = [slice(camera, None, self._cameras) for camera in range(self._cameras)]
-            if points < 4 * self._cameras:
-                self.model = ProjectiveModel(points, self.model.curvature.size)
+            if len(goal) < 4 * self._cameras:
+                self.model = ProjectiveModel(len(goal), self.model.motors, self._cameras)
             else:
-                found = [homography(self.goal[view], goal[view]) for view in views]
-                self.model.carry_over(np.tile(found, (points // self._cameras, 1, 1)))
+                was, now = self.model.straight(self.goal), self.model.straight(goal)
+                views = [slice(camera, None, self._cameras) for camera in range(self._cameras)]
+                self.model.carry_over(np.array([homography(was[view], now[view]) for view in views]))
             self.trust, self.looks = min(self.trust, self.FIRST_TRUST), 0
         self.looks = min(self.looks + 1, self.LOOKS)
         self.goal = self.goal + (goal - self.goal) / self.looks
@@ -134,7 +133,7 @@ class Arcs(ProcedureAgent):
         """See `ProcedureAgent`: explores where nothing is known, then plans arc by arc."""
         trial = ArcsTrial(first, findings, Planner(self._edges, np.random.default_rng(self.seed)))
         while not trial.now.last:
-            yield from trial.drive() if findings.model.entries.any() else trial.explore()
+            yield from trial.drive() if findings.model.knows else trial.explore()
 
     def learn_trial(self, findings: KnownOfArcs, last: Any, ended: bool) -> None:
         """See `ProcedureAgent`."""
@@ -218,7 +217,7 @@ class ArcsTrial:
         """The first arc of a plan, no longer than what is trusted; back, where marks are lost."""
         known, model = self.known, self.known.model
         here = self.now.points
-        plan = self._planner.plan(model, here, known.goal, self._rest)
+        plan = self._planner.plan(model, model.straight(here), model.straight(known.goal), self._rest)
         arc = plan.words[0]
         arc = arc * min(1.0, known.trust / max(float(np.abs(arc).max()), 1e-9))
         stays = lengths_px(model.predict(here, arc) - here).max() < self.REFIT_PX

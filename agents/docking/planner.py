@@ -9,6 +9,7 @@ import numpy as np
 from calfree_gym.image import IMAGE_UNIT, RANK_OF_SQUARES, lengths_px, rounded
 
 from ..base.observation import Array
+from .least_squares import Quadratic, least
 from .projective_model import FARTHEST, NEAREST, ProjectiveModel, homogeneous, projected
 
 
@@ -65,7 +66,7 @@ class Planner:
             goal: Where they are to be seen.
             rest: Words (a, m) that are left of an earlier plan.
         """
-        motors = model.curvature.size
+        motors = model.motors
         spread, plans = self._spread(model, points), list[Plan]()
         for arcs, starts in enumerate(self.STARTS, 1):
             words = self._rng.standard_normal((starts, arcs, motors)) @ spread
@@ -82,7 +83,7 @@ class Planner:
 
     def _spread(self, model: ProjectiveModel, points: Array) -> Array:
         """The square root (m, m) of the covariance of words that move images as far in all directions."""
-        motors = model.curvature.size
+        motors = model.motors
         ways = self.STEP * np.eye(motors)
         moved = projected(model.transforms(ways) @ homogeneous(points)) - points
         slopes = moved.reshape(motors, -1) / self.STEP
@@ -92,27 +93,18 @@ class Planner:
 
     def _refined(self, model: ProjectiveModel, points: Array, goal: Array, words: Array) -> Plan:
         starts, arcs, motors = words.shape
-        size = arcs * motors
-        damping = np.ones(starts)
-        values, slopes = self._values(model, points, goal, words)
-        costs = (values**2).sum(1)
-        for _ in range(self.ROUNDS):
-            hessian = slopes @ slopes.swapaxes(1, 2)
-            scale = np.eye(size) * (1 + hessian)
-            gradient = slopes @ values[..., None]
-            steps = np.linalg.solve(hessian + damping[:, None, None] * scale, gradient)
-            tried = np.clip(words - steps.reshape(words.shape), -1, 1)
-            new_values, new_slopes = self._values(model, points, goal, tried)
-            new_costs = (new_values**2).sum(1)
-            better = new_costs < costs
-            words[better], costs[better] = tried[better], new_costs[better]
-            values[better], slopes[better] = new_values[better], new_slopes[better]
-            damping = np.where(better, damping / 4, damping * 6)
-            if costs.min() < self.ENOUGH_PX**2:
-                break
-        best = int(costs.argmin())
-        off = values[best, : goal.size].reshape(goal.shape) * IMAGE_UNIT
-        return Plan(words[best], float(lengths_px(off).max()))
+
+        def near(places: Array) -> Quadratic:
+            values, slopes = self._values(model, points, goal, places.reshape(-1, arcs, motors))
+            gradient = (slopes @ values[..., None])[..., 0]
+            return Quadratic((values**2).sum(1), gradient, slopes @ slopes.swapaxes(1, 2))
+
+        found = least(near, words.reshape(starts, -1), self.ROUNDS, self.ENOUGH_PX**2, 1.0)
+        best = found.places[found.costs.argmin()].reshape(arcs, motors)
+        seen = points
+        for each in best:
+            seen = projected(model.transforms(each) @ homogeneous(seen))
+        return Plan(best, float(lengths_px(seen - goal).max()))
 
     def _values(
         self, model: ProjectiveModel, points: Array, goal: Array, words: Array

@@ -1,14 +1,17 @@
-"""How marks move in the images of a robot on wheels: by projectivities, whatever its cameras are.
+"""How marks move in the images of a robot on wheels, whatever its cameras are: projective geometry.
 
-A camera is fixed to a robot on a flat floor. As long as wheels turn in constant ratios, a mark at height h
-above the camera moves in the camera's frame by Ẋ = -(ω [n]× + v nᵀ / h) X: n, the vertical, ω and v are
-constant, and nᵀX = h. So its image x ~ K X moves by a constant matrix, ẋ ~ S x. After the motion it is
-exp(S) x, and what motors do adds up: S = Σ f(word) S of the motor.
+A camera is fixed to a robot on a flat floor. Seen in a frame whose third axis n is vertical, a mark at height h
+above the camera has the image (X / h, Y / h, 1) ~ T x, where x is its image in the camera, (x, y, 1), and T a
+projectivity, the same for all marks. So the robot's motions move T x as they move the floor: by a turn and a
+shift, the latter over h. In the camera's own image that is the homography G = T^-1 M T, M = (R, t / h; 0, 1), and
+the third coordinate of G x is the mark's depth after the motion over that before it.
 
-S has the eigenvalues 0 and ±iω. So tr S = 0, ω² = -tr S² / 2, exp(S) = I + sin ω / ω S + (1 - cos ω) / ω² S²
-(Rodrigues), and the third coordinate of exp(S) x is the mark's depth after the motion over that before it.
-Nothing of this asks for a metre, an angle, a focal length or a track: of each mark and motor 8 numbers are
-learned from what is seen, and of each motor a curvature.
+As long as wheels turn in constant ratios, the robot drives along an arc, and what motors do adds up: the turn is
+that of the sum of their twists, each times f(word) = word + c word |word|.
+
+Nothing of this asks for a metre, an angle, a focal length or a track. Of each camera are learned T, how its lens
+bends lines (x / (1 + b r²) is straight; Fitzgibbon 2001), of each motor a twist and a curvature, and 1 / h of each
+mark, all but for their scales: 18 + k numbers for two motors and k marks.
 """
 
 from __future__ import annotations
@@ -19,15 +22,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calfree_gym.image import IMAGE_UNIT
+from calfree_gym.image import IMAGE_UNIT, lengths_px
 
 from ..base.checks import checked_array
 from ..base.observation import Array, Flags
 from ..base.weights import cauchy_weights
+from .least_squares import Least, Quadratic, least
 
-TRACELESS = np.eye(9)[:8].reshape(8, 3, 3)
-"""A basis (8, 3, 3) of the matrices without a trace."""
-TRACELESS[[0, 4], 2, 2] = -1
 NEAREST = 0.05
 """No mark is taken to come nearer than this share of its depth (a guard: one behind a camera would be seen in
 its image again)."""
@@ -74,125 +75,235 @@ def homography(before: Array, after: Array) -> Array:
     return np.asarray(found / np.cbrt(np.linalg.det(found)))
 
 
-def exponential(generators: Array) -> Array:
-    """exp(S) (..., 3, 3) of generators S whose eigenvalues are 0 and ±iω."""
-    square = generators @ generators
-    angle = np.sqrt(-np.trace(square, axis1=-2, axis2=-1) / 2 + 0j)[..., None, None]
-    first, second = np.sinc(angle / np.pi).real, (np.sinc(angle / (2 * np.pi)) ** 2).real / 2
-    return np.asarray(np.eye(3) + first * generators + second * square)
+class Learned(NamedTuple):
+    """What is learned of a camera; every array may have more dimensions in front.
+
+    Attributes:
+        frame: T (3, 3).
+        twists: Shift and turn (m, 3) that motors add at a word of 1.
+        nearness: 1 / h of each mark (k,).
+        curvature: Of each motor (m,).
+        bend: Of the lens ().
+    """
+
+    frame: Array
+    twists: Array
+    nearness: Array
+    curvature: Array
+    bend: Array
+
+    @classmethod
+    def of(cls, numbers: Array, motors: int) -> Learned:
+        """From all as one array (..., 10 + 4 m + k)."""
+        frame, twists, nearness, curvature, bend = np.split(
+            numbers, [9, 9 + 3 * motors, -1 - motors, -1], axis=-1
+        )
+        before = numbers.shape[:-1]
+        return cls(frame.reshape(*before, 3, 3), twists.reshape(*before, motors, 3), nearness, curvature, bend[..., 0])
+
+    def homographies(self, words: Array) -> Array:
+        """What words (..., m) do to each mark: G (..., k, 3, 3)."""
+        effect = words + self.curvature * words * np.abs(words)
+        x, y, turn = np.moveaxis((effect[..., None] * self.twists).sum(-2), -1, 0)
+        straight, aside = np.sinc(turn / np.pi), turn / 2 * np.sinc(turn / (2 * np.pi)) ** 2
+        moves = np.zeros((*turn.shape, self.nearness.shape[-1], 3, 3))
+        moves[..., 0, 0] = moves[..., 1, 1] = np.cos(turn)[..., None]
+        moves[..., 1, 0] = np.sin(turn)[..., None]
+        moves[..., 0, 1] = -moves[..., 1, 0]
+        moves[..., 0, 2] = (straight * x - aside * y)[..., None] * self.nearness
+        moves[..., 1, 2] = (aside * x + straight * y)[..., None] * self.nearness
+        moves[..., 2, 2] = 1
+        frame = self.frame[..., None, :, :]
+        return np.asarray(np.linalg.inv(frame) @ moves @ frame)
+
+    def straight(self, points: Array) -> Array:
+        """Image points (..., k, 2) as they would be without a lens that bends lines."""
+        bend = self.bend[..., None, None]
+        return np.asarray(points / (1 + bend * (points**2).sum(-1, keepdims=True)))
+
+    def bent(self, points: Array) -> Array:
+        """The inverse of `straight`."""
+        bend = self.bend[..., None, None]
+        left = 1 - 4 * bend * (points**2).sum(-1, keepdims=True)
+        return np.asarray(2 * points / (1 + np.sqrt(np.maximum(left, NEAREST))))
+
+    def predict(self, points: Array, words: Array) -> Array:
+        """Where points (..., k, 2) are seen after words (..., m)."""
+        return self.bent(projected(self.homographies(words) @ homogeneous(self.straight(points))))
 
 
 class ProjectiveModel:
     """What words do to marks in images, learned from motions.
 
     Attributes:
-        entries: Of S of each mark and motor (p, m, 8), for a word of 1, see `TRACELESS`.
-        curvature: Of the motors (m,): f(w) = w + c w |w|.
+        motors: m.
+        numbers: All that is learned, of each camera (c, 10 + 4 m + k), see `Learned`.
         motions: What it learns from.
 
     Args:
-        points: p: all marks, in all cameras.
+        points: p = k c: all marks in all cameras, each mark in all cameras in turn.
         motors: m.
+        cameras: c.
     """
 
     KEPT = 60
-    """So many motions are remembered. Choice: each tells two numbers of a mark, and two motors have 16."""
-    PRIOR, CURVATURE = 3.0, 0.3
-    """Standard deviations of entries and curvatures before anything is known. Choice: a word of 1 may turn
-    the robot by some radians, and so move images by some focal lengths."""
-    CARRIED = 0.5
-    """Of entries that were carried over a knock. Choice: a sixth; the camera was also displaced."""
-    DEVIATION_PX = 1.5
-    """Of a predicted image coordinate. Choice: twice what two looks of 0.5 px have, for wheels slip."""
+    """So many motions are remembered. Choice."""
+    FRAME, TWIST, NEARNESS, CURVATURE, BEND = 0.5, 10.0, 1.0, 0.3, 0.1
+    """Standard deviations before anything is known. Choice: the frame is that of a level camera, rolled by any
+    angle, of an image as deep as it is wide; a word of 1 may move the robot by some heights and turn it by some
+    radians."""
+    ROLLS = 6
+    """So many rolls, within half a turn, are tried first. Choice."""
+    CARRIED = 1 / 6
+    """So many of those deviations where a camera was displaced or wheels were replaced. Choice."""
+    DEVIATION_PX, SLIP = 1.5, 0.02
+    """Of a predicted image coordinate, and of how far an arc moves it. Choice: twice what two looks of 0.5 px
+    have; wheels slip."""
     MISTAKEN = 5.0
     """A point that is so many deviations off counts half (a guard)."""
-    SETTLED = 0.01
-    """Less is not worth another round. Derived: in units of a squared deviation."""
+    FIRST_ROUNDS, FIRST_BEST, FIRST_MISTAKEN = 10, 4, 1e4
+    """After so many rounds from all starts so many go on. Choice. Far from what is right no point is mistaken."""
     STEP = 1e-6
     """Of numerical derivatives (a guard)."""
 
-    def __init__(self, points: int, motors: int) -> None:
-        self.entries = np.zeros((points, motors, 8))
-        self.curvature = np.zeros(motors)
+    def __init__(self, points: int, motors: int, cameras: int = 1) -> None:
+        self.motors, self._cameras, self._marks = motors, cameras, points // cameras
+        still = np.concatenate([np.eye(3).ravel(), np.zeros(1 + 4 * motors + self._marks)])
+        self.numbers = np.tile(still, (cameras, 1))
         self.motions: list[DrivenArc] = []
-        self._prior, self._deviation = self.entries, self.PRIOR
+        sizes = 9, 3 * motors, self._marks, motors, 1
+        spreads = self.FRAME, self.TWIST, self.NEARNESS, self.CURVATURE, self.BEND
+        self._unknown = np.repeat(spreads, sizes)
+        self._prior, self._deviations = self.numbers, self._unknown
+
+    @property
+    def learned(self) -> Learned:
+        """Of each camera (c, ...)."""
+        return Learned.of(self.numbers, self.motors)
+
+    @property
+    def knows(self) -> bool:
+        """Whether it knows what words do."""
+        return bool(self.learned.twists.any())
 
     def transforms(self, words: Array) -> Array:
-        """What words (..., m) do to marks: exp(S) (..., p, 3, 3)."""
-        return _transforms(words, self.entries, self.curvature)
+        """What words (..., m) do to marks in straight images: G (..., p, 3, 3)."""
+        own = [Learned.of(numbers, self.motors).homographies(words) for numbers in self.numbers]
+        of_points = np.stack(own, -3)
+        return of_points.reshape(*words.shape[:-1], -1, 3, 3)
+
+    def straight(self, points: Array) -> Array:
+        """Image points (p, 2) as they would be without lenses that bend lines."""
+        return self._joined(self.learned.straight(self._by_camera(points)))
 
     def predict(self, points: Array, words: Array) -> Array:
-        """Where points (..., p, 2) are seen after words (..., m)."""
-        return projected(self.transforms(words) @ homogeneous(points))
+        """Where points (p, 2) are seen after words (m,)."""
+        return self._joined(self.learned.predict(self._by_camera(points), words))
 
     def learn(self, motion: DrivenArc) -> None:
         """Remembers a motion; `fit` learns from it."""
         self.motions = [*self.motions, motion][-self.KEPT :]
 
     def forget(self, kept: int) -> None:
-        """Wheels are others than before: only the latest motions count."""
-        self.motions = self.motions[-kept:]
-        self._prior, self._deviation = np.zeros_like(self.entries), self.PRIOR
+        """Wheels are others than before: of motors only the latest motions tell."""
+        self.motions, self._prior = self.motions[-kept:], self.numbers
+        of_wheels = Learned.of(np.zeros_like(self._unknown), self.motors)
+        of_wheels.twists[...] = of_wheels.curvature[...] = 1
+        self._deviations = self._unknown * np.maximum(self._flat(of_wheels), self.CARRIED)
 
     def carry_over(self, homographies: Array) -> None:
         """Cameras were knocked: what was seen at x is now seen at G x, but for how far they were displaced.
 
         Args:
-            homographies: G (p, 3, 3) of the camera of each point.
+            homographies: G of each camera (c, 3, 3), of straight images.
         """
-        g = homographies[:, None]
-        carried = g @ np.tensordot(self.entries, TRACELESS, 1) @ np.linalg.inv(g)
-        self.entries = carried.reshape(*carried.shape[:2], 9)[..., :8]
-        self._prior, self._deviation, self.motions = self.entries, self.CARRIED, []
+        learned = self.learned
+        carried = learned._replace(frame=learned.frame @ np.linalg.inv(homographies))
+        self.numbers = self._prior = np.stack([self._flat(Learned(*each)) for each in zip(*carried, strict=True)])
+        self._deviations, self.motions = self.CARRIED * self._unknown, []
 
     def fit(self, rounds: int) -> None:
         """Goes to what is most probable by at most so many rounds of Levenberg and Marquardt's method.
 
-        Marks share nothing but curvatures, for which it solves first (Schur complement).
+        First it begins with many horizons: the line in the image that marks above the camera's height are on
+        one side of, those below on the other. Which of them are tells the sign of each 1 / h.
         """
         if not self.motions:
             return
-        of_all = _Residuals(self.motions, self._prior, self._deviation)
-        points, motors, _ = self.entries.shape
-        own = np.eye(8 * motors).reshape(-1, motors, 8)
-        now = self.entries, self.curvature
-        cost, damping = of_all.cost(*now), 1e-3
-        for _ in range(rounds):
-            residuals = of_all(*now)
-            sizes = np.linalg.norm(residuals, axis=-1, keepdims=True) / self.MISTAKEN
-            weights = np.sqrt(cauchy_weights(sizes))
-            changed = [of_all(now[0] + self.STEP * each, now[1]) for each in own]
-            changed += [of_all(now[0], now[1] + self.STEP * each) for each in np.eye(motors)]
-            slopes = (np.stack(changed, 1) - residuals[:, None]) * weights[:, None] / self.STEP
-            slopes = slopes.reshape(points, len(changed), -1)
-            squares = slopes @ slopes.swapaxes(1, 2)
-            gradients = slopes @ (residuals * weights).reshape(points, -1, 1)
-            a, of_own, of_shared = np.eye(len(own)), slice(len(own)), slice(len(own), None)
-            prior = of_all.off_prior(now[0]).reshape(points, -1, 1)
-            gradient = gradients[:, of_own] + prior / self._deviation
-            hessian = squares[:, of_own, of_own] + a / self._deviation**2
-            mixed = squares[:, of_own, of_shared]
-            solved = np.linalg.solve(hessian + damping * hessian * a, np.concatenate([gradient, mixed], 2))
-            complement = squares[:, of_shared, of_shared] - mixed.swapaxes(1, 2) @ solved[..., 1:]
-            left = gradients[:, of_shared] - mixed.swapaxes(1, 2) @ solved[..., :1]
-            shared = -np.linalg.solve(
-                complement.sum(0) + np.eye(motors) / self.CURVATURE**2,
-                left.sum(0)[:, 0] + now[1] / self.CURVATURE**2,
+        if self.knows:
+            self.numbers = self._least(self.numbers[:, None], self._prior[:, None], rounds).places[:, 0]
+            return
+        starts = self._horizons()
+        some = self._least(starts, starts, self.FIRST_ROUNDS, self.FIRST_MISTAKEN)
+        best = np.argsort(some.costs, 1, kind="stable")[:, : self.FIRST_BEST, None]
+        starts, some = np.take_along_axis(starts, best, 1), np.take_along_axis(some.places, best, 1)
+        found = self._least(some, starts, rounds)
+        best = found.costs.argmin(1)[:, None, None]
+        self.numbers = np.take_along_axis(found.places, best, 1)[:, 0]
+        self._prior = np.take_along_axis(starts, best, 1)[:, 0]
+
+    def _horizons(self) -> Array:
+        """What to begin with (c, s, n): a level camera at each roll, its horizon between each two marks."""
+        first = self._by_camera(self.motions[0].before)
+        found = []
+        for roll in np.pi * np.arange(self.ROLLS) / self.ROLLS:
+            c, s = np.cos(roll), np.sin(roll)
+            up = np.sort(first @ [s, -c], 1)
+            cuts = np.concatenate([up[:, :1] - 1, (up[:, 1:] + up[:, :-1]) / 2, up[:, -1:] + 1], 1)
+            for cut in cuts.T:
+                for marks, level in zip(first, cut, strict=True):
+                    frame = np.array([[c, s, 0], [0, 0, 1], [s, -c, -level]])
+                    above = np.sign(marks @ [s, -c] - level)
+                    still = np.zeros((self.motors, 3)), above, np.zeros(self.motors), np.zeros(())
+                    found.append(self._flat(Learned(frame, *still)))
+        return np.reshape(found, (-1, self._cameras, len(self._unknown))).swapaxes(0, 1)
+
+    def _least(self, starts: Array, priors: Array, rounds: int, mistaken: float = MISTAKEN) -> Least:
+        """From starts (c, s, n), each with a prior of its own."""
+        cameras, many, size = starts.shape
+        before, words, after, seen = (np.stack(each) for each in zip(*self.motions, strict=True))
+        before, after, seen = (
+            np.repeat(self._by_camera(each), many, 0)[:, None] for each in (before, after, seen[..., None])
+        )
+        moved_px = lengths_px(after - before)[..., None]
+        units = seen / (np.hypot(self.DEVIATION_PX, self.SLIP * moved_px) * IMAGE_UNIT)
+        means = priors.reshape(-1, size)
+        varied = np.concatenate([np.zeros((1, size)), self.STEP * np.eye(size)])
+
+        def near(places: Array) -> Quadratic:
+            learned = Learned.of((places[:, None] + varied)[:, :, None], self.motors)
+            off = (learned.predict(before, words) - after) * units
+            slopes = ((off[:, 1:] - off[:, :1]) / self.STEP).reshape(len(places), size, -1, 2)
+            off = off[:, 0].reshape(len(places), -1, 2)
+            sizes = (off**2).sum(-1) / mistaken**2
+            weighted = slopes * cauchy_weights(np.sqrt(sizes))[:, None, :, None]
+            weighted, slopes = (each.reshape(len(places), size, -1) for each in (weighted, slopes))
+            prior = (places - means) / self._deviations
+            return Quadratic(
+                mistaken**2 * np.log1p(sizes).sum(-1) + (prior**2).sum(-1),
+                (weighted @ off.reshape(len(places), -1, 1))[..., 0] + prior / self._deviations,
+                weighted @ slopes.swapaxes(1, 2) + np.diag(self._deviations**-2),
             )
-            step = -(solved[..., 0] + solved[..., 1:] @ shared).reshape(points, motors, 8)
-            then = now[0] + step, now[1] + shared
-            gain = cost - of_all.cost(*then)
-            if gain > 0:
-                now, cost = then, cost - gain
-            damping *= 0.2 if gain > 0 else 10
-            if 0 < gain < self.SETTLED:
-                break
-        self.entries, self.curvature = now
+
+        found = least(near, starts.reshape(-1, size), rounds)
+        return Least(found.places.reshape(starts.shape), found.costs.reshape(cameras, many))
+
+    def _by_camera(self, points: Array) -> Array:
+        """Of points (..., p, d), those of each camera (c, ..., k, d)."""
+        own = points.reshape(*points.shape[:-2], self._marks, self._cameras, points.shape[-1])
+        return np.moveaxis(own, -2, 0)
+
+    def _joined(self, points: Array) -> Array:
+        """The inverse of `_by_camera`."""
+        return np.moveaxis(points, 0, -2).reshape(*points.shape[1:-2], -1, points.shape[-1])
+
+    @staticmethod
+    def _flat(learned: Learned) -> Array:
+        return np.concatenate([np.ravel(each) for each in learned])
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """All that is known, as named arrays."""
-        known = {"entries": self.entries, "curvature": self.curvature, "prior": self._prior}
-        known |= {"deviation": np.array([self._deviation])}
+        known = {"numbers": self.numbers, "prior": self._prior, "deviations": self._deviations}
         if self.motions:
             stacked = (np.stack(each).astype(float) for each in zip(*self.motions, strict=True))
             known |= dict(zip(DrivenArc._fields, stacked, strict=True))
@@ -200,50 +311,12 @@ class ProjectiveModel:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Takes over what `arrays` returned."""
-        points, motors, _ = shape = self.entries.shape
-        self.entries = checked_array(arrays, "entries", shape)
-        self.curvature = checked_array(arrays, "curvature", (motors,))
-        self._prior = checked_array(arrays, "prior", shape)
-        (self._deviation,) = checked_array(arrays, "deviation", (1,)).tolist()
+        shape, points = self.numbers.shape, self._marks * self._cameras
+        self.numbers, self._prior = (checked_array(arrays, name, shape) for name in ("numbers", "prior"))
+        self._deviations = checked_array(arrays, "deviations", shape[1:])
         self.motions = []
         if "words" in arrays:
-            shapes = ((None, points, 2), (None, motors), (None, points, 2), (None, points))
+            shapes = ((None, points, 2), (None, self.motors), (None, points, 2), (None, points))
             read = [checked_array(arrays, *each) for each in zip(DrivenArc._fields, shapes, strict=True)]
             for before, words, after, seen in zip(*read, strict=True):
                 self.motions.append(DrivenArc(before, words, after, seen > 0))
-
-
-def _transforms(words: Array, entries: Array, curvature: Array) -> Array:
-    effect = words + curvature * words * np.abs(words)
-    generators = np.tensordot(effect, entries @ TRACELESS.reshape(8, 9), ([-1], [1]))
-    return exponential(generators.reshape(*generators.shape[:-1], 3, 3))
-
-
-class _Residuals:
-    """How far motions ended (p, n, 2) from where a model has them end, in deviations.
-
-    Args:
-        motions: n.
-        prior: Entries (p, m, 8) before anything was seen.
-        deviation: Of them.
-    """
-
-    def __init__(self, motions: list[DrivenArc], prior: Array, deviation: float) -> None:
-        before, self._words, self._after, seen = (np.stack(each) for each in zip(*motions, strict=True))
-        self._before, self._prior, self._deviation = homogeneous(before), prior, deviation
-        self._units = seen[..., None] / (ProjectiveModel.DEVIATION_PX * IMAGE_UNIT)
-
-    def __call__(self, entries: Array, curvature: Array) -> Array:
-        there = projected(_transforms(self._words, entries, curvature) @ self._before)
-        return np.asarray(((there - self._after) * self._units).swapaxes(0, 1))
-
-    def off_prior(self, entries: Array) -> Array:
-        """How far entries are from what they were before (p, m, 8), in deviations."""
-        return np.asarray((entries - self._prior) / self._deviation)
-
-    def cost(self, entries: Array, curvature: Array) -> float:
-        """-2 log of their probability, but for a constant: points that are far off count little (Cauchy)."""
-        limit = ProjectiveModel.MISTAKEN**2
-        of_points = limit * np.log1p((self(entries, curvature) ** 2).sum(-1) / limit).sum()
-        of_prior = (self.off_prior(entries) ** 2).sum()
-        return float(of_points + of_prior + ((curvature / ProjectiveModel.CURVATURE) ** 2).sum())
