@@ -165,15 +165,16 @@ class ArcsTrial:
     """Within these, words explore."""
     SHORTER = 0.6
     """Where marks were lost, it explores the other way by this share. Choice."""
-    WELL_PX, FAIRLY_PX = 12.0, 30.0
-    """Expected so well, an arc lets longer ones be tried; less than fairly, only shorter ones. Choice."""
+    WELL, FAIRLY = 4.0, 10.0
+    """Within so many deviations of what is expected, an arc lets longer ones be tried; less than fairly, only
+    shorter ones. Choice."""
     GROWTH, CUT, LEAST_TRUST = 1.8, 0.5, 0.05
     """By so much. Choice."""
-    SURPRISE_PX, SURPRISES = 25.0, 3
-    """So badly expected so often in a row, wheels are others than before. Choice."""
-    REFIT_PX, ROUNDS = 4.0, 5
-    """What is expected worse is worth a new fit, of so many rounds; a plan that leaves more, yet moves no
-    mark so far, is worth exploring anew. Choice."""
+    SURPRISES = 3
+    """So often in a row less than fairly expected, wheels are others than before. Choice."""
+    STILL_PX, ROUNDS = 4.0, 10
+    """A plan that leaves more, yet moves no mark so far, is worth exploring anew; a fit takes so many rounds.
+    Choice."""
 
     def __init__(self, first: DockObservation, known: KnownOfArcs, planner: Planner) -> None:
         self.now, self.known, self._planner = first, known, planner
@@ -185,15 +186,16 @@ class ArcsTrial:
         return bool(self.now.shown.all()) and self.known.look(self.now.goal)
 
     def move(self, words: Array) -> Generator[Array, DockObservation, float]:
-        """Executes words (m,), and learns from what is then seen; returns how far off that was, in pixels."""
+        """Executes words (m,), and learns from what is then seen; returns how many deviations off that was."""
         words, before, model = np.clip(words, -1, 1), self.now, self.known.model
         expected = model.predict(before.points, words)
+        doubt_px = model.doubt_px(before.points, words)
         self.now = yield words
         seen = before.visible & self.now.visible
         if self._look() or not seen.any():
             return 0.0
         model.learn(DrivenArc(before.points, words, self.now.points, seen))
-        return float(lengths_px(expected - self.now.points)[seen].max())
+        return float((lengths_px(expected - self.now.points) / doubt_px)[seen].max())
 
     def explore(self) -> Motions:
         """Each motor alone, then all together and against each other."""
@@ -220,21 +222,20 @@ class ArcsTrial:
         plan = self._planner.plan(model, model.straight(here), model.straight(known.goal), self._rest)
         arc = plan.words[0]
         arc = arc * min(1.0, known.trust / max(float(np.abs(arc).max()), 1e-9))
-        stays = lengths_px(model.predict(here, arc) - here).max() < self.REFIT_PX
-        if stays and plan.left_px > self.REFIT_PX:
+        stays = lengths_px(model.predict(here, arc) - here).max() < self.STILL_PX
+        if stays and plan.left_px > self.STILL_PX:
             yield from self.explore()
             return
-        missed_px = yield from self.move(arc)
+        missed = yield from self.move(arc)
         self._rest = plan.words[1:]
-        if not self.now.visible.all():
+        lost, well, fairly = not self.now.visible.all(), missed < self.WELL, missed < self.FAIRLY
+        if lost:
             yield from self.move(-arc)
-            self._rest, missed_px = None, np.inf
-        well, fairly = missed_px < self.WELL_PX, missed_px < self.FAIRLY_PX
-        known.trust *= self.GROWTH if well else 1.0 if fairly else self.CUT
+            self._rest = None
+        known.trust *= self.CUT if lost or not fairly else self.GROWTH if well else 1.0
         known.trust = float(np.clip(known.trust, self.LEAST_TRUST, 1.0))
-        self._surprises = self._surprises + 1 if missed_px > self.SURPRISE_PX else 0
+        self._surprises = 0 if fairly else self._surprises + 1
         if self._surprises >= self.SURPRISES:
             model.forget(self.SURPRISES)
             self._surprises = 0
-        if missed_px > self.REFIT_PX:
-            model.fit(self.ROUNDS)
+        model.fit(self.ROUNDS)

@@ -36,7 +36,7 @@ class Planner:
         rng: Draws what plans begin with.
     """
 
-    STARTS = (3, 8, 14)
+    STARTS = (3, 8, 14, 20)
     """With so many plans of one arc, two, three it begins. Choice: four times as many are no better."""
     ROUNDS = 10
     """Of Levenberg and Marquardt's method. Choice: three times as many found no better plans."""
@@ -49,6 +49,8 @@ class Planner:
     """So far, in each direction, arcs that plans begin with move images. Choice: a fifth of an image."""
     EFFORT_PX = 1.0
     """A word of 1 costs as much as a coordinate that is so far off. Choice: the shorter of equal plans."""
+    INSIDE = 5.0
+    """A coordinate outside the images counts as much as one so many times as far off its goal. Choice."""
     BORDER = 0.95
     """Marks are to stay within this part of the images on their way. Choice: as in other servos."""
     STEP = 1e-6
@@ -100,11 +102,9 @@ class Planner:
             return Quadratic((values**2).sum(1), gradient, slopes @ slopes.swapaxes(1, 2))
 
         found = least(near, words.reshape(starts, -1), self.ROUNDS, self.ENOUGH_PX**2, 1.0)
-        best = found.places[found.costs.argmin()].reshape(arcs, motors)
-        seen = points
-        for each in best:
-            seen = projected(model.transforms(each) @ homogeneous(seen))
-        return Plan(best, float(lengths_px(seen - goal).max()))
+        best = found.places[found.costs.argmin()].reshape(1, arcs, motors)
+        off = self._values(model, points, goal, best)[0][0, : (1 + motors) * goal.size].reshape(-1, *goal.shape)
+        return Plan(best[0], float(np.sqrt((off**2).sum((0, 2)).max())))
 
     def _values(
         self, model: ProjectiveModel, points: Array, goal: Array, words: Array
@@ -132,11 +132,17 @@ class Planner:
             slopes = (moved[..., :2, 0] - seen[:, None] * deeper) / depth[:, None]
             slopes = slopes * (np.abs(seen) < FARTHEST)[:, None]
             seen = np.clip(seen, -FARTHEST, FARTHEST)
-            beyond = np.maximum(np.abs(seen) - self._limits, 0)
+            beyond = self.INSIDE * np.maximum(np.abs(seen) - self._limits, 0)
             outside.append(beyond)
-            outside_slopes.append((np.sign(seen) * (beyond > 0))[:, None] * slopes)
-        values = np.concatenate([seen - goal, *outside], 1).reshape(starts, -1) / IMAGE_UNIT
-        derivatives = np.concatenate([slopes, *outside_slopes], 2).reshape(starts, size, -1) / IMAGE_UNIT
+            outside_slopes.append(self.INSIDE * (np.sign(seen) * (beyond > 0))[:, None] * slopes)
+        by_last = model.SLIP * slopes[:, -motors:]
+        slips = (words[:, -1, :, None, None] * by_last).reshape(starts, -1, 2)
+        of_slips = np.zeros((starts, size, motors, *points.shape))
+        of_slips[:, -motors:][:, range(motors), range(motors)] = by_last
+        of_slips = of_slips.reshape(starts, size, -1, 2)
+        values = np.concatenate([seen - goal, slips, *outside], 1).reshape(starts, -1) / IMAGE_UNIT
+        derivatives = np.concatenate([slopes, of_slips, *outside_slopes], 2)
+        derivatives = derivatives.reshape(starts, size, -1) / IMAGE_UNIT
         effort = self.EFFORT_PX * words.reshape(starts, size)
         of_effort = np.broadcast_to(self.EFFORT_PX * np.eye(size), (starts, size, size))
         return np.concatenate([values, effort], 1), np.concatenate([derivatives, of_effort], 2)

@@ -32,6 +32,9 @@ from .least_squares import Least, Quadratic, least
 NEAREST = 0.05
 """No mark is taken to come nearer than this share of its depth (a guard: one behind a camera would be seen in
 its image again)."""
+KNOTS = np.array([0.25, 0.5, 1.0])
+"""Between these words, and 0, curves of motors are straight. Choice."""
+WIDTHS = np.diff(KNOTS, prepend=0), np.diff(KNOTS, append=2.0)
 FARTHEST = 8.0
 """No image point is predicted farther out than so many image units (a guard)."""
 
@@ -82,28 +85,30 @@ class Learned(NamedTuple):
         frame: T (3, 3).
         twists: Shift and turn (m, 3) that motors add at a word of 1.
         nearness: 1 / h of each mark (k,).
-        curvature: Of each motor (m,).
+        curves: By how much more than in proportion each motor acts at the words `KNOTS` (m, 3).
         bend: Of the lens ().
     """
 
     frame: Array
     twists: Array
     nearness: Array
-    curvature: Array
+    curves: Array
     bend: Array
 
     @classmethod
     def of(cls, numbers: Array, motors: int) -> Learned:
-        """From all as one array (..., 10 + 4 m + k)."""
-        frame, twists, nearness, curvature, bend = np.split(
-            numbers, [9, 9 + 3 * motors, -1 - motors, -1], axis=-1
-        )
+        """From all as one array (..., 10 + 6 m + k)."""
+        parts = np.split(numbers, [9, 9 + 3 * motors, -1 - 3 * motors, -1], axis=-1)
+        frame, twists, nearness, curves, bend = parts
         before = numbers.shape[:-1]
-        return cls(frame.reshape(*before, 3, 3), twists.reshape(*before, motors, 3), nearness, curvature, bend[..., 0])
+        frame, twists, curves = (each.reshape(*before, -1, 3) for each in (frame, twists, curves))
+        return cls(frame, twists, nearness, curves, bend[..., 0])
 
     def homographies(self, words: Array) -> Array:
         """What words (..., m) do to each mark: G (..., k, 3, 3)."""
-        effect = words + self.curvature * words * np.abs(words)
+        size = np.abs(words)[..., None]
+        hats = np.maximum(1 - np.abs(size - KNOTS) / np.where(size < KNOTS, *WIDTHS), 0)
+        effect = words * (1 + (self.curves * hats).sum(-1))
         x, y, turn = np.moveaxis((effect[..., None] * self.twists).sum(-2), -1, 0)
         straight, aside = np.sinc(turn / np.pi), turn / 2 * np.sinc(turn / (2 * np.pi)) ** 2
         moves = np.zeros((*turn.shape, self.nearness.shape[-1], 3, 3))
@@ -137,7 +142,7 @@ class ProjectiveModel:
 
     Attributes:
         motors: m.
-        numbers: All that is learned, of each camera (c, 10 + 4 m + k), see `Learned`.
+        numbers: All that is learned, of each camera (c, 10 + 6 m + k), see `Learned`.
         motions: What it learns from.
 
     Args:
@@ -148,7 +153,7 @@ class ProjectiveModel:
 
     KEPT = 60
     """So many motions are remembered. Choice."""
-    FRAME, TWIST, NEARNESS, CURVATURE, BEND = 0.5, 10.0, 1.0, 0.3, 0.1
+    FRAME, TWIST, NEARNESS, CURVE, BEND = 0.5, 10.0, 1.0, 0.3, 0.1
     """Standard deviations before anything is known. Choice: the frame is that of a level camera, rolled by any
     angle, of an image as deep as it is wide; a word of 1 may move the robot by some heights and turn it by some
     radians."""
@@ -156,9 +161,9 @@ class ProjectiveModel:
     """So many rolls, within half a turn, are tried first. Choice."""
     CARRIED = 1 / 6
     """So many of those deviations where a camera was displaced or wheels were replaced. Choice."""
-    DEVIATION_PX, SLIP = 1.5, 0.02
-    """Of a predicted image coordinate, and of how far an arc moves it. Choice: twice what two looks of 0.5 px
-    have; wheels slip."""
+    LOOKS_PX, SLIP = 1.5, 0.02
+    """Standard deviations of a predicted image coordinate, and of what a motor does as a share of it. Choice:
+    twice what two looks of 0.5 px have; wheels slip."""
     MISTAKEN = 5.0
     """A point that is so many deviations off counts half (a guard)."""
     FIRST_ROUNDS, FIRST_BEST, FIRST_MISTAKEN = 10, 4, 1e4
@@ -168,11 +173,11 @@ class ProjectiveModel:
 
     def __init__(self, points: int, motors: int, cameras: int = 1) -> None:
         self.motors, self._cameras, self._marks = motors, cameras, points // cameras
-        still = np.concatenate([np.eye(3).ravel(), np.zeros(1 + 4 * motors + self._marks)])
+        still = np.concatenate([np.eye(3).ravel(), np.zeros(1 + 6 * motors + self._marks)])
         self.numbers = np.tile(still, (cameras, 1))
         self.motions: list[DrivenArc] = []
-        sizes = 9, 3 * motors, self._marks, motors, 1
-        spreads = self.FRAME, self.TWIST, self.NEARNESS, self.CURVATURE, self.BEND
+        sizes = 9, 3 * motors, self._marks, 3 * motors, 1
+        spreads = self.FRAME, self.TWIST, self.NEARNESS, self.CURVE, self.BEND
         self._unknown = np.repeat(spreads, sizes)
         self._prior, self._deviations = self.numbers, self._unknown
 
@@ -200,6 +205,18 @@ class ProjectiveModel:
         """Where points (p, 2) are seen after words (m,)."""
         return self._joined(self.learned.predict(self._by_camera(points), words))
 
+    def doubt_px(self, points: Array, words: Array) -> Array:
+        """Standard deviations (p,) of where points (p, 2) are seen after words (m,), in pixels."""
+        of_cameras = self._doubts_px(self.learned, self._by_camera(points), words)
+        return self._joined(of_cameras[..., None])[..., 0]
+
+    def _doubts_px(self, learned: Learned, points: Array, words: Array) -> Array:
+        """As `doubt_px`, for points (..., k, 2) as each `learned` has them: looks, and what wheels slip."""
+        there = learned.predict(points, words)
+        slipped = [learned.predict(points, words * (1 + self.SLIP * way)) for way in np.eye(self.motors)]
+        variance = sum(lengths_px(each - there) ** 2 for each in slipped)
+        return np.asarray(np.sqrt(self.LOOKS_PX**2 + variance))
+
     def learn(self, motion: DrivenArc) -> None:
         """Remembers a motion; `fit` learns from it."""
         self.motions = [*self.motions, motion][-self.KEPT :]
@@ -208,7 +225,7 @@ class ProjectiveModel:
         """Wheels are others than before: of motors only the latest motions tell."""
         self.motions, self._prior = self.motions[-kept:], self.numbers
         of_wheels = Learned.of(np.zeros_like(self._unknown), self.motors)
-        of_wheels.twists[...] = of_wheels.curvature[...] = 1
+        of_wheels.twists[...] = of_wheels.curves[...] = 1
         self._deviations = self._unknown * np.maximum(self._flat(of_wheels), self.CARRIED)
 
     def carry_over(self, homographies: Array) -> None:
@@ -241,6 +258,7 @@ class ProjectiveModel:
         best = found.costs.argmin(1)[:, None, None]
         self.numbers = np.take_along_axis(found.places, best, 1)[:, 0]
         self._prior = np.take_along_axis(starts, best, 1)[:, 0]
+        self.fit(rounds)
 
     def _horizons(self) -> Array:
         """What to begin with (c, s, n): a level camera at each roll, its horizon between each two marks."""
@@ -254,7 +272,7 @@ class ProjectiveModel:
                 for marks, level in zip(first, cut, strict=True):
                     frame = np.array([[c, s, 0], [0, 0, 1], [s, -c, -level]])
                     above = np.sign(marks @ [s, -c] - level)
-                    still = np.zeros((self.motors, 3)), above, np.zeros(self.motors), np.zeros(())
+                    still = np.zeros((self.motors, 3)), above, np.zeros((self.motors, 3)), np.zeros(())
                     found.append(self._flat(Learned(frame, *still)))
         return np.reshape(found, (-1, self._cameras, len(self._unknown))).swapaxes(0, 1)
 
@@ -262,11 +280,10 @@ class ProjectiveModel:
         """From starts (c, s, n), each with a prior of its own."""
         cameras, many, size = starts.shape
         before, words, after, seen = (np.stack(each) for each in zip(*self.motions, strict=True))
-        before, after, seen = (
-            np.repeat(self._by_camera(each), many, 0)[:, None] for each in (before, after, seen[..., None])
-        )
-        moved_px = lengths_px(after - before)[..., None]
-        units = seen / (np.hypot(self.DEVIATION_PX, self.SLIP * moved_px) * IMAGE_UNIT)
+        before, after, seen = (self._by_camera(each) for each in (before, after, seen[..., None]))
+        slip = Learned.of(self.numbers[:, None], self.motors)
+        units = seen / (self._doubts_px(slip, before, words)[..., None] * IMAGE_UNIT)
+        before, after, units = (np.repeat(each, many, 0)[:, None] for each in (before, after, units))
         means = priors.reshape(-1, size)
         varied = np.concatenate([np.zeros((1, size)), self.STEP * np.eye(size)])
 
