@@ -192,6 +192,8 @@ class ArcsTrial:
         doubt_px = model.doubt_px(before.points, words)
         self.now = yield words
         seen = before.visible & self.now.visible
+        if self.now.visible.all():
+            model.aim(self.now.points, self.known.goal)
         if self._look() or not seen.any():
             return 0.0
         model.learn(DrivenArc(before.points, words, self.now.points, seen))

@@ -64,7 +64,7 @@ def from_above(wheels: Array) -> tuple[ProjectiveModel, Array]:
     motors = len(wheels) // 4
     model = ProjectiveModel(len(DOCKED), motors)
     model.learned.nearness[...] = 1
-    model.learned.twists[0] = wheels[: 3 * motors].reshape(motors, 3) * [-SCALE, -SCALE, -1]
+    model.learned.twists[0, :motors] = wheels[: 3 * motors].reshape(motors, 3) * [-SCALE, -SCALE, -1]
     return model, wheels[3 * motors :]
 
 

@@ -159,7 +159,7 @@ class ProjectiveModel:
     radians."""
     ROLLS = 6
     """So many rolls, within half a turn, are tried first. Choice."""
-    CARRIED = 1 / 6
+    CARRIED = 1 / 3
     """So many of those deviations where a camera was displaced or wheels were replaced. Choice."""
     LOOKS_PX, SLIP = 1.5, 0.02
     """Standard deviations of a predicted image coordinate, and of what a motor does as a share of it. Choice:
@@ -173,9 +173,11 @@ class ProjectiveModel:
 
     def __init__(self, points: int, motors: int, cameras: int = 1) -> None:
         self.motors, self._cameras, self._marks = motors, cameras, points // cameras
+        motors += 1  # the last one leads to the dock
         still = np.concatenate([np.eye(3).ravel(), np.zeros(1 + 6 * motors + self._marks)])
         self.numbers = np.tile(still, (cameras, 1))
         self.motions: list[DrivenArc] = []
+        self._to_dock: DrivenArc | None = None
         sizes = 9, 3 * motors, self._marks, 3 * motors, 1
         spreads = self.FRAME, self.TWIST, self.NEARNESS, self.CURVE, self.BEND
         self._unknown = np.repeat(spreads, sizes)
@@ -184,7 +186,7 @@ class ProjectiveModel:
     @property
     def learned(self) -> Learned:
         """Of each camera (c, ...)."""
-        return Learned.of(self.numbers, self.motors)
+        return self._parts(self.numbers)
 
     @property
     def knows(self) -> bool:
@@ -193,7 +195,8 @@ class ProjectiveModel:
 
     def transforms(self, words: Array) -> Array:
         """What words (..., m) do to marks in straight images: G (..., p, 3, 3)."""
-        own = [Learned.of(numbers, self.motors).homographies(words) for numbers in self.numbers]
+        words = _of_motors(words)
+        own = [self._parts(numbers).homographies(words) for numbers in self.numbers]
         of_points = np.stack(own, -3)
         return of_points.reshape(*words.shape[:-1], -1, 3, 3)
 
@@ -203,17 +206,17 @@ class ProjectiveModel:
 
     def predict(self, points: Array, words: Array) -> Array:
         """Where points (p, 2) are seen after words (m,)."""
-        return self._joined(self.learned.predict(self._by_camera(points), words))
+        return self._joined(self.learned.predict(self._by_camera(points), _of_motors(words)))
 
     def doubt_px(self, points: Array, words: Array) -> Array:
         """Standard deviations (p,) of where points (p, 2) are seen after words (m,), in pixels."""
-        of_cameras = self._doubts_px(self.learned, self._by_camera(points), words)
+        of_cameras = self._doubts_px(self.learned, self._by_camera(points), _of_motors(words))
         return self._joined(of_cameras[..., None])[..., 0]
 
     def _doubts_px(self, learned: Learned, points: Array, words: Array) -> Array:
         """As `doubt_px`, for points (..., k, 2) as each `learned` has them: looks, and what wheels slip."""
         there = learned.predict(points, words)
-        slipped = [learned.predict(points, words * (1 + self.SLIP * way)) for way in np.eye(self.motors)]
+        slipped = [learned.predict(points, words * (1 + self.SLIP * way)) for way in _of_motors(np.eye(self.motors))]
         variance = sum(lengths_px(each - there) ** 2 for each in slipped)
         return np.asarray(np.sqrt(self.LOOKS_PX**2 + variance))
 
@@ -221,10 +224,15 @@ class ProjectiveModel:
         """Remembers a motion; `fit` learns from it."""
         self.motions = [*self.motions, motion][-self.KEPT :]
 
+    def aim(self, points: Array, goal: Array) -> None:
+        """Marks that are seen at points (p, 2) would be seen at a goal (p, 2) after some motion on the floor."""
+        way = np.append(np.zeros(self.motors), 1.0)
+        self._to_dock = DrivenArc(points, way, goal, np.ones(len(points), bool))
+
     def forget(self, kept: int) -> None:
         """Wheels are others than before: of motors only the latest motions tell."""
         self.motions, self._prior = self.motions[-kept:], self.numbers
-        of_wheels = Learned.of(np.zeros_like(self._unknown), self.motors)
+        of_wheels = self._parts(np.zeros_like(self._unknown))
         of_wheels.twists[...] = of_wheels.curves[...] = 1
         self._deviations = self._unknown * np.maximum(self._flat(of_wheels), self.CARRIED)
 
@@ -272,23 +280,25 @@ class ProjectiveModel:
                 for marks, level in zip(first, cut, strict=True):
                     frame = np.array([[c, s, 0], [0, 0, 1], [s, -c, -level]])
                     above = np.sign(marks @ [s, -c] - level)
-                    still = np.zeros((self.motors, 3)), above, np.zeros((self.motors, 3)), np.zeros(())
-                    found.append(self._flat(Learned(frame, *still)))
+                    still = np.zeros((self.motors + 1, 3))
+                    found.append(self._flat(Learned(frame, still, above, still, np.zeros(()))))
         return np.reshape(found, (-1, self._cameras, len(self._unknown))).swapaxes(0, 1)
 
     def _least(self, starts: Array, priors: Array, rounds: int, mistaken: float = MISTAKEN) -> Least:
         """From starts (c, s, n), each with a prior of its own."""
         cameras, many, size = starts.shape
-        before, words, after, seen = (np.stack(each) for each in zip(*self.motions, strict=True))
+        motions = [motion._replace(words=_of_motors(motion.words)) for motion in self.motions]
+        motions += [self._to_dock] if self._to_dock else []
+        before, words, after, seen = (np.stack(each) for each in zip(*motions, strict=True))
         before, after, seen = (self._by_camera(each) for each in (before, after, seen[..., None]))
-        slip = Learned.of(self.numbers[:, None], self.motors)
+        slip = self._parts(self.numbers[:, None])
         units = seen / (self._doubts_px(slip, before, words)[..., None] * IMAGE_UNIT)
         before, after, units = (np.repeat(each, many, 0)[:, None] for each in (before, after, units))
         means = priors.reshape(-1, size)
         varied = np.concatenate([np.zeros((1, size)), self.STEP * np.eye(size)])
 
         def near(places: Array) -> Quadratic:
-            learned = Learned.of((places[:, None] + varied)[:, :, None], self.motors)
+            learned = self._parts((places[:, None] + varied)[:, :, None])
             off = (learned.predict(before, words) - after) * units
             slopes = ((off[:, 1:] - off[:, :1]) / self.STEP).reshape(len(places), size, -1, 2)
             off = off[:, 0].reshape(len(places), -1, 2)
@@ -314,6 +324,9 @@ class ProjectiveModel:
         """The inverse of `_by_camera`."""
         return np.moveaxis(points, 0, -2).reshape(*points.shape[1:-2], -1, points.shape[-1])
 
+    def _parts(self, numbers: Array) -> Learned:
+        return Learned.of(numbers, self.motors + 1)
+
     @staticmethod
     def _flat(learned: Learned) -> Array:
         return np.concatenate([np.ravel(each) for each in learned])
@@ -337,3 +350,8 @@ class ProjectiveModel:
             read = [checked_array(arrays, *each) for each in zip(DrivenArc._fields, shapes, strict=True)]
             for before, words, after, seen in zip(*read, strict=True):
                 self.motions.append(DrivenArc(before, words, after, seen > 0))
+
+
+def _of_motors(words: Array) -> Array:
+    """Words (..., m + 1) that also tell the motor to the dock: nothing."""
+    return np.concatenate([words, np.zeros_like(words[..., :1])], -1)
