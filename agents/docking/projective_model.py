@@ -168,6 +168,8 @@ class ProjectiveModel:
     """A point that is so many deviations off counts half (a guard)."""
     FIRST_ROUNDS, FIRST_BEST, FIRST_MISTAKEN = 10, 4, 1e4
     """After so many rounds from all starts so many go on. Choice. Far from what is right no point is mistaken."""
+    SECOND_ROUNDS = 20
+    OFF_PX, PATIENCE, LEAST = 4.0, 1.5, 4.0
     STEP = 1e-6
     """Of numerical derivatives (a guard)."""
 
@@ -178,6 +180,7 @@ class ProjectiveModel:
         self.numbers = np.tile(still, (cameras, 1))
         self.motions: list[DrivenArc] = []
         self._to_dock: DrivenArc | None = None
+        self._next_try = 0.0
         sizes = 9, 3 * motors, self._marks, 3 * motors, 1
         spreads = self.FRAME, self.TWIST, self.NEARNESS, self.CURVE, self.BEND
         self._unknown = np.repeat(spreads, sizes)
@@ -246,6 +249,7 @@ class ProjectiveModel:
         carried = learned._replace(frame=learned.frame @ np.linalg.inv(homographies))
         self.numbers = self._prior = np.stack([self._flat(Learned(*each)) for each in zip(*carried, strict=True)])
         self._deviations, self.motions = self.CARRIED * self._unknown, []
+        self._to_dock, self._next_try = None, self.LEAST
 
     def fit(self, rounds: int) -> None:
         """Goes to what is most probable by at most so many rounds of Levenberg and Marquardt's method.
@@ -255,18 +259,33 @@ class ProjectiveModel:
         """
         if not self.motions:
             return
+        known_cost, deviations = np.inf, self._deviations
         if self.knows:
-            self.numbers = self._least(self.numbers[:, None], self._prior[:, None], rounds).places[:, 0]
-            return
+            found = self._least(self.numbers[:, None], self._prior[:, None], rounds)
+            self.numbers, known_cost = found.places[:, 0], found.costs.sum()
+            if self._leads_to_the_dock() or len(self.motions) < self._next_try:
+                return
+        self._next_try, self._deviations = self.PATIENCE * len(self.motions), self._unknown
         starts = self._horizons()
         some = self._least(starts, starts, self.FIRST_ROUNDS, self.FIRST_MISTAKEN)
         best = np.argsort(some.costs, 1, kind="stable")[:, : self.FIRST_BEST, None]
         starts, some = np.take_along_axis(starts, best, 1), np.take_along_axis(some.places, best, 1)
-        found = self._least(some, starts, rounds)
+        found = self._least(some, starts, self.SECOND_ROUNDS)
+        if found.costs.min(1).sum() > known_cost:
+            self._deviations = deviations
+            return
         best = found.costs.argmin(1)[:, None, None]
         self.numbers = np.take_along_axis(found.places, best, 1)[:, 0]
         self._prior = np.take_along_axis(starts, best, 1)[:, 0]
         self.fit(rounds)
+
+    def _leads_to_the_dock(self) -> bool:
+        """Whether some motion on the floor brings marks to where they are to be seen, as it must."""
+        if self._to_dock is None:
+            return True
+        before, way, goal, _ = self._to_dock
+        expected = self._joined(self.learned.predict(self._by_camera(before), way))
+        return bool(lengths_px(expected - goal).max() < self.OFF_PX)
 
     def _horizons(self) -> Array:
         """What to begin with (c, s, n): a level camera at each roll, its horizon between each two marks."""
