@@ -186,7 +186,7 @@ class ArcsTrial:
         return bool(self.now.shown.all()) and self.known.look(self.now.goal)
 
     def move(self, words: Array) -> Generator[Array, DockObservation, float]:
-        """Executes words (m,), and learns from what is then seen; returns how many deviations off that was."""
+        """Executes words (m,), and learns from what is then seen: so many deviations off what it expected."""
         words, before, model = np.clip(words, -1, 1), self.now, self.known.model
         expected = model.predict(before.points, words)
         doubt_px = model.doubt_px(before.points, words)

@@ -9,6 +9,9 @@ import numpy as np
 
 from ..base.observation import Array
 
+SETTLED = 0.1
+"""Less is not worth another round. Derived: costs are squares of deviations, or of pixels."""
+
 
 class Quadratic(NamedTuple):
     """A sum of squares near a place, for each problem.
@@ -45,8 +48,8 @@ def least(
 ) -> Least:
     """Goes down from starts (s, n).
 
-    It ends after so many rounds, where one problem's cost is less than `enough`, or where none becomes smaller
-    by more than 0.01.
+    It ends after so many rounds, where one problem's cost is less than `enough`, or where none becomes
+    smaller by more than `SETTLED`.
 
     Args:
         near: The sums near places (s, n).
@@ -66,9 +69,12 @@ def least(
         better = gains > 0
         places = np.where(better[:, None], tried, places)
         here = Quadratic(
-            *(np.where(better.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in zip(here, there, strict=True))
+            *(
+                np.where(better.reshape(-1, *[1] * (a.ndim - 1)), b, a)
+                for a, b in zip(here, there, strict=True)
+            )
         )
         damping = np.where(better, damping / 4, damping * 6)
-        if here.cost.min() < enough or 0 < gains.max() < 0.01:
+        if here.cost.min() < enough or 0 < gains.max() < SETTLED:
             break
     return Least(places, here.cost)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calfree_gym.image import IMAGE_UNIT, RANK_OF_SQUARES, lengths_px, rounded
+from calfree_gym.image import IMAGE_UNIT, RANK_OF_SQUARES, rounded
 
 from ..base.observation import Array
 from .least_squares import Quadratic, least
@@ -103,7 +103,9 @@ class Planner:
 
         found = least(near, words.reshape(starts, -1), self.ROUNDS, self.ENOUGH_PX**2, 1.0)
         best = found.places[found.costs.argmin()].reshape(1, arcs, motors)
-        off = self._values(model, points, goal, best)[0][0, : (1 + motors) * goal.size].reshape(-1, *goal.shape)
+        off = self._values(model, points, goal, best)[0][0, : (1 + motors) * goal.size].reshape(
+            -1, *goal.shape
+        )
         return Plan(best[0], float(np.sqrt((off**2).sum((0, 2)).max())))
 
     def _values(

@@ -1,17 +1,19 @@
 """How marks move in the images of a robot on wheels, whatever its cameras are: projective geometry.
 
-A camera is fixed to a robot on a flat floor. Seen in a frame whose third axis n is vertical, a mark at height h
-above the camera has the image (X / h, Y / h, 1) ~ T x, where x is its image in the camera, (x, y, 1), and T a
-projectivity, the same for all marks. So the robot's motions move T x as they move the floor: by a turn and a
-shift, the latter over h. In the camera's own image that is the homography G = T^-1 M T, M = (R, t / h; 0, 1), and
-the third coordinate of G x is the mark's depth after the motion over that before it.
+A camera is fixed to a robot on a flat floor. A mark is at height h above it, and its image is x = (x, y,
+1). Let T x = (X / h, Y / h, 1), but for a factor, be what a camera that looks straight along the vertical
+would see: T is a projectivity, the same for all marks. As the robot drives, T x turns and shifts as the
+floor does, the shift divided by h. So x moves by the homography G = T^-1 M T, M = (R, t / h; 0, 1), and the
+third coordinate of G x is the mark's depth after the motion over that before it. Marks with h > 0 are on
+one side of a line in the image, the horizon; those with h < 0 are on the other.
 
-As long as wheels turn in constant ratios, the robot drives along an arc, and what motors do adds up: the turn is
-that of the sum of their twists, each times f(word) = word + c word |word|.
+As long as wheels turn in constant ratios, the robot drives along an arc, and what motors do adds up:
+twists, each times how far its motor turns. A last motor, which has no word, leads to the dock: some motion
+on the floor must bring marks to where the robot's own are seen.
 
-Nothing of this asks for a metre, an angle, a focal length or a track. Of each camera are learned T, how its lens
-bends lines (x / (1 + b r²) is straight; Fitzgibbon 2001), of each motor a twist and a curvature, and 1 / h of each
-mark, all but for their scales: 18 + k numbers for two motors and k marks.
+Nothing of this asks for a metre, an angle, a focal length or a track. T, twists and 1 / h are learned from
+image points, all but for their scales, and so are how a lens bends lines and how motors depart from
+proportion.
 """
 
 from __future__ import annotations
@@ -86,7 +88,7 @@ class Learned(NamedTuple):
         twists: Shift and turn (m, 3) that motors add at a word of 1.
         nearness: 1 / h of each mark (k,).
         curves: By how much more than in proportion each motor acts at the words `KNOTS` (m, 3).
-        bend: Of the lens ().
+        bend: b of the lens (): x / (1 + b r²) is straight (Fitzgibbon 2001).
     """
 
     frame: Array
@@ -142,23 +144,21 @@ class ProjectiveModel:
 
     Attributes:
         motors: m.
-        numbers: All that is learned, of each camera (c, 10 + 6 m + k), see `Learned`.
+        numbers: All that is learned, of each camera (c, n), see `Learned`.
         motions: What it learns from.
 
     Args:
         points: p = k c: all marks in all cameras, each mark in all cameras in turn.
-        motors: m.
+        motors: m; arrays of what is learned also have the one that leads to the dock.
         cameras: c.
     """
 
     KEPT = 60
     """So many motions are remembered. Choice."""
     FRAME, TWIST, NEARNESS, CURVE, BEND = 0.5, 10.0, 1.0, 0.3, 0.1
-    """Standard deviations before anything is known. Choice: the frame is that of a level camera, rolled by any
-    angle, of an image as deep as it is wide; a word of 1 may move the robot by some heights and turn it by some
-    radians."""
-    ROLLS = 6
-    """So many rolls, within half a turn, are tried first. Choice."""
+    """Standard deviations before anything is known. Choice: T is that of a level camera, rolled by any angle,
+    of an image as wide as it is far; a word of 1 may move the robot by some heights of marks, and turn it by
+    some radians."""
     CARRIED = 1 / 3
     """So many of those deviations where a camera was displaced or wheels were replaced. Choice."""
     LOOKS_PX, SLIP = 1.5, 0.02
@@ -166,10 +166,16 @@ class ProjectiveModel:
     twice what two looks of 0.5 px have; wheels slip."""
     MISTAKEN = 5.0
     """A point that is so many deviations off counts half (a guard)."""
-    FIRST_ROUNDS, FIRST_BEST, FIRST_MISTAKEN = 10, 4, 1e4
-    """After so many rounds from all starts so many go on. Choice. Far from what is right no point is mistaken."""
-    SECOND_ROUNDS = 20
-    OFF_PX, PATIENCE, LEAST = 4.0, 1.5, 4.0
+    ROLLS = 6
+    """So many rolls, within half a turn, are tried first. Choice."""
+    ALL, BEST = 10, 4
+    """After so many rounds from all starts so many go on, twice as long. Choice."""
+    UNDOUBTED = 1e4
+    """Far from what is right no point is mistaken: `MISTAKEN` of the first rounds."""
+    OFF_PX = 4.0
+    """It tries all starts anew where no motion leads nearer to the dock. Choice: within 2.5 px it docks."""
+    LEAST, PATIENCE = 4.0, 1.5
+    """For that it needs so many motions, and so many times more before it tries again. Choice."""
     STEP = 1e-6
     """Of numerical derivatives (a guard)."""
 
@@ -219,7 +225,9 @@ class ProjectiveModel:
     def _doubts_px(self, learned: Learned, points: Array, words: Array) -> Array:
         """As `doubt_px`, for points (..., k, 2) as each `learned` has them: looks, and what wheels slip."""
         there = learned.predict(points, words)
-        slipped = [learned.predict(points, words * (1 + self.SLIP * way)) for way in _of_motors(np.eye(self.motors))]
+        slipped = [
+            learned.predict(points, words * (1 + self.SLIP * way)) for way in _of_motors(np.eye(self.motors))
+        ]
         variance = sum(lengths_px(each - there) ** 2 for each in slipped)
         return np.asarray(np.sqrt(self.LOOKS_PX**2 + variance))
 
@@ -228,7 +236,7 @@ class ProjectiveModel:
         self.motions = [*self.motions, motion][-self.KEPT :]
 
     def aim(self, points: Array, goal: Array) -> None:
-        """Marks that are seen at points (p, 2) would be seen at a goal (p, 2) after some motion on the floor."""
+        """Some motion on the floor brings marks from image points (p, 2) to a goal (p, 2)."""
         way = np.append(np.zeros(self.motors), 1.0)
         self._to_dock = DrivenArc(points, way, goal, np.ones(len(points), bool))
 
@@ -247,15 +255,16 @@ class ProjectiveModel:
         """
         learned = self.learned
         carried = learned._replace(frame=learned.frame @ np.linalg.inv(homographies))
-        self.numbers = self._prior = np.stack([self._flat(Learned(*each)) for each in zip(*carried, strict=True)])
+        self.numbers = self._prior = np.stack(
+            [self._flat(Learned(*each)) for each in zip(*carried, strict=True)]
+        )
         self._deviations, self.motions = self.CARRIED * self._unknown, []
         self._to_dock, self._next_try = None, self.LEAST
 
     def fit(self, rounds: int) -> None:
         """Goes to what is most probable by at most so many rounds of Levenberg and Marquardt's method.
 
-        First it begins with many horizons: the line in the image that marks above the camera's height are on
-        one side of, those below on the other. Which of them are tells the sign of each 1 / h.
+        First it begins with many horizons, and again where what it knows cannot be right, see `OFF_PX`.
         """
         if not self.motions:
             return
@@ -267,10 +276,10 @@ class ProjectiveModel:
                 return
         self._next_try, self._deviations = self.PATIENCE * len(self.motions), self._unknown
         starts = self._horizons()
-        some = self._least(starts, starts, self.FIRST_ROUNDS, self.FIRST_MISTAKEN)
-        best = np.argsort(some.costs, 1, kind="stable")[:, : self.FIRST_BEST, None]
-        starts, some = np.take_along_axis(starts, best, 1), np.take_along_axis(some.places, best, 1)
-        found = self._least(some, starts, self.SECOND_ROUNDS)
+        some = self._least(starts, starts, self.ALL, self.UNDOUBTED)
+        best = np.argsort(some.costs, 1, kind="stable")[:, : self.BEST, None]
+        starts, firsts = (np.take_along_axis(each, best, 1) for each in (starts, some.places))
+        found = self._least(firsts, starts, 2 * self.ALL)
         if found.costs.min(1).sum() > known_cost:
             self._deviations = deviations
             return
@@ -312,18 +321,18 @@ class ProjectiveModel:
         before, after, seen = (self._by_camera(each) for each in (before, after, seen[..., None]))
         slip = self._parts(self.numbers[:, None])
         units = seen / (self._doubts_px(slip, before, words)[..., None] * IMAGE_UNIT)
-        before, after, units = (np.repeat(each, many, 0)[:, None] for each in (before, after, units))
-        means = priors.reshape(-1, size)
+        before, after = (np.repeat(each, many, 0)[:, None] for each in (before, after))
+        units = np.repeat(units, many, 0)[:, None]
+        means: Array = priors.reshape(-1, size)
         varied = np.concatenate([np.zeros((1, size)), self.STEP * np.eye(size)])
 
         def near(places: Array) -> Quadratic:
             learned = self._parts((places[:, None] + varied)[:, :, None])
             off = (learned.predict(before, words) - after) * units
-            slopes = ((off[:, 1:] - off[:, :1]) / self.STEP).reshape(len(places), size, -1, 2)
+            slopes = ((off[:, 1:] - off[:, :1]) / self.STEP).reshape(len(places), size, -1)
             off = off[:, 0].reshape(len(places), -1, 2)
             sizes = (off**2).sum(-1) / mistaken**2
-            weighted = slopes * cauchy_weights(np.sqrt(sizes))[:, None, :, None]
-            weighted, slopes = (each.reshape(len(places), size, -1) for each in (weighted, slopes))
+            weighted = slopes * np.repeat(cauchy_weights(np.sqrt(sizes)), 2, -1)[:, None]
             prior = (places - means) / self._deviations
             return Quadratic(
                 mistaken**2 * np.log1p(sizes).sum(-1) + (prior**2).sum(-1),

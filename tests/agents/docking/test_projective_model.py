@@ -43,7 +43,7 @@ def test_it_predicts_any_arc_of_linear_motors_once_it_has_learned(base):
 def test_it_learns_curved_motors_nearly_as_well_though_of_another_form():
     robot = Robot(2)
     model = taught(robot)
-    assert np.sign(model.curvature).tolist() == np.sign(robot.bend).tolist()
+    assert np.sign(model.learned.curves[0, :-1, 0]).tolist() == np.sign(robot.bend).tolist()
     assert worst_px(model, motions(robot, 30)) < 12
 
 
