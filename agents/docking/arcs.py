@@ -48,7 +48,7 @@ class KnownOfArcs:
     """Of its own marks so many count (a guard: small knocks are to show)."""
 
     def __init__(self, points: int, motors: int, cameras: int) -> None:
-        self.model, self._cameras = ProjectiveModel(points, motors), cameras
+        self.model, self._cameras = ProjectiveModel(points, motors, cameras), cameras
         self.goal, self.looks, self.trust = np.zeros((points, 2)), 0, self.FIRST_TRUST
 
     def look(self, goal: Array) -> bool:
@@ -59,13 +59,12 @@ class KnownOfArcs:
         """
         knocked = bool(self.looks and lengths_px(goal - self.goal).mean() > self.KNOCKED_PX)
         if knocked:
-            points = len(goal)
-            views = [slice(camera, None, self._cameras) for camera in range(self._cameras)]
-            if points < 4 * self._cameras:
-                self.model = ProjectiveModel(points, self.model.curvature.size)
+            if len(goal) < 4 * self._cameras:
+                self.model = ProjectiveModel(len(goal), self.model.motors, self._cameras)
             else:
-                found = [homography(self.goal[view], goal[view]) for view in views]
-                self.model.carry_over(np.tile(found, (points // self._cameras, 1, 1)))
+                was, now = self.model.straight(self.goal), self.model.straight(goal)
+                views = [slice(camera, None, self._cameras) for camera in range(self._cameras)]
+                self.model.carry_over(np.array([homography(was[view], now[view]) for view in views]))
             self.trust, self.looks = min(self.trust, self.FIRST_TRUST), 0
         self.looks = min(self.looks + 1, self.LOOKS)
         self.goal = self.goal + (goal - self.goal) / self.looks
@@ -134,7 +133,7 @@ class Arcs(ProcedureAgent):
         """See `ProcedureAgent`: explores where nothing is known, then plans arc by arc."""
         trial = ArcsTrial(first, findings, Planner(self._edges, np.random.default_rng(self.seed)))
         while not trial.now.last:
-            yield from trial.drive() if findings.model.entries.any() else trial.explore()
+            yield from trial.drive() if findings.model.knows else trial.explore()
 
     def learn_trial(self, findings: KnownOfArcs, last: Any, ended: bool) -> None:
         """See `ProcedureAgent`."""
@@ -166,15 +165,16 @@ class ArcsTrial:
     """Within these, words explore."""
     SHORTER = 0.6
     """Where marks were lost, it explores the other way by this share. Choice."""
-    WELL_PX, FAIRLY_PX = 12.0, 30.0
-    """Expected so well, an arc lets longer ones be tried; less than fairly, only shorter ones. Choice."""
+    WELL, FAIRLY = 4.0, 10.0
+    """Within so many deviations of what is expected, an arc lets longer ones be tried; less than fairly, only
+    shorter ones. Choice."""
     GROWTH, CUT, LEAST_TRUST = 1.8, 0.5, 0.05
     """By so much. Choice."""
-    SURPRISE_PX, SURPRISES = 25.0, 3
-    """So badly expected so often in a row, wheels are others than before. Choice."""
-    REFIT_PX, ROUNDS = 4.0, 5
-    """What is expected worse is worth a new fit, of so many rounds; a plan that leaves more, yet moves no
-    mark so far, is worth exploring anew. Choice."""
+    SURPRISES = 3
+    """So often in a row less than fairly expected, wheels are others than before. Choice."""
+    STILL_PX, ROUNDS = 4.0, 10
+    """A plan that leaves more, yet moves no mark so far, is worth exploring anew; a fit takes so many rounds.
+    Choice."""
 
     def __init__(self, first: DockObservation, known: KnownOfArcs, planner: Planner) -> None:
         self.now, self.known, self._planner = first, known, planner
@@ -186,15 +186,18 @@ class ArcsTrial:
         return bool(self.now.shown.all()) and self.known.look(self.now.goal)
 
     def move(self, words: Array) -> Generator[Array, DockObservation, float]:
-        """Executes words (m,), and learns from what is then seen; returns how far off that was, in pixels."""
+        """Executes words (m,), and learns from what is then seen: so many deviations off what it expected."""
         words, before, model = np.clip(words, -1, 1), self.now, self.known.model
         expected = model.predict(before.points, words)
+        doubt_px = model.doubt_px(before.points, words)
         self.now = yield words
         seen = before.visible & self.now.visible
+        if self.now.visible.all():
+            model.aim(self.now.points, self.known.goal)
         if self._look() or not seen.any():
             return 0.0
         model.learn(DrivenArc(before.points, words, self.now.points, seen))
-        return float(lengths_px(expected - self.now.points)[seen].max())
+        return float((lengths_px(expected - self.now.points) / doubt_px)[seen].max())
 
     def explore(self) -> Motions:
         """Each motor alone, then all together and against each other."""
@@ -218,24 +221,23 @@ class ArcsTrial:
         """The first arc of a plan, no longer than what is trusted; back, where marks are lost."""
         known, model = self.known, self.known.model
         here = self.now.points
-        plan = self._planner.plan(model, here, known.goal, self._rest)
+        plan = self._planner.plan(model, model.straight(here), model.straight(known.goal), self._rest)
         arc = plan.words[0]
         arc = arc * min(1.0, known.trust / max(float(np.abs(arc).max()), 1e-9))
-        stays = lengths_px(model.predict(here, arc) - here).max() < self.REFIT_PX
-        if stays and plan.left_px > self.REFIT_PX:
+        stays = lengths_px(model.predict(here, arc) - here).max() < self.STILL_PX
+        if stays and plan.left_px > self.STILL_PX:
             yield from self.explore()
             return
-        missed_px = yield from self.move(arc)
+        missed = yield from self.move(arc)
         self._rest = plan.words[1:]
-        if not self.now.visible.all():
+        lost, well, fairly = not self.now.visible.all(), missed < self.WELL, missed < self.FAIRLY
+        if lost:
             yield from self.move(-arc)
-            self._rest, missed_px = None, np.inf
-        well, fairly = missed_px < self.WELL_PX, missed_px < self.FAIRLY_PX
-        known.trust *= self.GROWTH if well else 1.0 if fairly else self.CUT
+            self._rest = None
+        known.trust *= self.CUT if lost or not fairly else self.GROWTH if well else 1.0
         known.trust = float(np.clip(known.trust, self.LEAST_TRUST, 1.0))
-        self._surprises = self._surprises + 1 if missed_px > self.SURPRISE_PX else 0
+        self._surprises = 0 if fairly else self._surprises + 1
         if self._surprises >= self.SURPRISES:
             model.forget(self.SURPRISES)
             self._surprises = 0
-        if missed_px > self.REFIT_PX:
-            model.fit(self.ROUNDS)
+        model.fit(self.ROUNDS)

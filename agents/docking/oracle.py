@@ -63,9 +63,8 @@ def from_above(wheels: Array) -> tuple[ProjectiveModel, Array]:
     """
     motors = len(wheels) // 4
     model = ProjectiveModel(len(DOCKED), motors)
-    for motor, (ahead, left, turn) in enumerate(wheels[: 3 * motors].reshape(motors, 3)):
-        moved = np.array([[0.0, turn, -SCALE * ahead], [-turn, 0.0, -SCALE * left], [0.0, 0.0, 0.0]])
-        model.entries[:, motor] = moved.reshape(9)[:8]
+    model.learned.nearness[...] = 1
+    model.learned.twists[0, :motors] = wheels[: 3 * motors].reshape(motors, 3) * [-SCALE, -SCALE, -1]
     return model, wheels[3 * motors :]
 
 

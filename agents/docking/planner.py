@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calfree_gym.image import IMAGE_UNIT, RANK_OF_SQUARES, lengths_px, rounded
+from calfree_gym.image import IMAGE_UNIT, RANK_OF_SQUARES, rounded
 
 from ..base.observation import Array
+from .least_squares import Quadratic, least
 from .projective_model import FARTHEST, NEAREST, ProjectiveModel, homogeneous, projected
 
 
@@ -35,7 +36,7 @@ class Planner:
         rng: Draws what plans begin with.
     """
 
-    STARTS = (3, 8, 14)
+    STARTS = (3, 8, 14, 20)
     """With so many plans of one arc, two, three it begins. Choice: four times as many are no better."""
     ROUNDS = 10
     """Of Levenberg and Marquardt's method. Choice: three times as many found no better plans."""
@@ -48,6 +49,8 @@ class Planner:
     """So far, in each direction, arcs that plans begin with move images. Choice: a fifth of an image."""
     EFFORT_PX = 1.0
     """A word of 1 costs as much as a coordinate that is so far off. Choice: the shorter of equal plans."""
+    INSIDE = 5.0
+    """A coordinate outside the images counts as much as one so many times as far off its goal. Choice."""
     BORDER = 0.95
     """Marks are to stay within this part of the images on their way. Choice: as in other servos."""
     STEP = 1e-6
@@ -65,7 +68,7 @@ class Planner:
             goal: Where they are to be seen.
             rest: Words (a, m) that are left of an earlier plan.
         """
-        motors = model.curvature.size
+        motors = model.motors
         spread, plans = self._spread(model, points), list[Plan]()
         for arcs, starts in enumerate(self.STARTS, 1):
             words = self._rng.standard_normal((starts, arcs, motors)) @ spread
@@ -82,7 +85,7 @@ class Planner:
 
     def _spread(self, model: ProjectiveModel, points: Array) -> Array:
         """The square root (m, m) of the covariance of words that move images as far in all directions."""
-        motors = model.curvature.size
+        motors = model.motors
         ways = self.STEP * np.eye(motors)
         moved = projected(model.transforms(ways) @ homogeneous(points)) - points
         slopes = moved.reshape(motors, -1) / self.STEP
@@ -92,27 +95,18 @@ class Planner:
 
     def _refined(self, model: ProjectiveModel, points: Array, goal: Array, words: Array) -> Plan:
         starts, arcs, motors = words.shape
-        size = arcs * motors
-        damping = np.ones(starts)
-        values, slopes = self._values(model, points, goal, words)
-        costs = (values**2).sum(1)
-        for _ in range(self.ROUNDS):
-            hessian = slopes @ slopes.swapaxes(1, 2)
-            scale = np.eye(size) * (1 + hessian)
-            gradient = slopes @ values[..., None]
-            steps = np.linalg.solve(hessian + damping[:, None, None] * scale, gradient)
-            tried = np.clip(words - steps.reshape(words.shape), -1, 1)
-            new_values, new_slopes = self._values(model, points, goal, tried)
-            new_costs = (new_values**2).sum(1)
-            better = new_costs < costs
-            words[better], costs[better] = tried[better], new_costs[better]
-            values[better], slopes[better] = new_values[better], new_slopes[better]
-            damping = np.where(better, damping / 4, damping * 6)
-            if costs.min() < self.ENOUGH_PX**2:
-                break
-        best = int(costs.argmin())
-        off = values[best, : goal.size].reshape(goal.shape) * IMAGE_UNIT
-        return Plan(words[best], float(lengths_px(off).max()))
+
+        def near(places: Array) -> Quadratic:
+            values, slopes = self._values(model, points, goal, places.reshape(-1, arcs, motors))
+            gradient = (slopes @ values[..., None])[..., 0]
+            return Quadratic((values**2).sum(1), gradient, slopes @ slopes.swapaxes(1, 2))
+
+        found = least(near, words.reshape(starts, -1), self.ROUNDS, self.ENOUGH_PX**2, 1.0)
+        best = found.places[found.costs.argmin()].reshape(1, arcs, motors)
+        off = self._values(model, points, goal, best)[0][0, : (1 + motors) * goal.size].reshape(
+            -1, *goal.shape
+        )
+        return Plan(best[0], float(np.sqrt((off**2).sum((0, 2)).max())))
 
     def _values(
         self, model: ProjectiveModel, points: Array, goal: Array, words: Array
@@ -140,11 +134,17 @@ class Planner:
             slopes = (moved[..., :2, 0] - seen[:, None] * deeper) / depth[:, None]
             slopes = slopes * (np.abs(seen) < FARTHEST)[:, None]
             seen = np.clip(seen, -FARTHEST, FARTHEST)
-            beyond = np.maximum(np.abs(seen) - self._limits, 0)
+            beyond = self.INSIDE * np.maximum(np.abs(seen) - self._limits, 0)
             outside.append(beyond)
-            outside_slopes.append((np.sign(seen) * (beyond > 0))[:, None] * slopes)
-        values = np.concatenate([seen - goal, *outside], 1).reshape(starts, -1) / IMAGE_UNIT
-        derivatives = np.concatenate([slopes, *outside_slopes], 2).reshape(starts, size, -1) / IMAGE_UNIT
+            outside_slopes.append(self.INSIDE * (np.sign(seen) * (beyond > 0))[:, None] * slopes)
+        by_last = model.SLIP * slopes[:, -motors:]
+        slips = (words[:, -1, :, None, None] * by_last).reshape(starts, -1, 2)
+        of_slips = np.zeros((starts, size, motors, *points.shape))
+        of_slips[:, -motors:][:, range(motors), range(motors)] = by_last
+        of_slips = of_slips.reshape(starts, size, -1, 2)
+        values = np.concatenate([seen - goal, slips, *outside], 1).reshape(starts, -1) / IMAGE_UNIT
+        derivatives = np.concatenate([slopes, of_slips, *outside_slopes], 2)
+        derivatives = derivatives.reshape(starts, size, -1) / IMAGE_UNIT
         effort = self.EFFORT_PX * words.reshape(starts, size)
         of_effort = np.broadcast_to(self.EFFORT_PX * np.eye(size), (starts, size, size))
         return np.concatenate([values, effort], 1), np.concatenate([derivatives, of_effort], 2)

@@ -2,23 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
-from agents.docking.projective_model import DrivenArc, ProjectiveModel, exponential, homography
+from agents.docking.projective_model import DrivenArc, ProjectiveModel, homography
 from calfree_gym.image import IMAGE_UNIT
 from tests.agents.docking.robot import WHEELS, Robot
-
-
-def generators(rng, size):
-    """Those of arcs, of marks at any height, seen by any camera."""
-    for _ in range(size):
-        n = rng.normal(size=3)
-        n /= np.linalg.norm(n)
-        v = np.cross(n, rng.normal(size=3))
-        x, y, z = rng.normal() * n
-        k = rng.normal(size=(3, 3))
-        moves = -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) - np.outer(v, n) / rng.uniform(0.2, 1)
-        yield k @ moves @ np.linalg.inv(k)
 
 
 def motions(robot, count, size=0.3):
@@ -47,13 +34,6 @@ def worst_px(model, seen):
     return max(np.abs(model.predict(m.before, m.words) - m.after).max() for m in seen) / IMAGE_UNIT
 
 
-def test_the_exponential_of_an_arc_is_that_of_its_matrix():
-    for each in generators(np.random.default_rng(0), 30):
-        size = max(1.0, np.abs(expm(each)).max())
-        np.testing.assert_allclose(exponential(each), expm(each), atol=1e-7 * size)
-    assert np.isfinite(exponential(np.zeros((2, 3, 3)))).all()
-
-
 @pytest.mark.parametrize("base", WHEELS)
 def test_it_predicts_any_arc_of_linear_motors_once_it_has_learned(base):
     robot = Robot(1, base, bend=0.0)
@@ -63,7 +43,7 @@ def test_it_predicts_any_arc_of_linear_motors_once_it_has_learned(base):
 def test_it_learns_curved_motors_nearly_as_well_though_of_another_form():
     robot = Robot(2)
     model = taught(robot)
-    assert np.sign(model.curvature).tolist() == np.sign(robot.bend).tolist()
+    assert np.sign(model.learned.curves[0, :-1, 0]).tolist() == np.sign(robot.bend).tolist()
     assert worst_px(model, motions(robot, 30)) < 12
 
 
@@ -82,7 +62,7 @@ def test_the_homography_of_its_own_marks_carries_it_over_a_turn_of_the_camera():
     robot.knock(15)
     seen = motions(robot, 20)
     lost = worst_px(model, seen)
-    model.carry_over(np.tile(homography(before, robot.seen(np.zeros(3))[0]), (4, 1, 1)))
+    model.carry_over(homography(before, robot.seen(np.zeros(3))[0])[None])
     assert worst_px(model, seen) < 2 < 20 < lost
     for each in seen:
         model.learn(each)
