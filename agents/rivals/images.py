@@ -1,8 +1,10 @@
 """What a regression says of image points, for an agent that goes by it."""
 
-from typing import ClassVar, Protocol, Self
+from collections.abc import Mapping
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calfree_gym.image import IMAGE_UNIT
 
@@ -34,10 +36,16 @@ class ImageRegression(Protocol):
         """
 
     def variances(self, registers: Array, origin: Array, home: Array) -> Array:
-        """Variances (n, 2, 4) of how sensor vectors at registers (n, m) differ from those at `origin` (m,)."""
+        """Variances (n, 2, 4) of how sensor vectors at registers (n, m) differ from those at `origin`."""
 
     def distance_variances(self, registers: Array, origin: Array, home: Array) -> Array:
         """Variances (n, 4) of how the image distance differs."""
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What it has learned, as named arrays."""
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], looks: Looks) -> None:
+        """Takes over what `arrays` returned after these looks; raises ValueError where it does not fit."""
 
 
 def look_variances(looks: Looks, misfit_px: float) -> Array:

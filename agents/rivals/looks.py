@@ -66,8 +66,8 @@ class Looks:
         both = zip(self.arrays().values(), other.arrays().values(), strict=True)
         return Looks(*(np.concatenate(arrays) for arrays in both))
 
-    def only(self, chosen: NDArray[Any] | slice) -> Looks:
-        """Those that are chosen (n,)."""
+    def only(self, chosen: Any) -> Looks:
+        """Those that are chosen: flags (n,), or a slice."""
         return Looks(*(array[chosen] for array in self.arrays().values()))
 
     def without(self, cameras: NDArray[np.bool_]) -> Looks:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from copy import copy
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from calfree_gym.image import CAMERAS
 
 from ..base.observation import Array
 from ..base.registration import agent
+from ..base.storage import prefixed, under
 from .images import coordinates, look_variances
 from .looks import Looks
 from .monomials import Exponents, exponents, monomials
@@ -39,7 +42,7 @@ class PolynomialImages:
         motors: Number of registers m.
     """
 
-    misfit_px = 0.7
+    misfit_px: ClassVar[float] = 0.7
     """With the noise of a good marker, the pixel that was tried in wild worlds 81000 to 81002."""
 
     def __init__(self, motors: int) -> None:
@@ -82,6 +85,21 @@ class PolynomialImages:
 
     def distance_variances(self, registers: Array, origin: Array, home: Array) -> Array:
         return np.asarray(self.variances(registers, origin, home).sum(1))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        arrays: dict[str, NDArray[Any]] = {}
+        for name, regression in self._named():
+            arrays |= prefixed(name, regression.arrays())
+        return arrays
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], looks: Looks) -> None:
+        for name, regression in self._named():
+            regression.restore(under(name, arrays))
+
+    def _named(self) -> Iterator[tuple[str, BayesianRegression]]:
+        for part, both in zip(("gripper", "object"), self._regressions, strict=True):
+            for camera, regression in zip(CAMERAS, both, strict=True):
+                yield f"{part} {camera}", regression
 
     def _features(self, registers: Array, homes: Array) -> tuple[Array, Array]:
         """Of gripper and object at registers (n, m); home views are (n, 4), or (1, 4) for all of them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +46,11 @@ class Prior:
     mean: Array
     basis: Array
     deviations: Array
+
+    @property
+    def checksum(self) -> int:
+        """Of all its numbers: weights that were learned with another prior mean something else."""
+        return zlib.crc32(b"".join(each.tobytes() for each in vars(self).values()))
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:

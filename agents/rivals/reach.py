@@ -20,7 +20,7 @@ here; tried in wild worlds 81000 to 81002."""
 NEAR = 1e-4
 """How much the square of words counts (a guard: it decides among equals)."""
 DRAWN, NEARBY, SPREAD = 150, 60, 0.15
-"""It begins at the best of so many places within a motion, and of so many that spread about the present one."""
+"""It begins at the best of so many places within a motion, and of so many that spread about the present."""
 STEPS, DIFFERENCE, DAMPING = 8, 1e-3, 1e-4
 """Of Gauss-Newton (guards)."""
 ENOUGH = 0.99

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..base.checks import checked_array
 from ..base.observation import Array
 
 
@@ -49,3 +53,13 @@ class BayesianRegression:
     def copy(self) -> BayesianRegression:
         """One that learns on for itself: no array is ever changed in place."""
         return copy(self)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Mean and covariance, by their names."""
+        return dict(vars(self))
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Takes over what `arrays` returned; raises ValueError where it does not fit."""
+        self.mean, self.covariance = (
+            checked_array(arrays, name, each.shape) for name, each in self.arrays().items()
+        )

@@ -11,6 +11,7 @@ from ..base.checks import checked_array
 from ..base.observation import POINTS, Observation
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.procedure import Procedure, ProcedureAgent
+from ..base.storage import prefixed, under
 from ..memory.pairs import HomeView
 from ..servo.perception import ObservationFilter
 from .images import ImageRegression
@@ -75,15 +76,16 @@ class RegressionAgent(ProcedureAgent):
     def arrays(self) -> dict[str, NDArray[Any]]:
         home = {"home": self.home.sensors, "home_trials": self.home.trials}
         counts = {"trials": np.array([self._trials]), "home_noise_px": np.array([self.home.noise_px])}
-        return self.looks.arrays() | self.filter.arrays() | home | counts
+        known = self.looks.arrays() | prefixed("images", self.images.arrays())
+        return known | self.filter.arrays() | home | counts
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         looks, filter_, home = Looks.of(arrays, self._motors), ObservationFilter(), HomeView()
+        images = self._unlearned.copy()
+        images.restore(under("images", arrays), looks)
         filter_.restore(arrays)
         home.sensors = checked_array(arrays, "home", (None, 4))
         home.trials = checked_array(arrays, "home_trials", (len(home.sensors),)).astype(np.int64)
         home.noise_px = float(checked_array(arrays, "home_noise_px", (1,))[0])
         self._trials = int(checked_array(arrays, "trials", (1,))[0])
-        self.looks, self.filter, self.home = looks, filter_, home
-        self.images = self._unlearned.copy()
-        self.images.learn(looks)
+        self.looks, self.images, self.filter, self.home = looks, images, filter_, home

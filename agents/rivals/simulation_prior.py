@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 from os import PathLike
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from calfree_gym.image import CAMERAS, IMAGE_UNIT
 
@@ -40,7 +42,7 @@ class SimulatedImages:
         prior: Of the mount.
     """
 
-    misfit_px = 1.3
+    misfit_px: ClassVar[float] = 1.3
     """With the noise of a good marker, the 1.5 pixels that were tried in wild worlds 81000 to 81002."""
 
     def __init__(self, prior: Prior) -> None:
@@ -57,10 +59,18 @@ class SimulatedImages:
     def learn(self, looks: Looks) -> None:
         design, mean = self._design(looks.registers, looks.homes)
         variances = look_variances(looks, self.misfit_px).repeat(4, 1).reshape(-1, 2, 4)
-        told = np.isfinite(looks.points)
-        told[:, 1] &= looks.registers.any(1)[:, None]
+        away = np.stack([np.ones(len(looks), bool), looks.registers.any(1)], 1)
+        told = away[:, :, None] & np.isfinite(looks.points)
         self._weights.learn(design[told], (looks.points - mean)[told][:, None], variances[told])
         self._latest = (self._latest + looks).only(slice(-LATEST, None))
+        self._residuals = self._processes(self._latest)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        return self._weights.arrays()
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], looks: Looks) -> None:
+        self._weights.restore(arrays)
+        self._latest = looks.only(slice(-LATEST, None))
         self._residuals = self._processes(self._latest)
 
     def _processes(self, looks: Looks) -> list[list[ResidualProcess]]:
@@ -125,10 +135,10 @@ class SimulatedImages:
     arms="movemaster",
 )
 class SimulationPrior(RegressionAgent):
-    """Knows beforehand which images are likely, from thousands of simulated worlds (domain randomisation).
+    """Knows beforehand which images are likely, from hundreds of simulated worlds (domain randomisation).
 
-    Its prior was made by `python -m agents.rivals.train`, once for each mount, with the built arm, so it takes
-    no other one. Which motor is which it has learned there, too.
+    Its prior was made by `python -m agents.rivals.train`, one for each mount, with the built arm: it takes no
+    other one. Which motor is which it knows from there, too.
 
     Attributes:
         training: How the prior was made: command, worlds, CPU seconds, versions.
@@ -156,8 +166,8 @@ class SimulationPrior(RegressionAgent):
         motors = env.action_space.shape[0]  # type: ignore[index]
         known, self.training = load_prior(KEPT if prior is None else prior, camera_mount, motors)
         super().__init__(env, SimulatedImages(known), seed)
-        self.camera_mount = camera_mount
+        self.camera_mount, self._prior = camera_mount, known.checksum
 
     @property
     def kind(self) -> str:
-        return f"SimulationPrior(camera_mount={self.camera_mount!r})"
+        return f"SimulationPrior(camera_mount={self.camera_mount!r}, prior={self._prior:08x})"
