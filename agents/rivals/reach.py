@@ -61,6 +61,11 @@ class RegressionFindings:
         self.images.learn(look)
         self.looks += look
 
+    def begin_anew(self, unlearned: ImageRegression, looks: Looks) -> None:
+        """Knows what these looks tell, and no others."""
+        self.images, self.looks = unlearned.copy(), looks
+        self.images.learn(looks)
+
 
 class RegressionReach:
     """One trial.
@@ -71,10 +76,13 @@ class RegressionReach:
     Args:
         first: The trial's first observation that can be trusted.
         findings: What to begin with.
-        unlearned: Image points before any look.
+        unlearned: Image points before any look, for where looks of earlier trials lead nowhere; None where
+            these are not doubted.
     """
 
-    def __init__(self, first: Observation, findings: RegressionFindings, unlearned: ImageRegression) -> None:
+    def __init__(
+        self, first: Observation, findings: RegressionFindings, unlearned: ImageRegression | None
+    ) -> None:
         self.now = self._first = first
         self._findings, self._unlearned = findings, unlearned
         self._stops = Stops(first.registers)
@@ -112,10 +120,9 @@ class RegressionReach:
             self._nearest_px, self._in_vain = self.now.distance_px, 0
             return
         self._in_vain += 1
-        if self._in_vain == PATIENCE and self._earlier:
-            self._findings.looks = self._findings.looks.only(slice(self._earlier, None))
-            self._findings.images, self._earlier = self._unlearned.copy(), 0
-            self._findings.images.learn(self._findings.looks)
+        if self._in_vain == PATIENCE and self._unlearned is not None:
+            self._findings.begin_anew(self._unlearned, self._findings.looks.only(slice(self._earlier, None)))
+            self._unlearned = None
 
     def _words(self) -> Array:
         """The next words (m,): a step, with a probe where that is to leave too much; half back when blind."""

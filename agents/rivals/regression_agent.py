@@ -23,7 +23,7 @@ class RegressionAgent(ProcedureAgent):
     """Remembers every look. It knows two changes of the world.
 
     A camera that sees the gripper elsewhere at home than in the last trials has been moved: all that it saw
-    is forgotten. Where a trial comes no nearer, the looks of earlier trials are.
+    is forgotten. Where another trial comes no nearer, the looks of earlier trials are.
 
     Attributes:
         looks: All that are remembered.
@@ -56,13 +56,14 @@ class RegressionAgent(ProcedureAgent):
     def procedure(self, first: Observation, findings: RegressionFindings) -> Procedure:
         """See `ProcedureAgent`."""
         now = yield from findings.filter.first(first)
+        jumped = np.zeros(2, bool)
         if now.shows_gripper and not now.registers.any():
             findings.gripper_home = now.gripper
-            if (jumped := self.home.jumped(now.gripper)).any():
-                findings.looks = findings.looks.without(jumped)
-                findings.images = self._unlearned.copy()
-                findings.images.learn(findings.looks)
-        yield from RegressionReach(now, findings, self._unlearned).go()
+            jumped = self.home.jumped(now.gripper)
+        if jumped.any():
+            findings.begin_anew(self._unlearned, findings.looks.without(jumped))
+        unlearned = None if jumped.any() else self._unlearned
+        yield from RegressionReach(now, findings, unlearned).go()
 
     def learn_trial(self, findings: RegressionFindings, last: Observation, ended: bool) -> None:
         """See `ProcedureAgent`. Every look teaches, however the trial ends."""
