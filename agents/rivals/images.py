@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calfree_gym.image import IMAGE_UNIT
 
 from ..base.observation import Array
-from .looks import Looks
+from .looks import RegressionLooks
 
 
 class ImageRegression(Protocol):
@@ -24,7 +24,7 @@ class ImageRegression(Protocol):
     def copy(self) -> Self:
         """One that learns on for itself."""
 
-    def learn(self, looks: Looks) -> None:
+    def learn(self, looks: RegressionLooks) -> None:
         """Learns from looks."""
 
     def points(self, registers: Array, home: Array) -> Array:
@@ -44,11 +44,11 @@ class ImageRegression(Protocol):
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What it has learned, as named arrays."""
 
-    def restore(self, arrays: Mapping[str, NDArray[Any]], looks: Looks) -> None:
+    def restore(self, arrays: Mapping[str, NDArray[Any]], looks: RegressionLooks) -> None:
         """Takes over what `arrays` returned after these looks; raises ValueError where it does not fit."""
 
 
-def look_variances(looks: Looks, misfit_px: float) -> Array:
+def look_variances(looks: RegressionLooks, misfit_px: float) -> Array:
     """Variances (n, 2) of gripper's and object's coordinates; the object's home view is as noisy again."""
     one = (np.square(looks.noise_px) + misfit_px**2) * IMAGE_UNIT**2
     return np.stack([one, 2 * one], 1)

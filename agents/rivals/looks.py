@@ -14,7 +14,7 @@ from ..base.observation import Array, Observation
 
 
 @dataclass(frozen=True)
-class Looks:
+class RegressionLooks:
     """What was seen where.
 
     Attributes:
@@ -62,16 +62,16 @@ class Looks:
     def __len__(self) -> int:
         return len(self.registers)
 
-    def __add__(self, other: Looks) -> Looks:
+    def __add__(self, other: RegressionLooks) -> RegressionLooks:
         both = zip(self.arrays().values(), other.arrays().values(), strict=True)
-        return Looks(*(np.concatenate(arrays) for arrays in both))
+        return RegressionLooks(*(np.concatenate(arrays) for arrays in both))
 
-    def only(self, chosen: Any) -> Looks:
+    def only(self, chosen: Any) -> RegressionLooks:
         """Those that are chosen: flags (n,), or a slice."""
-        return Looks(*(array[chosen] for array in self.arrays().values()))
+        return RegressionLooks(*(array[chosen] for array in self.arrays().values()))
 
-    def without(self, cameras: NDArray[np.bool_]) -> Looks:
+    def without(self, cameras: NDArray[np.bool_]) -> RegressionLooks:
         """What the other cameras saw; `cameras` (2,) are forgotten."""
         points = np.where(np.repeat(cameras, 2), np.nan, self.points)
-        looks = Looks(self.registers, self.homes, points, self.noise_px)
+        looks = RegressionLooks(self.registers, self.homes, points, self.noise_px)
         return looks.only(np.isfinite(points).any((1, 2)))

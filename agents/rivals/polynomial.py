@@ -16,7 +16,7 @@ from ..base.observation import Array
 from ..base.registration import agent
 from ..base.storage import prefixed, under
 from .images import coordinates, look_variances
-from .looks import Looks
+from .looks import RegressionLooks
 from .monomials import Exponents, exponents, monomials
 from .regression import BayesianRegression
 from .regression_agent import RegressionAgent
@@ -61,7 +61,7 @@ class PolynomialImages:
         other._regressions = [[each.copy() for each in part] for part in self._regressions]
         return other
 
-    def learn(self, looks: Looks) -> None:
+    def learn(self, looks: RegressionLooks) -> None:
         away = np.stack([np.ones(len(looks), bool), looks.registers.any(1)])
         variances = look_variances(looks, self.misfit_px)
         targets = looks.points - np.stack([np.zeros_like(looks.homes), looks.homes], 1)
@@ -92,7 +92,7 @@ class PolynomialImages:
             arrays |= prefixed(name, regression.arrays())
         return arrays
 
-    def restore(self, arrays: Mapping[str, NDArray[Any]], looks: Looks) -> None:
+    def restore(self, arrays: Mapping[str, NDArray[Any]], looks: RegressionLooks) -> None:
         for name, regression in self._named():
             regression.restore(under(name, arrays))
 

@@ -12,7 +12,7 @@ from ..base.registers import Stops
 from ..servo.perception import ObservationFilter
 from ..servo.trial import HARDLY_NEARER, Motions
 from .images import ImageRegression
-from .looks import Looks
+from .looks import RegressionLooks
 
 CAUTION = 0.3
 """How much the variance of the image distance counts beside the square of its mean. Choice, as all numbers
@@ -49,7 +49,7 @@ class RegressionFindings:
     """
 
     images: ImageRegression
-    looks: Looks
+    looks: RegressionLooks
     filter: ObservationFilter
     random: np.random.Generator
     ends: Array
@@ -57,11 +57,11 @@ class RegressionFindings:
 
     def see(self, seen: Observation, home: Observation) -> None:
         """Learns from a look, in a trial that began with `home`."""
-        look = Looks.one(seen, home, self.filter.noise.px)
+        look = RegressionLooks.one(seen, home, self.filter.noise.px)
         self.images.learn(look)
         self.looks += look
 
-    def begin_anew(self, unlearned: ImageRegression, looks: Looks) -> None:
+    def begin_anew(self, unlearned: ImageRegression, looks: RegressionLooks) -> None:
         """Knows what these looks tell, and no others."""
         self.images, self.looks = unlearned.copy(), looks
         self.images.learn(looks)

@@ -15,7 +15,7 @@ from ..base.storage import prefixed, under
 from ..memory.pairs import HomeView
 from ..servo.perception import ObservationFilter
 from .images import ImageRegression
-from .looks import Looks
+from .looks import RegressionLooks
 from .reach import RegressionFindings, RegressionReach
 
 
@@ -42,7 +42,7 @@ class RegressionAgent(ProcedureAgent):
     def __init__(self, env: gym.Env[Any, Any], unlearned: ImageRegression, seed: int = 0) -> None:
         super().__init__(env, seed)
         self._unlearned, self.images = unlearned, unlearned.copy()
-        self.looks = Looks.none(self._motors)
+        self.looks = RegressionLooks.none(self._motors)
         self.filter, self.home = ObservationFilter(), HomeView()
         self._trials = 0
         space = env.observation_space["observation"]  # type: ignore[index]
@@ -81,7 +81,7 @@ class RegressionAgent(ProcedureAgent):
         return known | self.filter.arrays() | home | counts
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        looks, filter_, home = Looks.of(arrays, self._motors), ObservationFilter(), HomeView()
+        looks, filter_, home = RegressionLooks.of(arrays, self._motors), ObservationFilter(), HomeView()
         images = self._unlearned.copy()
         images.restore(under("images", arrays), looks)
         filter_.restore(arrays)

@@ -17,7 +17,7 @@ from ..base.observation import Array
 from ..base.prior_knowledge import PriorKnowledge
 from ..base.registration import agent
 from .images import coordinates, look_variances
-from .looks import Looks
+from .looks import RegressionLooks
 from .prior import KEPT, Prior, features, load_prior
 from .regression import BayesianRegression
 from .regression_agent import RegressionAgent
@@ -48,7 +48,7 @@ class SimulatedImages:
     def __init__(self, prior: Prior) -> None:
         self._prior = prior
         self._weights = BayesianRegression(prior.deviations, 1)
-        self._latest = Looks.none(3)
+        self._latest = RegressionLooks.none(3)
         self._residuals: list[list[ResidualProcess]] = []
 
     def copy(self) -> Self:
@@ -56,7 +56,7 @@ class SimulatedImages:
         other._weights = self._weights.copy()
         return other
 
-    def learn(self, looks: Looks) -> None:
+    def learn(self, looks: RegressionLooks) -> None:
         design, mean = self._design(looks.registers, looks.homes)
         variances = look_variances(looks, self.misfit_px).repeat(4, 1).reshape(-1, 2, 4)
         away = np.stack([np.ones(len(looks), bool), looks.registers.any(1)], 1)
@@ -68,12 +68,12 @@ class SimulatedImages:
     def arrays(self) -> dict[str, NDArray[Any]]:
         return self._weights.arrays()
 
-    def restore(self, arrays: Mapping[str, NDArray[Any]], looks: Looks) -> None:
+    def restore(self, arrays: Mapping[str, NDArray[Any]], looks: RegressionLooks) -> None:
         self._weights.restore(arrays)
         self._latest = looks.only(slice(-LATEST, None))
         self._residuals = self._processes(self._latest)
 
-    def _processes(self, looks: Looks) -> list[list[ResidualProcess]]:
+    def _processes(self, looks: RegressionLooks) -> list[list[ResidualProcess]]:
         """Of gripper and object, in each camera."""
         residuals = looks.points - self._linear(looks.registers, looks.homes)
         variances, places = look_variances(looks, 0.0), self._places(looks.registers, looks.homes)
@@ -152,9 +152,9 @@ class SimulationPrior(RegressionAgent):
 
     prior_knowledge = RegressionAgent.prior_knowledge | {
         PriorKnowledge.CAMERA_MODEL,
-        PriorKnowledge.ARM,
         PriorKnowledge.MOUNT,
         PriorKnowledge.MOTOR_ORDER,
+        PriorKnowledge.WORD_LIMIT,
         PriorKnowledge.TRAINING_WORLDS,
     }
 
