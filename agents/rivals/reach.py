@@ -30,9 +30,9 @@ UNKNOWN, UNKNOWN_PX = 0.3, 10.0
 PROBE, PROBE_PX, MOST_PROBE, STEP = 0.05, 24.0, 2.0, 0.5
 """A probe is so large a word for each motor, but no larger than moves points so far in the images and than so
 many times that; the step beside it is no larger than the last one."""
-PATIENCE = 8
-"""After so many motions in a row that came hardly nearer, only looks of this trial count. Choice, as in
-`unified_servo`."""
+PATIENCE = 12
+"""After so many motions of a trial that came hardly nearer, only its own looks count. Choice: as many as a
+first reach takes."""
 
 
 @dataclass
