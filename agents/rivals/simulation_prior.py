@@ -131,7 +131,7 @@ class SimulatedImages:
 
 @agent(
     "simulation_prior",
-    "The same with a prior from simulated worlds, and a Gaussian process on what that leaves.",
+    "Such a regression with a prior from simulated worlds, and a Gaussian process on the rest.",
     arms="movemaster",
 )
 class SimulationPrior(RegressionAgent):
