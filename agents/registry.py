@@ -28,6 +28,8 @@ READ_FIRST = (
     "knowledge.factored_table",
     "knowledge.support_points",
     "memory.memory",
+    "rivals.polynomial",
+    "rivals.simulation_prior",
     "body_schema.body_schema",
     "servo.joint_space",
     "calibrated.affine_stereo",
@@ -45,7 +47,8 @@ _PACKAGE = __name__.rpartition(".")[0]
 for module in READ_FIRST:
     import_module(f"{_PACKAGE}.{module}")
 for found in walk_packages([str(Path(__file__).parent)], f"{_PACKAGE}."):
-    if not found.name.startswith(f"{_PACKAGE}.neural."):  # these load more: only when an agent is made
+    loads_more = found.name.startswith(f"{_PACKAGE}.neural.")  # only when an agent is made
+    if not loads_more and not found.name.endswith(".train"):  # which is a command
         import_module(found.name)
 
 NEURAL = tuple(name for name, known in AGENTS.items() if known.extra)

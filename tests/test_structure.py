@@ -14,8 +14,8 @@ ROOT = Path(__file__).parents[1]
 LAYERS = {
     "calfree_gym": "errors wrappers image reaching geometry streams pool vision robot world perturbations "
     "perturb rendering engine tasks calfree_gym envs sb3 picture_reach lerobot cli",
-    "agents": "base neural servo calibrated knowledge memory body_schema grasp docking reference registry "
-    "moved agents",
+    "agents": "base neural servo calibrated knowledge memory rivals body_schema grasp docking reference "
+    "registry moved agents",
     "experiments": "errors options config evaluation experiments running statistics reporting execution "
     "protocol tuning film fetch_reach arm_check studies __main__",
 }

@@ -48,6 +48,8 @@ _KNOWN = {
     "factored_table": _Known("factored table (ours)", _VERMILION, _DASHED),
     "support_points": _Known("support points (ours)", _VERMILION, _DOTTED),
     "memory": _Known("memory (ours)", _PINK),
+    "polynomial": _Known("polynomial regression", _SKY, _DASHED),
+    "simulation_prior": _Known("regression with simulated prior", _SKY, _DOTTED),
     "body_schema": _Known("body schema (ours)", _RED),
     "cooperstock_milios": _Known("Cooperstock & Milios (1993)", _SKY),
     "self_supervised": _Known("self-supervised network (ours)", _BLUE),

@@ -82,6 +82,8 @@ WRONG = [
     *[("affine_stereo", *each, "") for each in (("gain", 0.0), ("gain", 1.5), ("spacing", 0.0))],
     ("model_based", "camera_mount", "wrist", "allowed: waist, stand"),
     ("self_calibrating", "lens", "fisheye", "allowed: radial, none"),
+    ("simulation_prior", "camera_mount", "wrist", "allowed: waist, stand"),
+    ("simulation_prior", "prior", 3, "must be the name of a file"),
     ("recurrent_servo", "weights", 3, "must be the name of a file"),
     *[(name, *each, "") for name in ("self_supervised", "cooperstock_milios") for each in SELF_TAUGHT],
     ("sac", "word_limit", 0, ""),
@@ -166,7 +168,7 @@ def test_a_neural_agent_says_what_to_install(make_env, monkeypatch, ask):
 def test_agents_that_know_one_arm_refuse_others_and_name_those_that_act_on_any(arm):
     """Also an arm that has as many motors as the one they know."""
     env = gym.make("calfree_gym:CalFree/Reach-v0", arm=ARMS[arm], tell=tuple(PRIVILEGED))
-    for name in ("affine_stereo", "model_based", "self_calibrating"):
+    for name in ("affine_stereo", "model_based", "self_calibrating", "simulation_prior"):
         with pytest.raises(ValueError, match=f"{name} is built on the arm 'movemaster'") as refused:
             agents.make(name, env)
     of_any = re.search("allowed with any arm: (.*?);", str(refused.value))[1].split(", ")

@@ -1,0 +1,65 @@
+"""Bayesian linear regression against least squares, and a Gaussian process through its looks."""
+
+import numpy as np
+import pytest
+
+from agents.rivals.monomials import exponents, monomials
+from agents.rivals.polynomial import PolynomialImages
+from agents.rivals.regression import BayesianRegression
+from agents.rivals.residuals import ResidualProcess
+
+
+@pytest.mark.parametrize("block", [1, 7, 100])
+def test_however_looks_come_they_give_the_least_squares_with_the_prior_as_looks_of_zero(block):
+    rng = np.random.default_rng(0)
+    features, targets = rng.normal(size=(100, 5)), rng.normal(size=(100, 2))
+    variances, deviations = rng.uniform(0.01, 1, 100), rng.uniform(0.1, 2, 5)
+    regression = BayesianRegression(deviations, 2)
+    regression.BLOCK = block
+    regression.learn(features, targets, variances)
+    weights = 1 / np.sqrt(variances)[:, None]
+    rows = np.vstack([features * weights, np.diag(1 / deviations)])
+    expected = np.linalg.lstsq(rows, np.vstack([targets * weights, np.zeros((5, 2))]))[0]
+    np.testing.assert_allclose(regression.mean, expected, rtol=1e-9, atol=1e-12)
+    inverse = np.linalg.inv(rows.T @ rows)
+    np.testing.assert_allclose(regression.covariance, inverse, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(
+        regression.variances(features), np.einsum("ni,ij,nj->n", features, inverse, features), rtol=1e-8
+    )
+
+
+def test_a_copy_learns_for_itself():
+    regression = BayesianRegression(np.ones(2), 1)
+    regression.copy().learn(np.eye(2), np.ones((2, 1)), np.ones(2))
+    assert not regression.mean.any()
+    np.testing.assert_array_equal(regression.covariance, np.eye(2))
+
+
+def test_monomials_are_products_of_powers():
+    powers = exponents((2, 1), (2, 1), 2)
+    assert sorted(map(tuple, powers.tolist())) == sorted(
+        [(0, 0, 0), (1, 0, 0), (0, 1, 0), (2, 0, 0), (1, 1, 0), (0, 2, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)]
+    )
+    values = np.random.default_rng(0).normal(size=(4, 3))
+    for column, power in zip(monomials(values, powers).T, powers, strict=True):
+        np.testing.assert_allclose(column, np.prod(values**power, axis=1))
+
+
+@pytest.mark.parametrize("motors", [1, 3, 4, 6, 8])
+def test_polynomials_of_any_number_of_motors_stay_small(motors):
+    """And see an object move with any of them."""
+    images, home = PolynomialImages(motors), np.zeros(4)
+    at_home = np.zeros(motors)
+    for regressions in images._regressions:
+        assert len(regressions[0].mean) <= 300
+    variances = images.variances(0.1 * np.eye(motors), at_home, home)
+    assert variances.shape == (motors, 2, 4)
+    assert (variances > 0).all()
+
+
+def test_residuals_are_met_where_they_were_seen_and_fade_far_away():
+    rng = np.random.default_rng(0)
+    places, residuals = rng.uniform(-1, 1, (6, 3)), rng.normal(size=(6, 2))
+    process = ResidualProcess(places, residuals, np.full(6, 1e-9), deviation=1.0, length=0.3)
+    np.testing.assert_allclose(process.mean(places), residuals, atol=1e-4)
+    np.testing.assert_allclose(process.mean(places + 10), 0, atol=1e-9)

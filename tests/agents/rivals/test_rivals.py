@@ -1,0 +1,166 @@
+"""`polynomial` and `simulation_prior`: they reach, remember, forget a moved camera, and are saved whole."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import agents
+from agents.base.prior_knowledge import PriorKnowledge
+from agents.rivals import train
+from agents.rivals.looks import RegressionLooks
+from agents.rivals.prior import KEPT, load_prior
+from calfree_gym.world import WorldDistribution
+from experiments.config.loading import read_mapping
+from experiments.running.run import world_seeds
+from tests.agents.trials import assert_same_arrays, motions_of
+from tests.arms.own import ARMS
+from tests.experiments.config.test_loading import SUITES
+
+NAMES = ("polynomial", "simulation_prior")
+UNSEEN = 1000
+WORLDS = range(UNSEEN, UNSEEN + 2)
+AIMED = {"type": "camera_aim", "camera": "left", "degrees": 20}
+
+
+@pytest.fixture(params=NAMES)
+def name(request):
+    return request.param
+
+
+def settings_of(name, mount):
+    return {"camera_mount": mount} if name == "simulation_prior" else {}
+
+
+def test_it_reaches_in_worlds_that_it_never_saw_and_remembers(name, mount, live):
+    lives = [live(name, make_reach(mount), seed, 10, **settings_of(name, mount))[1] for seed in WORLDS]
+    assert np.max(lives) < 60
+    motions = np.mean(lives, 0)
+    assert motions[5:].mean() < motions[0] / 2
+
+
+def make_reach(mount="waist", **options):
+    return gym.make("CalFree/Reach-v0", camera_mount=mount, world="wild", dynamics="kinematic", **options)
+
+
+def test_what_a_moved_camera_saw_is_forgotten_and_the_other_s_is_kept(name, live):
+    agent, _ = live(name, make_reach(perturbations=[{"at": {"trial": 6}, "do": AIMED}]), UNSEEN, trials=7)
+    left, right = (np.isfinite(agent.looks.points[:, 0, side]).all(1) for side in (slice(2), slice(2, 4)))
+    forgotten = int(left.argmax())
+    assert forgotten >= 12, "six trials: at home, and after a motion at least"
+    assert left[forgotten:].all()
+    assert right.all()
+
+
+def test_looks_of_a_camera_alone_and_of_none():
+    looks = replace(
+        RegressionLooks.none(2), registers=np.zeros((2, 2)), homes=np.zeros((2, 4)), noise_px=np.ones(2)
+    )
+    points = np.zeros((2, 2, 4))
+    points[1, :, 2:] = np.nan
+    looks = replace(looks, points=points)
+    kept = looks.without(np.array([True, False]))
+    assert len(kept) == 1
+    assert np.isnan(kept.points[..., :2]).all()
+    assert np.isfinite(kept.points[..., 2:]).all()
+    assert len(looks.without(np.ones(2, bool))) == 0
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        {"type": "point_dropout", "share": 0.2},
+        {"type": "point_outliers", "share": 0.1},
+        {"type": "point_noise", "px": 2.0},
+        {"type": "latency", "motions": 1},
+    ],
+    ids=lambda trouble: trouble["type"],
+)
+def test_points_that_are_hidden_mistaken_noisy_or_late(name, trouble, live):
+    env = make_reach(perturbations=[{"at": {"trial": 0}, "do": trouble}], max_episode_steps=100)
+    agent, counts = live(name, env, UNSEEN, trials=4)
+    assert np.median(counts) < 30
+    assert all(np.isfinite(array).all() for array in agent.images.arrays().values())
+
+
+def test_a_reversed_motor_makes_it_forget_and_it_reaches_again(live):
+    reversed_ = [{"at": {"trial": 40}, "do": {"type": "motor_sign", "motor": "elbow"}}]
+    agent, counts = live("polynomial", make_reach(perturbations=reversed_), 80_021, trials=44)
+    assert len(agent.looks) < sum(counts[40:]) + 10, "those of trials before are forgotten"
+    assert max(counts) < 60
+
+
+@pytest.mark.parametrize("arm", ["scara", "hobby", "redundant"])
+def test_polynomials_reach_with_other_arms(arm, live):
+    env = gym.make("calfree_gym:CalFree/Reach-v0", arm=ARMS[arm], camera_mount="stand", dynamics="kinematic")
+    _, counts = live("polynomial", env, UNSEEN, trials=6)
+    assert np.median(counts) < 60
+
+
+def test_what_is_saved_goes_on_alike(name, tmp_path, live):
+    agent, _ = live(name, make_reach(), UNSEEN, trials=4)
+    agent.save(tmp_path / "agent.npz")
+    again = agents.make(name, make_reach()).load(tmp_path / "agent.npz")
+    assert_same_arrays(agent, again)
+    for own, other in zip(
+        motions_of(agent, make_reach(), seed=7), motions_of(again, make_reach(), seed=7), strict=True
+    ):
+        np.testing.assert_array_equal(own[0], other[0])
+
+
+def test_another_arm_mount_or_prior_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="simulation_prior is built on the arm 'movemaster'"):
+        agents.make("simulation_prior", gym.make("calfree_gym:CalFree/Reach-v0", arm=ARMS["hobby"]))
+    with pytest.raises(ValueError, match=r"camera_mount is 'wrist'.*allowed: waist, stand"):
+        agents.make("simulation_prior", make_reach(), camera_mount="wrist")
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        agents.make("simulation_prior", make_reach(), prior=str(tmp_path / "nowhere.npz"))
+    agents.make("polynomial", make_reach()).save(tmp_path / "other.npz")
+    with pytest.raises(ValueError, match=r"holds Polynomial\(\)"):
+        agents.make("simulation_prior", make_reach(), prior=str(tmp_path / "other.npz"))
+    agents.make("simulation_prior", make_reach("stand"), camera_mount="stand").save(tmp_path / "stand.npz")
+    with pytest.raises(ValueError, match="camera_mount='stand'"):
+        agents.make("simulation_prior", make_reach()).load(tmp_path / "stand.npz")
+
+
+def test_it_and_its_kept_file_say_what_it_is_built_on():
+    agent = agents.make("simulation_prior", make_reach())
+    assert {PriorKnowledge.TRAINING_WORLDS, PriorKnowledge.MOUNT, PriorKnowledge.IMAGE_SCALE} <= (
+        agent.prior_knowledge
+    )
+    assert KEPT.stat().st_size < 2_000_000
+    assert agent.training["cpu_seconds"] > 0
+    assert f"--worlds-from {agent.training['worlds_from']} " in agent.training["command"]
+
+
+def test_a_prior_is_made_anew_by_its_command(tmp_path):
+    path = tmp_path / "prior.npz"
+    train.main(
+        f"--out {path} --worlds-from 910000 --worlds 12 --objects 12 --motions 20 --components 8".split()
+    )
+    prior, training = load_prior(path, "stand", 3)
+    assert prior.deviations.shape == (8,)
+    assert training["worlds"] == 12
+    assert not prior.basis[56:].any(), "on the stand no motor moves the object's image"
+    assert agents.make("simulation_prior", make_reach(), prior=str(path)).learn(5).num_timesteps == 5
+
+
+@pytest.fixture(scope="module")
+def trained_in():
+    """Seeds of the training worlds, and some of these worlds."""
+    training = load_prior(KEPT, "waist", 3)[1]
+    seeds = range(training["worlds_from"], training["worlds_from"] + training["worlds"])
+    return seeds, [WorldDistribution("wild").sample(seed) for seed in seeds[::30]]
+
+
+@pytest.mark.parametrize("path", SUITES, ids=lambda path: path.name)
+def test_no_suite_has_a_world_of_the_training(path, trained_in):
+    suite = read_mapping(path)
+    worlds = max(
+        [suite["worlds"], *(each.get("worlds", 0) for each in suite["agents"] if isinstance(each, dict))]
+    )
+    seeds, (known, drawn) = world_seeds(suite.get("seed", 0), worlds, suite.get("first_world")), trained_in
+    assert set(seeds).isdisjoint(known)
+    for seed in seeds[:3]:
+        assert WorldDistribution("wild").sample(seed) not in drawn
