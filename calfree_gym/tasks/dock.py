@@ -74,8 +74,6 @@ class DockConfig(Config):
         check_choice("base", self.base, BASES)
         check_choice("goal", self.goal, GOALS_OF_DOCKING)
         check_choice("dynamics", self.dynamics, DYNAMICS)
-        if self.dynamics == "physics" and self.base != "differential":
-            raise ValueError(f"base is {self.base!r}; with dynamics='physics' it must be 'differential'")
         check_whole("cameras", self.cameras, 1, MOST_CAMERAS)
         check_whole("marks", self.marks, 2, len(MARKS))
         check_told(self.tell, tuple(PRIVILEGED))
@@ -351,7 +349,7 @@ class DockEnv(ArmEnv, arms=DockArms):
         marks: How many, 2 to 4: the near ones first.
         goal: "marks" or "shown", see above.
         tolerance_px: Image distance of the rendezvous, in pixels of 512.
-        dynamics: "kinematic": the robot follows the arc; or "physics", on two wheels: MuJoCo drives it there,
+        dynamics: "kinematic": the robot follows the arc; or "physics": MuJoCo drives it there,
             within 5 mm and 1 degree of that in a motion of 30 cm or 40 degrees.
         perturbations, redraw, pool, terminate_on_success: As for `StereoArmEnv`. Perturbations of wheels and
             dock are `wheel_radius`, `track`, `slip` and `dock_moved`.

@@ -1,8 +1,12 @@
 """The MuJoCo model of a base and its dock: wheels, casters, floor, marks and cameras.
 
-The wheels are narrow, so that they hardly scrub as the base turns. Casters roll without friction: a contact
+Two wheels are narrow, so that they hardly scrub as the base turns. Casters roll without friction: a contact
 takes the larger friction of both its surfaces, unless one has priority. The centre of mass lies between the
 axle and the rear caster; the front caster, a little higher, catches a base that brakes.
+
+An omnidirectional wheel has rollers round its rim, which let it slide along its axle. So its contact has
+friction across the axle alone: MuJoCo's contact of a capsule with a plane has the capsule's axis as its first
+direction. The rollers' own inertia and the steps from one to the next are left out.
 """
 
 from __future__ import annotations
@@ -24,23 +28,31 @@ _FRONT = np.array([0.13, 0.0, 0.08])
 _FOOT = np.array([0.0, 0.0, 0.1])
 """Where the rods of the marks begin, and the masts of the cameras, from the axle (m)."""
 _OWN, _MARK, _CASTER = 0.022, 0.03, 0.03
+_GRIP, _ALONG = 0.9, 0.01
+"""Friction of wheels with the floor, and that of omnidirectional ones along their axles. Choice: the second
+is that of rollers on bearings; with a third of it a base that stands creeps by 0.2 mm a motion."""
 _COLOURS = "0.95 0.05 0.55 1", "0.05 0.70 0.25 1"
 """Of the marks of base and dock."""
 
 
 def model_of(base: Base) -> mujoco.MjModel:
-    """The model of a base on two wheels with casters; of other kinds, it only looks so."""
+    """The model of a base: on two wheels with casters, or on three omnidirectional wheels."""
+    omni = base.kind == "omni"
     wheels = "".join(
-        f"""<body name="{name}" pos="0 {side * TRACK / 2} 0">
-              <joint name="{name}" axis="0 1 0" damping=".02" armature=".01"/>
-              <geom type="cylinder" size="{WHEEL_RADIUS} .006" zaxis="0 1 0" mass=".6" rgba=".15 .15 .15 1"/>
+        f"""<body name="{name}" pos="{_numbers(TRACK / 2 * stands)} 0">
+              <joint name="{name}" axis="{-rolls[1]} {rolls[0]} 0" damping=".02" armature=".01"/>
+              {_wheel(name, f"{-rolls[1]} {rolls[0]} 0", omni)}
             </body>"""
-        for name, side in zip(base.wheels, (1, -1, 0), strict=False)
+        for name, stands, rolls in zip(base.wheels, base.stand, base.rolls, strict=True)
     )
     casters = "".join(
         f'<geom type="sphere" size="{_CASTER}" pos="{x} 0 {_CASTER - WHEEL_RADIUS + lifted}" mass=".2" '
         'friction="0 0 0" priority="1" condim="1" rgba=".5 .5 .5 1"/>'
-        for x, lifted in ((-0.15, 0.0), (0.15, 0.003))
+        for x, lifted in (() if omni else ((-0.15, 0.0), (0.15, 0.003)))
+    )
+    contacts = "".join(
+        f'<pair geom1="floor" geom2="{name}" condim="3" friction="{_ALONG} {_GRIP}"/>'
+        for name in (base.wheels if omni else ())
     )
     own = "".join(
         f'<geom name="own{i}{end}" size="{_OWN}" rgba="{_COLOURS[0]}" class="seen"/>'
@@ -64,7 +76,7 @@ def model_of(base: Base) -> mujoco.MjModel:
         f"""<mujoco model="dock">
           <option timestep="0.002" integrator="implicitfast" cone="elliptic" impratio="10"/>
           <default>
-            <geom friction="0.9 0.005 0.0001"/>
+            <geom friction="{_GRIP} 0.005 0.0001"/>
             <default class="seen"><geom type="sphere" contype="0" conaffinity="0" mass="0"/></default>
           </default>
           <visual>
@@ -92,9 +104,26 @@ def model_of(base: Base) -> mujoco.MjModel:
               <geom type="cylinder" size=".2 .002" pos="-.05 0 0" rgba=".55 .8 .6 1" class="seen"/>{docks}
             </body>
           </worldbody>
+          <contact>{contacts}</contact>
           <actuator>{servos}</actuator>
         </mujoco>"""
     )
+
+
+def _wheel(name: str, axle: str, omni: bool) -> str:
+    """The geoms of a wheel: what it looks like, and, where that is another thing, what touches the floor."""
+    shape = f'type="cylinder" size="{WHEEL_RADIUS} .006" zaxis="{axle}" rgba=".15 .15 .15 1"'
+    if not omni:
+        return f'<geom {shape} mass=".6"/>'
+    return (
+        f'<geom {shape} class="seen"/>'
+        f'<geom name="{name}" type="capsule" size="{WHEEL_RADIUS} .001" zaxis="{axle}" mass=".6" '
+        'contype="0" conaffinity="0" group="3"/>'
+    )
+
+
+def _numbers(values: Array) -> str:
+    return " ".join(map(str, values.tolist()))
 
 
 def at_poses(poses: Array, height: float, size: int) -> Array:
