@@ -136,8 +136,8 @@ class Tracker(Protocol):
         """One that remembers the same, and goes on by itself."""
 
     @staticmethod
-    def track(trackers: Any, pairs: Sequence[tuple[Image, Image]]) -> tuple[Array, Flags]:
-        """Points (n, p, 2), and which were seen (n, p), in pairs of images (n,), by a tracker each."""
+    def track(trackers: Any, images: Sequence[tuple[Image, ...]]) -> tuple[Array, Flags]:
+        """Points (n, p, 2), and which were seen (n, p), in images of all cameras (n,), by a tracker each."""
 
 
 SHADOWS_FROM = 256
@@ -154,7 +154,7 @@ class Sight(OfWorlds):
     Attributes:
         renders: Whether images are rendered.
         finds: Whether points are found in images, whatever projection and rays say.
-        images: Those of all rows (N, 2, size, size, ...), where they are delivered; else none.
+        images: Those of all rows (N, c, size, size, ...), where they are delivered; else none.
         measurement: Of points where projection puts them.
 
     Args:
@@ -218,12 +218,13 @@ class RenderedSight(Sight):
         rows = simulation.rows
         super().__init__(rows, points)
         self._simulation, self._rig, self._size, self._depth = simulation, rig, size, depth
-        shape = (rows, 2, size, size)
+        cameras = len(simulation.cameras)
+        shape = (rows, cameras, size, size)
         self._images: NDArray[Any] = np.zeros(shape, np.float32) if depth else np.zeros((*shape, 3), np.uint8)
         self.images = (self._images,)
         self._worlds = np.full(rows, None)
         self._sensors = ImageFormation(size)
-        self._places = MotionNumbers(rows, "image_noise", (2, 2), normal=False)
+        self._places = MotionNumbers(rows, "image_noise", (cameras, 2), normal=False)
         self._renderer: StereoImages | None = None
 
     def seed(self, row: int, seed: int) -> None:
@@ -289,8 +290,8 @@ class TrackedSight(RenderedSight):
         self._render(rows, trials, motions)
         if len(rows):
             trackers = [self._trackers[row] for row in rows]
-            pairs = [(self._images[row, 0], self._images[row, 1]) for row in rows]
-            self._points[rows], self._visible[rows] = trackers[0].track(trackers, pairs)
+            images = [tuple(self._images[row]) for row in rows]
+            self._points[rows], self._visible[rows] = trackers[0].track(trackers, images)
         return self._points.copy(), self._visible.copy()
 
 

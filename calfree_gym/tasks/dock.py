@@ -14,6 +14,7 @@ from calfree_gym.engine.arms import LOOK_SECONDS, MM, Arms
 from calfree_gym.engine.config import Config, check_told
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
+    GOALS,
     Observation,
     action_space,
     given_option,
@@ -31,13 +32,14 @@ from calfree_gym.robot.docking.base import BASES, MARKS, MOST_CAMERAS, WHEEL_RAD
 from calfree_gym.robot.docking.berths import DOCKED_DEGREES, DOCKED_M, Berths
 from calfree_gym.robot.docking.driven import DrivenSimulation
 from calfree_gym.robot.docking.simulation import RollingSimulation
+from calfree_gym.robot.docking.tagged import TaggedBerths
 from calfree_gym.robot.docking.wheels import FARTHEST, Odometer
 from calfree_gym.robot.simulation import DYNAMICS, Simulation
 from calfree_gym.robot.workspace import Workspaces
 from calfree_gym.streams import MotionNumbers
 from calfree_gym.tasks.dock_frames import DockFrame, DockViewer
 from calfree_gym.tasks.reach import kept_apart, rendezvous
-from calfree_gym.vision.tracking.tracker import StereoTracker
+from calfree_gym.vision.tracking.dock_tracker import DockTracker
 from calfree_gym.world import World, WorldChoice
 
 GOALS_OF_DOCKING = ("marks", "shown")
@@ -54,6 +56,7 @@ class DockConfig(Config):
     cameras: int = 1
     marks: int = len(MARKS)
     goal: str = "marks"
+    observation: str = "points"
     tolerance_px: float = 2.5
     dynamics: str = "kinematic"
     perturbations: Any = None
@@ -68,11 +71,11 @@ class DockConfig(Config):
     width: int = 1080
     height: int = 720
     camera_mount = "base"  # no argument
-    observation = "points"  # no argument
 
     def __post_init__(self) -> None:
         check_choice("base", self.base, BASES)
         check_choice("goal", self.goal, GOALS_OF_DOCKING)
+        check_choice("observation", self.observation, GOALS)
         check_choice("dynamics", self.dynamics, DYNAMICS)
         check_whole("cameras", self.cameras, 1, MOST_CAMERAS)
         check_whole("marks", self.marks, 2, len(MARKS))
@@ -88,7 +91,6 @@ class DockArms(Arms):
 
     task = "dock"
     config_of = DockConfig
-    tracker_of = StereoTracker
     state_names: ClassVar[tuple[str, ...]] = (*Arms.state_names, "_goal", "_shown")
     config: DockConfig
     _workspaces: Berths  # type: ignore[assignment]
@@ -110,7 +112,11 @@ class DockArms(Arms):
 
     def new_workspaces(self, rows: int, points: int = 2) -> Workspaces:
         """See `Arms`: what the cameras see of the docks."""
-        return cast(Workspaces, Berths(rows, self.base, self.mounts, float(self.tolerance)))
+        berths = TaggedBerths if self.config.observation == "vision" else Berths
+        return cast(Workspaces, berths(rows, self.base, self.mounts, float(self.tolerance)))
+
+    def new_tracker(self) -> DockTracker:
+        return DockTracker(self.config.marks)
 
     def new_registers(self, bound: float) -> Odometer:
         """See `Arms`."""
