@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
 from calfree_gym.pool import OfWorlds
-from calfree_gym.rendering.renderer import Image
 from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.robot.arms.robot import Rig
 from calfree_gym.robot.simulation import Simulation
@@ -136,7 +135,7 @@ class Tracker(Protocol):
         """One that remembers the same, and goes on by itself."""
 
     @staticmethod
-    def track(trackers: Any, images: Sequence[tuple[Image, ...]]) -> tuple[Array, Flags]:
+    def track(trackers: Any, images: Any, /) -> tuple[Array, Flags]:
         """Points (n, p, 2), and which were seen (n, p), in images of all cameras (n,), by a tracker each."""
 
 

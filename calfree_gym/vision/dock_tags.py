@@ -17,10 +17,12 @@ from calfree_gym.vision.tags import SQUARE, dictionary
 Array = NDArray[np.float64]
 WIDER = 8 / 6
 """A print is so many times as wide as its tag: a cell of white is round it."""
-_NEAR, _FAR = (0.10, 0.04, 0.095), (0.13, 0.065, 0.132)
-"""Of near and of far marks, in m: the side of the dock's tag, that of own ones, and how far these are to the
-left and right. Choice: from most starts, cameras as built see sides of 16 px and more; docked, no print covers
-another; and beside a mark an own tag hides those of the dock least often as they come."""
+_NEAR, _FAR = (0.10, 0.04, 0.1, -0.06), (0.13, 0.055, 0.05, 0.2)
+"""Of near and of far marks, in m: the side of the dock's tag, that of own ones, and how far out and down one
+of a pair is from its mark; the other is as far in and up. Choice: cameras as built see sides of 13 px or more
+where trials start; docked, no print covers another. As the dock comes nearer, its marks move away from the
+middle of the image: on 1 in 40 ways that end in it, an own print hides one, and on 2 in 3 where the pairs are
+side by side."""
 _GRID = np.array([[x, y] for y in (-1, 0, 1) for x in (-1, 0, 1)])
 CORNERS, MIDDLE = [0, 2, 8, 6], 4
 """Of a grid, in ArUco's order."""
@@ -35,25 +37,25 @@ class Print(NamedTuple):
         number: In its dictionary.
         mark: At which mark it is, of the dock or of the robot.
         own: Whether it is the robot's.
-        right: How far to the right of that mark it is, as the robot's cameras see it, in m.
+        middle: Its place about that mark (2,), to the right and down as the robot sees it, in m.
         side: Of the tag, in m.
     """
 
     number: int
     mark: int
     own: bool
-    right: float
+    middle: tuple[float, float]
     side: float
 
     @property
     def corners(self) -> Array:
         """Those of the tag (4, 2) about the mark, to the right and down, in ArUco's order."""
-        return np.asarray([self.right, 0.0] + self.side / 6 * SQUARE)
+        return np.asarray(self.middle + self.side / 6 * SQUARE)
 
     @property
     def grid(self) -> Array:
         """Nine points of it about the mark (9, 3), in the axes of a base: its corners, edges and middle."""
-        right, down = ([self.right, 0.0] + self.side / 2 * _GRID).T
+        right, down = (self.middle + self.side / 2 * _GRID).T
         return np.stack([np.zeros(9), -right, -down], -1)
 
 
@@ -64,10 +66,11 @@ def picture(number: int) -> NDArray[np.uint8]:
 
 
 def prints(marks: int) -> list[Print]:
-    """Those of so many marks: of each, the dock's, and then the left and the right one of the robot."""
+    """Those of so many marks: of each, the dock's, and then the two of the robot."""
     found = []
     for mark in range(marks):
-        dock, own, apart = _NEAR if mark < 2 else _FAR
-        places = (0.0, dock), (-apart, own), (apart, own)
+        dock, own, out, down = _NEAR if mark < 2 else _FAR
+        right = out if mark % 2 == 0 else -out
+        places = ((0.0, 0.0), dock), ((right, down), own), ((-right, -down), own)
         found += [Print(3 * mark + i, mark, i > 0, *each) for i, each in enumerate(places)]
     return found

@@ -24,6 +24,7 @@ from calfree_gym.robot.docking.base import TRACK, WHEEL_RADIUS, Base
 from calfree_gym.robot.rays import MARKS_GROUP, RIG_GROUP
 from calfree_gym.vision.dock_tags import MIDDLE, WIDER, picture, prints
 
+
 def _numbers(values: Array) -> str:
     return " ".join(map(str, values.tolist()))
 
@@ -130,7 +131,8 @@ def model_of(base: Base) -> mujoco.MjModel:
               {casters}{wheels}{own}{own_tags}{eyes}
             </body>
             <body name="dock" mocap="true">
-              <geom type="cylinder" size=".2 .002" pos="-.05 0 0" rgba=".55 .8 .6 1" class="seen"/>{docks}{dock_tags}
+              <geom type="cylinder" size=".2 .002" pos="-.05 0 0" rgba=".55 .8 .6 1" class="seen"/>
+              {docks}{dock_tags}
             </body>
           </worldbody>
           <contact>{contacts}</contact>
@@ -178,7 +180,9 @@ def dress(model: mujoco.MjModel, base: Base, marks: Array, centres: Array, axes:
         post = model.geom(f"post{i}")
         post.pos[:], post.size[1] = mark * [1, 1, 0.5], mark[2] / 2
     for tag in prints(len(marks)):
-        model.geom(f"tag{tag.number}").pos[:] = marks[tag.mark] + tag.grid[MIDDLE] - tag.own * WHEEL_RADIUS * UP
+        model.geom(f"tag{tag.number}").pos[:] = (
+            marks[tag.mark] + tag.grid[MIDDLE] - tag.own * WHEEL_RADIUS * UP
+        )
     for name, centre, turn in zip(base.cameras, centres, axes, strict=True):
         for eye in (model.camera(name), model.geom(f"{name}_camera")):
             eye.pos[:], eye.quat[:] = centre - WHEEL_RADIUS * UP, quaternion_of(turn)

@@ -24,7 +24,7 @@ BORDER_PX = 4.0
 
 
 class TaggedBerths(Berths):
-    """The docks of N worlds, whose marks are printed tags.
+    """The docks of N worlds, whose marks are found by printed tags.
 
     Args:
         rows, robot, mounts, tolerance: See `Berths`.
@@ -37,7 +37,8 @@ class TaggedBerths(Berths):
         super().__init__(rows, robot, mounts, tolerance)
         self._positions = np.zeros((rows, self._cameras_of_each, 3))
         tags = prints(len(robot.marks))
-        self._dock_tags, self._own_tags = ([each for each in tags if each.own is own] for own in (False, True))
+        self._dock_tags = [tag for tag in tags if not tag.own]
+        self._own_tags = [tag for tag in tags if tag.own]
 
     def set_world(self, row: int, world: World) -> None:
         """See `Berths`."""
@@ -47,8 +48,8 @@ class TaggedBerths(Berths):
     def seen(self, poses: Array, rows: NDArray[np.intp]) -> Flags:
         """See `Berths`: all tags, also the own ones."""
         dock, own = self._grids(False, rows), self._grids(True, rows)
-        seen = self._found(before(poses, dock[:, None]), rows) & self._found(own[:, None], rows)
-        return np.asarray(seen)
+        seen_dock = self._found(before(poses, dock[:, None]), rows)
+        return np.asarray(seen_dock & self._found(own[:, None], rows))
 
     def _grids(self, own: bool, rows: NDArray[np.intp]) -> Array:
         """Of the own tags of rows (n, 9 t, 3) in the bases' frame, or of the dock's in the dock's."""

@@ -15,12 +15,12 @@ from calfree_gym.vision.tracking.outlines import Array
 from calfree_gym.vision.tracking.tag_tracker import detector_of, middle, tags_in
 
 LARGER, HALO_PX = 2, 3.0
-"""Images are enlarged by the first before tags are sought in them, and sharpened: what a blur of the second, its
-standard deviation in pixels, takes from them is added. Measured in wild worlds: 99 % of tags with sides of 16
-to 20 px are found, and 86 % without either."""
+"""Images are enlarged by the first before tags are sought in them, and sharpened: what a blur of the second,
+its standard deviation in pixels, takes from them is added. Measured in wild worlds: 99 % of tags with sides
+of 16 to 20 px are found, and 86 % without either."""
 APART = {"minMarkerDistanceRate": 0.05, "minGroupDistance": 0.1}
-"""Quadrangles are one where they are nearer than this, in perimeters and sides. Choice: the edge of a print is
-0.059 and 0.167 away from that of its tag; by OpenCV's own choice they are one, and a tag may be lost by it."""
+"""Quadrangles are one where they are nearer than this, in perimeters and sides. Choice: the edge of a print
+is 0.059 and 0.167 away from that of its tag; by OpenCV's own choice both are one, and tags are lost by it."""
 WINDOW = {"relativeCornerRefinmentWinSize": 0.5}
 """In which corners are refined, in cells. Measured: marks are 0.17 px off in the median, and 0.27 by 0.3."""
 
