@@ -314,6 +314,11 @@ class DockEnv(ArmEnv, arms=DockArms):
     and inside its image. One that is not seen keeps its last value of this trial; before it is first seen it
     is (0, 0), the centre. One that would show a rendezvous by that is moved to just beyond the tolerance.
 
+    ## Images
+    With `observation="vision"` marks are found in images of 512 x 512 that the cameras render in the world's
+    lens and light, by printed tags: one at each of the dock's marks, a pair about each of the robot's own.
+    There what is hidden by another print is not seen, too. Points have no other noise than by the images.
+
     ## Rewards
     `CalFree/Dock-v0`: 0 on the motion that reaches the rendezvous, -1 on every other. `CalFree/DockDense-v0`:
     minus the mean of the 4 image distances (of each camera), in image units. Both follow from the observed
@@ -354,6 +359,8 @@ class DockEnv(ArmEnv, arms=DockArms):
         cameras: 1 ("front") or 2 ("left", "right").
         marks: How many, 2 to 4: the near ones first.
         goal: "marks" or "shown", see above.
+        observation: "points" or "vision", see above. With vision, worlds and starts are drawn again until all
+            tags are seen whole, and large enough to be found.
         tolerance_px: Image distance of the rendezvous, in pixels of 512.
         dynamics: "kinematic": the robot follows the arc; or "physics": MuJoCo drives it there,
             within 5 mm and 1 degree of that in a motion of 30 cm or 40 degrees.
