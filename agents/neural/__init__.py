@@ -27,7 +27,7 @@ TUNED = {
     "recurrent_ppo": "The same with a long short-term memory.",
 }
 """Learners of stable-baselines3 and sb3_contrib; each is its file in configs/agents."""
-sb3 = partial(agent, tasks=("reach", "grasp"), extra="agents", batched=True)
+sb3 = partial(agent, tasks=("reach", "grasp", "dock"), extra="agents", batched=True)
 sb3("sb3", "Any algorithm of stable-baselines3 or sb3_contrib (`algorithm=`).")(
     "neural.sb3.sb3_agent.Sb3Agent"
 )

@@ -140,8 +140,6 @@ class Arms(ABC):
     """What is asked, by the name that agents have for it."""
     config_of: ClassVar[type[Config]]
     """The arguments of its environments."""
-    tracker_of: ClassVar[type[Tracker]]
-    """What finds its points in images."""
     state_names: ClassVar[tuple[str, ...]] = (
         *("_choices", "_seeds", "_worlds", "motions", "trials", "motions_of_trial"),
         *("registers", "points", "visible", "true_points", "_begun"),
@@ -202,7 +200,7 @@ class Arms(ABC):
         self._begun = np.zeros(rows, bool)
         self._seeds: list[int | None] = [None] * rows
         self._latency = ObservationQueues(rows)
-        images = config.observation, config.image_size, self.tracker_of
+        images = config.observation, config.image_size, self.new_tracker
         self._sight: Sight = sight_of(simulation, robot.rig, points, *images)
         self._moved = np.zeros(rows, bool)
         self._all, self._nowhere = np.arange(rows), np.zeros(rows, bool)
@@ -216,6 +214,10 @@ class Arms(ABC):
     def new_registers(self, bound: float) -> Registers:
         """What counts the words that are executed; the worlds' own bound is this."""
         return Registers(self.motors, bound)
+
+    @abstractmethod
+    def new_tracker(self) -> Tracker:
+        """What finds the points of one arm in images."""
 
     @abstractmethod
     def make_spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import IMAGE_SIZE, IMAGE_UNIT
 from calfree_gym.pool import OfWorlds
-from calfree_gym.rendering.renderer import Image
 from calfree_gym.rendering.stereo_images import StereoImages
 from calfree_gym.robot.arms.robot import Rig
 from calfree_gym.robot.simulation import Simulation
@@ -136,8 +135,8 @@ class Tracker(Protocol):
         """One that remembers the same, and goes on by itself."""
 
     @staticmethod
-    def track(trackers: Any, pairs: Sequence[tuple[Image, Image]]) -> tuple[Array, Flags]:
-        """Points (n, p, 2), and which were seen (n, p), in pairs of images (n,), by a tracker each."""
+    def track(trackers: Any, images: Any, /) -> tuple[Array, Flags]:
+        """Points (n, p, 2), and which were seen (n, p), in images of all cameras (n,), by a tracker each."""
 
 
 SHADOWS_FROM = 256
@@ -154,7 +153,7 @@ class Sight(OfWorlds):
     Attributes:
         renders: Whether images are rendered.
         finds: Whether points are found in images, whatever projection and rays say.
-        images: Those of all rows (N, 2, size, size, ...), where they are delivered; else none.
+        images: Those of all rows (N, c, size, size, ...), where they are delivered; else none.
         measurement: Of points where projection puts them.
 
     Args:
@@ -218,12 +217,13 @@ class RenderedSight(Sight):
         rows = simulation.rows
         super().__init__(rows, points)
         self._simulation, self._rig, self._size, self._depth = simulation, rig, size, depth
-        shape = (rows, 2, size, size)
+        cameras = len(simulation.cameras)
+        shape = (rows, cameras, size, size)
         self._images: NDArray[Any] = np.zeros(shape, np.float32) if depth else np.zeros((*shape, 3), np.uint8)
         self.images = (self._images,)
         self._worlds = np.full(rows, None)
         self._sensors = ImageFormation(size)
-        self._places = MotionNumbers(rows, "image_noise", (2, 2), normal=False)
+        self._places = MotionNumbers(rows, "image_noise", (cameras, 2), normal=False)
         self._renderer: StereoImages | None = None
 
     def seed(self, row: int, seed: int) -> None:
@@ -289,8 +289,8 @@ class TrackedSight(RenderedSight):
         self._render(rows, trials, motions)
         if len(rows):
             trackers = [self._trackers[row] for row in rows]
-            pairs = [(self._images[row, 0], self._images[row, 1]) for row in rows]
-            self._points[rows], self._visible[rows] = trackers[0].track(trackers, pairs)
+            images = [tuple(self._images[row]) for row in rows]
+            self._points[rows], self._visible[rows] = trackers[0].track(trackers, images)
         return self._points.copy(), self._visible.copy()
 
 

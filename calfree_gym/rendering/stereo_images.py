@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calfree_gym.geometry import Array
-from calfree_gym.image import CAMERAS, IMAGE_SIZE
+from calfree_gym.image import IMAGE_SIZE
 from calfree_gym.rendering.renderer import FREE_NAMES, Image, Picture, Renderer, View
 from calfree_gym.robot.arms.robot import Rig
 from calfree_gym.robot.rays import SEEN
@@ -97,7 +97,7 @@ class StereoImages:
         self.picture = simulation.picture()
         self.renderer = Renderer(*self.picture, size, for_people)
         model, prefix = self.renderer.model, simulation.prefix
-        self._cameras = [model.camera(prefix + name).id for name in CAMERAS]
+        self._cameras = [model.camera(prefix + name).id for name in simulation.cameras]
         self._lamp = model.light(prefix + "lamp").id
         model.vis.map.shadowclip = LIT * rig.scale / model.stat.extent
         self._textures = [model.texture(name).id for name in simulation.covers]
@@ -113,8 +113,8 @@ class StereoImages:
         groups: Sequence[int] = SEEN,
         configuration: Array | None = None,
         light: Lighting | None = None,
-    ) -> tuple[Image, Image]:
-        """Images (size, size, 3), left and right, as the simulation is now.
+    ) -> tuple[Image, ...]:
+        """Images (size, size, 3), one a camera, such as left and right, as the simulation is now.
 
         Args:
             row: The row.
@@ -125,8 +125,7 @@ class StereoImages:
         """
         lenses = self.prepare(row, world, configuration, light)
         pictures = self._pinholes(lenses, groups)
-        left, right = (lens.colours(image) for lens, (image, _) in zip(lenses, pictures, strict=True))
-        return left, right
+        return tuple(lens.colours(image) for lens, (image, _) in zip(lenses, pictures, strict=True))
 
     def depths(self, row: int, world: World) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Depths (size, size) along each camera's axis in m; 0 where its lens shows nothing."""
@@ -163,10 +162,7 @@ class StereoImages:
     ) -> list[Picture]:
         model, views = self.renderer.model, []
         for place, lens in zip(self._cameras, lenses, strict=True):
-            model.cam_intrinsic[place] = [model.cam_sensorsize[place, 0] / (2 * lens.half)] * 2 + [0, 0]
-            camera = mujoco.MjvCamera()
-            camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, place
-            views.append(View(camera, lens.source, lens.source))
+            views.append(lens.view(model, place))
         return self.renderer.draw(views, groups, self._shadows and not depth, depth)
 
     def _cover(self, number: int) -> None:
@@ -244,6 +240,13 @@ class LensMap(NamedTuple):
         nearest, _ = cv2.convertMaps(columns, rows, cv2.CV_16SC2, nninterpolation=True)
         maps = np.asarray(places, np.int16), np.asarray(shares, np.uint16), np.asarray(nearest, np.int16)
         return cls(half, source, *maps)
+
+    def view(self, model: mujoco.MjModel, camera: int) -> View:
+        """Of the pinhole image that a camera of a model takes, whose field of view is made as wide."""
+        model.cam_intrinsic[camera] = [model.cam_sensorsize[camera, 0] / (2 * self.half)] * 2 + [0, 0]
+        view = mujoco.MjvCamera()
+        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, camera
+        return View(view, self.source, self.source)
 
     def colours(self, pinhole: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The lens's image (size, size, 3) of a pinhole image, upside down; black where it shows nothing."""

@@ -42,6 +42,7 @@ class Simulation(OfWorlds, ABC):
         rows: N.
         prefix: Of the names of all that is added to the arm's model.
         covers: Names of the textures that cover table and room.
+        cameras: Names of the cameras.
         way: Where a list is put here, it gets the configurations (q,) that the first row passes; arms that
             are placed at once pass none.
 
@@ -59,6 +60,7 @@ class Simulation(OfWorlds, ABC):
         *("_lengths", "_focal"),
     )
     way: list[Array] | None = None
+    cameras: tuple[str, ...] = CAMERAS
 
     def __init__(self, rows: int, robot: Robot, scene: Scene, mounts: Mounts, threads: int) -> None:
         self.rows = rows

@@ -17,11 +17,13 @@ from calfree_gym.world import World
 class ContactArms(Arms):
     """N arms whose gripper touches things, and whose cameras see what their simulation says. See `Arms`."""
 
-    tracker_of = GraspTracker
     may_stop_short: ClassVar[bool] = True
     also_asks = "can the task be done in enough places"
     simulation: GraspSimulation
     robot: GrippingArm
+
+    def new_tracker(self) -> GraspTracker:
+        return GraspTracker()
 
     def also_in_view(self, row: int) -> Callable[[World], bool]:
         """See `Arms`: the task can be done in enough places."""

@@ -14,6 +14,7 @@ from calfree_gym.engine.arms import LOOK_SECONDS, MM, Arms
 from calfree_gym.engine.config import Config, check_told
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
+    GOALS,
     Observation,
     action_space,
     given_option,
@@ -31,13 +32,14 @@ from calfree_gym.robot.docking.base import BASES, MARKS, MOST_CAMERAS, WHEEL_RAD
 from calfree_gym.robot.docking.berths import DOCKED_DEGREES, DOCKED_M, Berths
 from calfree_gym.robot.docking.driven import DrivenSimulation
 from calfree_gym.robot.docking.simulation import RollingSimulation
+from calfree_gym.robot.docking.tagged import TaggedBerths
 from calfree_gym.robot.docking.wheels import FARTHEST, Odometer
 from calfree_gym.robot.simulation import DYNAMICS, Simulation
 from calfree_gym.robot.workspace import Workspaces
 from calfree_gym.streams import MotionNumbers
 from calfree_gym.tasks.dock_frames import DockFrame, DockViewer
 from calfree_gym.tasks.reach import kept_apart, rendezvous
-from calfree_gym.vision.tracking.tracker import StereoTracker
+from calfree_gym.vision.tracking.dock_tracker import DockTracker
 from calfree_gym.world import World, WorldChoice
 
 GOALS_OF_DOCKING = ("marks", "shown")
@@ -54,6 +56,7 @@ class DockConfig(Config):
     cameras: int = 1
     marks: int = len(MARKS)
     goal: str = "marks"
+    observation: str = "points"
     tolerance_px: float = 2.5
     dynamics: str = "kinematic"
     perturbations: Any = None
@@ -68,14 +71,12 @@ class DockConfig(Config):
     width: int = 1080
     height: int = 720
     camera_mount = "base"  # no argument
-    observation = "points"  # no argument
 
     def __post_init__(self) -> None:
         check_choice("base", self.base, BASES)
         check_choice("goal", self.goal, GOALS_OF_DOCKING)
+        check_choice("observation", self.observation, GOALS)
         check_choice("dynamics", self.dynamics, DYNAMICS)
-        if self.dynamics == "physics" and self.base != "differential":
-            raise ValueError(f"base is {self.base!r}; with dynamics='physics' it must be 'differential'")
         check_whole("cameras", self.cameras, 1, MOST_CAMERAS)
         check_whole("marks", self.marks, 2, len(MARKS))
         check_told(self.tell, tuple(PRIVILEGED))
@@ -90,7 +91,6 @@ class DockArms(Arms):
 
     task = "dock"
     config_of = DockConfig
-    tracker_of = StereoTracker
     state_names: ClassVar[tuple[str, ...]] = (*Arms.state_names, "_goal", "_shown")
     config: DockConfig
     _workspaces: Berths  # type: ignore[assignment]
@@ -112,7 +112,11 @@ class DockArms(Arms):
 
     def new_workspaces(self, rows: int, points: int = 2) -> Workspaces:
         """See `Arms`: what the cameras see of the docks."""
-        return cast(Workspaces, Berths(rows, self.base, self.mounts, float(self.tolerance)))
+        berths = TaggedBerths if self.config.observation == "vision" else Berths
+        return cast(Workspaces, berths(rows, self.base, self.mounts, float(self.tolerance)))
+
+    def new_tracker(self) -> DockTracker:
+        return DockTracker(self.config.marks)
 
     def new_registers(self, bound: float) -> Odometer:
         """See `Arms`."""
@@ -310,6 +314,11 @@ class DockEnv(ArmEnv, arms=DockArms):
     and inside its image. One that is not seen keeps its last value of this trial; before it is first seen it
     is (0, 0), the centre. One that would show a rendezvous by that is moved to just beyond the tolerance.
 
+    ## Images
+    With `observation="vision"` marks are found in images of 512 x 512 that the cameras render in the world's
+    lens and light, by printed tags: one at each of the dock's marks, a pair about each of the robot's own.
+    There what is hidden by another print is not seen, too. Points have no other noise than by the images.
+
     ## Rewards
     `CalFree/Dock-v0`: 0 on the motion that reaches the rendezvous, -1 on every other. `CalFree/DockDense-v0`:
     minus the mean of the 4 image distances (of each camera), in image units. Both follow from the observed
@@ -350,8 +359,10 @@ class DockEnv(ArmEnv, arms=DockArms):
         cameras: 1 ("front") or 2 ("left", "right").
         marks: How many, 2 to 4: the near ones first.
         goal: "marks" or "shown", see above.
+        observation: "points" or "vision", see above. With vision, worlds and starts are drawn again until all
+            tags are seen whole, and large enough to be found.
         tolerance_px: Image distance of the rendezvous, in pixels of 512.
-        dynamics: "kinematic": the robot follows the arc; or "physics", on two wheels: MuJoCo drives it there,
+        dynamics: "kinematic": the robot follows the arc; or "physics": MuJoCo drives it there,
             within 5 mm and 1 degree of that in a motion of 30 cm or 40 degrees.
         perturbations, redraw, pool, terminate_on_success: As for `StereoArmEnv`. Perturbations of wheels and
             dock are `wheel_radius`, `track`, `slip` and `dock_moved`.

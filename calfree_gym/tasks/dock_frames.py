@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
 from calfree_gym.engine.arms import Arms
 from calfree_gym.engine.frames import FINER, RobotFrame, Viewer, draw_points, reduced
 from calfree_gym.geometry import Array, Flags
 from calfree_gym.image import PIXELS_PER_UNIT
-from calfree_gym.rendering.renderer import Image, Renderer, View
+from calfree_gym.rendering.renderer import Image, Renderer
 from calfree_gym.rendering.stereo_images import LensMap
+from calfree_gym.robot.rays import RIG_GROUP
 from calfree_gym.world import World
 
-GROUPS = (0,)
+GROUPS = (0, RIG_GROUP)
 
 
 class DockFrame(RobotFrame):
@@ -42,11 +42,8 @@ class DockFrame(RobotFrame):
 
     def _image(self, camera: int, world: World) -> Image:
         lens_map = LensMap.of(world, camera, FINER * self._image_size)
-        self._renderer.model.cam_fovy[camera] = 2 * np.degrees(np.arctan(lens_map.half))
-        view = mujoco.MjvCamera()
-        view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, camera
-        side = lens_map.source
-        ((pinhole, _),) = self._renderer.draw([View(view, side, side)], GROUPS, shadows=False)
+        view = lens_map.view(self._renderer.model, camera)
+        ((pinhole, _),) = self._renderer.draw([view], GROUPS, shadows=False)
         return reduced(lens_map.colours(pinhole), (self._image_size,) * 2)
 
     def mark(self, image: Image, camera: int, points: Array, seen: Flags, target: Array) -> None:

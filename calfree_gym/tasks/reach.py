@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calfree_gym.engine.arms import Arms, RowState
 from calfree_gym.engine.config import Config, check_told
+from calfree_gym.engine.sight import Tracker
 from calfree_gym.engine.single import ArmEnv
 from calfree_gym.engine.spaces import (
     GOALS,
@@ -130,7 +131,6 @@ class ReachArms(Arms):
 
     task = "reach"
     config_of: ClassVar[type[Config]] = ReachConfig
-    tracker_of = StereoTracker
     state_names: ClassVar[tuple[str, ...]] = (*Arms.state_names, "_drawn_at")
     also_asks = "is the gripper's mark at home hidden by nothing, as images and occlusion=True need"
     config: ReachingConfig
@@ -157,6 +157,9 @@ class ReachArms(Arms):
     def _new_objects(self) -> ObjectDraws:
         tolerance = float(self.tolerance)
         return ObjectDraws(self._workspaces, self.motors, tolerance, self._keep_in_view, self._lines)
+
+    def new_tracker(self) -> Tracker:
+        return StereoTracker()
 
     def make_spaces(self) -> tuple[spaces.Dict[Any], spaces.Box[Any]]:
         config, robot = self.config, self.robot

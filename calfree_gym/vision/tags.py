@@ -6,6 +6,7 @@ All lengths are in cells, squares of which a tag has 6 × 6, unless they are sai
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -18,11 +19,20 @@ Array = NDArray[np.float64]
 GRIPPER, OBJECT = (0, 1), 2
 """Numbers of the tags. The gripper point is midway between its two, the object point in the middle of its
 own."""
-DICTIONARY = cv2.aruco.Dictionary(
-    cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50).bytesList[: OBJECT + 1], 4, 0
-)
-"""These of ArUco's 50 tags of 4 × 4 bits within a black border; no bit may be wrong. Another one, number 17,
-is seen in photographs that show no tag."""
+
+
+@cache
+def dictionary(count: int) -> cv2.aruco.Dictionary:
+    """The first so many of ArUco's 50 tags of 4 × 4 bits within a black border; no bit may be wrong.
+
+    Number 17 is seen in photographs that show no tag.
+    """
+    every = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    return cv2.aruco.Dictionary(every.bytesList[:count], 4, 0)
+
+
+TAGS = OBJECT + 1
+"""How many there are."""
 CELL = 40 / 6
 """In mm. Choice: a tag of 40 mm has 37 px at 0.6 m, where a webcam with 640 px sees 60 degrees."""
 SPACING = 21.0
@@ -81,7 +91,7 @@ def _print(
     corners = [f"{x:.4f} {y:.4f}" for x, y in CELL * np.array(outline) + at]
     drawn = ["0.7 G 0.2 w", f"{corners[0]} m", *(f"{corner} l" for corner in corners[1:]), "s", "0 g"]
     for number, x in tags:
-        black = np.argwhere(cv2.aruco.generateImageMarker(DICTIONARY, number, 6) == 0)
+        black = np.argwhere(cv2.aruco.generateImageMarker(dictionary(TAGS), number, 6) == 0)
         for row, column in black.tolist():
             left, top = CELL * np.array([x + column - 3, row - 3]) + at
             drawn.append(f"{left:.4f} {top:.4f} {CELL:.4f} {CELL:.4f} re")

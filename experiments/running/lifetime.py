@@ -226,7 +226,14 @@ class RowsRecorder(LifetimeCounts, VectorWrapper[Any, Any, Any, Any, Any]):
         arms: Arms = stereo.arms
         self._arms = arms
         self._scheduler = PerturbationScheduler(
-            1, list(schedule), arms.robot, arms.mounts, config.keep_in_view, arms.as_seen, arms.can_begin
+            1,
+            list(schedule),
+            arms.robot,
+            arms.mounts,
+            config.keep_in_view,
+            arms.as_seen,
+            arms.can_begin,
+            arms.new_workspaces(1),
         )
         self._scheduler.seed(0, seed)
         self._applied = dict.fromkeys(_CLOCKS, -1)

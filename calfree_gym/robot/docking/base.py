@@ -39,6 +39,8 @@ class Base:
         joints: None has a zero.
         links: "track" is the one length.
         marks: On its front as built (d, 3).
+        stand: Where the wheels stand (m, 2), ahead and to the left, in halves of the track.
+        rolls: Where to they roll the base (m, 2), likewise, of unit length.
 
     Args:
         kind: See above.
@@ -60,9 +62,11 @@ class Base:
         self.marks = MARKS[:marks]
         self.rig = Rig(np.array(_EYES[cameras]), np.array([1.1, 0.0, 0.35]), 1.0)
         if kind == "omni":
-            ahead, left = -np.sin(_OMNI), np.cos(_OMNI)
-            self._rolling = np.stack([ahead, left, np.ones(3)], -1) * 2 / 3
+            self.stand = np.stack([np.cos(_OMNI), np.sin(_OMNI)], -1)
+            self.rolls = self.stand[:, ::-1] * [-1, 1]
+            self._rolling = np.column_stack([self.rolls, np.ones(3)]) * 2 / 3
         else:
+            self.stand, self.rolls = np.array([[0.0, 1.0], [0.0, -1.0]]), np.array([[1.0, 0.0], [1.0, 0.0]])
             self._rolling = np.array([[0.5, 0.0, -1.0], [0.5, 0.0, 1.0]])
 
     def mounts(self, camera_mount: object) -> Mounts:

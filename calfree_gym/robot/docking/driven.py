@@ -1,4 +1,4 @@
-"""N bases on two wheels in full physics: their servos follow least jerk, and the floor does the rest."""
+"""N bases in full physics: their servos follow least jerk, and the floor does the rest."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class DrivenSimulation(RollingSimulation):
 
     Args:
         rows: N.
-        base: The base, on two wheels.
+        base: The base.
         threads: Threads that step the rows; they change no number.
     """
 
@@ -53,7 +53,7 @@ class DrivenSimulation(RollingSimulation):
     def set_world(self, row: int, world: World) -> None:
         """See `RollingSimulation`."""
         super().set_world(row, world)
-        self._body_position[row, self._wheels, 1] = np.array([0.5, -0.5]) * world.link_lengths[0]
+        self._body_position[row, self._wheels, :2] = self._base.stand * (world.link_lengths[0] / 2)
 
     def place(self, rows: Rows, joints: Array, objects: Array) -> None:
         """See `RollingSimulation`."""

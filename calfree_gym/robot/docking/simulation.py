@@ -26,6 +26,7 @@ class RollingSimulation(OfWorlds):
         rows: N.
         poses: Where the bases are in the room (N, 3).
         slip: Standard deviation of a wheel's way (N, 1), as a share of it.
+        cameras, prefix, covers: As of `Simulation`.
 
     Args:
         rows: N.
@@ -37,8 +38,11 @@ class RollingSimulation(OfWorlds):
         *("dock", "slip", "_track", "_marks", "_centres", "_axes", "_focal", "_pixels", "_depth"),
     )
 
+    prefix: ClassVar[str] = ""
+    covers: ClassVar[tuple[str, ...]] = ("floor", "sky")
+
     def __init__(self, rows: int, base: Base) -> None:
-        self.rows, self._base = rows, base
+        self.rows, self._base, self.cameras = rows, base, base.cameras
         cameras, marks, motors = len(base.cameras), len(base.marks), len(base.motors)
         self.poses, self._turned = np.zeros((rows, 3)), np.zeros((rows, motors))
         self.dock, self.slip, self._track = np.zeros((rows, 3)), np.zeros((rows, 1)), np.ones(rows)

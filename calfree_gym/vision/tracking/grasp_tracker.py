@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from itertools import chain
+from typing import Self
 
 import cv2
 import numpy as np
@@ -61,7 +62,7 @@ class GraspTracker:
         self._fits: list[GripperFit | None] = [None for _ in CAMERAS]
         self._objects: list[MarkPart | None] = [None for _ in CAMERAS]
 
-    def copy(self) -> GraspTracker:
+    def copy(self) -> Self:
         """One that remembers the same, and goes on by itself."""
         other = copy.copy(self)
         other._cameras = copy.deepcopy(self._cameras)

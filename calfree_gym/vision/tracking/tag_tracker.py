@@ -6,8 +6,9 @@ from functools import cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from calfree_gym.vision.tags import DICTIONARY, GRIPPER, OBJECT, PAIR, SQUARE
+from calfree_gym.vision.tags import GRIPPER, OBJECT, PAIR, SQUARE, TAGS, dictionary
 from calfree_gym.vision.tracking.blobs import Image
 from calfree_gym.vision.tracking.outlines import Array
 from calfree_gym.vision.tracking.stereo import PointTracker
@@ -41,7 +42,12 @@ def find_tags(image: Image) -> dict[int, Array]:
     In ArUco's order, in px from the upper left corner of the upper left pixel.
     """
     grey = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
-    corners, found, _ = _detector().detectMarkers(grey)
+    return tags_in(np.asarray(grey, np.uint8), _detector())
+
+
+def tags_in(grey: NDArray[np.uint8], detector: cv2.aruco.ArucoDetector) -> dict[int, Array]:
+    """As `find_tags`, by a detector, in an image of one channel (h, w)."""
+    corners, found, _ = detector.detectMarkers(grey)
     numbers = [] if found is None else [int(number) for number in found.ravel()]
     half = 0.5  # OpenCV's zero is the middle of a pixel
     return {
@@ -66,9 +72,16 @@ def middle(corners: Array, seen: Array) -> Array | None:
     return np.asarray(fitted[1, 0])
 
 
-@cache
-def _detector() -> cv2.aruco.ArucoDetector:
+def detector_of(count: int, **settings: float) -> cv2.aruco.ArucoDetector:
+    """Finds the first so many tags of the dictionary; settings are OpenCV's."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     parameters.perspectiveRemovePixelPerCell = PIXELS_PER_CELL
-    return cv2.aruco.ArucoDetector(DICTIONARY, parameters)
+    for name, value in settings.items():
+        setattr(parameters, name, value)
+    return cv2.aruco.ArucoDetector(dictionary(count), parameters)
+
+
+@cache
+def _detector() -> cv2.aruco.ArucoDetector:
+    return detector_of(TAGS)

@@ -145,12 +145,22 @@ def test_lifetimes_counted_in_trials_are_refused():
     assert unfit_life(ScenarioConfig(name="short", env=ENV, motions=8), agent, None, 4) == {}
 
 
-def test_perturbations_are_judged_as_the_environment_judges_them():
-    """Where walls and table may hide what cameras would see, other draws serve."""
-    safe = EnvironmentConfig(id="CalFree/SafeReach-v0", world="wild", camera_mount="waist")
-    replace = ({"at": {"trial": 0}, "do": {"type": "camera_replace", "camera": "left"}},)
-    rows = RowsRecorder(safe, 2, (), replace, 20)
-    single = LifetimeRecorder(safe.make(replace), 20)
+@pytest.mark.parametrize(
+    ("config", "do"),
+    [
+        (
+            {"id": "CalFree/SafeReach-v0", "camera_mount": "waist"},
+            {"type": "camera_replace", "camera": "left"},
+        ),
+        ({"id": "CalFree/DockDense-v0"}, {"type": "camera_aim", "camera": "front", "degrees": 15}),
+    ],
+)
+def test_perturbations_are_judged_as_the_environment_judges_them(config, do):
+    """Where walls and table may hide what cameras would see, or a dock is out of view, other draws serve."""
+    config = EnvironmentConfig(world="wild", **config)
+    schedule = ({"at": {"trial": 0}, "do": do},)
+    rows = RowsRecorder(config, 2, (), schedule, 20)
+    single = LifetimeRecorder(config.make(schedule), 20)
     assert rows.world == single.world
 
 
