@@ -152,6 +152,7 @@ class ArcsTrial:
 
     Attributes:
         now: What was seen last.
+        here: Where marks are then (p, 2): where they were seen, or else expected.
 
     Args:
         first: What is seen where it begins.
@@ -170,6 +171,8 @@ class ArcsTrial:
     shorter ones. Choice."""
     GROWTH, CUT, LEAST_TRUST = 1.8, 0.5, 0.05
     """By so much. Choice."""
+    AWAY = 0.9
+    """A mark not seen, yet expected so far out, has left the image; nearer, something hides it. Choice."""
     SURPRISES = 3
     """So often in a row less than fairly expected, wheels are others than before. Choice."""
     STILL_PX, ROUNDS = 4.0, 10
@@ -180,6 +183,7 @@ class ArcsTrial:
         self.now, self.known, self._planner = first, known, planner
         self._rest: Array | None = None
         self._surprises = 0
+        self.here = first.points
         self._look()
 
     def _look(self) -> bool:
@@ -188,16 +192,23 @@ class ArcsTrial:
     def move(self, words: Array) -> Generator[Array, DockObservation, float]:
         """Executes words (m,), and learns from what is then seen: so many deviations off what it expected."""
         words, before, model = np.clip(words, -1, 1), self.now, self.known.model
-        expected = model.predict(before.points, words)
-        doubt_px = model.doubt_px(before.points, words)
+        here, expected = self.here, model.predict(self.here, words)
+        doubt_px = model.doubt_px(here, words)
         self.now = yield words
+        self.here = np.where(self.now.visible[:, None], self.now.points, expected)
         seen = before.visible & self.now.visible
         if self.now.visible.all():
             model.aim(self.now.points, self.known.goal)
         if self._look() or not seen.any():
             return 0.0
-        model.learn(DrivenArc(before.points, words, self.now.points, seen))
+        model.learn(DrivenArc(here, words, self.now.points, seen))
         return float((lengths_px(expected - self.now.points) / doubt_px)[seen].max())
+
+    @property
+    def lost(self) -> bool:
+        """Whether a mark has left the images, or most are hidden: the others tell where it is."""
+        away = ~self.now.visible & (np.abs(self.here).max(1) > self.AWAY)
+        return bool(away.any() or 2 * self.now.visible.sum() < len(self.here))
 
     def explore(self) -> Motions:
         """Each motor alone, then all together and against each other."""
@@ -208,8 +219,8 @@ class ArcsTrial:
             for _ in range(2):
                 before = self.now
                 yield from self.move(words)
-                if self.now.visible.all():
-                    moved = np.abs(self.now.points - before.points).max() / IMAGE_UNIT
+                if not self.lost:
+                    moved = np.abs(self.here - before.points)[before.visible].max(initial=0) / IMAGE_UNIT
                     size *= float(np.clip(self.EXPLORE_PX / max(moved, 1.0), 0.4, 2.5))
                     size = float(np.clip(size, self.LEAST, self.MOST))
                     break
@@ -220,7 +231,7 @@ class ArcsTrial:
     def drive(self) -> Motions:
         """The first arc of a plan, no longer than what is trusted; back, where marks are lost."""
         known, model = self.known, self.known.model
-        here = self.now.points
+        here = self.here
         plan = self._planner.plan(model, model.straight(here), model.straight(known.goal), self._rest)
         arc = plan.words[0]
         arc = arc * min(1.0, known.trust / max(float(np.abs(arc).max()), 1e-9))
@@ -230,7 +241,7 @@ class ArcsTrial:
             return
         missed = yield from self.move(arc)
         self._rest = plan.words[1:]
-        lost, well, fairly = not self.now.visible.all(), missed < self.WELL, missed < self.FAIRLY
+        lost, well, fairly = self.lost, missed < self.WELL, missed < self.FAIRLY
         if lost:
             yield from self.move(-arc)
             self._rest = None

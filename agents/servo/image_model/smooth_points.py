@@ -89,6 +89,8 @@ class SmoothPoints:
         start: The Jacobian from before.
     """
 
+    EXACT = 1e-8
+    """Variance of what is known exactly (a guard against 0)."""
     ALIKE = 0.9
     """Points at two places are alike where they correlate more (a guard: it saves time)."""
 
@@ -148,6 +150,8 @@ class SmoothPoints:
         object_ = GaussianProcess.unknown(gripper.motors + 4, gripper.motors)
         if of_object is not None:
             points.remembers, (object_, points.home) = True, of_object
+            at_home = points._place(points._began), np.zeros((2, 2)), cls.EXACT
+            object_ = object_.with_look(*at_home, np.ones(2, bool))
             object_ = object_.in_new_trial((noise_px * IMAGE_UNIT) ** 2)
         points.before = gripper, object_
         points.gripper, points.object = points.before
