@@ -28,7 +28,7 @@ from calfree_gym.wrappers import ScaledWords, VectorScaledWords, scaled_words
 
 from ...base.agent import Agent, Callback, foreign, is_of_one
 from ...base.checks import check_number, check_numbers
-from ...base.observation import POINTS, RawObservation
+from ...base.observation import RawObservation
 from ...base.prior_knowledge import PriorKnowledge
 from ...base.random_state import OwnRandomState
 from ...base.registration import Settings, named_settings
@@ -212,7 +212,8 @@ class Sb3Agent(Agent):
             actions, state = self._model.predict(inputs, state, episode_start, deterministic=deterministic)
         words = scaled_words(actions, **self._words)
         if state is not None:
-            self._beginnings.sent(np.atleast_2d(observation["observation"])[:, POINTS:], words)
+            registers = np.atleast_2d(observation["observation"])[:, -words.shape[-1] :]
+            self._beginnings.sent(registers, words)
         return words, state
 
     def _check_memory(
@@ -221,7 +222,7 @@ class Sb3Agent(Agent):
         """Raises ValueError where networks would go on with another memory than that of this trial."""
         if state is not None and not (isinstance(state, tuple) and all(np.ndim(part) == 3 for part in state)):
             raise foreign(f"is {state!r}")
-        registers = np.atleast_2d(observation["observation"])[:, POINTS:]
+        registers = np.atleast_2d(observation["observation"])[:, -self._model.action_space.shape[0] :]
         if registers.shape[1:] == self._model.action_space.shape:
             self._beginnings.where(registers, None if state is None else np.shape(state[0])[1], episode_start)
 
