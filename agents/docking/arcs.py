@@ -88,8 +88,8 @@ class Arcs(ProcedureAgent):
     """Docks along the fewest arcs that a projective model expects to arrive.
 
     First it makes a few short motions. Then it plans, drives the first arc, looks, learns and plans anew. The
-    longest word grows as long as marks are seen where they are expected. Where marks are lost it drives back.
-    Where its own marks are seen elsewhere than before, a camera was knocked: the homography between both
+    longest word grows as long as marks are seen where they are expected. Where marks leave the images it
+    drives back. Where its own marks are seen elsewhere than before, a camera was knocked: the homography between both
     views of them carries the model over.
 
     Args:
