@@ -18,7 +18,7 @@ class Plan(NamedTuple):
 
     Attributes:
         words: Of each arc (a, m).
-        left_px: How far the farthest mark is then expected from its goal.
+        left_px: How far the farthest mark is then expected from its goal, as wheels slip on the last arc.
     """
 
     words: Array
@@ -37,9 +37,9 @@ class Planner:
     """
 
     STARTS = (3, 8, 14, 20)
-    """With so many plans of one arc, two, three it begins. Choice: four times as many are no better."""
+    """With so many plans of one arc, two, three, four it begins. Choice."""
     ROUNDS = 10
-    """Of Levenberg and Marquardt's method. Choice: three times as many found no better plans."""
+    """Of Levenberg and Marquardt's method. Choice."""
     ENOUGH_PX = 2.0
     """So near a plan arrives. Choice: within the usual tolerance of 2.5 px."""
     NEARLY, WORTH = 3.0, 1.5
@@ -60,7 +60,7 @@ class Planner:
         self._limits, self._rng = self.BORDER * edges, rng
 
     def plan(self, model: ProjectiveModel, points: Array, goal: Array, rest: Array | None) -> Plan:
-        """The fewest arcs expected to bring image points (p, 2) to a goal (p, 2); at most three.
+        """The fewest arcs expected to bring image points (p, 2) to a goal (p, 2); at most four.
 
         Args:
             model: What words do.
@@ -103,17 +103,17 @@ class Planner:
 
         found = least(near, words.reshape(starts, -1), self.ROUNDS, self.ENOUGH_PX**2, 1.0)
         best = found.places[found.costs.argmin()].reshape(1, arcs, motors)
-        off = self._values(model, points, goal, best)[0][0, : (1 + motors) * goal.size].reshape(
-            -1, *goal.shape
-        )
-        return Plan(best[0], float(np.sqrt((off**2).sum((0, 2)).max())))
+        values = self._values(model, points, goal, best)[0][0]
+        off_and_slips = values[: (1 + motors) * goal.size].reshape(-1, *goal.shape)
+        return Plan(best[0], float(np.sqrt((off_and_slips**2).sum((0, 2)).max())))
 
     def _values(
         self, model: ProjectiveModel, points: Array, goal: Array, words: Array
     ) -> tuple[Array, Array]:
         """What is to be least (s, n), in pixels, and its derivatives by words (s, a m, n).
 
-        That is how far marks end off the goal, how far they are outside the limits on their way, and effort.
+        That is how far marks end off the goal, how far slipping of each motor on the last arc shifts them, how
+        far they are outside the limits on their way, and effort.
         """
         starts, arcs, motors = words.shape
         size = arcs * motors
