@@ -89,8 +89,8 @@ class Arcs(ProcedureAgent):
 
     First it makes a few short motions. Then it plans, drives the first arc, looks, learns and plans anew. The
     longest word grows as long as marks are seen where they are expected. Where marks leave the images it
-    drives back. Where its own marks are seen elsewhere than before, a camera was knocked: the homography between both
-    views of them carries the model over.
+    drives back. Where its own marks are seen elsewhere than before, a camera was knocked: the homography
+    between both views of them carries the model over.
 
     Args:
         cameras: In which each mark is seen.
