@@ -112,8 +112,8 @@ class Planner:
     ) -> tuple[Array, Array]:
         """What is to be least (s, n), in pixels, and its derivatives by words (s, a m, n).
 
-        That is how far marks end off the goal, how far slip of each motor on the last arc shifts them, how far
-        they are outside the limits on their way, and effort.
+        That is how far marks end off the goal, how far slip of each motor on the last arc shifts them, how
+        far they are outside the limits on their way, and effort.
         """
         starts, arcs, motors = words.shape
         size = arcs * motors
