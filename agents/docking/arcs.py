@@ -42,8 +42,8 @@ class KnownOfArcs:
     FIRST_TRUST = 0.15
     """Choice: a word that moves any robot well within the images."""
     KNOCKED_PX = 4.0
-    """Its own marks are elsewhere than before where they are so far off in the mean. Derived: eight times the
-    noise of a good marker."""
+    """Its own marks are elsewhere than before where they are so far off in the median; a single one is
+    mistaken. Derived: eight times the noise of a good marker."""
     LOOKS = 20
     """Of its own marks so many count (a guard: small knocks are to show)."""
 
@@ -57,7 +57,9 @@ class KnownOfArcs:
         Then the model is carried over by the homographies between both views of them. Fewer than four marks
         tell none: it is learned anew.
         """
-        knocked = bool(self.looks and lengths_px(goal - self.goal).mean() > self.KNOCKED_PX)
+        off_px = lengths_px(goal - self.goal)
+        of_cameras = np.median(off_px.reshape(-1, self._cameras), 0)
+        knocked = bool(self.looks and of_cameras.max() > self.KNOCKED_PX)
         if knocked:
             if len(goal) < 4 * self._cameras:
                 self.model = ProjectiveModel(len(goal), self.model.motors, self._cameras)
@@ -66,8 +68,9 @@ class KnownOfArcs:
                 views = [slice(camera, None, self._cameras) for camera in range(self._cameras)]
                 self.model.carry_over(np.array([homography(was[view], now[view]) for view in views]))
             self.trust, self.looks = min(self.trust, self.FIRST_TRUST), 0
+        right = (off_px < self.KNOCKED_PX) | (self.looks == 0)
         self.looks = min(self.looks + 1, self.LOOKS)
-        self.goal = self.goal + (goal - self.goal) / self.looks
+        self.goal = self.goal + right[:, None] * (goal - self.goal) / self.looks
         return knocked
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -80,6 +83,8 @@ class KnownOfArcs:
         self.goal = checked_array(arrays, "goal", self.goal.shape)
         looks, self.trust = checked_array(arrays, "numbers", (2,)).tolist()
         self.looks = int(looks)
+        if not (self.looks >= 0 and 0 < self.trust <= 1):
+            raise ValueError(f"looks is {looks}, trust {self.trust}; allowed: 0 and more, above 0 to 1")
         self.model.restore(under("model", arrays))
 
 
@@ -133,7 +138,8 @@ class Arcs(ProcedureAgent):
         """See `ProcedureAgent`: explores where nothing is known, then plans arc by arc."""
         trial = ArcsTrial(first, findings, Planner(self._edges, np.random.default_rng(self.seed)))
         while not trial.now.last:
-            yield from trial.drive() if findings.model.knows else trial.explore()
+            ready = findings.looks and findings.model.knows
+            yield from trial.drive() if ready else trial.explore()
 
     def learn_trial(self, findings: KnownOfArcs, last: Any, ended: bool) -> None:
         """See `ProcedureAgent`."""
@@ -171,8 +177,9 @@ class ArcsTrial:
     shorter ones. Choice."""
     GROWTH, CUT, LEAST_TRUST = 1.8, 0.5, 0.05
     """By so much. Choice."""
-    AWAY = 0.9
-    """A mark not seen, yet expected so far out, has left the image; nearer, something hides it. Choice."""
+    AWAY = 0.95
+    """A mark not seen, yet expected beyond this part of where plans keep marks, has left the image; nearer,
+    something hides it. Choice."""
     SURPRISES = 3
     """So often in a row less than fairly expected, wheels are others than before. Choice."""
     STILL_PX, ROUNDS = 4.0, 10
@@ -183,31 +190,38 @@ class ArcsTrial:
         self.now, self.known, self._planner = first, known, planner
         self._rest: Array | None = None
         self._surprises = 0
-        self.here = first.points
         self._look()
+        self.here = first.points
+        if known.looks and first.visible.any():
+            shift = (first.points - known.goal)[first.visible].mean(0)
+            self.here = np.where(first.visible[:, None], first.points, known.goal + shift)
 
     def _look(self) -> bool:
         return bool(self.now.shown.all()) and self.known.look(self.now.goal)
 
-    def move(self, words: Array) -> Generator[Array, DockObservation, float]:
-        """Executes words (m,), and learns from what is then seen: so many deviations off what it expected."""
+    def move(self, words: Array) -> Generator[Array, DockObservation, float | None]:
+        """Executes words (m,), and learns from what is then seen.
+
+        Returns:
+            So many deviations off what it expected; None where nothing tells, or a camera was knocked.
+        """
         words, before, model = np.clip(words, -1, 1), self.now, self.known.model
         here, expected = self.here, model.predict(self.here, words)
         doubt_px = model.doubt_px(here, words)
         self.now = yield words
         self.here = np.where(self.now.visible[:, None], self.now.points, expected)
         seen = before.visible & self.now.visible
-        if self.now.visible.all():
-            model.aim(self.now.points, self.known.goal)
         if self._look() or not seen.any():
-            return 0.0
+            return None
+        if self.known.looks and self.now.visible.all():
+            model.aim(self.now.points, self.known.goal)
         model.learn(DrivenArc(here, words, self.now.points, seen))
         return float((lengths_px(expected - self.now.points) / doubt_px)[seen].max())
 
     @property
     def lost(self) -> bool:
-        """Whether a mark has left the images, or most are hidden: the others tell where it is."""
-        away = ~self.now.visible & (np.abs(self.here).max(1) > self.AWAY)
+        """Whether a mark has left the images, or most are hidden."""
+        away = ~self.now.visible & (np.abs(self.here) > self.AWAY * self._planner.limits).any(1)
         return bool(away.any() or 2 * self.now.visible.sum() < len(self.here))
 
     def explore(self) -> Motions:
@@ -241,14 +255,17 @@ class ArcsTrial:
             return
         missed = yield from self.move(arc)
         self._rest = plan.words[1:]
-        lost, well, fairly = self.lost, missed < self.WELL, missed < self.FAIRLY
+        lost, well, fairly = self.lost, False, True
+        if missed is not None:
+            well, fairly = missed < self.WELL, missed < self.FAIRLY
+            self._surprises = 0 if fairly else self._surprises + 1
         if lost:
             yield from self.move(-arc)
+        if lost or missed is None:
             self._rest = None
         known.trust *= self.CUT if lost or not fairly else self.GROWTH if well else 1.0
         known.trust = float(np.clip(known.trust, self.LEAST_TRUST, 1.0))
-        self._surprises = 0 if fairly else self._surprises + 1
         if self._surprises >= self.SURPRISES:
-            model.forget(self.SURPRISES)
+            known.model.forget(self.SURPRISES)
             self._surprises = 0
-        model.fit(self.ROUNDS)
+        known.model.fit(self.ROUNDS)

@@ -31,6 +31,9 @@ class Planner:
     Only so a robot arrives that plans anew after each arc: with as many arcs as are allowed it would always
     put the last one off.
 
+    Attributes:
+        limits: Within these marks are to stay (p, 2), in image units.
+
     Args:
         edges: How far images reach (p, 2), in image units.
         rng: Draws what plans begin with.
@@ -57,7 +60,7 @@ class Planner:
     """Of numerical derivatives (a guard)."""
 
     def __init__(self, edges: Array, rng: np.random.Generator) -> None:
-        self._limits, self._rng = self.BORDER * edges, rng
+        self.limits, self._rng = self.BORDER * edges, rng
 
     def plan(self, model: ProjectiveModel, points: Array, goal: Array, rest: Array | None) -> Plan:
         """The fewest arcs expected to bring image points (p, 2) to a goal (p, 2); at most four.
@@ -113,7 +116,8 @@ class Planner:
         """What is to be least (s, n), in pixels, and its derivatives by words (s, a m, n).
 
         That is how far marks end off the goal, how far slip of each motor on the last arc shifts them, how
-        far they are outside the limits on their way, and effort.
+        far they are outside the limits on their way, and effort. Of slip the derivatives are those of the last
+        arc alone, as if it moved marks in proportion.
         """
         starts, arcs, motors = words.shape
         size = arcs * motors
@@ -134,7 +138,7 @@ class Planner:
             slopes = (moved[..., :2, 0] - seen[:, None] * deeper) / depth[:, None]
             slopes = slopes * (np.abs(seen) < FARTHEST)[:, None]
             seen = np.clip(seen, -FARTHEST, FARTHEST)
-            beyond = self.INSIDE * np.maximum(np.abs(seen) - self._limits, 0)
+            beyond = self.INSIDE * np.maximum(np.abs(seen) - self.limits, 0)
             outside.append(beyond)
             outside_slopes.append(self.INSIDE * (np.sign(seen) * (beyond > 0))[:, None] * slopes)
         by_last = model.SLIP * slopes[:, -motors:]

@@ -80,7 +80,7 @@ def homography(before: Array, after: Array) -> Array:
     return np.asarray(found / np.cbrt(np.linalg.det(found)))
 
 
-class Learned(NamedTuple):
+class LearnedCamera(NamedTuple):
     """What is learned of a camera; every array may have more dimensions in front.
 
     Attributes:
@@ -98,7 +98,7 @@ class Learned(NamedTuple):
     bend: Array
 
     @classmethod
-    def of(cls, numbers: Array, motors: int) -> Learned:
+    def of(cls, numbers: Array, motors: int) -> LearnedCamera:
         """From all as one array (..., 10 + 6 m + k)."""
         parts = np.split(numbers, [9, 9 + 3 * motors, -1 - 3 * motors, -1], axis=-1)
         frame, twists, nearness, curves, bend = parts
@@ -144,7 +144,7 @@ class ProjectiveModel:
 
     Attributes:
         motors: m.
-        numbers: All that is learned, of each camera (c, n), see `Learned`.
+        numbers: All that is learned, of each camera (c, n), see `LearnedCamera`.
         motions: What it learns from.
 
     Args:
@@ -193,14 +193,14 @@ class ProjectiveModel:
         self._prior, self._deviations = self.numbers, self._unknown
 
     @property
-    def learned(self) -> Learned:
+    def learned(self) -> LearnedCamera:
         """Of each camera (c, ...)."""
         return self._parts(self.numbers)
 
     @property
     def knows(self) -> bool:
         """Whether it knows what words do."""
-        return bool(self.learned.twists.any())
+        return bool(self.learned.twists[:, : self.motors].any())
 
     def transforms(self, words: Array) -> Array:
         """What words (..., m) do to marks in straight images: G (..., p, 3, 3)."""
@@ -222,7 +222,7 @@ class ProjectiveModel:
         of_cameras = self._doubts_px(self.learned, self._by_camera(points), _of_motors(words))
         return self._joined(of_cameras[..., None])[..., 0]
 
-    def _doubts_px(self, learned: Learned, points: Array, words: Array) -> Array:
+    def _doubts_px(self, learned: LearnedCamera, points: Array, words: Array) -> Array:
         """As `doubt_px`, for points (..., k, 2) as each `learned` has them: looks, and what wheels slip."""
         there = learned.predict(points, words)
         slipped = [
@@ -242,7 +242,7 @@ class ProjectiveModel:
 
     def forget(self, kept: int) -> None:
         """Wheels are others than before: of motors only the latest motions tell."""
-        self.motions, self._prior = self.motions[-kept:], self.numbers
+        self.motions, self._prior, self._next_try = self.motions[-kept:], self.numbers, self.LEAST
         of_wheels = self._parts(np.zeros_like(self._unknown))
         of_wheels.twists[...] = of_wheels.curves[...] = 1
         self._deviations = self._unknown * np.maximum(self._flat(of_wheels), self.CARRIED)
@@ -256,7 +256,7 @@ class ProjectiveModel:
         learned = self.learned
         carried = learned._replace(frame=learned.frame @ np.linalg.inv(homographies))
         self.numbers = self._prior = np.stack(
-            [self._flat(Learned(*each)) for each in zip(*carried, strict=True)]
+            [self._flat(LearnedCamera(*each)) for each in zip(*carried, strict=True)]
         )
         self._deviations, self.motions = self.CARRIED * self._unknown, []
         self._to_dock, self._next_try = None, self.LEAST
@@ -270,23 +270,29 @@ class ProjectiveModel:
             return
         known_cost, deviations = np.inf, self._deviations
         if self.knows:
-            found = self._least(self.numbers[:, None], self._prior[:, None], rounds)
-            self.numbers, known_cost = found.places[:, 0], found.costs.sum()
+            found = self._least(self.numbers[:, None], self._prior[:, None], rounds, self.MISTAKEN)
+            self.numbers = found.places[:, 0]
             if self._leads_to_the_dock() or len(self.motions) < self._next_try:
                 return
-        self._next_try, self._deviations = self.PATIENCE * len(self.motions), self._unknown
+        self._next_try = min(self.PATIENCE * len(self.motions), self.KEPT)
+        self._deviations = self._unknown
+        if self.knows:
+            known_cost = self._least(
+                self.numbers[:, None], self._prior[:, None], 0, self.MISTAKEN
+            ).costs.sum()
         starts = self._horizons()
         some = self._least(starts, starts, self.ALL, self.UNDOUBTED)
         best = np.argsort(some.costs, 1, kind="stable")[:, : self.BEST, None]
         starts, firsts = (np.take_along_axis(each, best, 1) for each in (starts, some.places))
-        found = self._least(firsts, starts, 2 * self.ALL)
+        found = self._least(firsts, starts, 2 * self.ALL, self.MISTAKEN)
         if found.costs.min(1).sum() > known_cost:
             self._deviations = deviations
             return
         best = found.costs.argmin(1)[:, None, None]
         self.numbers = np.take_along_axis(found.places, best, 1)[:, 0]
         self._prior = np.take_along_axis(starts, best, 1)[:, 0]
-        self.fit(rounds)
+        if self.knows:
+            self.fit(rounds)
 
     def _leads_to_the_dock(self) -> bool:
         """Whether some motion on the floor brings marks to where they are to be seen, as it must."""
@@ -298,7 +304,8 @@ class ProjectiveModel:
 
     def _horizons(self) -> Array:
         """What to begin with (c, s, n): a level camera at each roll, its horizon between each two marks."""
-        first = self._by_camera(self.motions[0].before)
+        whole = [motion for motion in self.motions if motion.seen.all()] or self.motions
+        first = self._by_camera(whole[0].before)
         found = []
         for roll in np.pi * np.arange(self.ROLLS) / self.ROLLS:
             c, s = np.cos(roll), np.sin(roll)
@@ -309,10 +316,10 @@ class ProjectiveModel:
                     frame = np.array([[c, s, 0], [0, 0, 1], [s, -c, -level]])
                     above = np.sign(marks @ [s, -c] - level)
                     still = np.zeros((self.motors + 1, 3))
-                    found.append(self._flat(Learned(frame, still, above, still, np.zeros(()))))
+                    found.append(self._flat(LearnedCamera(frame, still, above, still, np.zeros(()))))
         return np.reshape(found, (-1, self._cameras, len(self._unknown))).swapaxes(0, 1)
 
-    def _least(self, starts: Array, priors: Array, rounds: int, mistaken: float = MISTAKEN) -> Least:
+    def _least(self, starts: Array, priors: Array, rounds: int, mistaken: float) -> Least:
         """From starts (c, s, n), each with a prior of its own."""
         cameras, many, size = starts.shape
         motions = [motion._replace(words=_of_motors(motion.words)) for motion in self.motions]
@@ -352,16 +359,17 @@ class ProjectiveModel:
         """The inverse of `_by_camera`."""
         return np.moveaxis(points, 0, -2).reshape(*points.shape[1:-2], -1, points.shape[-1])
 
-    def _parts(self, numbers: Array) -> Learned:
-        return Learned.of(numbers, self.motors + 1)
+    def _parts(self, numbers: Array) -> LearnedCamera:
+        return LearnedCamera.of(numbers, self.motors + 1)
 
     @staticmethod
-    def _flat(learned: Learned) -> Array:
+    def _flat(learned: LearnedCamera) -> Array:
         return np.concatenate([np.ravel(each) for each in learned])
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """All that is known, as named arrays."""
         known = {"numbers": self.numbers, "prior": self._prior, "deviations": self._deviations}
+        known["next_try"] = np.array([self._next_try])
         if self.motions:
             stacked = (np.stack(each).astype(float) for each in zip(*self.motions, strict=True))
             known |= dict(zip(DrivenArc._fields, stacked, strict=True))
@@ -372,6 +380,9 @@ class ProjectiveModel:
         shape, points = self.numbers.shape, self._marks * self._cameras
         self.numbers, self._prior = (checked_array(arrays, name, shape) for name in ("numbers", "prior"))
         self._deviations = checked_array(arrays, "deviations", shape[1:])
+        (self._next_try,) = checked_array(arrays, "next_try", (1,)).tolist()
+        if not ((self._deviations > 0).all() and np.linalg.det(self.learned.frame).all()):
+            raise ValueError("deviations must be above 0, and frames have inverses")
         self.motions = []
         if "words" in arrays:
             shapes = ((None, points, 2), (None, self.motors), (None, points, 2), (None, points))

@@ -10,9 +10,10 @@ from pydantic import ValidationError
 
 from calfree_gym.robot.arms.arm import MOVEMASTER_NAME
 from experiments.config.life import EvaluationConfig
-from experiments.config.suite import AgentConfig, ScenarioConfig, Suite, SweepConfig
+from experiments.config.suite import AgentConfig, ScenarioConfig, SweepConfig
 from experiments.errors import ConfigError
 from experiments.running.finished import RESULTS, TIMED, TIMES, read_about, read_times
+from experiments.running.results_folder import suite_written_down
 from experiments.running.run import LifetimeRun, Run, SweepRun
 from experiments.running.versions import REPOSITORY
 
@@ -101,7 +102,7 @@ def _measured(times: Path) -> Iterator[tuple[Work, tuple[float, float, float]]]:
     Nothing of a suite that cannot be read now.
     """
     try:
-        suite = Suite.model_validate(read_about(times.with_name(RESULTS))["suite"])
+        suite = suite_written_down(read_about(times.with_name(RESULTS))["suite"])
     except (ConfigError, KeyError, ValidationError):
         return
     rows = read_times(times).fillna({"decision": 0.0, "learning": 0.0})

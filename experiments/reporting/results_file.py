@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import ValidationError
 
-from experiments.config.suite import FIRST_OWN_TRIALS, Suite
+from experiments.config.suite import FIRST_OWN_TRIALS
 from experiments.errors import ConfigError
 from experiments.evaluation import THRESHOLDS_PX
 from experiments.reporting.finished_suite import FinishedSuite
@@ -48,6 +48,7 @@ from experiments.running.results_folder import (
     read_json,
     read_suite,
     refuse_foreign,
+    suite_written_down,
     write_whole,
 )
 from experiments.running.run import LifetimeRun, Run, runs_of
@@ -133,7 +134,7 @@ def read_finished(results: Path, out: Path) -> FinishedSuite:
         raise ConfigError(f"{results} lacks the columns {', '.join(missing)}: {OTHER}")
     rows = table.to_pandas()
     try:
-        suite = Suite.model_validate(about["suite"])
+        suite = suite_written_down(about["suite"])
         runs = runs_of(suite)
         known = {run.id for run in runs}
         if foreign := sorted({*about["outcomes"], *about["failures"], *rows["run"]} - known):

@@ -56,7 +56,7 @@ def rows_of(tmp_path):
         ({"over": [True]}, "sweeps.0.over.0", "found True"),
         ({"ovr": [0]}, "sweeps.0.ovr: unknown key", "did you mean over?"),
         ({"env": {**ENV, "arm": HOBBY}, **ZERO}, "sweeps.0: joint_zero.joint is 'J1'", "allowed: turn"),
-        ({"env": {**ENV, "world": "wilt"}}, "sweeps.0.env.world", "did you mean wild?"),
+        ({"env": {**ENV, "world": "wilt"}}, "sweeps.0.env.world", "did you mean wild or wilder?"),
     ],
 )
 def test_errors_say_where_what_and_what_else(sweep_data, refused, change, where, said):

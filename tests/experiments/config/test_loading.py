@@ -41,7 +41,7 @@ GRASP = {"id": "CalFree/Grasp-v0", "world": "wild", "shape": "bar"}
     [
         ((*ENV, "camera_mont"), "waist", "scenarios.0.env.camera_mont", "allowed: id, world, arm, cam"),
         ((*ENV, "camera_mount"), "wrist", "scenarios.0.env.camera_mount", "allowed: waist, stand"),
-        ((*ENV, "world"), "wilt", "scenarios.0.env.world", "did you mean wild?"),
+        ((*ENV, "world"), "wilt", "scenarios.0.env.world", "did you mean wild or wilder?"),
         ((*ENV, "id"), "CalFree/Reach-v9", "scenarios.0.env.id", "CalFree/Reach-v0"),
         ((*ENV, "shape"), "bar", "scenarios.0.env", "shape is of grasping"),
         ((*ENV, "id"), "CalFree/Grasp-v0", "scenarios.0.env", "dynamics is of reaching"),

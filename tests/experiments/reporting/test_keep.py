@@ -156,7 +156,7 @@ def test_kept_rows_are_small_enough_for_a_repository():
 
 def test_the_claims_of_a_kept_suite_are_tables(committed, tmp_path):
     trials = {"agent": "unified_servo", "scenario": "aimed", "motions": 0}
-    criterion = {"measure": "rendezvous", "of": trials, "above": 0.5}
+    criterion = {"measure": "rendezvous", "of": trials, "above": 0.5, "null_agent": "random"}
     claim = {"name": "it_works", "section": "1", "words": "It works.", "criteria": [criterion]}
     suite = json.loads((committed / "suite.json").read_text())["suite"]
     keep(said_to_be(committed, suite={**suite, "claims": [claim]}), tmp_path / "kept")

@@ -21,7 +21,7 @@ TINY = Sizes(first=1, later=1, trouble=1, lifetime=4)
 ONLY = ("probe_px", "HomeView.SIGMAS")
 MODULES = list(sensitivity._with_submodules(agents))
 OTHERS = {
-    "agents": {"base", "body_schema", "calibrated", "docking", "grasp", "neural", "registry"},
+    "agents": {"base", "body_schema", "calibrated", "docking", "grasp", "neural", "registry", "rivals"},
     "agents.knowledge": {"learning_servo", "grid_table", "factored_table", "support_points"},
     "agents.servo": {
         *("jacobian", "jacobian_servo", "joint_space", "paper", "redundancy", "safe", "servo_agent", "trial"),
