@@ -63,7 +63,9 @@ def test_the_wheel_is_tried_with_every_python_that_is_named():
 def test_whatever_ships_trained_or_tuned_has_a_card():
     page = (ROOT / "docs/model-cards.md").read_text()
     shipped = {path.stem for path in (ROOT / "configs/agents").glob("*.yaml")}
-    shipped |= {path.parent.name for path in (ROOT / "agents").rglob("*.safetensors")}
+    of_weights = {"weights": "recurrent_servo", "prior": "simulation_prior"}
+    files = [*(ROOT / "agents").rglob("*.safetensors"), *(ROOT / "agents").rglob("*.npz")]
+    shipped |= {of_weights.get(path.stem, path.stem) for path in files}
     (tuned,) = re.findall(r"^## Tuned.*", page, re.M | re.S)
     rows = [cell for line in tuned.splitlines() if line.startswith("| `") for cell in line.split("|")[1:2]]
     carded = {name for cell in rows for name in re.findall(r"`(\w+)`", cell)}

@@ -116,8 +116,8 @@ class Planner:
         """What is to be least (s, n), in pixels, and its derivatives by words (s, a m, n).
 
         That is how far marks end off the goal, how far slip of each motor on the last arc shifts them, how
-        far they are outside the limits on their way, and effort. Of slip the derivatives are those of the last
-        arc alone, as if it moved marks in proportion.
+        far they are outside the limits on their way, and effort. Of slip the derivatives are those of the
+        last arc alone, as if it moved marks in proportion.
         """
         starts, arcs, motors = words.shape
         size = arcs * motors

@@ -21,12 +21,17 @@ def exponents(degrees: Sequence[int], variables: Sequence[int], most: int) -> Ex
         variables: How many variables each group has.
         most: The highest degree in all variables together.
     """
-    groups = [
-        [each for each in product(range(degree + 1), repeat=count) if sum(each) <= degree]
-        for degree, count in zip(degrees, variables, strict=True)
-    ]
+    groups = [_of_degree(min(degree, most), count) for degree, count in zip(degrees, variables, strict=True)]
     all_of_them = ([power for part in parts for power in part] for parts in product(*groups))
     return np.array([each for each in all_of_them if sum(each) <= most])
+
+
+def _of_degree(degree: int, variables: int) -> list[tuple[int, ...]]:
+    if not variables:
+        return [()]
+    return [
+        (power, *rest) for power in range(degree + 1) for rest in _of_degree(degree - power, variables - 1)
+    ]
 
 
 def monomials(values: Array, powers: Exponents) -> Any:

@@ -22,8 +22,9 @@ from .reach import RegressionFindings, RegressionReach
 class RegressionAgent(ProcedureAgent):
     """Remembers every look. It knows two changes of the world.
 
-    A camera that sees the gripper elsewhere at home than in the last trials has been moved: all that it saw
-    is forgotten. Where another trial comes no nearer, the looks of earlier trials are.
+    A camera that sees the gripper elsewhere at home than in the last trials has been moved: its points are
+    forgotten. Its home views of earlier objects stay, as features of what the other camera saw. Where another
+    trial comes no nearer, the looks of earlier trials are forgotten.
 
     Attributes:
         looks: All that are remembered.

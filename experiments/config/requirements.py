@@ -66,6 +66,8 @@ def unfit_life(
     motions = scenario.motions_of(agent)
     if motions is None:
         return {"trials": f"its {rows} arms end trials out of turn: count motions, or set rows: 1"}
+    if scenario.places:
+        return {"places": f"its {rows} arms end trials out of turn: none has the places in turn; set rows: 1"}
     by_share = dict(shares(scenario.perturbations))
 
     def fits(life: int) -> bool:
