@@ -35,7 +35,7 @@ class PairedRow(NamedTuple):
         lost: Episodes in which the first one alone did.
         p: Of McNemar's exact test.
         difference: Of the shares, this one's minus the first one's.
-        low: Lower bound of the 95 % interval of the difference, Tango's score interval.
+        low: Lower bound of the 95 % interval of the difference, Tango's, corrected.
         high: Upper bound.
     """
 

@@ -109,7 +109,7 @@ def tables(episodes: int = EPISODES, policies: Sequence[str] = tuple(POLICIES)) 
         pd.DataFrame(rows),
         {"p": ".2g"},
         "Against the same policy in the same episodes as built. p: McNemar's exact test. Brackets: Tango's "
-        "95 % score interval.",
+        "95 % score interval, corrected for continuity.",
     )
 
 

@@ -126,7 +126,7 @@ def test_it_is_printed_as_a_table_and_drawn():
     assert str(table).splitlines() == [
         "schedule  success  won / lost  p     difference (95 %)",
         "none      90%",
-        "10°       30%      1 / 7       0.07  -60% (-86% to -5%)",
+        "10°       30%      1 / 7       0.07  -60% (-89% to +0%)",
     ]
     (axes,) = table.figure().axes
     assert [bar.get_width() for bar in axes.patches] == [90, 30]
