@@ -211,13 +211,18 @@ class AdaptiveMemory:
             return
         announced = self._announced if len(self.known.gripper) else NO_CAMERA
         self._announced = NO_CAMERA
-        if archived := self._back(pairs.sensors[0]):
+        first = sum(look.shows_gripper for look in looks[:jumped])
+        archived = self._back(pairs.sensors[0])
+        finding = self.detector.examine(pairs, archived or self.known, announced, first)
+        in_mid_trial = first > 0 and finding.first == first
+        if archived and in_mid_trial and self._has_lasted(finding):
+            self._go_on(pairs)
+            return
+        if archived:
             self.events.append(WorldEvent(int(pairs.trials[0]), "back", "recall"))
             self.known, self.change, self._recent = archived, None, self._none
-        first = sum(look.shows_gripper for look in looks[:jumped])
-        finding = self.detector.examine(pairs, self.known, announced, first)
         if finding.verdict is ChangeVerdict.CHANGED and (
-            announced.any() or first or not self._was_only_wrong(finding)
+            announced.any() or in_mid_trial or not self._was_only_wrong(finding)
         ):
             self._meet_jump(finding)
         elif finding.verdict is not ChangeVerdict.CHANGED and len(finding.pairs):
@@ -304,10 +309,19 @@ class AdaptiveMemory:
         """What is archived of the world before a change in mid-trial, where that did not last until now.
 
         Then home is seen for the first time since, and the gripper (4,) where it was before; but after a
-        change of the arm that may be so, too.
+        change of the arm that may be so, too: see `_has_lasted`.
         """
         asked = self.events and self.events[-1].kind != ArmChange.kind
         return self._recalled(gripper) if asked and not len(self.detector.home.sensors) else None
+
+    @staticmethod
+    def _has_lasted(found: Finding) -> bool:
+        """Whether what looks like another change in mid-trial is the one before, which has lasted.
+
+        Home is seen as before both, and alone was. Both cameras will hardly have changed again: the arm has,
+        and home does not show that.
+        """
+        return found.first == 1 and bool(found.cameras.all())
 
     def _recalled(self, gripper: Array) -> Remembered | None:
         """What is archived of a world in which the gripper at home was seen there (4,)."""
