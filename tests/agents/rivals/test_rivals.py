@@ -154,13 +154,21 @@ def trained_in():
     return seeds, [WorldDistribution("wild").sample(seed) for seed in seeds[::30]]
 
 
+@pytest.fixture(scope="module")
+def of_networks():
+    """Seeds of the worlds in which `in_context` was trained, and before it `recurrent_servo`."""
+    training = agents.make("in_context", gym.make("CalFree/Reach-v0", dynamics="kinematic")).training
+    return range(training["worlds_from"], training["worlds_from"] + 2 * training["worlds_a_mount"])
+
+
 @pytest.mark.parametrize("path", SUITES, ids=lambda path: path.name)
-def test_no_suite_has_a_world_of_the_training(path, trained_in):
+def test_no_suite_has_a_world_of_the_training(path, trained_in, of_networks):
     suite = read_mapping(path)
     worlds = max(
         [suite["worlds"], *(each.get("worlds", 0) for each in suite["agents"] if isinstance(each, dict))]
     )
     seeds, (known, drawn) = world_seeds(suite.get("seed", 0), worlds, suite.get("first_world")), trained_in
     assert set(seeds).isdisjoint(known)
+    assert set(seeds).isdisjoint(of_networks)
     for seed in seeds[:3]:
         assert WorldDistribution("wild").sample(seed) not in drawn
